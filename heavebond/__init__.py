@@ -1,0 +1,46 @@
+"""heavebond: acausal modelling of machines from YAML diagrams, beside their measurements.
+
+The pipeline, each step a pure function between frozen values:
+
+    YAML text --source--> tree --library, model--> Model --expand, connect, flatten--> Flat
+      --structure, index_reduction, states, reduce--> Reduced --dae--> Assembly
+      --initialise--> Start --simulate (IDAS)--> Result --compare--> Comparison
+
+    import heavebond as hb
+    model = hb.load("cmc_ahc")
+    result = hb.simulate(model, "120 s", every="10 ms")
+    result["crown.x"]
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from heavebond.dae import Assembly, assemble
+    from heavebond.errors import DataError, HeavebondError, ModelError, SimulationError, StartError, UsageError
+    from heavebond.library import library
+    from heavebond.model import Model, load, loads
+    from heavebond.result import Result
+    from heavebond.simulate import Simulator, simulate
+
+__version__ = "0.1.0"
+
+# name -> module; loaded when first used, so that `import heavebond` and `heavebond --help` stay quick
+_WHERE = {
+    "Assembly": "dae", "assemble": "dae", "DataError": "errors", "HeavebondError": "errors", "ModelError": "errors",
+    "SimulationError": "errors", "StartError": "errors", "UsageError": "errors", "library": "library",
+    "Model": "model", "load": "model", "loads": "model", "Result": "result", "Simulator": "simulate",
+    "simulate": "simulate",
+}
+__all__ = [
+    "Assembly", "DataError", "HeavebondError", "Model", "ModelError", "Result", "SimulationError", "Simulator",
+    "StartError", "UsageError", "assemble", "library", "load", "loads", "simulate",
+]
+
+
+def __getattr__(name: str) -> object:
+    if name not in _WHERE:
+        raise AttributeError(f"module 'heavebond' has no attribute '{name}'")
+    return getattr(importlib.import_module(f"heavebond.{_WHERE[name]}"), name)

@@ -1,0 +1,297 @@
+"""What is joined to what: the groups of ports that share one across variable or one signal, their domains and units."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from heavebond.definition import FileInput, Value
+from heavebond.dimensions import dimension
+from heavebond.errors import ModelError, Place, Problems
+from heavebond.expand import Bound, Expanded
+from heavebond.expression import ExpressionProblem, Name, Number, names
+from heavebond.units import ONE, Dimension, Unit, dimension_text, is_generic, solved, times
+
+
+@dataclass(frozen=True)
+class Group:
+    """Ports and nodes that are one: `name` is the outermost node's (or the only port's), `aliases` all of them."""
+
+    name: str
+    domain: str  # "signal" for signals
+    aliases: tuple[str, ...]
+    ports: tuple[str, ...]
+    place: Place
+
+
+@dataclass(frozen=True)
+class Network:
+    """The groups, the group of each port and node path, the domain of each port, the solved units of each leaf."""
+
+    groups: tuple[Group, ...]
+    group_of: dict[str, int]
+    domains: dict[str, dict[str, str]]
+    units: dict[str, dict[str, Dimension]]
+
+
+def connect(expanded: Expanded) -> Network:
+    """Join what the wires join; ModelError for mixed domains, units that cannot be told, signals driven twice."""
+    problems = Problems()
+    groups, group_of = _groups(expanded)
+    domains = _domains(expanded, groups, group_of, problems)
+    problems.raise_as(ModelError)
+    named = [_named(expanded, members, domains) for members in groups]
+    network = Network(tuple(named), group_of, _port_domains(expanded, group_of, named), {})
+    _signal_sources(expanded, network, problems)
+    problems.raise_as(ModelError)
+    units = _units(expanded, network, problems)
+    problems.raise_as(ModelError)
+    return Network(network.groups, group_of, network.domains, units)
+
+
+def _groups(expanded: Expanded) -> tuple[list[list[str]], dict[str, int]]:
+    """Union-find over port and node paths; groups in the order in which their first member is declared."""
+    parent: dict[str, str] = {}
+
+    def root(item: str) -> str:
+        parent.setdefault(item, item)
+        while parent[item] != item:
+            parent[item] = parent[parent[item]]
+            item = parent[item]
+        return item
+
+    for junction in expanded.junctions.values():
+        node = root("node " + junction.path)
+        for end in junction.ends:
+            if not _overridden(expanded, end.leaf, end.port):
+                parent[root("port " + end.name)] = node
+    for path in (*expanded.ports, *expanded.signals):
+        if expanded.ports.get(path) is None or expanded.ports[path].count is None:
+            root("port " + path)
+    members: dict[str, list[str]] = {}
+    for item in parent:
+        members.setdefault(root(item), []).append(item)
+    groups = list(members.values())
+    return groups, {item: k for k, group in enumerate(groups) for item in group}
+
+
+def _overridden(expanded: Expanded, leaf: str, port: str) -> bool:
+    """An input set to a record from outside (an experiment) leaves the node that drives it in the diagram."""
+    bound = expanded.leaves[leaf].inputs.get(port) if leaf in expanded.leaves else None
+    return bound is not None and isinstance(bound.value, FileInput)
+
+
+def port_definition(expanded: Expanded, path: str) -> str:
+    """The declared domain of a port path (`x.p[2]` is declared as `x.p`), or `signal`."""
+    base = path.partition("[")[0]
+    return expanded.ports[base].domain if base in expanded.ports else "signal"
+
+
+def _domains(expanded: Expanded, groups: list[list[str]], group_of: dict[str, int], problems: Problems) -> list[str]:
+    """The domain of each group; `$D` of a leaf is taken from whatever its ports are wired to."""
+    domains = [""] * len(groups)
+    bound: dict[tuple[str, str], str] = {}
+    changed = True
+    while changed:
+        changed = False
+        for k, members in enumerate(groups):
+            for item in members:
+                kind, _, path = item.partition(" ")
+                if kind == "node":
+                    continue
+                declared = port_definition(expanded, path)
+                key = (path.rpartition(".")[0], declared)
+                found = bound.get(key, "") if declared.startswith("$") else declared
+                if found and not domains[k]:
+                    domains[k], changed = found, True
+                elif declared.startswith("$") and domains[k] and not found:
+                    bound[key], changed = domains[k], True
+    _mixed(expanded, bound, problems)
+    for k, members in enumerate(groups):
+        if not domains[k] and any(m.startswith("port ") for m in members):
+            path = next(m for m in members if m.startswith("port "))[5:]
+            leaf = expanded.leaves[path.rpartition(".")[0]]
+            problems.add("domain-open", f"nothing tells the domain of '{path}'", leaf.place,
+                         hint="Wire it to a component of a certain domain.")
+    return domains
+
+
+def _mixed(expanded: Expanded, bound: dict[tuple[str, str], str], problems: Problems) -> None:
+    for junction in expanded.junctions.values():
+        kinds: dict[str, str] = {}
+        for end in junction.ends:
+            declared = port_definition(expanded, end.name)
+            kind = bound.get((end.leaf, declared), "") if declared.startswith("$") else declared
+            if kind:
+                kinds.setdefault(kind, end.name)
+        if len(kinds) > 1:
+            problems.add("domains-mixed", f"node '{junction.path}' joins " + " and ".join(
+                f"{kind} ('{port}')" for kind, port in kinds.items()), junction.place,
+                hint="A node joins ports of one domain; a component such as a cylinder goes from one to another.")
+
+
+def _named(expanded: Expanded, members: list[str], domains: list[str]) -> Group:
+    nodes = [m[5:] for m in members if m.startswith("node ")]
+    ports = [m[5:] for m in members if m.startswith("port ")]
+    outermost = min(nodes or ports, key=lambda path: path.count("."))
+    place = expanded.junctions[outermost].place if nodes else \
+        expanded.leaves[outermost.rpartition(".")[0]].place
+    domain = next((port_definition(expanded, p) for p in ports if not port_definition(expanded, p).startswith("$")), "")
+    return Group(outermost, domain, (*nodes, *ports), tuple(ports), place)
+
+
+def _port_domains(expanded: Expanded, group_of: dict[str, int], groups: list[Group]) -> dict[str, dict[str, str]]:
+    found: dict[str, dict[str, str]] = {}
+    for path, leaf in expanded.leaves.items():
+        found[path] = {}
+        for port in leaf.component.ports.values():
+            item = f"port {path}.{port.name}" + ("[1]" if port.count is not None else "")
+            if item in group_of:
+                found[path][port.name] = groups[group_of[item]].domain
+    return found
+
+
+# -- signals ---------------------------------------------------------------------------------------------------------
+def drivers(expanded: Expanded, group: Group) -> tuple[list[str], list[tuple[str, Bound]]]:
+    """What sets the value of a signal group: outputs of components, and values given in place at inputs."""
+    outputs, given = [], []
+    for path in group.ports:
+        leaf, _, port = path.rpartition(".")
+        component = expanded.leaves[leaf].component
+        direction = component.signals[port].direction
+        inner = {e.path for w in component.body.wires.values() for e in w.ends}
+        if direction == "out" and port not in inner:
+            outputs.append(path)
+        if port in expanded.leaves[leaf].inputs:
+            given.append((path, expanded.leaves[leaf].inputs[port]))
+    return outputs, given
+
+
+def _signal_sources(expanded: Expanded, network: Network, problems: Problems) -> None:
+    for group in network.groups:
+        if group.domain != "signal":
+            continue
+        outputs, given = drivers(expanded, group)
+        sources = [*outputs, *(path for path, _ in given)]
+        if len(sources) > 1:
+            problems.add("signal-driven-twice", f"signal '{group.name}' is set by " + " and ".join(
+                f"'{s}'" for s in sources), group.place, hint="A signal node has exactly one output; add them with Sum.")
+        if not sources:
+            problems.add("signal-undriven", f"nothing sets the signal '{group.name}'", group.place,
+                         hint="Join it to an output, or give the input a value in place.")
+
+
+def _units(expanded: Expanded, network: Network, problems: Problems) -> dict[str, dict[str, Dimension]]:
+    """Solve `$U` of each leaf from parameters with units and from the signals it is joined to."""
+    solution: dict[str, dict[str, Dimension]] = {path: {} for path in expanded.leaves}
+    constraints = [*_parameter_constraints(expanded)]
+    signals = [g for g in network.groups if g.domain == "signal"]
+    changed = True
+    while changed:
+        changed = False
+        for path, declared, given in constraints:
+            changed |= _solve(declared, given, solution[path])
+        for group in signals:
+            known = _known_dimension(expanded, group, solution)
+            if known is None:
+                continue
+            for port in group.ports:
+                leaf, _, name = port.rpartition(".")
+                changed |= _solve(expanded.leaves[leaf].component.signals[name].unit.dimension, known, solution[leaf])
+    _check_signals(expanded, signals, solution, problems)
+    return solution
+
+
+def _parameter_constraints(expanded: Expanded) -> Iterable[tuple[str, Dimension, Dimension]]:
+    for path, leaf in expanded.leaves.items():
+        for name, bound in leaf.parameters.items():
+            parameter = leaf.component.parameters[name]
+            if not is_generic(parameter.unit.dimension) or not isinstance(bound.value, Value):
+                continue
+            given = literal_dimension(expanded, bound)
+            if given is not None:
+                yield path, parameter.unit.dimension, given
+
+
+def literal_dimension(expanded: Expanded, bound: Bound) -> Dimension | None:
+    """The dimension of a value made of quantities and parameters with known units; None where it cannot be told."""
+    assert isinstance(bound.value, Value)
+    if bound.value.si or any(_unsolved(expanded, bound, n) for n in names(bound.value.expr)):
+        return None
+    try:
+        return dimension(bound.value.expr, lambda n: parameter_dimension(expanded, bound.scope + n.text, n))
+    except ExpressionProblem:
+        return None  # the complaint comes with the check of the parameter itself
+
+
+def _unsolved(expanded: Expanded, bound: Bound, name: Name) -> bool:
+    leaf, _, parameter = (bound.scope + name.text).rpartition(".")
+    declared = expanded.leaves[leaf].component.parameters.get(parameter) if leaf in expanded.leaves else None
+    return declared is not None and is_generic(declared.unit.dimension)
+
+
+def parameter_dimension(expanded: Expanded, path: str, name: Name) -> Dimension:
+    """The dimension of a parameter by its full path; ExpressionProblem where there is none."""
+    if path == "pi":
+        return ONE
+    leaf, _, parameter = path.rpartition(".")
+    if not leaf and parameter in expanded.parameters:
+        bound = expanded.parameters[parameter]
+        assert isinstance(bound.value, Value)
+        found = literal_dimension(expanded, bound)
+        return ONE if found is None else found
+    if leaf in expanded.leaves and parameter in expanded.leaves[leaf].component.parameters:
+        return expanded.leaves[leaf].component.parameters[parameter].unit.dimension
+    raise ExpressionProblem("name-unknown", f"there is no parameter '{name.text}' here", name.column, name.length)
+
+
+def _solve(declared: Dimension, given: Dimension, known: dict[str, Dimension]) -> bool:
+    """declared(with one unsolved unit) = given: solve it; True where something new was learnt."""
+    now = solved(declared, known)
+    unknown = [(base, power) for base, power in now if base.startswith("$")]
+    if len(unknown) != 1:
+        return False
+    (base, power), = unknown
+    rest = tuple((b, p) for b, p in now if b != base)
+    known[base] = times(ONE, times(given, rest, -1), 1 / power)
+    return True
+
+
+def _known_dimension(expanded: Expanded, group: Group, solution: dict[str, dict[str, Dimension]]) -> Dimension | None:
+    for port in group.ports:
+        leaf, _, name = port.rpartition(".")
+        found = solved(expanded.leaves[leaf].component.signals[name].unit.dimension, solution[leaf])
+        if not is_generic(found):
+            return found
+        bound = expanded.leaves[leaf].inputs.get(name)
+        if bound is not None and isinstance(bound.value, Value) and isinstance(bound.value.expr, Number) \
+                and (bound.value.expr.unit is not None or bound.value.expr.value != 0):
+            return bound.value.expr.unit.dimension if bound.value.expr.unit else ONE
+    return None
+
+
+def signal_unit(expanded: Expanded, port: str, solution: dict[str, dict[str, Dimension]]) -> Unit:
+    """The unit of a signal port with `$U` put in."""
+    leaf, _, name = port.rpartition(".")
+    declared = expanded.leaves[leaf].component.signals[name].unit
+    if not is_generic(declared.dimension):
+        return declared
+    found = solved(declared.dimension, solution[leaf])
+    return Unit(dimension_text(found), 1.0, 0.0, found)
+
+
+def _check_signals(expanded: Expanded, signals: list[Group], solution: dict[str, dict[str, Dimension]],
+                   problems: Problems) -> None:
+    for group in signals:
+        units = {port: signal_unit(expanded, port, solution) for port in group.ports}
+        first = next(iter(units))
+        for port, unit in units.items():
+            if is_generic(unit.dimension):
+                leaf = expanded.leaves[port.rpartition(".")[0]]
+                problems.add("unit-open", f"nothing tells the unit of the signal '{port}'", leaf.place,
+                             hint="Give its parameters with their units, or join it to a signal of a known unit.")
+            elif unit.dimension != units[first].dimension or {unit.counts, units[first].counts} == {"cycles", "angle"}:
+                problems.add("units-differ", f"signal '{group.name}' joins {units[first].text} ('{first}') and "
+                             f"{unit.text} ('{port}')", group.place, hint="Put a Gain with a unit between them.")
+
+

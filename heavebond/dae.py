@@ -1,0 +1,200 @@
+"""The reduced model as CasADi functions: scaled, with what depends on parameters alone computed once a run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from heavebond.errors import Problem, UsageError, suggest
+from heavebond.expression import Expr, ExpressionProblem
+from heavebond.flatten import Flat, Resolver, flatten
+from heavebond.model import Model
+from heavebond.reduce import Reduced, reduce
+from heavebond.symbols import split, stack
+from heavebond.units import UnitProblem, check_unit, parse_quantity
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Assembly:
+    """A diagram ready to run: x' = ode, 0 = alg in scaled unknowns, and every variable as a function of them.
+
+    Argument order of all functions: (t, x, z, p, u, rate), x (n_x,) and z (n_z,) in SI, p (n_p,) the independent
+    parameters, u the polynomial pieces of the measured inputs at t (see `input_symbols`), rate 1 (0: inputs held still).
+    """
+
+    reduced: Reduced
+    p: Array
+    x_nominal: Array
+    z_nominal: Array
+    arguments: tuple[ca.SX, ...]
+    ode: ca.SX
+    alg: ca.SX
+    rates: ca.Function
+    values: ca.Function
+    pivots: ca.Function
+
+    @property
+    def flat(self) -> Flat:
+        """The flat model that this was reduced from."""
+        return self.reduced.flat
+
+    @property
+    def model(self) -> Model:
+        """The diagram."""
+        return self.flat.expanded.model
+
+    @property
+    def state_names(self) -> list[str]:
+        """The names of x."""
+        return [self.reduced.name(c) for c in self.reduced.states]
+
+    @property
+    def algebraic_names(self) -> list[str]:
+        """The names of z."""
+        return [self.reduced.name(c) for c in self.reduced.algebraic]
+
+    @property
+    def parameter_names(self) -> list[str]:
+        """The names of p."""
+        return [q.name for q in self.flat.parameters]
+
+    @property
+    def parameter_values(self) -> dict[str, float]:
+        """The independent parameters in SI."""
+        return dict(zip(self.parameter_names, self.p.tolist(), strict=True))
+
+    def with_parameters(self, values: Mapping[str, float | str]) -> Assembly:
+        """The same equations with other numbers; UsageError for a name that is no independent parameter."""
+        p = self.p.copy()
+        index = {q.name: k for k, q in enumerate(self.flat.parameters)}
+        for name, given in values.items():
+            if name not in index:
+                dependent = name in self.flat.constants
+                hint = "It follows from other parameters by a formula." if dependent else suggest(name, index)
+                raise UsageError([Problem("parameter-unknown", f"'{name}' cannot be set", None, hint)])
+            p[index[name]] = self._number(name, given, index[name])
+        return replace(self, p=p)
+
+    def _number(self, name: str, given: float | str, index: int) -> float:
+        if not isinstance(given, str):
+            return float(given)
+        try:
+            number, unit = parse_quantity(given)
+            check_unit(unit, self.flat.parameters[index].unit, number, given)
+        except UnitProblem as problem:
+            raise UsageError([Problem(problem.code, f"{name}: {problem.message}", None, problem.hint)]) from None
+        return number
+
+    def resolver(self) -> Resolver:
+        """Names of the diagram to raw symbols and units."""
+        flat = self.flat
+        return Resolver(flat.names, flat.constants, flat.units, flat.unknowns, flat.levels, flat.time, flat.rate)
+
+    def expression(self, expr: Expr) -> ca.SX:
+        """A formula of the diagram's names as SX in `arguments`; ExpressionProblem for an unknown name."""
+        return self.express(self.resolver().evaluate(expr))
+
+    def express(self, raw: ca.SX) -> ca.SX:
+        """Raw symbols put in terms of (t, x, z, p, u, rate); a derivative that no equation has by the chain rule."""
+        found = self.reduced.express(raw)
+        t, x, z, _, _, rate = self.arguments
+        allowed = {s.element_hash() for a in self.arguments for s in ca.symvar(a)}
+        missing = [s for s in ca.symvar(found) if s.element_hash() not in allowed]
+        known = {s.element_hash() for k in self.flat.inputs for s in split(k.symbols)}
+        missing = [s for s in missing if s.element_hash() not in known]
+        if missing:
+            found = ca.substitute(found, stack(missing), stack([self._rate_of(s) for s in missing]))
+        return substitute_inputs(found, self.flat, t, self.arguments[4])
+
+    def _rate_of(self, symbol: ca.SX) -> ca.SX:
+        """d/dt of an unknown whose derivative stands in no equation."""
+        first = {s.element_hash(): j for j, s in enumerate(self.flat.levels[1])}
+        j = first.get(symbol.element_hash())
+        if j is None:
+            raise ExpressionProblem("derivative-too-high", f"{symbol.name()} is not available here", 0)
+        value = self.reduced.express(self.flat.levels[0][j])
+        t, x, z, _, _, rate = self.arguments
+        if z.numel() and ca.which_depends(value, z, 1, False)[0]:
+            raise ExpressionProblem("derivative-of-loop", f"der({self.flat.unknowns[j].name}) is not available: it "
+                                    "is solved for in an algebraic loop", 0)
+        low = stack([x, *[k.symbols[:-1] for k in self.flat.inputs]])
+        high = stack([self.reduced.ode, *[k.symbols[1:] for k in self.flat.inputs]])
+        return ca.jtimes(value, low, high) + ca.jtimes(value, t, rate)
+
+
+def assemble(model: Model, also: Iterable[str] = ()) -> Assembly:
+    """YAML meaning to runnable equations; `also` names positions wanted beside those the diagram itself names."""
+    return build(reduce(flatten(model, also)))
+
+
+def build(reduced: Reduced) -> Assembly:
+    """The CasADi functions of a reduced model."""
+    flat = reduced.flat
+    u = ca.SX.sym("u", 1 + 4 * len(flat.inputs)) if flat.inputs else ca.SX(0, 1)
+    arguments = (flat.time, reduced.x, reduced.z, flat.p, u, flat.rate)
+    raw = [flat.levels[0][j] for j in range(len(flat.unknowns))]
+    values = reduced.express(stack(raw))
+
+    def with_inputs(expression: ca.SX) -> ca.SX:
+        return substitute_inputs(expression, flat, flat.time, u)
+
+    ode, alg, values = (with_inputs(e) for e in (reduced.ode, reduced.alg, values))
+    pivots = with_inputs(stack([q.coefficient for q in reduced.pivots]))
+    return Assembly(
+        reduced, np.array([q.value for q in flat.parameters]),
+        np.array([flat.unknowns[j].nominal for j, _ in reduced.states]),
+        np.array([flat.unknowns[j].nominal for j, _ in reduced.algebraic]),
+        arguments, ode, alg, ca.Function("rates", list(arguments), [ode, alg]),
+        ca.Function("values", list(arguments), [values]), ca.Function("pivots", list(arguments), [pivots]))
+
+
+def substitute_inputs(expression: ca.SX, flat: Flat, t: ca.SX, u: ca.SX) -> ca.SX:
+    """Measured inputs and their derivatives as the polynomial piece c0 + c1 s + c2 s**2 + c3 s**3, s = t - u[0]."""
+    if not flat.inputs:
+        return expression
+    symbols, pieces = [], []
+    s = t - u[0]
+    for k, known in enumerate(flat.inputs):
+        c0, c1, c2, c3 = (u[1 + 4 * k + i] for i in range(4))
+        symbols.append(known.symbols)
+        pieces += [c0 + s * (c1 + s * (c2 + s * c3)), c1 + s * (2 * c2 + s * 3 * c3), 2 * c2 + 6 * s * c3, 6 * c3]
+    return ca.substitute(expression, stack(symbols), stack(pieces))
+
+
+@dataclass(frozen=True)
+class Integrand:
+    """What CasADi's integrators take, in scaled unknowns; `hoist` maps p to the parameters of the integrand.
+
+    Terms that depend on parameters alone (the amplitudes of a sea's hundred sines) are computed once a run.
+    """
+
+    dae: dict[str, ca.SX]
+    hoist: ca.Function
+
+
+def integrand(assembly: Assembly, quadratures: ca.SX | None = None) -> Integrand:
+    """The DAE for `ca.integrator`: x = x_nominal * x_s, z = z_nominal * z_s; quadratures unscaled."""
+    t, x, z, p, u, rate = assembly.arguments
+    x_s, z_s = ca.SX.sym("x", x.numel()), ca.SX.sym("z", z.numel())
+    x_nominal, z_nominal = ca.SX(ca.DM(assembly.x_nominal)), ca.SX(ca.DM(assembly.z_nominal))
+    right = [assembly.ode / x_nominal, assembly.alg, *([quadratures] if quadratures is not None else [])]
+    replaced = ca.substitute(right, [x, z, rate], [x_s * x_nominal, z_s * z_nominal, ca.SX(1)])
+    sizes = [r.numel() for r in replaced]
+    stacked = stack(replaced)
+    if p.numel():
+        stacked, symbols, parametric = ca.extract_parametric(stacked, p)
+        constants = stack([p, *symbols])
+        hoist = ca.Function("hoist", [p], [stack([p, *parametric])])
+    else:
+        constants, hoist = p, ca.Function("hoist", [p], [p])
+    parts = ca.vertsplit(stacked, [0, *np.cumsum(sizes).tolist()])
+    dae = {"x": x_s, "z": z_s, "p": constants, "u": u, "t": t, "ode": parts[0], "alg": parts[1]}
+    if quadratures is not None:
+        dae["quad"] = parts[2]
+    return Integrand(dae, hoist)

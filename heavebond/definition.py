@@ -1,0 +1,200 @@
+"""What a component, a domain and a piece of a diagram are: frozen values, with the place where each was written."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from heavebond.errors import Place
+from heavebond.expression import Equation, Expr
+from heavebond.units import Unit
+
+
+@dataclass(frozen=True)
+class Member:
+    """One variable of a port: its unit and the size that it commonly has (for scaling)."""
+
+    name: str
+    unit: Unit
+    nominal: float
+    doc: str = ""
+
+
+@dataclass(frozen=True)
+class Domain:
+    """What a wire of one kind carries: `across` is shared at a node, `through` sums to zero."""
+
+    name: str
+    members: dict[str, Member]
+    across: tuple[str, ...]
+    through: tuple[str, ...]
+    effort: str | None
+    flow: str | None
+    position: str | None
+    power: str | None
+
+    def role(self, member: str) -> str:
+        """The member's own name for `effort` and `flow` as generic ports write them."""
+        generic = {"effort": self.effort, "flow": self.flow, "position": self.position}
+        return generic.get(member) or member
+
+
+@dataclass(frozen=True)
+class Port:
+    """A power port; `domain` may be `$D` (taken from what it is wired to), `count` makes it an array."""
+
+    name: str
+    domain: str
+    place: Place
+    doc: str = ""
+    count: Expr | None = None
+
+
+@dataclass(frozen=True)
+class SignalPort:
+    """A directed signal, `direction` in or out."""
+
+    name: str
+    direction: str
+    unit: Unit
+    place: Place
+    doc: str = ""
+
+
+@dataclass(frozen=True)
+class Value:
+    """A number with its unit or a formula, as written in a diagram; `si`: a plain Python number in SI."""
+
+    expr: Expr
+    text: str
+    place: Place
+    formula: bool = False
+    si: bool = False
+
+
+@dataclass(frozen=True)
+class FileInput:
+    """A signal given by a column of a measured file; `between` is spline, linear or hold."""
+
+    file: Path
+    column: str
+    unit: str
+    between: str
+    place: Place
+    time_column: str | None = None
+    time_unit: str = "s"
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A constant of a component; bounds and default in SI. `neutral` is the value at which an effect is absent."""
+
+    name: str
+    unit: Unit
+    place: Place
+    doc: str = ""
+    low: float | None = None
+    high: float | None = None
+    default: Value | None = None
+    neutral: float | None = None
+    integer: bool = False
+
+
+@dataclass(frozen=True)
+class Variable:
+    """An inner unknown of a component; `start` is the guess where nothing else is known."""
+
+    name: str
+    unit: Unit
+    place: Place
+    doc: str = ""
+    low: float | None = None
+    high: float | None = None
+    start: float | None = None
+
+
+@dataclass(frozen=True)
+class EquationLine:
+    """One equation with its name (the `#` comment) and where it stands; `each` is (index, low, high) or None."""
+
+    tree: Equation
+    text: str
+    label: str
+    place: Place
+    each: tuple[str, Expr, Expr] | None = None
+
+
+@dataclass(frozen=True)
+class Formula:
+    """An expression of a component that is no equation (stores, dissipates, a requirement)."""
+
+    tree: Expr
+    text: str
+    place: Place
+
+
+@dataclass(frozen=True)
+class Instance:
+    """A component standing in a diagram or a block: its kind and what was set on it."""
+
+    name: str
+    kind: str
+    place: Place
+    kind_place: Place
+    settings: dict[str, Value | FileInput] = field(default_factory=dict)
+    at: tuple[float, ...] | None = None
+    repeat: Value | None = None
+
+
+@dataclass(frozen=True)
+class End:
+    """One end of a wire: `spring.a`, or a bare port name inside a block."""
+
+    path: str
+    place: Place
+
+
+@dataclass(frozen=True)
+class Wire:
+    """A node: its name and the ports that it joins."""
+
+    name: str
+    ends: tuple[End, ...]
+    place: Place
+
+
+@dataclass(frozen=True)
+class Body:
+    """Instances and the wires between them."""
+
+    instances: dict[str, Instance] = field(default_factory=dict)
+    wires: dict[str, Wire] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Component:
+    """A component file: ports, parameters, variables, equations and, for a block, what it is composed of."""
+
+    name: str
+    summary: str
+    place: Place
+    path: Path
+    ports: dict[str, Port] = field(default_factory=dict)
+    signals: dict[str, SignalPort] = field(default_factory=dict)
+    parameters: dict[str, Parameter] = field(default_factory=dict)
+    variables: dict[str, Variable] = field(default_factory=dict)
+    equations: tuple[EquationLine, ...] = ()
+    body: Body = field(default_factory=Body)
+    stores: Formula | None = None
+    dissipates: Formula | None = None
+    unbalanced: Formula | None = None
+    unbalanced_why: str = ""
+    power: str = ""
+    requires: tuple[Formula, ...] = ()
+    restrictions: str = ""
+    source: str = ""
+
+    @property
+    def composite(self) -> bool:
+        """Whether it is made of other components."""
+        return bool(self.body.instances)

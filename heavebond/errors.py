@@ -1,0 +1,143 @@
+"""What heavebond says when something is wrong: problems as data, with a place, a stable code and what to type."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class Place:
+    """A stretch of one line of a file; `line` and `column` count from 1, `text` is the whole line."""
+
+    file: str
+    line: int
+    column: int = 1
+    text: str = ""
+    length: int = 1
+
+    def moved(self, columns: int, length: int = 1) -> Place:
+        """The same line, `columns` further to the right."""
+        return Place(self.file, self.line, self.column + columns, self.text, max(1, length))
+
+    def excerpt(self) -> list[str]:
+        """The line with a caret below the stretch (tabs count as one column, as they do in `column`)."""
+        if not self.text:
+            return []
+        number = f"{self.line:>5} | "
+        room = max(1, len(self.text) - self.column + 1)
+        caret = " " * (self.column - 1) + "^" * max(1, min(self.length, room))
+        return [number + self.text.replace("\t", " "), " " * (len(number) - 2) + "| " + caret]
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One thing that is wrong. `code` is stable; `notes` are further known facts; `hint` says what to type."""
+
+    code: str
+    message: str
+    place: Place | None = None
+    hint: str = ""
+    notes: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        head = f"{self.place.file}:{self.place.line}: " if self.place else ""
+        lines = [f"{head}{self.message} [{self.code}]"]
+        if self.place:
+            lines += self.place.excerpt()
+        lines += [f"    {note}" for note in self.notes]
+        if self.hint:
+            lines += [f"  {line}" for line in self.hint.splitlines()]
+        return "\n".join(lines)
+
+    def as_dict(self) -> dict[str, object]:
+        """The problem for a machine (JSON)."""
+        place = self.place
+        where = {"file": place.file, "line": place.line, "column": place.column} if place else None
+        return {"code": self.code, "message": self.message, "place": where, "hint": self.hint,
+                "notes": list(self.notes)}
+
+
+class HeavebondError(Exception):
+    """A user's mistake, or a model or record that cannot do what was asked; never a fault of the program."""
+
+    def __init__(self, problems: Iterable[Problem] | str, *, hint: str = ""):
+        if isinstance(problems, str):
+            problems = [Problem(self.default_code, problems, hint=hint)]
+        self.problems = tuple(problems)
+        super().__init__("\n\n".join(str(p) for p in self.problems))
+
+    default_code = "error"
+
+
+class ModelError(HeavebondError):
+    """A component, diagram, experiment or study file says something impossible."""
+
+    default_code = "model"
+
+
+class DataError(HeavebondError):
+    """A measured record cannot be used as the experiment asks."""
+
+    default_code = "data"
+
+
+class UsageError(HeavebondError):
+    """The call or the command line is wrong (unknown signal, unreadable time, ...)."""
+
+    default_code = "usage"
+
+
+class StartError(HeavebondError):
+    """No consistent initial values exist, or the file does not decide them."""
+
+    default_code = "start"
+
+
+class SimulationError(HeavebondError):
+    """The integration could not reach the end."""
+
+    default_code = "simulation"
+
+
+@dataclass
+class Problems:
+    """Collects the problems of one stage, so that a user sees all of them at once."""
+
+    found: list[Problem] = field(default_factory=list)
+
+    def add(self, code: str, message: str, place: Place | None = None, *, hint: str = "",
+            notes: Iterable[str] = ()) -> None:
+        """Note a problem and go on; the same problem at the same place is noted once."""
+        problem = Problem(code, message, place, hint, tuple(notes))
+        if problem not in self.found:
+            self.found.append(problem)
+
+    def extend(self, error: HeavebondError) -> None:
+        """Note the problems of an error that was caught."""
+        self.found += [p for p in error.problems if p not in self.found]
+
+    def raise_as(self, kind: type[HeavebondError] = ModelError) -> None:
+        """Raise all that was noted as one error; do nothing where nothing was."""
+        if self.found:
+            raise kind(self.found)
+
+
+def suggest(word: str, candidates: Iterable[str]) -> str:
+    """`Did you mean 'x'?` for the candidates nearest to `word` (case ignored), or an empty text."""
+    by_lower: dict[str, str] = {}
+    for candidate in candidates:
+        by_lower.setdefault(candidate.lower(), candidate)
+    near = difflib.get_close_matches(word.lower(), list(by_lower), n=2, cutoff=0.6)
+    if not near:
+        return ""
+    return "Did you mean " + " or ".join(f"'{by_lower[n]}'" for n in near) + "?"
+
+
+def listing(words: Iterable[str], limit: int = 12) -> str:
+    """`a, b, c and 5 more`: a list that fits on a line."""
+    words = list(words)
+    if len(words) <= limit:
+        return ", ".join(words)
+    return ", ".join(words[:limit]) + f" and {len(words) - limit} more"

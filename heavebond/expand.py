@@ -1,0 +1,369 @@
+"""A diagram with its blocks opened: every component that carries equations, and every node, by its full path."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
+
+from heavebond import laws
+from heavebond.definition import Body, Component, End, FileInput, Instance, Port, SignalPort, Value, Wire
+from heavebond.errors import HeavebondError, ModelError, Place, Problems, listing, suggest
+from heavebond.expression import Expr, Name, Number, constant
+from heavebond.model import Model, Setting
+
+DEEPEST_BLOCK = 20
+
+
+@dataclass(frozen=True)
+class Bound:
+    """A value given to a parameter or an input, and the scope (path prefix) in which its names are looked up."""
+
+    value: Value | FileInput
+    scope: str
+    place: Place
+
+
+@dataclass(frozen=True)
+class Leaf:
+    """A component in the opened diagram. A block is a leaf too: it may have equations beside its parts."""
+
+    path: str
+    component: Component
+    place: Place
+    parameters: dict[str, Bound]
+    inputs: dict[str, Bound]
+    integers: dict[str, int]
+
+    @property
+    def scope(self) -> str:
+        """The prefix of the names inside."""
+        return self.path + "."
+
+
+@dataclass(frozen=True)
+class PortEnd:
+    """A port on a node; the sign is -1 for a block's own port seen from its inside."""
+
+    leaf: str
+    port: str
+    sign: int
+    place: Place
+
+    @property
+    def name(self) -> str:
+        """Its full path."""
+        return f"{self.leaf}.{self.port}" if self.leaf else self.port
+
+
+@dataclass(frozen=True)
+class Junction:
+    """A node: its full path and the ends that it joins."""
+
+    path: str
+    ends: tuple[PortEnd, ...]
+    place: Place
+
+
+@dataclass(frozen=True)
+class Expanded:
+    """The opened diagram. `domain` and `signal` tell what each port end carries, by full port path."""
+
+    model: Model
+    leaves: dict[str, Leaf]
+    junctions: dict[str, Junction]
+    parameters: dict[str, Bound] = field(default_factory=dict)
+    ports: dict[str, Port] = field(default_factory=dict)
+    signals: dict[str, SignalPort] = field(default_factory=dict)
+
+
+def expand(model: Model) -> Expanded:
+    """Open every block of the diagram; ModelError with all that is wrong with names, ports and wires."""
+    opener = _Opener(model)
+    opener.top()
+    opener.problems.raise_as(ModelError)
+    return Expanded(model, opener.leaves, opener.junctions, opener.parameters, opener.ports, opener.signals)
+
+
+class _Opener:
+    def __init__(self, model: Model):
+        self.model = model
+        self.problems = Problems()
+        self.leaves: dict[str, Leaf] = {}
+        self.junctions: dict[str, Junction] = {}
+        self.ports: dict[str, Port] = {}
+        self.signals: dict[str, SignalPort] = {}
+        self.parameters: dict[str, Bound] = {}
+        self.extra: dict[str, list[PortEnd]] = {}
+        self.unused = dict(model.settings)
+        self.settable: list[str] = []
+        self.checked: set[str] = set()
+
+    def top(self) -> None:
+        model = self.model
+        for name, value in model.parameters.items():
+            setting = self._setting(name)
+            bound = Bound(value, "", value.place) if setting is None else Bound(setting.value, "", setting.place)
+            self.parameters[name] = bound
+        if not model.body.instances:
+            self.problems.add("diagram-empty", "this diagram has no components", _top_place(model),
+                              hint="Add `components:` and `nodes:`.")
+        self._body(model.body, "", None, {}, ())
+        self._unused_settings()
+        for path in self.extra:
+            self.problems.add("node-unknown", f"there is no node '{path}' inside a block", self.extra[path][0].place,
+                              hint=suggest(path, self.junctions))
+
+    def _setting(self, path: str) -> Setting | None:
+        self.settable.append(path)
+        return self.unused.pop(path, None)
+
+    def _unused_settings(self) -> None:
+        for path, setting in self.unused.items():
+            self.problems.add("setting-unknown", f"nothing here is called '{path}', so it cannot be set",
+                              setting.place, hint=suggest(path, self.settable) or
+                              f"What can be set: {listing(self.settable, 20)}.")
+
+    # -- one level -------------------------------------------------------------------------------------------------
+    def _body(self, body: Body, prefix: str, owner: Component | None, integers: dict[str, int],
+              kinds: tuple[str, ...]) -> None:
+        body = self._repeated(body, prefix, integers)
+        self._name_clashes(body, owner)
+        known: dict[str, Component] = {}
+        for instance in body.instances.values():
+            component = self._component(instance, kinds)
+            if component is not None:
+                known[instance.name] = component
+        self._nodes(body, prefix, owner, known)
+        for name, component in known.items():
+            self._instance(body.instances[name], component, prefix, integers, kinds)
+
+    def _component(self, instance: Instance, kinds: tuple[str, ...]) -> Component | None:
+        try:
+            component = self.model.library.component(instance.kind, instance.kind_place)
+            if component.name not in self.checked:
+                self.checked.add(component.name)
+                laws.check(component, self.model.library.domains)
+        except HeavebondError as error:
+            self.problems.extend(error)
+            return None
+        if component.name in kinds or len(kinds) > DEEPEST_BLOCK:
+            self.problems.add("block-contains-itself", f"'{component.name}' contains itself: "
+                              f"{' > '.join((*kinds, component.name))}", instance.place)
+            return None
+        return component
+
+    def _name_clashes(self, body: Body, owner: Component | None) -> None:
+        for wire in body.wires.values():
+            instance = body.instances.get(wire.name)
+            if instance is not None and not any(e.path.split(".")[0] == wire.name for e in wire.ends):
+                self.problems.add("name-twice", f"node '{wire.name}' has the name of a component that is not on it",
+                                  wire.place, hint="Give the node another name.")
+        if owner is None:
+            for name, value in self.model.parameters.items():
+                if name in body.instances or name in body.wires:
+                    self.problems.add("name-twice", f"'{name}' is a parameter and a component or node", value.place,
+                                      hint="Give one of them another name.")
+
+    def _instance(self, instance: Instance, component: Component, prefix: str, outer: dict[str, int],
+                  kinds: tuple[str, ...]) -> None:
+        path = prefix + instance.name
+        self._unknown_settings(instance, component)
+        parameters: dict[str, Bound] = {}
+        for name, parameter in component.parameters.items():
+            bound = self._given(instance, name, prefix, path)
+            if bound is None and parameter.default is not None:
+                bound = Bound(parameter.default, path + ".", parameter.default.place)
+            if bound is None and parameter.neutral is not None:
+                neutral = Value(Number(parameter.neutral, None, 0), "neutral", parameter.place, si=True)
+                bound = Bound(neutral, "", parameter.place)
+            if bound is None:
+                unit = "" if parameter.integer else f" {parameter.unit.text}"
+                self.problems.add("parameter-missing", f"'{path}' needs a value for {name}"
+                                  + (f" ({parameter.doc})" if parameter.doc else ""), instance.place,
+                                  hint=f"Write `{name}: ...{unit}`.")
+            elif isinstance(bound.value, FileInput):
+                self.problems.add("parameter-file", f"{path}.{name} is a constant; a record cannot set it",
+                                  bound.place)
+            else:
+                parameters[name] = bound
+        inputs = {name: bound for name, port in component.signals.items() if port.direction == "in"
+                  and (bound := self._given(instance, name, prefix, path)) is not None}
+        integers = self._integers(component, parameters, outer)
+        self.leaves[path] = Leaf(path, component, instance.place, parameters, inputs, integers)
+        if component.composite:
+            self._body(component.body, path + ".", component, integers, (*kinds, component.name))
+
+    def _given(self, instance: Instance, name: str, prefix: str, path: str) -> Bound | None:
+        setting = self._setting(f"{path}.{name}")
+        if setting is not None:
+            return Bound(setting.value, "", setting.place)
+        given = instance.settings.get(name)
+        return None if given is None else Bound(given, prefix, given.place)
+
+    def _unknown_settings(self, instance: Instance, component: Component) -> None:
+        inputs = [n for n, s in component.signals.items() if s.direction == "in"]
+        settable = [*component.parameters, *inputs]
+        for name, given in instance.settings.items():
+            if name not in settable:
+                kinds = (("port", component.ports), ("signal", component.signals), ("variable", component.variables))
+                what = next((k for k, group in kinds if name in group), "")
+                message = f"{component.name} has no parameter '{name}'"
+                self.problems.add("parameter-unknown", message + (f": it is a {what}" if what else ""), given.place,
+                                  hint=suggest(name, settable) or (f"It has: {', '.join(settable)}." if settable
+                                                                   else f"{component.name} has no parameters."))
+
+    def _integers(self, component: Component, parameters: dict[str, Bound], outer: dict[str, int]) -> dict[str, int]:
+        found: dict[str, int] = {}
+        for name, parameter in component.parameters.items():
+            bound = parameters.get(name)
+            if not parameter.integer or bound is None or isinstance(bound.value, FileInput):
+                continue
+            number = whole_number(bound.value.expr, {**outer, **found})
+            if number is None:
+                self.problems.add("not-an-integer", f"{name} must be a whole number, '{bound.value.text}' is none",
+                                  bound.place)
+            elif (parameter.low is not None and number < parameter.low) or \
+                    (parameter.high is not None and number > parameter.high):
+                self.problems.add("parameter-bound", f"{name} = {number} is outside "
+                                  f"{_bounds(parameter.low, parameter.high)}", bound.place)
+            else:
+                found[name] = number
+        return found
+
+    # -- wires -----------------------------------------------------------------------------------------------------
+    def _nodes(self, body: Body, prefix: str, owner: Component | None, known: dict[str, Component]) -> None:
+        on: dict[str, tuple[str, Place]] = {}
+        for wire in body.wires.values():
+            ends = []
+            for end in wire.ends:
+                found = self._end(end, prefix, owner, known, body)
+                if found is None:
+                    continue
+                if found.name in on:
+                    self.problems.add("port-on-two-nodes", f"'{end.path}' is on node '{on[found.name][0]}' already",
+                                      end.place, notes=[f"first in line {on[found.name][1].line}"],
+                                      hint="A port is on one node; join the two nodes into one line.")
+                    continue
+                on[found.name] = (wire.name, end.place)
+                ends.append(found)
+            if "." in wire.name:
+                self.extra.setdefault(prefix + wire.name, []).extend(ends)
+            else:
+                path = prefix + wire.name
+                self.junctions[path] = Junction(path, (*ends, *self.extra.pop(path, [])), wire.place)
+        for name, component in known.items():
+            self._unconnected(prefix, body.instances[name], component, on)
+
+    def _end(self, end: End, prefix: str, owner: Component | None, known: dict[str, Component],
+             body: Body) -> PortEnd | None:
+        head, _, port = end.path.partition(".")
+        if not port and owner is not None and (head in owner.ports or head in owner.signals):
+            return PortEnd(prefix[:-1], head, -1, end.place)
+        if head in body.instances and head not in known:
+            return None  # its kind is unknown, which is said already
+        component = known.get(head)
+        if component is None or not port:
+            self._bad_end(end, head, port, known, owner)
+            return None
+        base = port.partition("[")[0]
+        if base not in component.ports and base not in component.signals:
+            choices = [*component.ports, *component.signals]
+            self.problems.add("port-unknown", f"'{head}' ({component.name}) has no port '{port}'", end.place,
+                              hint=suggest(port, choices) or f"It has: {', '.join(choices)}.")
+            return None
+        return PortEnd(prefix + head, port, 1, end.place)
+
+    def _bad_end(self, end: End, head: str, port: str, known: dict[str, Component], owner: Component | None) -> None:
+        if head in known:
+            ports = [*known[head].ports, *known[head].signals]
+            self.problems.add("port-missing", f"'{head}' is a component; a node joins its ports", end.place,
+                              hint="Write " + " or ".join(f"{head}.{p}" for p in ports[:4]) + ".")
+            return
+        own = [*owner.ports, *owner.signals] if owner else []
+        ends = [f"{n}.{p}" for n, c in known.items() for p in (*c.ports, *c.signals)] + own
+        self.problems.add("end-unknown", f"there is no component '{head}'", end.place,
+                          hint=suggest(end.path, ends) or suggest(head, known))
+
+    def _unconnected(self, prefix: str, instance: Instance, component: Component,
+                     on: dict[str, tuple[str, Place]]) -> None:
+        path = prefix + instance.name
+        for port in component.ports.values():
+            self.ports[f"{path}.{port.name}"] = port
+            if port.count is None and f"{path}.{port.name}" not in on:
+                self.problems.add("port-unconnected", f"port '{instance.name}.{port.name}' is on no node",
+                                  instance.place, hint=f"Add `{instance.name}.{port.name}` to a node; a free end is "
+                                  f"a node of its own: `{instance.name}_{port.name}: [{instance.name}.{port.name}]`.")
+        for name, signal in component.signals.items():
+            self.signals[f"{path}.{name}"] = signal
+            given = name in instance.settings or f"{path}.{name}" in self.unused
+            if signal.direction == "in" and f"{path}.{name}" not in on and not given:
+                self.problems.add("input-unconnected", f"input '{instance.name}.{name}' has no value", instance.place,
+                                  hint=f"Join it to an output, or give it in place: `{name}: 0 {signal.unit.text}`.")
+
+    # -- many of a kind --------------------------------------------------------------------------------------------
+    def _repeated(self, body: Body, prefix: str, integers: dict[str, int]) -> Body:
+        if not any(i.repeat for i in body.instances.values()):
+            return body
+        numbers = {**self._top_integers(), **integers} if not prefix else integers
+        instances: dict[str, Instance] = {}
+        wires = dict(body.wires)
+        ends: dict[str, str] = {}
+        for instance in body.instances.values():
+            if instance.repeat is None:
+                instances[instance.name] = instance
+                continue
+            count = whole_number(instance.repeat.expr, numbers)
+            if count is None or count < 1:
+                self.problems.add("not-an-integer", f"repeat must be a whole number above 0, "
+                                  f"'{instance.repeat.text}' is none", instance.repeat.place)
+                count = 1
+            for k in range(1, count + 1):
+                part = replace(instance, name=f"{instance.name}_{k}", repeat=None)
+                instances[part.name] = part
+                if k < count:
+                    link = f"{instance.name}_{k}_{k + 1}"
+                    wires[link] = Wire(link, (End(f"{instance.name}_{k}.b", instance.place),
+                                              End(f"{instance.name}_{k + 1}.a", instance.place)), instance.place)
+            ends[f"{instance.name}.a"] = f"{instance.name}_1.a"
+            ends[f"{instance.name}.b"] = f"{instance.name}_{count}.b"
+        wires = {n: replace(w, ends=tuple(replace(e, path=ends.get(e.path, e.path)) for e in w.ends))
+                 for n, w in wires.items()}
+        return Body(instances, wires)
+
+    def _top_integers(self) -> dict[str, int]:
+        found: dict[str, int] = {}
+        for name, bound in self.parameters.items():
+            if isinstance(bound.value, Value) and (n := whole_number(bound.value.expr, found)) is not None:
+                found[name] = n
+        return found
+
+
+def whole_number(expr: Expr, known: dict[str, int]) -> int | None:
+    """The value of an expression of whole numbers and known names, or None."""
+    if isinstance(expr, Name):
+        return known.get(expr.text)
+    number = constant(expr)
+    if number is None:
+        left, right = getattr(expr, "left", None), getattr(expr, "right", None)
+        if left is None or right is None:
+            return None
+        a, b = whole_number(left, known), whole_number(right, known)
+        if a is None or b is None:
+            return None
+        return {"+": a + b, "-": a - b, "*": a * b}.get(expr.op)  # type: ignore[union-attr]
+    return int(number) if number == int(number) else None
+
+
+def _bounds(low: float | None, high: float | None) -> str:
+    if high is None:
+        return f"the allowed range, at least {low:g}"
+    return f"the allowed range, at most {high:g}" if low is None else f"the allowed range {low:g} .. {high:g}"
+
+
+def _top_place(model: Model) -> Place | None:
+    return Place(str(model.path.name), 1) if model.path else None
+
+
+def inner_to_outer(paths: Iterable[str]) -> Iterator[str]:
+    """Paths sorted so that an outer name comes before an inner one."""
+    yield from sorted(paths, key=lambda p: p.count("."))

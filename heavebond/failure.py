@@ -1,0 +1,90 @@
+"""Why an integration stopped: when, in which components, with what values, and the likely cause."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from heavebond.dae import Array, Assembly
+from heavebond.errors import Problem, SimulationError, listing
+from heavebond.initialise import Start
+
+if TYPE_CHECKING:
+    from heavebond.simulate import Simulator
+
+_TIME = re.compile(r"[Aa]t t ?= ?([-+.\deE]+)")
+
+
+def explain_failure(simulator: Simulator, assembly: Assembly, first: Start, said: str) -> SimulationError:
+    """The error for a run that stopped; looks at the state shortly before it did."""
+    times = [float(t) for t in _TIME.findall(said)]
+    stopped = max(times) if times else float("nan")
+    last = _state_before(simulator, assembly, first, stopped)
+    notes: list[str] = []
+    hint = "Check the parameters of these components, or loosen the tolerances (--rtol 1e-6)."
+    if last is not None:
+        t, x, z, u = last
+        cause, notes = _cause(assembly, t, x, z, first.p, u)
+        hint = cause or hint
+    words = [line for line in said.splitlines() if "IDA" in line or "SUNDIALS" in line.upper()]
+    solver = re.findall(r"IDA_[A-Z_]+", said)
+    notes.append("IDAS said: " + (", ".join(dict.fromkeys(solver)) or (words[0][:160] if words else "nothing")))
+    when = f" at t = {stopped:.6g} s" if np.isfinite(stopped) else ""
+    return SimulationError([Problem("integration-failed", f"the integration stopped{when}", None, hint, tuple(notes))])
+
+
+def _state_before(simulator: Simulator, assembly: Assembly, first: Start, stopped: float
+                  ) -> tuple[float, Array, Array, Array] | None:
+    """The state a little before the end, found by integrating again up to there."""
+    from heavebond.simulate import Simulator as Again
+
+    begin = float(simulator.time[0])
+    if not np.isfinite(stopped) or stopped <= begin:
+        u = simulator.pieces.at(np.array([begin]))[:, 0]
+        return begin, first.x, first.z, u
+    for share in (1 - 1e-6, 1 - 1e-3, 0.9):
+        times = np.array([begin, begin + (stopped - begin) * share])
+        again = Again(assembly, times=times, tolerances=simulator.tolerances)
+        try:
+            x, z, _, _ = again.attempt(assembly, first)
+        except RuntimeError:
+            continue
+        return float(times[-1]), x[:, -1], z[:, -1], again.pieces.at(times[-1:])[:, 0]
+    return None
+
+
+def _cause(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array) -> tuple[str, list[str]]:
+    ode, alg = (np.array(v).ravel() for v in assembly.rates(t, x, z, p, u, 1.0))
+    pivots = np.abs(np.array(assembly.pivots(t, x, z, p, u, 1.0)).ravel())
+    begin = np.abs(np.array(assembly.pivots(0.0, x * 0, z * 0, p, u, 1.0)).ravel())
+    rates = np.abs(ode) / assembly.x_nominal
+    order = np.argsort(-np.where(np.isfinite(rates), rates, np.inf))[:3]
+    owners = _owners(assembly)
+    names = [assembly.state_names[k] for k in order]
+    notes = [f"{assembly.state_names[k]} = {x[k]:.6g}, changing by {ode[k]:.3g} a second"
+             f"   ({owners.get(assembly.state_names[k], '')})" for k in order]
+    small = [k for k, value in enumerate(pivots) if value < 1e-9 * max(begin[k], 1e-300) or value == 0]
+    if small:
+        pivot = assembly.reduced.pivots[small[0]]
+        return (f"The coefficient of {pivot.unknown} in '{pivot.equation.owner}' ({pivot.equation.text}) passes "
+                "through zero there: a volume, an area or a lever arm vanishes.", notes)
+    if not np.all(np.isfinite(ode)) or not np.all(np.isfinite(alg)):
+        return "An equation has no finite value there (a root or logarithm of a negative number, a division by 0).", notes
+    if rates.size and rates[order[0]] > 1e6:
+        return f"{listing(names, 2)} run away: an instability, a wrong sign or a very stiff element.", notes
+    return (f"{listing(names, 2)} change fastest: a kink or jump there that the solver cannot step over; smooth it "
+            "(a transition velocity or pressure), or loosen the tolerances.", notes)
+
+
+def _owners(assembly: Assembly) -> dict[str, str]:
+    flat = assembly.flat
+    found = {}
+    for j, order in assembly.reduced.states:
+        if order == 0:
+            n = len(flat.unknowns)
+            using = [flat.equations[i].owner for i, row in enumerate(flat.entries)
+                     if any(c % n == j for c, _ in row) and " is the rate of " not in flat.equations[i].label]
+            found[flat.unknowns[j].name] = listing(dict.fromkeys(using), 4)
+    return found

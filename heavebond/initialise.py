@@ -1,0 +1,354 @@
+"""Consistent initial values: a scaled, damped Newton method of our own, which says what was asked and what was used."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from heavebond import reading
+from heavebond.dae import Array, Assembly
+from heavebond.errors import Place, Problem, Problems, StartError, listing, suggest
+from heavebond.expression import ExpressionProblem, parse_formula
+from heavebond.model import Condition
+from heavebond.states import guess
+from heavebond.symbols import split, stack
+
+MOST_STEPS = 100
+# residuals are scaled so that a change of every unknown by its usual size changes each by about one
+CONVERGED = 1e-9
+# singular values below this share of the largest are directions that nothing decides; nominal values may be off by
+# some powers of ten without making a decided direction look like one of these
+RANK = 1e-11
+
+
+@dataclass(frozen=True)
+class StartLine:
+    """One line of the table asked / used / why."""
+
+    name: str
+    asked: str
+    used: float
+    unit: str
+    why: str
+
+
+@dataclass(frozen=True)
+class Start:
+    """Consistent values at t: x (n_x,), z (n_z,), and the parameters with those that were solved for."""
+
+    t: float
+    x: Array
+    z: Array
+    p: Array
+    table: tuple[StartLine, ...]
+    free: tuple[str, ...]
+    steps: int
+
+
+@dataclass(frozen=True)
+class _Row:
+    """One equation of the start: its residual, its name for messages, its place."""
+
+    residual: ca.SX
+    label: str
+    place: Place | None
+
+
+def start(assembly: Assembly, t: float = 0.0, u: Array | None = None) -> Start:
+    """Solve for x, z and the parameters under `solve:`; StartError with the reason where that cannot be.
+
+    Unknowns that no condition decides keep their guess (smallest change in scaled variables); after `start: steady`
+    a direction that nothing decides is an error.
+    """
+    u = np.zeros(assembly.arguments[4].numel()) if u is None else u
+    problem = _Initial(assembly, t, u)
+    y = problem.solve()
+    return problem.finished(y)
+
+
+class _Initial:
+    def __init__(self, assembly: Assembly, t: float, u: Array):
+        self.assembly, self.t, self.u = assembly, t, u
+        self.initial = assembly.model.initial
+        self.problems = Problems()
+        self.n_x, self.n_z = len(assembly.x_nominal), len(assembly.z_nominal)
+        self.solved_for = self._solve_indices()
+        self.steady = self.initial.mode == "steady"
+        self.rows = self._rows()
+        self.guesses = [row for c in self.initial.conditions.values() if c.guess
+                        and (row := self._condition(c)) is not None]
+        self.problems.raise_as(StartError)
+        self.nominal = np.concatenate([assembly.x_nominal, assembly.z_nominal, self._parameter_sizes()])
+        self.y0 = self._guess()
+        self.steps = 0
+
+    # -- what is asked ---------------------------------------------------------------------------------------------
+    def _solve_indices(self) -> list[int]:
+        names = {name: k for k, name in enumerate(self.assembly.parameter_names)}
+        found = []
+        for name, place in self.initial.solve.items():
+            if name not in names:
+                self.problems.add("solve-unknown", f"there is no parameter '{name}' to solve for", place,
+                                  hint=suggest(name, names))
+            else:
+                found.append(names[name])
+        return found
+
+    def _parameter_sizes(self) -> Array:
+        values = self.assembly.p[self.solved_for]
+        usual = {u.unit.dimension: u.nominal for u in self.assembly.flat.unknowns}
+        sizes = [usual.get(self.assembly.flat.parameters[k].unit.dimension, 1.0) for k in self.solved_for]
+        return np.maximum(np.abs(values), np.array(sizes)) if self.solved_for else np.zeros(0)
+
+    def _rows(self) -> list[_Row]:
+        assembly = self.assembly
+        rows = [_Row(g, e.label or e.text, e.place) for g, e in zip(
+            split(assembly.alg), assembly.reduced.alg_equations, strict=True)]
+        for condition in self.initial.conditions.values():
+            if not condition.guess and (row := self._condition(condition)) is not None:
+                rows.append(row)
+        rates = split(assembly.ode)
+        for k, (j, order) in enumerate(assembly.reduced.states):
+            name = assembly.state_names[k]
+            unknown = assembly.flat.unknowns[j]
+            if self.steady:
+                rows.append(_Row(rates[k], f"steady: der({name}) = 0", unknown.place))
+            elif self.initial.mode == "rest" and (unknown.motion or order > 0):
+                rows.append(_Row(assembly.arguments[1][k], f"at rest: {name} = 0", unknown.place))
+        return rows
+
+    def _condition(self, condition: Condition) -> _Row | None:
+        problems = self.problems
+        place = condition.place
+        tree = reading.parsed(parse_formula, condition.name, place, problems)
+        if tree is None:
+            return None
+        resolver = self.assembly.resolver()
+        try:
+            wanted = resolver.dimension(tree)
+        except ExpressionProblem as problem:
+            reading.add_expression_problem(problem, place, problems)
+            return None
+        try:
+            given = resolver.dimension(condition.value.expr)
+            bare = condition.value.si or given is None
+            if not bare and given != wanted:
+                raise ExpressionProblem("unit-wrong", f"the initial value of {condition.name} must be in another unit "
+                                        f"than '{condition.value.text}'", 0)
+            value = self.assembly.expression(condition.value.expr)
+            left = self.assembly.expression(tree)
+        except ExpressionProblem as problem:
+            problems.add(problem.code, problem.message, condition.value.place, hint=problem.hint)
+            return None
+        return _Row(left - value, f"{condition.name} = {condition.value.text.lstrip('= ')}", place)
+
+    def _guess(self) -> Array:
+        flat = self.assembly.flat
+        values = guess(flat, self.assembly.p)
+        x = [values[j] if order == 0 else 0.0 for j, order in self.assembly.reduced.states]
+        z = [values[j] if order == 0 else 0.0 for j, order in self.assembly.reduced.algebraic]
+        return np.array([*x, *z, *self.assembly.p[self.solved_for]])
+
+    # -- solving ---------------------------------------------------------------------------------------------------
+    def solve(self) -> Array:
+        y = self.y0
+        if self.guesses:
+            soft = [r for r in self.rows if not r.label.startswith("steady")] + self.guesses
+            y = self._newton(_System(self, soft), y)[0]
+        y, residual = self._newton(_System(self, self.rows), y)
+        if not self._good(residual):
+            self._fail(y, residual)
+        if self.steady:
+            self._undetermined(y)
+        self.y_solved = y
+        return self._settle(y)
+
+    def _good(self, residual: Array) -> bool:
+        return bool(np.all(np.isfinite(residual)) and (not residual.size or np.abs(residual).max() < 1e-6))
+
+    def _newton(self, system: _System, y: Array) -> tuple[Array, Array]:
+        """Gauss-Newton with steps of least norm in scaled unknowns, halved until the residual falls."""
+        residual, jacobian = system(y)
+        for _ in range(MOST_STEPS):
+            if not residual.size or not np.all(np.isfinite(residual)):
+                break
+            weights = 1 / np.maximum(np.abs(jacobian).max(axis=1), 1e-300)
+            scaled, size = residual * weights, float(np.linalg.norm(residual * weights))
+            if np.abs(scaled).max() < CONVERGED:
+                break
+            step = np.linalg.lstsq(jacobian * weights[:, None], -scaled, rcond=RANK)[0]
+            length = 1.0
+            while length > 1e-10:
+                trial = y + length * step * self.nominal
+                new, new_jacobian = system(trial)
+                if np.all(np.isfinite(new)) and float(np.linalg.norm(new * weights)) < (1 - 1e-4 * length) * size:
+                    break
+                length /= 2
+            else:
+                break
+            y, residual, jacobian = trial, new, new_jacobian
+            self.steps += 1
+        weights = 1 / np.maximum(np.abs(jacobian).max(axis=1), 1e-300) if residual.size else residual
+        return y, residual * weights
+
+    def _settle(self, y: Array) -> Array:
+        """The algebraic unknowns again with the inputs moving (a steady start holds them still), x fixed."""
+        if not self.n_z:
+            return y
+        rows = self.rows[: self.n_z]
+        system = _System(self, rows, only_z=True)
+        z, residual = y[self.n_x:self.n_x + self.n_z], np.zeros(0)
+        whole = y.copy()
+
+        def at(values: Array) -> tuple[Array, Array]:
+            whole[self.n_x:self.n_x + self.n_z] = values
+            return system(whole)
+
+        nominal, self.nominal = self.nominal, self.assembly.z_nominal
+        z, residual = self._newton(at, z)  # type: ignore[arg-type]
+        jacobian = at(z)[1]
+        self.nominal = nominal
+        whole[self.n_x:self.n_x + self.n_z] = z
+        if not self._good(residual):
+            self._fail(whole, residual, rows)
+        self._singular_loop(jacobian)
+        return whole
+
+    # -- when it cannot be done ------------------------------------------------------------------------------------
+    def _fail(self, y: Array, residual: Array, rows: list[_Row] | None = None) -> None:
+        rows = rows or self.rows
+        order = np.argsort(-np.where(np.isfinite(residual), np.abs(residual), np.inf))[:5]
+        raw = _System(self, rows)(y)[0]
+        bad = [k for k in order if not np.isfinite(residual[k])] or \
+            [k for k in order if abs(residual[k]) > 1e-3 * abs(residual[order[0]])]
+        notes = [f"{rows[k].label}   off by {raw[k]:.3g} (SI)" for k in bad]
+        conflict = self._conflict(y, rows)
+        if not np.all(np.isfinite(residual)):
+            message, hint = "the start cannot be computed: an equation has no finite value at the first guess", \
+                "Give guesses, for example `initial: {name: ~ 1 m}`, away from where it has none."
+        elif conflict:
+            notes = conflict
+            message, hint = "the initial values contradict each other", "Remove one of them, or make it a guess (`~`)."
+        else:
+            message = "no consistent initial values were found"
+            hint = "Give guesses for the variables in these equations, for example `initial: {name: ~ 1 m}`."
+        place = rows[int(bad[0])].place if len(bad) else None
+        raise StartError([Problem("start-failed" if not conflict else "start-contradiction", message, place, hint,
+                                  tuple(notes))])
+
+    def _conflict(self, y: Array, rows: list[_Row]) -> list[str]:
+        """The equations whose gradients depend on each other while their residuals do not agree."""
+        residual, jacobian = _System(self, rows)(y)
+        if not np.all(np.isfinite(jacobian)) or not residual.size:
+            return []
+        weights = 1 / np.maximum(np.abs(jacobian).max(axis=1), 1e-300)
+        left, values, _ = np.linalg.svd(jacobian * weights[:, None])
+        rank = int((values > 1e-8 * max(values.max(initial=0.0), 1e-300)).sum())
+        null = left[:, rank:]
+        share = np.abs(null @ (null.T @ (residual * weights)))
+        if not null.size or share.max() < 1e-6:
+            return []
+        return [rows[k].label for k in np.argsort(-share) if share[k] > 0.1 * share.max()][:8]
+
+    def _undetermined(self, y: Array) -> None:
+        jacobian = _System(self, [*self.rows, *self.guesses])(y)[1]
+        weights = 1 / np.maximum(np.abs(jacobian).max(axis=1), 1e-300)
+        _, values, right = np.linalg.svd(jacobian * weights[:, None], full_matrices=True)
+        rank = int((values > 1e-10 * max(values.max(initial=0.0), 1e-300)).sum())
+        null = right[rank:]
+        if not len(null):
+            return
+        names = [*self.assembly.state_names, *self.assembly.algebraic_names,
+                 *(self.assembly.parameter_names[k] for k in self.solved_for)]
+        notes, suggestions = [], []
+        for direction in null:
+            share = np.abs(direction)
+            involved = [names[k] for k in np.argsort(-share) if share[k] > 0.1 * share.max()]
+            notes.append(f"one of: {listing(involved, 6)}")
+            suggestions.append(next((i for i in involved if i not in suggestions), involved[0]))
+        unit = {u.name: u.unit.text for u in self.assembly.flat.unknowns}
+        hint = "Decide " + ("it" if len(null) == 1 else "them") + ", for example `initial: {" + ", ".join(
+            f"{s}: 0 {unit.get(s, '')}".rstrip() for s in suggestions) + "}`, or give guesses (`~ 0 m`)."
+        raise StartError([Problem(
+            "start-undetermined", f"the steady state is not unique: {len(null)} direction"
+            f"{'s' if len(null) > 1 else ''} stay{'s' if len(null) == 1 else ''} undetermined", None, hint,
+            tuple(notes))])
+
+    def _singular_loop(self, jacobian: Array) -> None:
+        weights = 1 / np.maximum(np.abs(jacobian).max(axis=1), 1e-300)
+        _, values, right = np.linalg.svd(jacobian * weights[:, None])
+        if values.min() > 1e-13 * values.max():
+            return
+        share = np.abs(right[-1])
+        names = [self.assembly.algebraic_names[k] for k in np.argsort(-share) if share[k] > 0.1 * share.max()]
+        equations = [f"{e.owner}: {e.text}" for e in self.assembly.reduced.alg_equations][:6]
+        raise StartError([Problem(
+            "loop-singular", f"nothing decides {listing(names, 6)} at the start", None,
+            "A closed valve, a resistance of zero or a circuit without reference does this. Add what decides it: a "
+            "Tank, a Volume, a small leakage, a Fixed.", tuple(equations))])
+
+    # -- the answer ------------------------------------------------------------------------------------------------
+    def finished(self, y: Array) -> Start:
+        assembly = self.assembly
+        x, z = y[: self.n_x], y[self.n_x:self.n_x + self.n_z]
+        p = assembly.p.copy()
+        p[self.solved_for] = y[self.n_x + self.n_z:]
+        self._check_pivots(x, z, p)
+        table = []
+        conditions = {assembly.flat.names.get(c.name, -1): c for c in self.initial.conditions.values()}
+        for k, (j, order) in enumerate(assembly.reduced.states):
+            asked = conditions.get(j) if order == 0 else None
+            moved = abs(y[k] - self.y0[k]) > 1e-9 * self.nominal[k]
+            why = "asked for" if asked and not asked.guess else "solved from a guess" if asked else \
+                f"solved ({self.initial.mode or 'conditions'})" if moved or self.steady else \
+                "declared start" if assembly.flat.unknowns[j].start else "default"
+            table.append(StartLine(assembly.state_names[k], asked.value.text if asked else "", float(x[k]),
+                                   assembly.flat.unknowns[j].unit.text + ("/s" * order), why))
+        for k in self.solved_for:
+            parameter = assembly.flat.parameters[k]
+            table.append(StartLine(parameter.name, "solve", float(p[k]), parameter.unit.text, "solved for"))
+        free = tuple(line.name for line in table if line.why == "default")
+        return Start(self.t, x, z, p, tuple(table), free, self.steps)
+
+    def _check_pivots(self, x: Array, z: Array, p: Array) -> None:
+        pivots = np.array(self.assembly.pivots(self.t, x, z, p, self.u, 1.0)).ravel()
+        rates = np.array(self.assembly.rates(self.t, x, z, p, self.u, 1.0)[0]).ravel()
+        problems = Problems()
+        for value, pivot in zip(pivots, self.assembly.reduced.pivots, strict=True):
+            if value == 0 or not np.isfinite(value):
+                equation = pivot.equation
+                problems.add("coefficient-zero", f"'{equation.owner}': the coefficient of {pivot.unknown} is "
+                             f"{value:g} at the start", equation.place, notes=[equation.text],
+                             hint="A mass, volume, area or resistance is zero there; give it a value.")
+        if not problems.found:
+            for name, value in zip(self.assembly.state_names, rates, strict=True):
+                if not np.isfinite(value):
+                    problems.add("rate-not-finite", f"der({name}) has no finite value at the start")
+        problems.raise_as(StartError)
+
+
+class _System:
+    """Residuals and their Jacobian with respect to the scaled unknowns y = (x, z, solved parameters)."""
+
+    def __init__(self, owner: _Initial, rows: list[_Row], only_z: bool = False):
+        assembly = owner.assembly
+        t, x, z, p, u, rate = assembly.arguments
+        self.owner = owner
+        chosen = stack([p[k] for k in owner.solved_for])
+        stacked = stack([r.residual for r in rows])
+        unknowns = z if only_z else stack([x, z, chosen])
+        nominal = assembly.z_nominal if only_z else owner.nominal
+        jacobian = ca.jacobian(stacked, unknowns)
+        self.rate = 1.0 if only_z or not owner.steady else 0.0
+        self.nominal = nominal
+        self.function = ca.Function("start", [t, x, z, p, u, rate], [stacked, jacobian])
+
+    def __call__(self, y: Array) -> tuple[Array, Array]:
+        owner = self.owner
+        p = owner.assembly.p.copy()
+        p[owner.solved_for] = y[owner.n_x + owner.n_z:]
+        residual, jacobian = self.function(owner.t, y[: owner.n_x], y[owner.n_x:owner.n_x + owner.n_z], p, owner.u,
+                                           self.rate)
+        return np.array(residual).ravel(), np.array(jacobian.full()) * self.nominal

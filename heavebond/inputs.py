@@ -1,0 +1,68 @@
+"""Measured inputs of a run: records read, checked and put on one set of polynomial pieces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from heavebond.dae import Array
+from heavebond.definition import FileInput
+from heavebond.errors import DataError, Problem, Problems
+from heavebond.flatten import Flat, KnownInput
+from heavebond.measurements import check_time, check_values, column, read_table
+from heavebond.signals import Pieces, align, pieces
+from heavebond.units import read_unit
+
+
+@dataclass(frozen=True)
+class Pieced:
+    """Breaks (m+1,) and the columns u (1 + 4 n, m) of each piece: its first time, then four coefficients per input."""
+
+    breaks: Array
+    columns: Array
+
+    def at(self, times: Array) -> Array:
+        """The columns (1 + 4 n, N) that hold at the given times."""
+        if not self.columns.size:
+            return np.zeros((0, len(times)))
+        index = np.clip(np.searchsorted(self.breaks, times, side="right") - 1, 0, self.columns.shape[1] - 1)
+        return self.columns[:, index]
+
+    def inner_breaks(self, begin: float, end: float) -> Array:
+        """The breaks strictly between."""
+        return self.breaks[(self.breaks > begin) & (self.breaks < end)]
+
+
+def pieced(flat: Flat, begin: float, end: float) -> Pieced:
+    """Read every measured input of a model; DataError with file and line for what is wrong in a record."""
+    if not flat.inputs:
+        return Pieced(np.zeros(0), np.zeros((0, 0)))
+    problems = Problems()
+    found: list[Pieces] = []
+    for known in flat.inputs:
+        try:
+            found.append(read_input(known))
+        except DataError as error:
+            problems.extend(error)
+    problems.raise_as(DataError)
+    breaks, coefficients = align(found, begin, end, names=[k.name for k in flat.inputs])
+    n_pieces = len(breaks) - 1
+    columns = np.vstack([breaks[:-1][None, :], coefficients.reshape(n_pieces, -1).T])
+    return Pieced(breaks, columns)
+
+
+def read_input(known: KnownInput) -> Pieces:
+    """One measured signal in SI."""
+    given: FileInput = known.source
+    unit = read_unit(given.unit)
+    if unit.dimension != known.unit.dimension:
+        raise DataError([Problem("unit-wrong", f"{known.name} is in {known.unit.text}; the record gives it in "
+                                 f"{given.unit}", given.place)])
+    table = read_table(given.file, place=given.place)
+    time_name = given.time_column or table.header[0]
+    check_time(table, time_name)
+    values = column(table, given.column, given.place)
+    check_values(table, [given.column])
+    time = column(table, time_name, given.place) * read_unit(given.time_unit).scale
+    return pieces(time, np.asarray(unit.to_si(values)), given.between)  # type: ignore[arg-type]

@@ -1,0 +1,179 @@
+"""The laws that a component file obeys whatever diagram it stands in: units agree, equations and unknowns balance.
+
+The third law, power, is a numerical one (see `heavebond.power`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from heavebond import reading
+from heavebond.definition import Component, Domain, EquationLine, Formula
+from heavebond.dimensions import SECOND, TRUTH, check_equation, dimension
+from heavebond.errors import ModelError, Problems, listing, suggest
+from heavebond.expression import Expr, ExpressionProblem, Name, constant, names
+from heavebond.units import ONE, Dimension, declared_unit, dimension_text
+
+Domains = Mapping[str, Domain]
+CONSTANTS = {"pi": ONE, "time": SECOND}
+
+
+class Scope:
+    """What a name means inside a component's equations, as a dimension."""
+
+    def __init__(self, component: Component, domains: Domains):
+        self.component, self.domains = component, domains
+        self.plain: dict[str, Dimension] = dict(CONSTANTS)
+        for group in (component.parameters, component.variables, component.signals):
+            self.plain.update({name: item.unit.dimension for name, item in group.items()})
+
+    def __call__(self, name: Name) -> Dimension:
+        words = [part for part in name.parts if isinstance(part, str)]
+        if len(words) == 1 and words[0] in self.plain:
+            return self.plain[words[0]]
+        if len(words) == 2 and words[0] in self.component.ports:
+            return self._member(words[0], words[1], name)
+        if "." in name.text and self._reaches_inside(words):
+            raise ExpressionProblem("name-inside", f"'{name.text}' lies inside a part of this block", name.column,
+                                    name.length, "A block's equations know its own ports and variables.")
+        known = [*self.plain, *(f"{p}.{m}" for p in self.component.ports for m in self._members(p))]
+        hint = suggest(name.text, known) or f"Known here: {listing(known)}."
+        raise ExpressionProblem("name-unknown", f"'{name.text}' is not declared in {self.component.name}",
+                                name.column, name.length, hint)
+
+    def _reaches_inside(self, words: list[str]) -> bool:
+        return words[0] in self.component.body.instances
+
+    def _members(self, port: str) -> list[str]:
+        domain = self.component.ports[port].domain
+        if domain.startswith("$"):
+            return ["effort", "flow"]
+        return list(self.domains[domain].members)
+
+    def _member(self, port: str, member: str, name: Name) -> Dimension:
+        domain = self.component.ports[port].domain
+        if domain.startswith("$"):
+            if member in ("effort", "flow"):
+                return ((f"{domain}.{member}", _ONE_POWER),)
+        elif self.domains[domain].role(member) in self.domains[domain].members:
+            return self.domains[domain].members[self.domains[domain].role(member)].unit.dimension
+        members = self._members(port)
+        hint = suggest(member, members) or f"A {domain} port has {', '.join(members)}."
+        raise ExpressionProblem("member-unknown", f"port '{port}' has no '{member}'", name.column, name.length, hint)
+
+
+_ONE_POWER = declared_unit("m").dimension[0][1]
+
+
+def check(component: Component, domains: Domains) -> None:
+    """Laws 1 and 2 of one component; raises ModelError with all that is wrong."""
+    problems = Problems()
+    _clashes(component, problems)
+    _units(component, domains, problems)
+    problems.raise_as(ModelError)
+    _balance(component, domains, problems)
+    problems.raise_as(ModelError)
+
+
+def _clashes(component: Component, problems: Problems) -> None:
+    seen: dict[str, str] = {"time": "the time", "pi": "a number"}
+    groups = (("port", component.ports), ("signal", component.signals), ("parameter", component.parameters),
+              ("variable", component.variables), ("part", component.body.instances))
+    for what, group in groups:
+        for name, item in group.items():  # type: ignore[attr-defined]
+            if name in seen:
+                problems.add("name-twice", f"'{name}' is both {seen[name]} and a {what}", item.place,
+                             hint="Give one of them another name.")
+            seen[name] = f"a {what}"
+
+
+def _units(component: Component, domains: Domains, problems: Problems) -> None:
+    scope = Scope(component, domains)
+    for line in component.equations:
+        lookup = _with_index(scope, line)
+        try:
+            check_equation(line.tree, lookup)
+        except ExpressionProblem as problem:
+            reading.add_expression_problem(problem, line.place, problems)
+    watt, joule = declared_unit("W").dimension, declared_unit("J").dimension
+    energies = ((component.stores, joule, "stores"), (component.dissipates, watt, "dissipates"),
+                (component.unbalanced, watt, "unbalanced"))
+    for formula, wanted, what in energies:
+        if formula is not None:
+            _formula(formula, wanted, what, scope, problems)
+    for requirement in component.requires:
+        _formula(requirement, TRUTH, "requires", scope, problems)
+
+
+def _with_index(scope: Scope, line: EquationLine):  # type: ignore[no-untyped-def]
+    if line.each is None:
+        return scope
+    index = line.each[0]
+    return lambda name: ONE if name.text == index else scope(name)
+
+
+def _formula(formula: Formula, wanted: Dimension, what: str, scope: Scope, problems: Problems) -> None:
+    try:
+        found = dimension(formula.tree, scope)
+    except ExpressionProblem as problem:
+        reading.add_expression_problem(problem, formula.place, problems)
+        return
+    generic = found is not None and any("$" in base for base, _ in found)
+    if found is not None and found != wanted and not generic:
+        text = "a comparison" if wanted == TRUTH else dimension_text(wanted)
+        problems.add("units-differ", f"{what} must be {text}, this is {dimension_text(found)}", formula.place)
+
+
+def _balance(component: Component, domains: Domains, problems: Problems) -> None:
+    """Law 2: as many equations as unknowns that the component itself must decide."""
+    unknowns = _own_unknowns(component, domains)
+    equations = sum(_repetitions(line, component) for line in component.equations)
+    if equations == len(unknowns):
+        return
+    used = {n.text for line in component.equations for side in (line.tree.left, line.tree.right) for n in names(side)}
+    unused = [u for u in unknowns if u not in used]
+    more = "few" if equations < len(unknowns) else "many"
+    notes = [f"unknowns: {listing(unknowns, 30)}"]
+    if unused and more == "few":
+        notes.append(f"in no equation: {listing(unused, 30)}")
+    problems.add(f"balance-too-{more}", f"{component.name} has {equations} equation{'s' * (equations != 1)} for "
+                 f"{len(unknowns)} unknown{'s' * (len(unknowns) != 1)}", component.place, notes=notes,
+                 hint="A component has one equation for each through variable of its ports, each signal output and "
+                 "each own variable.")
+
+
+def _own_unknowns(component: Component, domains: Domains) -> list[str]:
+    inner = {end.path for wire in component.body.wires.values() for end in wire.ends}
+    unknowns = []
+    for port in component.ports.values():
+        if port.name in inner:
+            continue
+        # an array counts for the smallest number that its file declares
+        indices = [""] if port.count is None else [f"[{k + 1}]" for k in range(_integer(port.count, component))]
+        through = ("flow",) if port.domain.startswith("$") else domains[port.domain].through
+        unknowns += [f"{port.name}{index}.{member}" for index in indices for member in through]
+    unknowns += [s.name for s in component.signals.values() if s.direction == "out" and s.name not in inner]
+    return unknowns + list(component.variables)
+
+
+def _repetitions(line: EquationLine, component: Component) -> int:
+    if line.each is None:
+        return 1
+    _, low, high = line.each
+    return max(0, _integer(high, component) - _integer(low, component) + 1)
+
+
+def _integer(expr: Expr, component: Component) -> int:
+    """An array size with every integer parameter at the value 3, enough to tell `each i in 2..n` from `1..n`."""
+    number = constant(expr)
+    if number is not None:
+        return int(number)
+    if isinstance(expr, Name) and expr.text in component.parameters:
+        return 3
+    left, right = getattr(expr, "left", None), getattr(expr, "right", None)
+    if left is None or right is None:
+        return 3
+    a, b = _integer(left, component), _integer(right, component)
+    return {"+": a + b, "-": a - b, "*": a * b}.get(expr.op, 3)  # type: ignore[union-attr]
+
+

@@ -1,0 +1,357 @@
+"""The component library: YAML files to components, and where a name is looked up."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping as Dictionary
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+from heavebond import reading
+from heavebond.definition import (
+    Body,
+    Component,
+    Domain,
+    EquationLine,
+    Formula,
+    Member,
+    Parameter,
+    Port,
+    SignalPort,
+    Value,
+    Variable,
+)
+from heavebond.errors import ModelError, Place, Problem, Problems, suggest
+from heavebond.expression import Expr, constant, parse_equation, parse_formula
+from heavebond.source import Mapping, Node, Scalar, Source, read, read_text
+from heavebond.units import DIMENSIONLESS, ONE, Unit, UnitProblem, check_unit, generic_unit, is_generic
+
+COMPONENT_KEYS = (
+    "component", "summary", "restrictions", "source", "ports", "parameters", "variables", "equations", "components",
+    "nodes", "stores", "dissipates", "unbalanced", "power", "requires", "effect", "domain", "symbol")
+_HEAD = re.compile(r"^component:[ \t]*([A-Za-z_]\w*)", re.MULTILINE)
+_EACH = re.compile(r"each\s+([A-Za-z_]\w*)\s+in\s+(.+?)\.\.(.+?):\s*")
+
+
+def bundled(folder: str) -> Path:
+    """Where `components` and `models` lie: inside an installed package, beside it in a working copy."""
+    inside = Path(__file__).parent / folder
+    return inside if inside.is_dir() else Path(__file__).parent.parent / folder
+
+
+@dataclass(frozen=True)
+class Library:
+    """Domains and the files in which each component is found; the user's own folders come first."""
+
+    domains: dict[str, Domain]
+    files: dict[str, Path]
+
+    def names(self) -> list[str]:
+        """Every component that can be named, in the order of their files."""
+        return list(self.files)
+
+    def component(self, name: str, place: Place | None = None) -> Component:
+        """The component called `name`; ModelError with near names where there is none."""
+        if name not in self.files:
+            hint = suggest(name, self.files) or "`heavebond library` lists every component."
+            raise ModelError([Problem("component-unknown", f"there is no component '{name}'", place, hint)])
+        return _load(self.files[name], tuple(self.domains.values()))
+
+
+def library(folders: Iterable[Path] = ()) -> Library:
+    """The bundled library with the components of the user's `folders` (each with its `components/`) before it."""
+    files: dict[str, Path] = {}
+    for folder in folders:
+        for path in (*sorted(folder.glob("*.yaml")), *sorted((folder / "components").rglob("*.yaml"))):
+            _index(path, files)
+    for name, path in _bundled_files().items():
+        files.setdefault(name, path)
+    return Library(_domains(), files)
+
+
+@lru_cache(maxsize=1)
+def _bundled_files() -> Dictionary[str, Path]:
+    files: dict[str, Path] = {}
+    for path in sorted(bundled("components").rglob("*.yaml")):
+        _index(path, files)
+    return files
+
+
+def _index(path: Path, files: dict[str, Path]) -> None:
+    try:
+        found = _HEAD.search(read_text(path))
+    except ModelError:
+        return  # an unreadable neighbour is no fault of the diagram that is being loaded
+    if found:
+        files.setdefault(found.group(1), path)
+
+
+@lru_cache(maxsize=1)
+def _domains() -> dict[str, Domain]:
+    source = read(bundled("components") / "domains.yaml")
+    problems = Problems()
+    domains = {}
+    for name, node in source.root.items.items():
+        entry = reading.mapping(node, name, problems)
+        if entry is not None and name != "signal":
+            domains[name] = _domain(name, entry, problems)
+    problems.raise_as(ModelError)
+    return domains
+
+
+def _domain(name: str, node: Mapping, problems: Problems) -> Domain:
+    keys = ("effort", "flow", "across", "through", "position", "power", "members", "doc")
+    reading.known_keys(node, keys, f"domain '{name}'", problems, required=("across", "through", "members"))
+    members = {}
+    entries = reading.mapping(node.items.get("members"), "members", problems)
+    for key, item in (entries.items if entries else {}).items():
+        entry = reading.mapping(item, key, problems)
+        if entry is None:
+            continue
+        unit = _unit(entry.items.get("unit"), problems)
+        nominal = reading.value(entry.items.get("nominal", Scalar("1", entry.place)), "nominal", problems)
+        size = constant(nominal.expr) if nominal is not None else None
+        members[key] = Member(key, unit, size or 1.0, reading.text(entry.items.get("doc"), "doc", problems))
+
+    def listed(key: str) -> tuple[str, ...]:
+        return tuple(s.text for s in reading.words(node.items.get(key), key, problems))
+
+    def single(key: str) -> str | None:
+        return reading.text(node.items.get(key), key, problems) or None
+
+    return Domain(name, members, listed("across"), listed("through"), single("effort"), single("flow"),
+                  single("position"), single("power"))
+
+
+@lru_cache(maxsize=1024)
+def _load_cached(path: Path, stamp: tuple[int, int], domains: tuple[str, ...]) -> Component:
+    return parse_component(read(path), _domains())
+
+
+def _load(path: Path, domains: tuple[Domain, ...]) -> Component:
+    status = path.stat()
+    return _load_cached(path, (status.st_mtime_ns, status.st_size), tuple(d.name for d in domains))
+
+
+def parse_component(source: Source, domains: Dictionary[str, Domain]) -> Component:
+    """A component file as a value; ModelError with all problems of form (the three laws are checked apart)."""
+    problems = Problems()
+    component = _Parser(source, domains, problems).component()
+    problems.raise_as(ModelError)
+    return component
+
+
+@dataclass
+class _Parser:
+    source: Source
+    domains: Dictionary[str, Domain]
+    problems: Problems
+
+    def component(self) -> Component:
+        root, problems = self.source.root, self.problems
+        what = f"component '{reading.text(root.items.get('component'), 'component', problems)}'"
+        reading.known_keys(root, COMPONENT_KEYS, what, problems, required=("component", "summary"))
+        name = root.items.get("component")
+        place = name.place if isinstance(name, Scalar) else root.place
+        ports, signals = self._ports(root.items.get("ports"))
+        unbalanced, why = self._unbalanced(root.items.get("unbalanced"))
+        return Component(
+            name=reading.text(name, "component", problems),
+            summary=reading.text(root.items.get("summary"), "summary", problems),
+            place=place, path=self.source.path, ports=ports, signals=signals,
+            parameters=self._each(root.items.get("parameters"), "parameters", self._parameter),
+            variables=self._each(root.items.get("variables"), "variables", self._variable),
+            equations=self._equations(root.items.get("equations")),
+            body=reading.body(root, self.source, problems) if "components" in root.items else Body(),
+            stores=self._formula(root, "stores"), dissipates=self._formula(root, "dissipates"),
+            unbalanced=unbalanced, unbalanced_why=why,
+            power=reading.text(root.items.get("power"), "power", problems),
+            requires=self._requires(root.items.get("requires")),
+            restrictions=reading.text(root.items.get("restrictions"), "restrictions", problems),
+            source=reading.text(root.items.get("source"), "source", problems),
+        )
+
+    def _each(self, node: Node | None, what: str, build):  # type: ignore[no-untyped-def]
+        entries = reading.mapping(node, what, self.problems)
+        found = {}
+        for name, item in (entries.items if entries else {}).items():
+            key = entries.keys[name] if entries else None
+            if key is None or not reading.identifier(key, what, self.problems):
+                continue
+            entry = reading.mapping(item, f"'{name}'", self.problems)
+            if entry is not None:
+                found[name] = build(key, entry)
+        return found
+
+    def _ports(self, node: Node | None) -> tuple[dict[str, Port], dict[str, SignalPort]]:
+        ports: dict[str, Port] = {}
+        signals: dict[str, SignalPort] = {}
+        entries = reading.mapping(node, "ports", self.problems)
+        for name, item in (entries.items if entries else {}).items():
+            key = entries.keys[name] if entries else None
+            if key is None or not reading.identifier(key, "a port", self.problems):
+                continue
+            if isinstance(item, Scalar):
+                self._port(ports, key, item.text, item.place, None)
+            elif isinstance(item, Mapping) and "signal" in item.items:
+                signals[name] = self._signal(key, item)
+            elif isinstance(item, Mapping):
+                reading.known_keys(item, ("domain", "doc", "count"), f"port '{name}'", self.problems, ("domain",))
+                domain = item.items.get("domain", key)
+                self._port(ports, key, reading.text(domain, "domain", self.problems), domain.place, item)
+        return ports, signals
+
+    def _port(self, ports: dict[str, Port], key: Scalar, domain: str, place: Place, entry: Mapping | None) -> None:
+        if domain not in self.domains and not domain.startswith("$"):
+            self.problems.add("domain-unknown", f"there is no domain '{domain}'", place,
+                              hint=suggest(domain, self.domains) or f"Known: {', '.join(self.domains)}.")
+            return
+        count: Expr | None = None
+        doc = ""
+        if entry is not None:
+            doc = reading.text(entry.items.get("doc"), "doc", self.problems)
+            counted = entry.items.get("count")
+            if isinstance(counted, Scalar):
+                count = reading.parsed(lambda t: parse_formula(t, units=False), counted.text, counted.place,
+                                       self.problems)
+        ports[key.text] = Port(key.text, domain, key.place, doc, count)
+
+    def _signal(self, key: Scalar, node: Mapping) -> SignalPort:
+        reading.known_keys(node, ("signal", "unit", "doc"), f"signal '{key.text}'", self.problems, ("unit",))
+        direction = reading.text(node.items.get("signal"), "signal", self.problems)
+        if direction not in ("in", "out"):
+            self.problems.add("signal-direction", f"'{direction}' is no direction of a signal",
+                              node.items["signal"].place, hint="Write `signal: in` or `signal: out`.")
+        return SignalPort(key.text, direction, _unit(node.items.get("unit"), self.problems), key.place,
+                          reading.text(node.items.get("doc"), "doc", self.problems))
+
+    def _parameter(self, key: Scalar, node: Mapping) -> Parameter:
+        keys = ("unit", "doc", "min", "max", "default", "neutral", "integer", "wakes_with")
+        integer = "integer" in node.items
+        reading.known_keys(node, keys, f"parameter '{key.text}'", self.problems, () if integer else ("unit",))
+        unit = DIMENSIONLESS if integer else _unit(node.items.get("unit"), self.problems)
+        default_node = node.items.get("default")
+        default: Value | None = None
+        if default_node is not None:
+            default = reading.value(default_node, f"default of {key.text}", self.problems)
+            if default is not None and not default.formula and not is_generic(unit.dimension):
+                _bound(default_node, unit, f"default of {key.text}", self.problems)
+        return Parameter(
+            key.text, unit, key.place, reading.text(node.items.get("doc"), "doc", self.problems),
+            _bound(node.items.get("min"), unit, "min", self.problems),
+            _bound(node.items.get("max"), unit, "max", self.problems), default,
+            _bound(node.items.get("neutral"), unit, "neutral", self.problems), integer)
+
+    def _variable(self, key: Scalar, node: Mapping) -> Variable:
+        reading.known_keys(node, ("unit", "doc", "min", "max", "start"), f"variable '{key.text}'", self.problems,
+                           ("unit",))
+        unit = _unit(node.items.get("unit"), self.problems)
+        return Variable(key.text, unit, key.place, reading.text(node.items.get("doc"), "doc", self.problems),
+                        _bound(node.items.get("min"), unit, "min", self.problems),
+                        _bound(node.items.get("max"), unit, "max", self.problems),
+                        _bound(node.items.get("start"), unit, "start", self.problems))
+
+    def _equations(self, node: Node | None) -> tuple[EquationLine, ...]:
+        if node is None:
+            return ()
+        if not isinstance(node, Scalar):
+            self.problems.add("not-text", f"equations are {node.kind}; text is expected", node.place,
+                              hint="Write `equations: |` and one equation a line below it.")
+            return ()
+        found = []
+        for line in _joined(node.lines()):
+            content, _, label = line.text.partition("#")
+            if content.strip():
+                equation = self._equation(content.rstrip(), label.strip(), line.place)
+                if equation is not None:
+                    found.append(equation)
+        return tuple(found)
+
+    def _equation(self, content: str, label: str, place: Place) -> EquationLine | None:
+        each = None
+        head = _EACH.match(content)
+        begin = place
+        if head:
+            low, high = (reading.parsed(lambda t: parse_formula(t, units=False), head.group(k),
+                                        place.moved(head.start(k)), self.problems) for k in (2, 3))
+            if low is None or high is None:
+                return None
+            each = (head.group(1), low, high)
+            content, begin = content[head.end():], place.moved(head.end())
+        tree = reading.parsed(parse_equation, content, begin, self.problems)
+        if tree is None:
+            return None
+        # the place is where the tree's columns count from; it covers the whole equation
+        return EquationLine(tree, content, label, begin.moved(0, len(content)), each)
+
+    def _formula(self, root: Mapping, key: str) -> Formula | None:
+        node = root.items.get(key)
+        return reading.formula_of(node, key, self.problems) if node is not None else None
+
+    def _unbalanced(self, node: Node | None) -> tuple[Formula | None, str]:
+        if node is None:
+            return None, ""
+        entry = reading.mapping(node, "unbalanced", self.problems)
+        if entry is None:
+            return None, ""
+        reading.known_keys(entry, ("power", "why"), "unbalanced", self.problems, ("power", "why"))
+        return self._formula(entry, "power"), reading.text(entry.items.get("why"), "why", self.problems)
+
+    def _requires(self, node: Node | None) -> tuple[Formula, ...]:
+        found = [reading.formula_of(word, "requires", self.problems)
+                 for word in reading.words(node, "requires", self.problems)]
+        return tuple(f for f in found if f is not None)
+
+
+def _joined(lines: list[Scalar]) -> list[Scalar]:
+    """Lines with an open parenthesis are continued by the next one (its indentation kept as one space)."""
+    joined: list[Scalar] = []
+    for line in lines:
+        previous = joined[-1] if joined else None
+        if previous is not None and _open(previous.text):
+            head, _, comment = previous.text.partition("#")
+            tail, _, more = line.text.partition("#")
+            content = f"{head.rstrip()} {tail.strip()}"
+            label = comment.strip() or more.strip()
+            joined[-1] = Scalar(content + (f"  # {label}" if label else ""), previous.place)
+        else:
+            joined.append(line)
+    return joined
+
+
+def _open(line: str) -> bool:
+    content = line.partition("#")[0]
+    return content.count("(") > content.count(")")
+
+
+def _unit(node: Node | None, problems: Problems) -> Unit:
+    if not isinstance(node, Scalar):
+        return DIMENSIONLESS
+    try:
+        return generic_unit(node.text)
+    except UnitProblem as problem:
+        problems.add(problem.code, problem.message, node.place, hint=problem.hint)
+        return DIMENSIONLESS
+
+
+def _bound(node: Node | None, unit: Unit, what: str, problems: Problems) -> float | None:
+    """A bound or default in SI; its unit may be left out where the declared one is dimensionless or it is 0."""
+    if node is None:
+        return None
+    found = reading.value(node, what, problems)
+    if found is None:
+        return None
+    number = constant(found.expr)
+    if number is None:
+        problems.add("not-a-quantity", f"{what} must be a plain quantity", found.place)
+        return None
+    given = getattr(found.expr, "unit", None)
+    if is_generic(unit.dimension) and given is None:
+        return number
+    try:
+        if unit.dimension != ONE or given is not None:
+            check_unit(given, unit, number, found.text)
+    except UnitProblem as problem:
+        problems.add(problem.code, f"{what}: {problem.message}", found.place, hint=problem.hint)
+    return number

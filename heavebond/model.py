@@ -1,0 +1,340 @@
+"""A diagram as a value: read from its file, derived from another by `extends`, changed by functions that return a new one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping as Dictionary
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from heavebond import reading
+from heavebond.definition import Body, End, FileInput, Instance, Value, Wire
+from heavebond.errors import ModelError, Place, Problem, Problems, UsageError, suggest
+from heavebond.expression import Expr, parse_formula
+from heavebond.library import Library, bundled, library
+from heavebond.source import Mapping, Node, Scalar, Source, parse, read
+
+MODEL_KEYS = ("model", "summary", "extends", "parameters", "components", "nodes", "set", "remove", "initial", "show",
+              "simulate", "source", "notes")
+STARTS = ("steady", "rest")
+
+
+@dataclass(frozen=True)
+class Condition:
+    """A value asked for at the start; a guess may move."""
+
+    name: str
+    value: Value
+    guess: bool
+    place: Place
+
+
+@dataclass(frozen=True)
+class Initial:
+    """What is asked of the start: a mode (steady, rest or none), conditions and guesses, parameters to solve for."""
+
+    mode: str | None = None
+    conditions: dict[str, Condition] = field(default_factory=dict)
+    solve: dict[str, Place] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A named output: a formula of the diagram's variables and the unit in which it is shown."""
+
+    name: str
+    expr: Expr
+    text: str
+    unit: str
+    place: Place
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A value set on a dotted path (`cmc.gas.p_0`)."""
+
+    path: str
+    value: Value | FileInput
+    place: Place
+
+
+@dataclass(frozen=True)
+class Model:
+    """A diagram in full: everything that its file and the files that it extends say."""
+
+    name: str
+    summary: str
+    path: Path
+    library: Library
+    parameters: dict[str, Value] = field(default_factory=dict)
+    body: Body = field(default_factory=Body)
+    settings: dict[str, Setting] = field(default_factory=dict)
+    initial: Initial = field(default_factory=Initial)
+    show: dict[str, Shown] = field(default_factory=dict)
+    until: Value | None = None
+    every: Value | None = None
+    files: tuple[Path, ...] = ()
+
+    def with_parameters(self, values: Dictionary[str, float | str]) -> Model:
+        """A model with other values: `{"gas.c": "40 kN/m"}`, or a plain number in the parameter's base unit."""
+        settings = dict(self.settings)
+        for path, given in values.items():
+            settings[path] = Setting(path, _python_value(path, given), Place("with_parameters", 1, 1, f"{path}: {given}"))
+        return replace(self, settings=settings)
+
+    def with_component(self, name: str, kind: str, wires: Dictionary[str, str],
+                       settings: Dictionary[str, float | str] | None = None) -> Model:
+        """A model with one more component: `wires` maps each of its ports to the node that it joins.
+
+        The same as a diagram that extends this one with `components:` and `nodes:`.
+        """
+        place = Place("with_component", 1, 1, f"{name}: {{is: {kind}}}")
+        if name in self.body.instances:
+            raise ModelError([Problem("name-twice", f"there is already a component '{name}'", place)])
+        values: dict[str, Value | FileInput] = {k: _python_value(k, v) for k, v in (settings or {}).items()}
+        instances = {**self.body.instances, name: Instance(name, kind, place, place, values)}
+        joined = dict(self.body.wires)
+        for port, node in wires.items():
+            end = End(f"{name}.{port}", place)
+            old = joined.get(node)
+            joined[node] = replace(old, ends=(*old.ends, end)) if old else Wire(node, (end,), place)
+        return replace(self, body=Body(instances, joined))
+
+
+def _python_value(path: str, given: float | str) -> Value:
+    text = repr(float(given)) if isinstance(given, (int, float)) else str(given)
+    place = Place(f"value of {path}", 1, 1, text)
+    problems = Problems()
+    found = reading.value(Scalar(text, place), path, problems)
+    problems.raise_as(UsageError)
+    assert found is not None
+    # a plain Python number is in the parameter's own base unit, which only the parameter knows
+    return replace(found, si=True) if isinstance(given, (int, float)) else found
+
+
+def load(name: str | Path) -> Model:
+    """Load a diagram: the path of a file, or the name of a bundled one (`cmc_ahc`, `cmc_ahc/passive`)."""
+    return _load(find(name), ())
+
+
+def loads(text: str, folder: Path | str = ".") -> Model:
+    """Load a diagram from a text; files and components that it names are looked up in `folder`."""
+    return from_source(parse(text, Path(folder) / "text.yaml", "text"), ())
+
+
+def find(name: str | Path, head: str = "model") -> Path:
+    """The file that `name` means; UsageError with near names where there is none."""
+    path = Path(name)
+    if path.suffix in (".yaml", ".yml"):
+        if path.is_file():
+            return path
+        inside = bundled("models") / path
+        if inside.is_file():
+            return inside
+    else:
+        root = bundled("models")
+        for candidate in (root / path / f"{path.name}.yaml", root / path.parent / f"{path.name}.yaml"):
+            if candidate.is_file():
+                return candidate
+    known = [m.parent.name if m.stem == m.parent.name else f"{m.parent.name}/{m.stem}"
+             for m in sorted(bundled("models").glob("*/*.yaml"))]
+    here = [str(p) for p in sorted(Path.cwd().glob("*.yaml"))[:50]]
+    hint = suggest(str(name), [*known, *here, *(Path(p).name for p in here)])
+    raise UsageError([Problem("file-missing", f"there is no {head} '{name}'", None,
+                              hint or "Give the path of a YAML file, or a bundled name: "
+                              + ", ".join(k for k in known if "/" not in k) + ".")])
+
+
+def _load(path: Path, chain: tuple[Path, ...]) -> Model:
+    return from_source(read(path), chain)
+
+
+def from_source(source: Source, chain: tuple[Path, ...] = ()) -> Model:
+    """A diagram from its source; `chain` holds the files that led here through `extends`."""
+    problems = Problems()
+    root = source.root
+    if "model" not in root.items or "experiment" in root.items:
+        kind = next((k for k in ("component", "experiment", "study") if k in root.items), None)
+        hint = f"This file describes {'an' if kind == 'experiment' else 'a'} {kind}." if kind else \
+            suggest("model", root.items) or "A diagram begins with `model: name`."
+        raise ModelError([Problem("not-a-model", f"{source.name} is no diagram", root.place, hint)])
+    reading.known_keys(root, MODEL_KEYS, "a diagram", problems)
+    base = _base(source, chain, problems)
+    problems.raise_as(ModelError)
+    model = _changed(base, source, problems)
+    problems.raise_as(ModelError)
+    return model
+
+
+def _base(source: Source, chain: tuple[Path, ...], problems: Problems) -> Model:
+    node = source.root.items.get("extends")
+    here = source.path.resolve()
+    if node is None:
+        folder = source.path.parent
+        return Model("", "", source.path, library([folder]))
+    target = source.path.parent / reading.text(node, "extends", problems)
+    if here in chain or target.resolve() in (*chain, here):
+        raise ModelError([Problem("extends-circle", f"{source.name} extends itself", node.place)])
+    if not target.is_file():
+        near = [p.name for p in sorted(target.parent.glob("*.yaml"))] if target.parent.is_dir() else []
+        raise ModelError([Problem("file-missing", f"there is no file {target}", node.place,
+                                  suggest(target.name, near))])
+    base = _load(target, (*chain, here))
+    if target.parent.resolve() != source.path.parent.resolve():
+        base = replace(base, library=_joined_library(source.path.parent, base.library))
+    return base
+
+
+def _joined_library(folder: Path, inherited: Library) -> Library:
+    own = library([folder])
+    local = {n: p for n, p in own.files.items() if folder.resolve() in p.resolve().parents}
+    return Library(inherited.domains, {**inherited.files, **local})
+
+
+def _changed(base: Model, source: Source, problems: Problems) -> Model:
+    root = source.root
+    body = reading.body(root, source, problems)
+    instances = {**base.body.instances, **body.instances}
+    wires = _wires(base.body.wires, body.wires, extends="extends" in root.items, problems=problems)
+    for word in reading.words(root.items.get("remove"), "remove", problems):
+        if word.text not in instances:
+            problems.add("remove-unknown", f"there is no component '{word.text}' to remove", word.place,
+                         hint=suggest(word.text, instances))
+            continue
+        del instances[word.text]
+        wires = {n: replace(w, ends=tuple(e for e in w.ends if e.path.split(".")[0] != word.text))
+                 for n, w in wires.items()}
+        wires = {n: w for n, w in wires.items() if w.ends}
+    parameters = {**base.parameters, **_values(root.items.get("parameters"), "parameters", problems)}
+    until, every = _simulate(root.items.get("simulate"), base, problems)
+    return replace(
+        base, name=reading.text(root.items["model"], "model", problems), path=source.path,
+        summary=reading.text(root.items.get("summary"), "summary", problems) or base.summary,
+        parameters=parameters, body=Body(instances, wires),
+        settings={**base.settings, **_settings(root.items.get("set"), source, problems)},
+        initial=_initial(root.items.get("initial"), base.initial, problems),
+        show={**base.show, **_show(root.items.get("show"), problems)},
+        until=until, every=every, files=(*base.files, source.path))
+
+
+def _values(node: Node | None, what: str, problems: Problems) -> dict[str, Value]:
+    entries = reading.mapping(node, what, problems)
+    found = {}
+    for name, item in (entries.items if entries else {}).items():
+        if entries and reading.identifier(entries.keys[name], "a parameter", problems):
+            value = reading.value(item, name, problems)
+            if value is not None:
+                found[name] = value
+    return found
+
+
+def _wires(old: dict[str, Wire], new: dict[str, Wire], *, extends: bool, problems: Problems) -> dict[str, Wire]:
+    wires = dict(old)
+    for name, wire in new.items():
+        before = wires.get(name)
+        plain = [e for e in wire.ends if e.path[:1] not in "+-"]
+        if before is not None and plain:
+            problems.add("node-exists", f"node '{name}' stands in the diagram that this one extends", plain[0].place,
+                         hint=f"Write `+{plain[0].path}` to join a port to it, `-{plain[0].path}` to take one away.")
+            continue
+        if not extends and len(plain) < len(wire.ends):
+            signed = next(e for e in wire.ends if e.path[:1] in "+-")
+            if "." not in name:
+                problems.add("node-sign", f"'{signed.path}' adds to a node, but this diagram extends no other",
+                             signed.place, hint=f"Write `{signed.path[1:]}`.")
+                continue
+        ends = list(before.ends) if before else []
+        for end in wire.ends:
+            _change_ends(ends, end, name, problems)
+        wires[name] = Wire(name, tuple(ends), before.place if before else wire.place)
+    return {name: wire for name, wire in wires.items() if wire.ends or name in new}
+
+
+def _change_ends(ends: list[End], end: End, node: str, problems: Problems) -> None:
+    if end.path.startswith("-"):
+        kept = [e for e in ends if e.path != end.path[1:]]
+        if len(kept) == len(ends):
+            problems.add("node-end-unknown", f"'{end.path[1:]}' is not on node '{node}'", end.place,
+                         hint=suggest(end.path[1:], [e.path for e in ends]))
+        ends[:] = kept
+    else:
+        ends.append(End(end.path.removeprefix("+"), end.place))
+
+
+def _settings(node: Node | None, source: Source, problems: Problems) -> dict[str, Setting]:
+    entries = reading.mapping(node, "set", problems)
+    found = {}
+    for path, item in (entries.items if entries else {}).items():
+        if isinstance(item, Mapping):
+            record = reading.file_input(item, source, problems)
+            if record is not None and entries:
+                found[path] = Setting(path, record, entries.keys[path].place)
+        elif (value := reading.value(item, path, problems)) is not None and entries:
+            found[path] = Setting(path, value, entries.keys[path].place)
+    return found
+
+
+def _initial(node: Node | None, base: Initial, problems: Problems) -> Initial:
+    entries = reading.mapping(node, "initial", problems)
+    if entries is None:
+        return base
+    mode, conditions, solve = base.mode, dict(base.conditions), dict(base.solve)
+    for name, item in entries.items.items():
+        key = entries.keys[name]
+        if name == "start":
+            mode = reading.text(item, "start", problems)
+            if mode not in STARTS:
+                problems.add("start-unknown", f"'{mode}' is no way to start", item.place,
+                             hint=suggest(mode, STARTS) or "Write `start: steady` or `start: rest`.")
+        elif name == "solve":
+            solve = {word.text: word.place for word in reading.words(item, "solve", problems)}
+        elif (condition := _condition(name, item, key, problems)) is not None:
+            conditions[name] = condition
+    return Initial(mode, conditions, solve)
+
+
+def _condition(name: str, item: Node, key: Scalar, problems: Problems) -> Condition | None:
+    if isinstance(item, Scalar) and item.text.lstrip().startswith("~"):
+        skipped = item.text.index("~") + 1
+        inner = Scalar(item.text[skipped:].strip(), item.place.moved(skipped, len(item.text) - skipped), item.quoted)
+        value = reading.value(inner, name, problems)
+        return Condition(name, value, True, key.place) if value else None
+    value = reading.value(item, name, problems)
+    return Condition(name, value, False, key.place) if value else None
+
+
+def _show(node: Node | None, problems: Problems) -> dict[str, Shown]:
+    entries = reading.mapping(node, "show", problems)
+    found = {}
+    for name, item in (entries.items if entries else {}).items():
+        key = entries.keys[name] if entries else None
+        shown = shown_as(name, item, key, problems) if key else None
+        if shown is not None:
+            found[name] = shown
+    return found
+
+
+def shown_as(name: str, item: Node, key: Scalar, problems: Problems, extra: tuple[str, ...] = ()) -> Shown | None:
+    """`pull: {is: spring.F, unit: kN}`; without `is` the key itself is the formula."""
+    entry = reading.mapping(item, f"'{name}'", problems)
+    if entry is None:
+        return None
+    reading.known_keys(entry, ("is", "unit", *extra), f"'{name}'", problems, required=("unit",))
+    unit = entry.items.get("unit")
+    if isinstance(unit, Scalar):
+        reading.unit_text(unit, problems)
+    formula = entry.items.get("is")
+    content, place = (formula.text, formula.place) if isinstance(formula, Scalar) else (name, key.place)
+    content, place = (content[1:], place.moved(1)) if content.startswith("=") else (content, place)
+    tree = reading.parsed(parse_formula, content, place, problems)
+    if tree is None:
+        return None
+    return Shown(name, tree, content, reading.text(unit, "unit", problems, "1"), place)
+
+
+def _simulate(node: Node | None, base: Model, problems: Problems) -> tuple[Value | None, Value | None]:
+    entries = reading.mapping(node, "simulate", problems)
+    if entries is None:
+        return base.until, base.every
+    reading.known_keys(entries, ("until", "every"), "simulate", problems)
+    read_values = {name: reading.value(item, name, problems) for name, item in entries.items.items()}
+    return read_values.get("until") or base.until, read_values.get("every") or base.every

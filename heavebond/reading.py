@@ -1,0 +1,234 @@
+"""From a tree of marked text to values: the checks that every kind of file shares."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable
+from typing import TypeVar
+
+from heavebond.definition import Body, End, FileInput, Formula, Instance, Value, Wire
+from heavebond.errors import Place, Problems, suggest
+from heavebond.expression import Equation, Expr, ExpressionProblem, Number, names, parse_formula
+from heavebond.source import Mapping, Node, Scalar, Sequence, Source
+from heavebond.units import UnitProblem, parse_quantity, read_unit
+
+T = TypeVar("T", Expr, Equation)
+IDENTIFIER = re.compile(r"[A-Za-z_]\w*")
+BETWEEN = ("spline", "linear", "hold")
+
+
+def known_keys(node: Mapping, allowed: Iterable[str], what: str, problems: Problems,
+               required: Iterable[str] = ()) -> None:
+    """Every key is one that `what` understands, and none of the required ones is missing."""
+    allowed = list(allowed)
+    for name, key in node.keys.items():
+        if name not in allowed:
+            problems.add("key-unknown", f"{what} has no entry '{name}'", key.place,
+                         hint=suggest(name, allowed) or f"Known: {', '.join(allowed)}.")
+    for name in required:
+        if name not in node.items:
+            problems.add("key-missing", f"{what} needs the entry '{name}'", node.place, hint=f"Add `{name}: ...`.")
+
+
+def mapping(node: Node | None, what: str, problems: Problems) -> Mapping | None:
+    """The node as a mapping; a problem and None where it is something else."""
+    if node is None or isinstance(node, Mapping):
+        return node
+    problems.add("not-a-mapping", f"{what} is {node.kind}; `key: value` entries are expected", node.place)
+    return None
+
+
+def text(node: Node | None, what: str, problems: Problems, default: str = "") -> str:
+    """The node as plain text."""
+    if node is None:
+        return default
+    if isinstance(node, Scalar):
+        return " ".join(node.text.split())
+    problems.add("not-text", f"{what} is {node.kind}; text is expected", node.place)
+    return default
+
+
+def words(node: Node | None, what: str, problems: Problems) -> list[Scalar]:
+    """The node as a list of texts; one text alone counts as a list of one."""
+    if node is None:
+        return []
+    items = node.items if isinstance(node, Sequence) else (node,)
+    scalars = []
+    for item in items:
+        if isinstance(item, Scalar):
+            scalars.append(item)
+        else:
+            problems.add("not-text", f"{what} holds {item.kind}; text is expected", item.place)
+    return scalars
+
+
+def identifier(key: Scalar, what: str, problems: Problems) -> bool:
+    """The key is a name: letters, digits and underscores."""
+    if IDENTIFIER.fullmatch(key.text):
+        return True
+    problems.add("name-bad", f"'{key.text}' cannot name {what}", key.place,
+                 hint="A name has letters, digits and `_`, and begins with a letter.")
+    return False
+
+
+def parsed(parser: Callable[[str], T], content: str, place: Place, problems: Problems) -> T | None:
+    """Run a parser of expressions; its complaint becomes a problem with the caret at the right sign."""
+    try:
+        return parser(content)
+    except ExpressionProblem as problem:
+        add_expression_problem(problem, place, problems)
+    except RecursionError:
+        problems.add("formula-too-deep", "this formula is nested too deeply", place)
+    return None
+
+
+def add_expression_problem(problem: ExpressionProblem, place: Place, problems: Problems) -> None:
+    """Note what is wrong with an expression that begins at `place`."""
+    problems.add(problem.code, problem.message, place.moved(problem.column, problem.length), hint=problem.hint)
+
+
+def value(node: Node, what: str, problems: Problems) -> Value | None:
+    """A quantity (`42 kN/m`), arithmetic of quantities (`2 * 460 L/min`), or a formula (`=m_cart`)."""
+    if not isinstance(node, Scalar):
+        problems.add("not-a-value", f"{what} is {node.kind}; a quantity is expected", node.place,
+                     hint="Write for example `42 kN/m`, or a formula that begins with `=`.")
+        return None
+    content = node.text.strip()
+    start = node.place.moved(1 if node.quoted else 0, len(content))
+    if content.startswith("="):
+        skipped = len(content) - len(content[1:].lstrip())
+        expr = parsed(parse_formula, content[skipped:], start.moved(skipped), problems)
+        return Value(expr, content, node.place, formula=True) if expr is not None else None
+    try:
+        number, unit = parse_quantity(content)
+        return Value(Number(number, unit, 0), content, node.place)
+    except UnitProblem as problem:
+        return _arithmetic(content, start, what, problem, problems)
+
+
+def _arithmetic(content: str, place: Place, what: str, problem: UnitProblem, problems: Problems) -> Value | None:
+    """Arithmetic of quantities; where that cannot be read either, the complaint about the quantity stands."""
+    try:
+        expr = parse_formula(content)
+    except (ExpressionProblem, RecursionError):
+        expr = None
+    if expr is None or problem.code not in ("not-a-quantity", "unit-space"):
+        problems.add(problem.code, f"{what}: {problem.message}", place, hint=problem.hint)
+        return None
+    used = [n.text for n in names(expr)]
+    if used and used != ["pi"]:
+        problems.add("formula-unmarked", f"{what}: '{content}' is neither a quantity nor a formula", place,
+                     hint=f"A formula begins with `=`: `={content}`.")
+        return None
+    return Value(expr, content, place)
+
+
+def file_input(node: Mapping, source: Source, problems: Problems, *, file: bool = True) -> FileInput | None:
+    """`{file: heave.csv, column: z, unit: m, between: spline}`; the file is beside the file that names it."""
+    known_keys(node, ["file", "column", "unit", "between", "time"], "an input from a record", problems,
+               required=[*(["file"] if file else []), "column", "unit", "between"])
+    between = node.items.get("between")
+    if isinstance(between, Scalar) and between.text not in BETWEEN:
+        problems.add("between-unknown", f"'{between.text}' is no way to go between samples", between.place,
+                     hint=suggest(between.text, BETWEEN) or "Write spline, linear or hold.")
+        return None
+    unit = node.items.get("unit")
+    if isinstance(unit, Scalar):
+        unit_text(unit, problems)
+    if any(name not in node.items for name in ("column", "unit", "between")):
+        return None
+    entry = {name: text(item, name, problems) for name, item in node.items.items() if name != "time"}
+    time_node = node.items.get("time")
+    time_column, time_unit = time_axis(time_node, problems) if time_node is not None else (None, "s")
+    return FileInput(source.path.parent / entry.get("file", ""), entry["column"], entry["unit"], entry["between"],
+                     node.place, time_column, time_unit)
+
+
+def time_axis(node: Node, problems: Problems) -> tuple[str | None, str]:
+    """`{column: time_s, unit: s}`."""
+    entry = mapping(node, "time", problems)
+    if entry is None:
+        return None, "s"
+    known_keys(entry, ["column", "unit"], "time", problems, required=["column", "unit"])
+    unit = entry.items.get("unit")
+    if isinstance(unit, Scalar):
+        unit_text(unit, problems)
+    return text(entry.items.get("column"), "column", problems) or None, text(unit, "unit", problems, "s")
+
+
+def unit_text(node: Scalar, problems: Problems) -> str | None:
+    """A unit at the edge (any scale); None and a problem where it is unknown."""
+    try:
+        read_unit(node.text)
+    except UnitProblem as problem:
+        problems.add(problem.code, problem.message, node.place, hint=problem.hint)
+        return None
+    return node.text
+
+
+def formula_of(node: Node, what: str, problems: Problems) -> Formula | None:
+    """An expression of a component (names and plain numbers, no units)."""
+    if not isinstance(node, Scalar):
+        problems.add("not-text", f"{what} is {node.kind}; a formula is expected", node.place)
+        return None
+    place = node.place.moved(1 if node.quoted else 0, len(node.text))
+    tree = parsed(lambda t: parse_formula(t, units=False), node.text, place, problems)
+    return Formula(tree, node.text, place) if tree is not None else None
+
+
+def body(node: Mapping, source: Source, problems: Problems) -> Body:
+    """`components:` and `nodes:` of a diagram or a block."""
+    instances: dict[str, Instance] = {}
+    parts = mapping(node.items.get("components"), "components", problems)
+    for name, entry in (parts.items if parts else {}).items():
+        key = parts.keys[name] if parts else None
+        if key is not None and identifier(key, "a component", problems):
+            found = instance(key, entry, source, problems)
+            if found:
+                instances[name] = found
+    wires: dict[str, Wire] = {}
+    nodes = mapping(node.items.get("nodes"), "nodes", problems)
+    for name, entry in (nodes.items if nodes else {}).items():
+        key = nodes.keys[name] if nodes else None
+        ends = tuple(End(s.text, s.place) for s in words(entry, f"node '{name}'", problems))
+        if key is not None:
+            wires[name] = Wire(name, ends, key.place)
+    return Body(instances, wires)
+
+
+def instance(key: Scalar, node: Node, source: Source, problems: Problems) -> Instance | None:
+    """`spring: {is: Spring, c: 1.2 kN/m}`."""
+    entry = mapping(node, f"'{key.text}'", problems)
+    if entry is None:
+        return None
+    kind = entry.items.get("is")
+    if not isinstance(kind, Scalar):
+        problems.add("kind-missing", f"'{key.text}' does not say what it is", key.place,
+                     hint=f"Write `{key.text}: {{is: Spring, ...}}`.")
+        return None
+    settings: dict[str, Value | FileInput] = {}
+    at: tuple[float, ...] | None = None
+    repeat = None
+    for name, item in entry.items.items():
+        if name == "is":
+            continue
+        if name == "at":
+            at = _position(item, problems)
+        elif name == "repeat":
+            repeat = value(item, "repeat", problems)
+        elif isinstance(item, Mapping):
+            read = file_input(item, source, problems)
+            if read:
+                settings[name] = read
+        elif (number := value(item, f"{key.text}.{name}", problems)) is not None:
+            settings[name] = number
+    return Instance(key.text, kind.text, key.place, kind.place, settings, at, repeat)
+
+
+def _position(node: Node, problems: Problems) -> tuple[float, ...] | None:
+    numbers = [s.text for s in words(node, "at", problems)]
+    try:
+        return tuple(float(n) for n in numbers)
+    except ValueError:
+        problems.add("at-bad", "`at:` holds two numbers, the place in the drawing", node.place, hint="at: [3, 1]")
+        return None

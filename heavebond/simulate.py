@@ -1,0 +1,167 @@
+"""Integration by SUNDIALS IDAS through CasADi: grids, measured inputs, failures in the model's words."""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+import time as clock
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from heavebond.dae import Array, Assembly, Integrand, assemble, integrand
+from heavebond.definition import Value
+from heavebond.errors import Problem, UsageError
+from heavebond.expression import constant
+from heavebond.initialise import Start, start
+from heavebond.inputs import pieced
+from heavebond.model import Model
+from heavebond.result import Result
+from heavebond.units import UnitProblem, check_unit, parse_quantity, unit
+
+Time = float | str
+POINTS = 1000  # output points where nothing is said
+MOST_STEPS = 10_000_000
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """Error control of the integrator: relative, and absolute in each unknown's nominal size."""
+
+    rtol: float = 1e-8
+    atol: float = 1e-10
+
+
+def simulate(model: Model | Assembly, until: Time | None = None, *, every: Time | None = None,
+             parameters: Mapping[str, float | str] | None = None, also: Iterable[str] = (),
+             rtol: float = 1e-8, atol: float = 1e-10) -> Result:
+    """Run a diagram from 0 to `until` (seconds, or `"2 min"`), with an output point `every` so often.
+
+    Both default to what the diagram says under `simulate:`. `parameters` overrides values by name. Errors are
+    controlled to rtol and to atol times each unknown's nominal size. Raises StartError where no consistent start
+    exists and SimulationError where the integration fails; a given Assembly is not built anew.
+    """
+    assembly = model if isinstance(model, Assembly) else assemble(model, also)
+    return Simulator(assembly, until, every=every, tolerances=Tolerances(rtol, atol)).run(parameters)
+
+
+class Simulator:
+    """An integrator built once for one grid of output times, to be run with many parameter values."""
+
+    def __init__(self, assembly: Assembly, until: Time | None = None, *, every: Time | None = None,
+                 times: Array | None = None, tolerances: Tolerances | None = None,
+                 quadratures: ca.SX | None = None):
+        self.assembly = assembly
+        self.tolerances = tolerances or Tolerances()
+        self.time = grid(assembly.model, until, every) if times is None else np.asarray(times, float)
+        self.pieces = pieced(assembly.flat, float(self.time[0]), float(self.time[-1]))
+        self.integrand = integrand(assembly, quadratures)
+        self.stops = np.union1d(self.time, self.pieces.inner_breaks(self.time[0], self.time[-1]))
+        self.integrator = _integrator(self.integrand, self.stops, self.tolerances)
+
+    def run(self, parameters: Mapping[str, float | str] | None = None) -> Result:
+        """One run; `parameters` overrides values by name."""
+        assembly = self.assembly.with_parameters(parameters) if parameters else self.assembly
+        began = clock.perf_counter()
+        first = start(assembly, float(self.time[0]), self.pieces.at(np.array([self.time[0]]))[:, 0])
+        started = clock.perf_counter()
+        x, z, quadratures, statistics = self._integrate(assembly, first)
+        seconds = {"start": started - began, "integration": clock.perf_counter() - started}
+        keep = np.searchsorted(self.stops, self.time)
+        return Result(assembly, self.time, x[:, keep], z[:, keep], self.pieces.at(self.time), first.p, first,
+                      {"solver": "idas", "seconds": seconds, "start_steps": first.steps, **statistics,
+                       **({"quadratures": quadratures[:, keep]} if quadratures.size else {})})
+
+    def _integrate(self, assembly: Assembly, first: Start) -> tuple[Array, Array, Array, dict[str, object]]:
+        if len(self.stops) == 1:
+            return first.x[:, None], first.z[:, None], np.zeros((self.integrator.size1_out("qf"), 1)), {}
+        failed, said = "", ""
+        with _stderr() as heard:
+            try:
+                found = self.attempt(assembly, first)
+                failed = "" if np.all(np.isfinite(found[0])) else "a value became infinite or not a number"
+            except RuntimeError as error:
+                failed = str(error)
+        if failed:
+            said = "".join(heard)
+            from heavebond.failure import explain_failure
+
+            raise explain_failure(self, assembly, first, failed + "\n" + said)
+        return found
+
+    def attempt(self, assembly: Assembly, first: Start) -> tuple[Array, Array, Array, dict[str, object]]:
+        """x, z, quadratures at the stops and statistics; the integrator's own RuntimeError where it fails."""
+        x0, z0 = first.x / assembly.x_nominal, first.z / assembly.z_nominal
+        middle = (self.stops[:-1] + self.stops[1:]) / 2
+        found = self.integrator(x0=x0, z0=z0, p=self.integrand.hoist(first.p), u=self.pieces.at(middle))
+        n_q, n = self.integrator.size1_out("qf"), len(self.stops) - 1
+        x = np.column_stack([x0, np.array(found["xf"]).reshape(len(x0), n)]) * assembly.x_nominal[:, None]
+        z = np.column_stack([z0, np.array(found["zf"]).reshape(len(z0), n)]) * assembly.z_nominal[:, None]
+        q = np.column_stack([np.zeros(n_q), np.array(found["qf"]).reshape(n_q, n)])
+        statistics = {k: v for k, v in self.integrator.stats().items() if k in ("nsteps", "nfevals", "netfails")}
+        return x, z, q, statistics
+
+
+def _integrator(made: Integrand, stops: Array, tolerances: Tolerances) -> ca.Function:
+    options: dict[str, object] = {
+        "reltol": tolerances.rtol, "abstol": tolerances.atol, "max_num_steps": MOST_STEPS, "print_time": False,
+        # small models factorise fastest by sparse QR; large ones by CSparse
+        "linear_solver": "qr" if made.dae["x"].numel() + made.dae["z"].numel() < 100 else "csparse",
+        "suppress_algebraic": bool(made.dae["z"].numel()),
+    }
+    outputs = list(stops[1:]) if len(stops) > 1 else [stops[0] + 1.0]
+    return ca.integrator("run", "idas", made.dae, float(stops[0]), outputs, options)
+
+
+def grid(model: Model, until: Time | None, every: Time | None) -> Array:
+    """Output times from 0 to the end, the end included; UsageError where they make no sense."""
+    end = _seconds(until, "until") if until is not None else _from_model(model.until)
+    if end is None:
+        raise UsageError([Problem("until-missing", "it is not said how long to simulate", None,
+                                  "Give `--until '60 s'`, or `simulate: {until: 60 s}` in the diagram.")])
+    step = _seconds(every, "every") if every is not None else _from_model(model.every)
+    step = end / POINTS if step is None else step
+    if not end > 0 or not step > 0:
+        raise UsageError([Problem("time-not-positive", f"until ({end:g} s) and every ({step:g} s) must be above 0")])
+    number = int(np.floor(end / step * (1 + 1e-12)))
+    if number > 50_000_000:
+        raise UsageError([Problem("too-many-points", f"{number} output points are too many", None,
+                                  "Make `every` longer.")])
+    times = np.arange(number + 1) * step
+    return times if end - times[-1] < 1e-9 * end else np.append(times, end)
+
+
+def _seconds(given: Time, what: str) -> float:
+    if isinstance(given, (int, float)):
+        return float(given)
+    try:
+        number, read = parse_quantity(given)
+        check_unit(read, unit("s"), number, given)
+    except UnitProblem as problem:
+        raise UsageError([Problem(problem.code, f"{what}: {problem.message}", None, problem.hint)]) from None
+    return number
+
+
+def _from_model(value: Value | None) -> float | None:
+    return None if value is None else constant(value.expr)
+
+
+@contextmanager
+def _stderr() -> Iterator[list[str]]:
+    """Catch what SUNDIALS writes to the C stderr: the time and step at which it gave up are said only there."""
+    sys.stderr.flush()
+    kept = os.dup(2)
+    heard: list[str] = []
+    with tempfile.TemporaryFile() as file:
+        os.dup2(file.fileno(), 2)
+        try:
+            yield heard
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
+            file.seek(0)
+            heard.append(file.read().decode(errors="replace"))

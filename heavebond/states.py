@@ -1,0 +1,118 @@
+"""Which unknowns become states: the method of dummy derivatives with numerical pivoting."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from heavebond.expression import ExpressionProblem
+from heavebond.flatten import Flat, Resolver
+from heavebond.structure import components_of
+from heavebond.symbols import stack, uniform
+
+Column = tuple[int, int]  # (unknown, order of its derivative)
+# How much less a column is wanted as a dummy derivative, as a factor on its pivot: a state that the user gave an
+# initial value for is kept unless another choice is a thousand times better conditioned.
+PREFERENCE = {"position": 1e-2, "across": 1e-2, "signal": 1e-1, "own": 1e-1, "through": 1.0}
+ASKED = 1e-1
+
+
+def select_states(flat: Flat, order: Sequence[int], highest: Sequence[int], p: NDArray[np.float64]) -> list[Column]:
+    """The states (unknown, derivative order), given how often each equation is differentiated.
+
+    At each level, the differentiated equations H z = ... get as many of the highest derivatives z as they are, chosen
+    by QR with column pivoting on the numerical Jacobian at the initial guess; these become algebraic.
+
+    S. E. Mattsson, G. Soderlind: Index reduction in differential-algebraic equations using dummy derivatives.
+    SIAM J. Sci. Comput. 14 (1993) 677-692, doi:10.1137/0914043.
+    """
+    dummies: set[Column] = set()
+    rows = [i for i, k in enumerate(order) if k >= 1]
+    if rows:
+        jacobian = _Jacobian(flat, order, highest, p, rows)
+        columns = [j for j, k in enumerate(highest) if k >= 1]
+        depth = 0
+        while rows:
+            chosen = jacobian.pivots(rows, columns)
+            dummies |= {(j, highest[j] - depth) for j in chosen}
+            depth += 1
+            rows = [i for i in rows if order[i] - depth >= 1]
+            columns = [j for j in chosen if highest[j] - depth >= 1]
+    return [(j, k) for j, top in enumerate(highest) for k in range(top) if (j, k + 1) not in dummies]
+
+
+def guess(flat: Flat, p: NDArray[np.float64]) -> NDArray[np.float64]:
+    """First values (n,) of all unknowns: what the diagram asks for or guesses, else the declared start, else 0."""
+    values = np.array([0.0 if u.start is None else u.start for u in flat.unknowns])
+    resolver = Resolver(flat.names, flat.constants, flat.units, flat.unknowns, flat.levels, flat.time, flat.rate)
+    for name, condition in flat.expanded.model.initial.conditions.items():
+        if name in flat.names:
+            try:
+                number = ca.Function("v", [flat.p], [resolver.evaluate(condition.value.expr)])(p)
+                values[flat.names[name]] = float(number)
+            except (ExpressionProblem, RuntimeError):
+                continue  # a condition that is no number of parameters is dealt with when the start is solved
+    return values
+
+
+class _Jacobian:
+    """d(row)/d(highest derivatives) of the differentiated equations, at the initial guess."""
+
+    def __init__(self, flat: Flat, order: Sequence[int], highest: Sequence[int], p: NDArray[np.float64],
+                 rows: list[int]):
+        self.flat = flat
+        self.asked = {flat.names[n] for n in flat.expanded.model.initial.conditions if n in flat.names}
+        n = len(flat.unknowns)
+        # d(r^(k))/d(v^(l+k)) = dr/d(v^(l)): the derivative's Jacobian is read off the equation itself
+        self.entries: dict[int, list[tuple[int, float]]] = {}
+        symbols = [s for level in flat.levels for s in level]
+        stacked = stack([flat.residuals[i] for i in rows])
+        jacobian = ca.jacobian(stacked, stack(symbols))
+        known = stack([k.symbols for k in flat.inputs])
+        at = ca.Function("J", [stack(symbols), flat.p, flat.time, flat.rate, known], [jacobian])
+        values = at(self._point(p, len(symbols)), p, 0.0, 1.0, np.ones(known.numel()))
+        row_of, column_of = jacobian.sparsity().get_triplet()
+        found = np.array(values.nonzeros())
+        for row, column, value in zip(row_of, column_of, found, strict=True):
+            i, level, j = rows[row], column // n, column % n
+            if level == highest[j] - order[i]:
+                self.entries.setdefault(i, []).append((j, float(value) if np.isfinite(value) else 1.0))
+
+    def _point(self, p: NDArray[np.float64], size: int) -> NDArray[np.float64]:
+        """The guess, moved a little off places where a coefficient vanishes by accident (a crank at dead centre)."""
+        values = guess(self.flat, p)
+        nominal = np.array([u.nominal for u in self.flat.unknowns])
+        shift = np.array([uniform(1, j) - 0.5 for j in range(len(values))])
+        point = np.zeros(size)
+        point[: len(values)] = values + 1e-4 * nominal * shift
+        return point
+
+    def pivots(self, rows: list[int], columns: list[int]) -> list[int]:
+        """As many of `columns` as there are `rows`, so that the square Jacobian is well conditioned."""
+        place = {j: k for k, j in enumerate(columns)}
+        pattern = [[place[j] for j, _ in self.entries.get(i, []) if j in place] for i in rows]
+        chosen: list[int] = []
+        for part_rows, part_columns in components_of(pattern, len(columns)):
+            if part_rows:
+                chosen += self._part([rows[r] for r in part_rows], [columns[c] for c in part_columns])
+        return sorted(chosen)
+
+    def _part(self, rows: list[int], columns: list[int]) -> list[int]:
+        import scipy.linalg
+
+        place = {j: k for k, j in enumerate(columns)}
+        matrix = np.zeros((len(rows), len(columns)))
+        for r, i in enumerate(rows):
+            for j, value in self.entries.get(i, []):
+                if j in place:
+                    matrix[r, place[j]] = value * self.flat.unknowns[j].nominal
+            matrix[r] /= max(float(np.abs(matrix[r]).max()), 1e-300)
+        matrix *= np.array([self._weight(j) for j in columns])
+        order = scipy.linalg.qr(matrix, mode="r", pivoting=True)[1]
+        return [columns[k] for k in order[: len(rows)]]
+
+    def _weight(self, j: int) -> float:
+        return PREFERENCE[self.flat.unknowns[j].role] * (ASKED if j in self.asked else 1.0)

@@ -1,0 +1,207 @@
+"""A component's equations as CasADi expressions in its own local symbols, made once and shared by all its instances."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from math import inf
+
+import casadi as ca
+
+from heavebond.definition import Component, Domain, Formula
+from heavebond.errors import ModelError, Place, Problem
+from heavebond.expression import Expr, ExpressionProblem, Name, names
+from heavebond.incidence import Entry, Interval, classify
+from heavebond.symbols import Context, evaluate, nonsmooth, stack
+
+# der(der(x)) is as far as a component's own text goes; index reduction differentiates on the flat model
+LEVELS = 3
+
+
+@dataclass(frozen=True)
+class Line:
+    """One equation of a template: its name, its text, its place, and the kinked function in it, if any."""
+
+    label: str
+    text: str
+    place: Place
+    kink: str | None
+
+
+@dataclass(frozen=True)
+class Template:
+    """Residuals r(slots, d slots, d2 slots, parameters, time, time rate) of a component; all residuals in SI.
+
+    `slots` are the local names (`a.v`, `F`, `u`) in the order of the arguments; `residuals` is a CasADi function
+    with one output per equation, `entries[i]` the incidence of equation i with columns level * len(slots) + slot.
+    `energy` gives (power into the ports, d stores/dt, dissipates, unbalanced), `requirements` the truth of each.
+    """
+
+    slots: tuple[str, ...]
+    parameters: tuple[str, ...]
+    lines: tuple[Line, ...]
+    residuals: ca.Function
+    entries: tuple[tuple[Entry, ...], ...]
+    energy: ca.Function
+    requirements: ca.Function
+
+
+def template(component: Component, domains: Mapping[str, Domain], bound: Mapping[str, str],
+             integers: Mapping[str, int]) -> Template:
+    """The template of a component; `bound` tells the domain of each of its ports."""
+    return _cached(_Key(component, dict(domains)), tuple(bound.items()), tuple(integers.items()))
+
+
+@dataclass(frozen=True)
+class _Key:
+    """A component by identity: the loader returns the same object for the same file."""
+
+    component: Component
+    domains: dict[str, Domain]
+
+    def __hash__(self) -> int:
+        return id(self.component)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Key) and other.component is self.component
+
+
+@lru_cache(maxsize=4096)
+def _cached(key: _Key, bound: tuple[tuple[str, str], ...], integers: tuple[tuple[str, int], ...]) -> Template:
+    return _Builder(key.component, key.domains, dict(bound), dict(integers)).template()
+
+
+class _Builder:
+    def __init__(self, component: Component, domains: Mapping[str, Domain], bound: Mapping[str, str],
+                 integers: Mapping[str, int]):
+        self.component, self.domains, self.bound, self.integers = component, domains, bound, integers
+        self.time, self.rate = ca.SX.sym("time"), ca.SX.sym("time_rate")
+        self.parameters = {n: ca.SX.sym(n) for n, p in component.parameters.items() if not p.integer}
+        self.arrays = {n: self._count(p.count) for n, p in component.ports.items() if p.count is not None}
+        self.levels: list[dict[str, ca.SX]] = [{} for _ in range(LEVELS)]
+        for slot in self._slots():
+            for level in range(LEVELS):
+                self.levels[level][slot] = ca.SX.sym("d" * level + slot)
+        self.context = Context(self._lookup, self._der, integers, self.arrays)
+
+    def _count(self, expr: Expr) -> int:
+        context = Context(self._lookup_nothing, lambda x: x, self.integers)
+        return int(float(evaluate(expr, context)))
+
+    def _lookup_nothing(self, text: str, name: Name) -> ca.SX:
+        raise ExpressionProblem("not-an-integer", f"'{text}' is no whole number", name.column, name.length)
+
+    def _slots(self) -> list[str]:
+        """Port members, signals and own variables; a position only where the text names it."""
+        texts = [n.text for tree in self._trees() for n in names(tree)]
+        positions = {t.split("[")[0].split(".")[0] for t in texts if "." in t
+                     for d in [self.bound.get(t.split("[")[0].split(".")[0])] if d
+                     and self.domains[d].role(t.rsplit(".", 1)[1]) == self.domains[d].position}
+        slots = []
+        for port, domain_name in self.bound.items():
+            domain = self.domains[domain_name]
+            copies = [f"{port}[{k + 1}]" for k in range(self.arrays[port])] if port in self.arrays else [port]
+            members = [*domain.across, *domain.through]
+            if port in positions and domain.position:
+                members.append(domain.position)
+            slots += [f"{copy}.{member}" for copy in copies for member in members]
+        return [*slots, *self.component.signals, *self.component.variables]
+
+    def _trees(self) -> list[Expr]:
+        component = self.component
+        formulas = (component.stores, component.dissipates, component.unbalanced)
+        return [side for line in component.equations for side in (line.tree.left, line.tree.right)] + \
+            [f.tree for f in formulas if f is not None]
+
+    def _lookup(self, text: str, name: Name) -> ca.SX:
+        if text in self.parameters:
+            return self.parameters[text]
+        if text == "time":
+            return self.time
+        head, _, member = text.partition(".")
+        port = head.partition("[")[0]
+        if port in self.bound:
+            text = f"{head}.{self.domains[self.bound[port]].role(member)}"
+        if text in self.levels[0]:
+            return self.levels[0][text]
+        raise ExpressionProblem("name-unknown", f"'{name.text}' is not known here", name.column, name.length)
+
+    def _der(self, expression: ca.SX) -> ca.SX:
+        """d/dt by the chain rule; the explicit dependence on time carries the factor `time_rate` (1, or 0 when the
+        inputs are held still to find a steady start)."""
+        low = stack([s for level in self.levels[:-1] for s in level.values()])
+        high = stack([s for level in self.levels[1:] for s in level.values()])
+        return ca.jtimes(expression, low, high) + ca.jtimes(expression, self.time, self.rate)
+
+    def _evaluated(self, tree: Expr, place: Place) -> ca.SX:
+        try:
+            return evaluate(tree, self.context)
+        except ExpressionProblem as problem:
+            where = place.moved(problem.column, problem.length)
+            raise ModelError([Problem(problem.code, problem.message, where, problem.hint)]) from None
+
+    def _lines(self) -> tuple[list[Line], list[ca.SX]]:
+        lines, residuals = [], []
+        constant = {*self.parameters, *self.integers, "pi"}.__contains__
+        for equation in self.component.equations:
+            for index in self._indices(equation.each, equation.place):
+                self.context = Context(self._lookup, self._der, {**self.integers, **index}, self.arrays)
+                left = self._evaluated(equation.tree.left, equation.place)
+                right = self._evaluated(equation.tree.right, equation.place)
+                kink = nonsmooth(equation.tree.left, constant) or nonsmooth(equation.tree.right, constant)
+                lines.append(Line(equation.label, equation.text.strip(), equation.place, kink))
+                residuals.append(left - right)
+        self.context = Context(self._lookup, self._der, self.integers, self.arrays)
+        return lines, residuals
+
+    def _indices(self, each: tuple[str, Expr, Expr] | None, place: Place) -> list[dict[str, int]]:
+        if each is None:
+            return [{}]
+        low, high = (int(float(self._evaluated(e, place))) for e in each[1:])
+        return [{each[0]: k} for k in range(low, high + 1)]
+
+    def template(self) -> Template:
+        lines, residuals = self._lines()
+        arguments = [stack(level.values()) for level in self.levels]
+        parameters = stack(self.parameters.values())
+        inputs = [*arguments, parameters, self.time, self.rate]
+        stacked = stack(residuals)
+        entries = classify(stacked, stack(arguments), {s.element_hash() for s in self.parameters.values()},
+                           self._bounds())
+        truths = [self._evaluated(r.tree, r.place) for r in self.component.requires]
+        return Template(
+            tuple(self.levels[0]), tuple(self.parameters), tuple(lines),
+            ca.Function("residuals", inputs, [stacked]), tuple(tuple(row) for row in entries),
+            ca.Function("energy", inputs, [stack(self._energy())]),
+            ca.Function("requirements", [parameters], [stack(truths)]))
+
+    def _bounds(self) -> dict[int, Interval]:
+        bounds: dict[int, Interval] = {}
+        for name, parameter in self.component.parameters.items():
+            if name in self.parameters:
+                bounds[self.parameters[name].element_hash()] = _interval(parameter.low, parameter.high)
+        for name, variable in self.component.variables.items():
+            bounds[self.levels[0][name].element_hash()] = _interval(variable.low, variable.high)
+        return bounds
+
+    def _energy(self) -> list[ca.SX]:
+        power = ca.SX(0)
+        for port, domain_name in self.bound.items():
+            domain = self.domains[domain_name]
+            copies = [f"{port}[{k + 1}]" for k in range(self.arrays[port])] if port in self.arrays else [port]
+            for copy in copies:
+                if domain.power:
+                    power += self.levels[0][f"{copy}.{domain.power}"]
+                else:
+                    power += self.levels[0][f"{copy}.{domain.effort}"] * self.levels[0][f"{copy}.{domain.flow}"]
+        component = self.component
+        stored = self._der(self._optional(component.stores))
+        return [power, stored, self._optional(component.dissipates), self._optional(component.unbalanced)]
+
+    def _optional(self, formula: Formula | None) -> ca.SX:
+        return ca.SX(0) if formula is None else self._evaluated(formula.tree, formula.place)
+
+
+def _interval(low: float | None, high: float | None) -> Interval:
+    return (-inf if low is None else low, inf if high is None else high)
