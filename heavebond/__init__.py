@@ -18,8 +18,10 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from heavebond.compare import Comparison, compare
     from heavebond.dae import Assembly, assemble
     from heavebond.errors import DataError, HeavebondError, ModelError, SimulationError, StartError, UsageError
+    from heavebond.experiment import Experiment, load_experiment
     from heavebond.library import library
     from heavebond.model import Model, load, loads
     from heavebond.result import Result
@@ -29,14 +31,15 @@ __version__ = "0.1.0"
 
 # name -> module; loaded when first used, so that `import heavebond` and `heavebond --help` stay quick
 _WHERE = {
+    "Comparison": "compare", "compare": "compare", "Experiment": "experiment", "load_experiment": "experiment",
     "Assembly": "dae", "assemble": "dae", "DataError": "errors", "HeavebondError": "errors", "ModelError": "errors",
     "SimulationError": "errors", "StartError": "errors", "UsageError": "errors", "library": "library",
     "Model": "model", "load": "model", "loads": "model", "Result": "result", "Simulator": "simulate",
     "simulate": "simulate",
 }
 __all__ = [
-    "Assembly", "DataError", "HeavebondError", "Model", "ModelError", "Result", "SimulationError", "Simulator",
-    "StartError", "UsageError", "assemble", "library", "load", "loads", "simulate",
+    "Assembly", "Comparison", "DataError", "Experiment", "HeavebondError", "Model", "ModelError", "Result", "SimulationError", "Simulator",
+    "StartError", "UsageError", "assemble", "compare", "library", "load", "load_experiment", "loads", "simulate",
 ]
 
 

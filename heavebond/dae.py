@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from heavebond.errors import Problem, UsageError, suggest
+from heavebond.errors import ModelError, Problem, Problems, UsageError, suggest
 from heavebond.expression import Expr, ExpressionProblem
 from heavebond.flatten import Flat, Resolver, flatten
 from heavebond.model import Model
@@ -18,6 +18,8 @@ from heavebond.symbols import split, stack
 from heavebond.units import UnitProblem, check_unit, parse_quantity
 
 Array = NDArray[np.float64]
+# how often a signal may be differentiated
+DERIVATIVES = {"hold": 0, "linear": 1, "spline": 3}
 
 
 @dataclass(frozen=True)
@@ -144,6 +146,7 @@ def build(reduced: Reduced) -> Assembly:
     def with_inputs(expression: ca.SX) -> ca.SX:
         return substitute_inputs(expression, flat, flat.time, u)
 
+    _check_smoothness(reduced, [reduced.ode, reduced.alg, values])
     ode, alg, values = (with_inputs(e) for e in (reduced.ode, reduced.alg, values))
     pivots = with_inputs(stack([q.coefficient for q in reduced.pivots]))
     return Assembly(
@@ -152,6 +155,20 @@ def build(reduced: Reduced) -> Assembly:
         np.array([flat.unknowns[j].nominal for j, _ in reduced.algebraic]),
         arguments, ode, alg, ca.Function("rates", list(arguments), [ode, alg]),
         ca.Function("values", list(arguments), [values]), ca.Function("pivots", list(arguments), [pivots]))
+
+
+def _check_smoothness(reduced: Reduced, expressions: list[ca.SX]) -> None:
+    """A held input has no derivative, a linear one no second; ModelError where the equations need one."""
+    used = {s.element_hash() for e in expressions for s in ca.symvar(e)}
+    problems = Problems()
+    for known in reduced.flat.inputs:
+        needed = max((k for k, s in enumerate(split(known.symbols)) if s.element_hash() in used), default=0)
+        if needed > DERIVATIVES[known.source.between]:
+            times = ("", "once", "twice", "three times")[needed]
+            problems.add("input-not-smooth", f"{known.name} must be differentiated {times} in time, which "
+                         f"`between: {known.source.between}` does not allow", known.source.place,
+                         hint="Write `between: spline`.")
+    problems.raise_as(ModelError)
 
 
 def substitute_inputs(expression: ca.SX, flat: Flat, t: ca.SX, u: ca.SX) -> ca.SX:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
+from typing import cast
 
 import casadi as ca
 
@@ -38,7 +39,9 @@ def classify(residuals: ca.SX, unknowns: ca.SX, constants: set[int], bounds: Map
     own = [s.element_hash() for s in split(unknowns)]
     rows: list[list[Entry]] = [[] for _ in range(residuals.numel())]
     row_of, column_of = jacobian.sparsity().get_triplet()
-    for entry, row, column in zip(jacobian.nonzeros(), row_of, column_of, strict=True):
+    # CasADi's stubs call the entries SXElem; they are scalar SX
+    coefficients = cast(list[ca.SX], jacobian.nonzeros())
+    for entry, row, column in zip(coefficients, row_of, column_of, strict=True):
         kind = _kind(entry, own[column], constants, bounds)
         if kind is not None:
             rows[row].append(Entry(column, kind, entry))

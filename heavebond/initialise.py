@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NoReturn
 
 import casadi as ca
 import numpy as np
@@ -13,7 +15,7 @@ from heavebond.errors import Place, Problem, Problems, StartError, listing, sugg
 from heavebond.expression import ExpressionProblem, parse_formula
 from heavebond.model import Condition
 from heavebond.states import guess
-from heavebond.symbols import split, stack
+from heavebond.symbols import split, stack, uniform
 
 MOST_STEPS = 100
 # residuals are scaled so that a change of every unknown by its usual size changes each by about one
@@ -21,6 +23,7 @@ CONVERGED = 1e-9
 # singular values below this share of the largest are directions that nothing decides; nominal values may be off by
 # some powers of ten without making a decided direction look like one of these
 RANK = 1e-11
+ATTEMPTS = 17  # the guess itself, then four shifts each of 0.001, 0.01, 0.1 and 1 nominal size
 
 
 @dataclass(frozen=True)
@@ -157,24 +160,43 @@ class _Initial:
         if self.guesses:
             soft = [r for r in self.rows if not r.label.startswith("steady")] + self.guesses
             y = self._newton(_System(self, soft), y)[0]
-        y, residual = self._newton(_System(self, self.rows), y)
-        if not self._good(residual):
-            self._fail(y, residual)
+        y = self._search(_System(self, self.rows), y)
         if self.steady:
             self._undetermined(y)
-        self.y_solved = y
         return self._settle(y)
+
+    def _search(self, system: _System, first: Array) -> Array:
+        """Newton from the guess, then from points around it: where a contact is open or a valve shut at the guess, its
+        force has no gradient there and Newton's method learns nothing. The first point that leads to a solution wins."""
+        best: tuple[float, Array, Array] | None = None
+        for attempt in range(ATTEMPTS):
+            y = first + self.nominal * self._shift(attempt)
+            y, residual = self._newton(system, y)
+            if self._good(residual):
+                return y
+            size = float(np.abs(residual).max()) if np.all(np.isfinite(residual)) else np.inf
+            if best is None or size < best[0]:
+                best = (size, y, residual)
+        assert best is not None
+        self._fail(best[1], best[2])
+
+    def _shift(self, attempt: int) -> Array:
+        """0 first, then deterministic shifts of growing size; only unknowns that were not asked for move."""
+        if attempt == 0:
+            return np.zeros(len(self.nominal))
+        size = 10.0 ** (-3 + (attempt - 1) // 4)
+        return size * np.array([2 * uniform(attempt, k) - 1 for k in range(len(self.nominal))])
 
     def _good(self, residual: Array) -> bool:
         return bool(np.all(np.isfinite(residual)) and (not residual.size or np.abs(residual).max() < 1e-6))
 
-    def _newton(self, system: _System, y: Array) -> tuple[Array, Array]:
+    def _newton(self, system: Callable[[Array], tuple[Array, Array]], y: Array) -> tuple[Array, Array]:
         """Gauss-Newton with steps of least norm in scaled unknowns, halved until the residual falls."""
         residual, jacobian = system(y)
         for _ in range(MOST_STEPS):
             if not residual.size or not np.all(np.isfinite(residual)):
                 break
-            weights = 1 / np.maximum(np.abs(jacobian).max(axis=1), 1e-300)
+            weights = _weights(residual, jacobian)
             scaled, size = residual * weights, float(np.linalg.norm(residual * weights))
             if np.abs(scaled).max() < CONVERGED:
                 break
@@ -190,8 +212,7 @@ class _Initial:
                 break
             y, residual, jacobian = trial, new, new_jacobian
             self.steps += 1
-        weights = 1 / np.maximum(np.abs(jacobian).max(axis=1), 1e-300) if residual.size else residual
-        return y, residual * weights
+        return y, residual * _weights(residual, jacobian) if residual.size else residual
 
     def _settle(self, y: Array) -> Array:
         """The algebraic unknowns again with the inputs moving (a steady start holds them still), x fixed."""
@@ -207,17 +228,17 @@ class _Initial:
             return system(whole)
 
         nominal, self.nominal = self.nominal, self.assembly.z_nominal
-        z, residual = self._newton(at, z)  # type: ignore[arg-type]
-        jacobian = at(z)[1]
+        z, residual = self._newton(at, z)
+        raw, jacobian = at(z)
         self.nominal = nominal
         whole[self.n_x:self.n_x + self.n_z] = z
         if not self._good(residual):
             self._fail(whole, residual, rows)
-        self._singular_loop(jacobian)
+        self._singular_loop(jacobian, _weights(raw, jacobian))
         return whole
 
     # -- when it cannot be done ------------------------------------------------------------------------------------
-    def _fail(self, y: Array, residual: Array, rows: list[_Row] | None = None) -> None:
+    def _fail(self, y: Array, residual: Array, rows: list[_Row] | None = None) -> NoReturn:
         rows = rows or self.rows
         order = np.argsort(-np.where(np.isfinite(residual), np.abs(residual), np.inf))[:5]
         raw = _System(self, rows)(y)[0]
@@ -243,7 +264,7 @@ class _Initial:
         residual, jacobian = _System(self, rows)(y)
         if not np.all(np.isfinite(jacobian)) or not residual.size:
             return []
-        weights = 1 / np.maximum(np.abs(jacobian).max(axis=1), 1e-300)
+        weights = _weights(residual, jacobian)
         left, values, _ = np.linalg.svd(jacobian * weights[:, None])
         rank = int((values > 1e-8 * max(values.max(initial=0.0), 1e-300)).sum())
         null = left[:, rank:]
@@ -253,8 +274,8 @@ class _Initial:
         return [rows[k].label for k in np.argsort(-share) if share[k] > 0.1 * share.max()][:8]
 
     def _undetermined(self, y: Array) -> None:
-        jacobian = _System(self, [*self.rows, *self.guesses])(y)[1]
-        weights = 1 / np.maximum(np.abs(jacobian).max(axis=1), 1e-300)
+        residual, jacobian = _System(self, [*self.rows, *self.guesses])(y)
+        weights = _weights(residual, jacobian)
         _, values, right = np.linalg.svd(jacobian * weights[:, None], full_matrices=True)
         rank = int((values > 1e-10 * max(values.max(initial=0.0), 1e-300)).sum())
         null = right[rank:]
@@ -276,8 +297,7 @@ class _Initial:
             f"{'s' if len(null) > 1 else ''} stay{'s' if len(null) == 1 else ''} undetermined", None, hint,
             tuple(notes))])
 
-    def _singular_loop(self, jacobian: Array) -> None:
-        weights = 1 / np.maximum(np.abs(jacobian).max(axis=1), 1e-300)
+    def _singular_loop(self, jacobian: Array, weights: Array) -> None:
         _, values, right = np.linalg.svd(jacobian * weights[:, None])
         if values.min() > 1e-13 * values.max():
             return
@@ -327,6 +347,12 @@ class _Initial:
                 if not np.isfinite(value):
                     problems.add("rate-not-finite", f"der({name}) has no finite value at the start")
         problems.raise_as(StartError)
+
+
+def _weights(residual: Array, jacobian: Array) -> Array:
+    """1 / largest scaled gradient of each row; a row without gradient counts by its own size."""
+    gradient = np.abs(jacobian).max(axis=1)
+    return np.asarray(1 / np.where(gradient > 0, gradient, np.maximum(np.abs(residual), 1e-300)))
 
 
 class _System:

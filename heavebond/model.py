@@ -210,7 +210,7 @@ def _changed(base: Model, source: Source, problems: Problems) -> Model:
         base, name=reading.text(root.items["model"], "model", problems), path=source.path,
         summary=reading.text(root.items.get("summary"), "summary", problems) or base.summary,
         parameters=parameters, body=Body(instances, wires),
-        settings={**base.settings, **_settings(root.items.get("set"), source, problems)},
+        settings={**base.settings, **read_settings(root.items.get("set"), source, problems)},
         initial=_initial(root.items.get("initial"), base.initial, problems),
         show={**base.show, **_show(root.items.get("show"), problems)},
         until=until, every=every, files=(*base.files, source.path))
@@ -260,7 +260,8 @@ def _change_ends(ends: list[End], end: End, node: str, problems: Problems) -> No
         ends.append(End(end.path.removeprefix("+"), end.place))
 
 
-def _settings(node: Node | None, source: Source, problems: Problems) -> dict[str, Setting]:
+def read_settings(node: Node | None, source: Source, problems: Problems) -> dict[str, Setting]:
+    """`set:` of a diagram or a record."""
     entries = reading.mapping(node, "set", problems)
     found = {}
     for path, item in (entries.items if entries else {}).items():
@@ -290,6 +291,17 @@ def _initial(node: Node | None, base: Initial, problems: Problems) -> Initial:
         elif (condition := _condition(name, item, key, problems)) is not None:
             conditions[name] = condition
     return Initial(mode, conditions, solve)
+
+
+def read_conditions(node: Node | None, problems: Problems) -> dict[str, Condition]:
+    """`initial:` of a record: conditions and guesses only."""
+    entries = reading.mapping(node, "initial", problems)
+    found = {}
+    for name, item in (entries.items if entries else {}).items():
+        condition = _condition(name, item, entries.keys[name], problems) if entries else None
+        if condition is not None:
+            found[name] = condition
+    return found
 
 
 def _condition(name: str, item: Node, key: Scalar, problems: Problems) -> Condition | None:

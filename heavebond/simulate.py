@@ -9,6 +9,7 @@ import time as clock
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -107,7 +108,7 @@ class Simulator:
 
 
 def _integrator(made: Integrand, stops: Array, tolerances: Tolerances) -> ca.Function:
-    options: dict[str, object] = {
+    options: dict[str, Any] = {
         "reltol": tolerances.rtol, "abstol": tolerances.atol, "max_num_steps": MOST_STEPS, "print_time": False,
         # small models factorise fastest by sparse QR; large ones by CSparse
         "linear_solver": "qr" if made.dae["x"].numel() + made.dae["z"].numel() < 100 else "csparse",
@@ -132,7 +133,7 @@ def grid(model: Model, until: Time | None, every: Time | None) -> Array:
         raise UsageError([Problem("too-many-points", f"{number} output points are too many", None,
                                   "Make `every` longer.")])
     times = np.arange(number + 1) * step
-    return times if end - times[-1] < 1e-9 * end else np.append(times, end)
+    return np.asarray(times if end - times[-1] < 1e-9 * end else np.append(times, end))
 
 
 def _seconds(given: Time, what: str) -> float:

@@ -7,7 +7,6 @@ deterministic: the order of rows and columns decides every tie.
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from heapq import heapify, heappop, heappush
@@ -241,9 +240,7 @@ def components_of(rows: Sequence[Sequence[int]],
 
     for columns in rows:
         for other in columns[1:]:
-            a, b = root(columns[0]), root(other)
-            # The smaller number leads, whichever came first.
-            parent[max(a, b)] = min(a, b)
+            parent[root(other)] = root(columns[0])
     parts: dict[int, tuple[list[int], list[int]]] = {}
     for row, columns in enumerate(rows):
         key = root(columns[0]) if columns else -1 - row
@@ -267,7 +264,7 @@ def block_lower_triangular(rows: Sequence[Sequence[int]], matching: Sequence[int
     doi:10.1137/0201010.
     """
     # Imported here: a tenth of a second for which reading a model need not wait.
-    import networkx as nx  # type: ignore[import-untyped]
+    import networkx as nx
 
     if FREE in matching:
         raise ValueError(f"row {list(matching).index(FREE)} is not matched to a column")
@@ -275,13 +272,13 @@ def block_lower_triangular(rows: Sequence[Sequence[int]], matching: Sequence[int
     known = len(row_of)
     needs = [(row_of[column], row) for row, columns in enumerate(rows)
              for column in columns if column < known and row_of[column] not in (FREE, row)]
-    graph = nx.DiGraph()
+    graph: nx.DiGraph[int] = nx.DiGraph()
     graph.add_nodes_from(range(len(rows)))
     graph.add_edges_from(needs)
     blocks = sorted(sorted(component) for component in nx.strongly_connected_components(graph))
     block_of = {row: k for k, block in enumerate(blocks) for row in block}
     # Built here: networkx's own condensation takes twice as long.
-    condensed = nx.DiGraph()
+    condensed: nx.DiGraph[int] = nx.DiGraph()
     condensed.add_nodes_from(range(len(blocks)))
     condensed.add_edges_from((block_of[a], block_of[b]) for a, b in needs if block_of[a] != block_of[b])
     return [blocks[k] for k in nx.lexicographical_topological_sort(condensed)]
@@ -309,7 +306,7 @@ def tear(rows: Mapping[int, Sequence[int]], columns: Sequence[int], cost: Mappin
     that it cannot be. Orders of declaration are those of `rows` and `columns`.
 
     The smallest number of torn columns is NP-hard to find; this is a greedy heuristic in near-linear time:
-    1. a column that none of the rows left can be solved for is torn, as it has to be;
+    1. a column that none of the rows left can be solved for is torn, as it has to be, the first declared;
     2. else a row with one unknown column left, solvable for it, is taken: the cheapest, the first declared;
     3. else a column is torn: of the highest `prefer_torn` (else 0), in most rows left, the first declared.
     A row whose columns are all known before it was used, or that cannot give its last one, becomes residual.
@@ -339,10 +336,9 @@ class _Loop:
 
     def __init__(self, rows: Mapping[int, Sequence[int]], columns: Sequence[int],
                  cost: Mapping[tuple[int, int], int], prefer_torn: Mapping[int, int]):
-        place = {column: k for k, column in enumerate(columns)}
         self.cost = cost
-        self.columns_of = {row: [c for c in dict.fromkeys(rows[row]) if c in place] for row in rows}
         self.rows_of: dict[int, list[int]] = {column: [] for column in columns}
+        self.columns_of = {row: [c for c in dict.fromkeys(rows[row]) if c in self.rows_of] for row in rows}
         for row, members in self.columns_of.items():
             for column in members:
                 self.rows_of[column].append(row)
@@ -353,9 +349,10 @@ class _Loop:
                         for column, members in self.rows_of.items()}
         self.open_rows = set(rows)
         self.known: set[int] = set()
-        self.forced = deque(column for column in columns if not self.solvers[column])
+        self.place = {column: k for k, column in enumerate(columns)}
+        self.forced = [(k, column) for k, column in enumerate(columns) if not self.solvers[column]]
         self.ready: list[tuple[int, int, int, int]] = []
-        self.candidates = [(-prefer_torn.get(c, 0), -self.occurrences[c], place[c], c) for c in columns]
+        self.candidates = [(-prefer_torn.get(c, 0), -self.occurrences[c], self.place[c], c) for c in columns]
         heapify(self.candidates)
         for row in rows:
             self._look_at(row)
@@ -363,7 +360,7 @@ class _Loop:
     def next_step(self) -> tuple[int | None, int] | None:
         """The next (row, column) to solve, (None, column) to tear, or None when every column is known."""
         while self.forced:
-            column = self.forced.popleft()
+            _, column = heappop(self.forced)
             if column not in self.known:
                 return self._know(None, column)
         while self.ready:
@@ -406,4 +403,4 @@ class _Loop:
             if (row, column) in self.cost:
                 self.solvers[column] -= 1
                 if not self.solvers[column] and column not in self.known:
-                    self.forced.append(column)
+                    heappush(self.forced, (self.place[column], column))

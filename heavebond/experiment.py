@@ -1,0 +1,258 @@
+"""An experiment as a value: a diagram beside measured records."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from heavebond import reading
+from heavebond.definition import FileInput, Value
+from heavebond.errors import ModelError, Place, Problem, Problems, suggest
+from heavebond.expression import constant
+from heavebond.model import Condition, Model, Setting, Shown, find, load, read_conditions, read_settings, shown_as
+from heavebond.source import Mapping, Node, Scalar, Source, read
+from heavebond.units import Range, UnitProblem, check_unit, parse_range, unit
+
+EXPERIMENT_KEYS = ("experiment", "summary", "extends", "model", "records", "time", "inputs", "outputs", "free", "notes")
+RECORD_KEYS = ("file", "use", "from", "to", "set", "initial", "inputs")
+USES = ("fit", "validate")
+
+
+@dataclass(frozen=True)
+class Record:
+    """One measured file: what it is used for, the part of it, and what holds for it alone."""
+
+    name: str
+    file: Path
+    use: str
+    place: Place
+    begin: float | None = None
+    end: float | None = None
+    settings: dict[str, Setting] = field(default_factory=dict)
+    conditions: dict[str, Condition] = field(default_factory=dict)
+    inputs: dict[str, FileInput] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Output:
+    """A measured channel: the formula that it should equal, its column, and the noise (standard deviation, in the
+    channel's unit) where it is given."""
+
+    shown: Shown
+    column: str
+    noise: float | None
+    place: Place
+
+
+@dataclass(frozen=True)
+class Free:
+    """A parameter, or `initial.NAME`, that may move within a range when fitting; `each` record has its own value."""
+
+    name: str
+    range: Range
+    place: Place
+    each: bool = False
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A diagram, the records beside it, which columns drive it and which it should reproduce."""
+
+    name: str
+    path: Path
+    model: Model
+    records: dict[str, Record] = field(default_factory=dict)
+    time_column: str = ""
+    time_unit: str = "s"
+    inputs: dict[str, FileInput] = field(default_factory=dict)
+    outputs: dict[str, Output] = field(default_factory=dict)
+    free: dict[str, Free] = field(default_factory=dict)
+    files: tuple[Path, ...] = ()
+
+    def model_for(self, record: Record) -> Model:
+        """The diagram as it stands for one record: its inputs, settings and initial values put in."""
+        settings = {**self.model.settings, **record.settings}
+        for path, given in {**self.inputs, **record.inputs}.items():
+            source = replace(given, file=record.file, time_column=self.time_column, time_unit=self.time_unit)
+            settings[path] = Setting(path, source, given.place)
+        initial = replace(self.model.initial, conditions={**self.model.initial.conditions, **record.conditions})
+        return replace(self.model, settings=settings, initial=initial)
+
+
+def load_experiment(name: str | Path) -> Experiment:
+    """Load an experiment: the path of a file, or a bundled one (`passive_rig/friction`)."""
+    return _load(find(name, "experiment"), ())
+
+
+def _load(path: Path, chain: tuple[Path, ...]) -> Experiment:
+    source = read(path)
+    root = source.root
+    if "experiment" not in root.items:
+        kind = next((k for k in ("model", "component", "study") if k in root.items), None)
+        hint = "This file describes a diagram; `heavebond run` runs it." if kind == "model" else \
+            f"This file describes a {kind}." if kind else suggest("experiment", root.items)
+        raise ModelError([Problem("not-an-experiment", f"{source.name} is no experiment: it has no `experiment:`",
+                                  root.place, hint)])
+    problems = Problems()
+    reading.known_keys(root, EXPERIMENT_KEYS, "an experiment", problems)
+    base = _base(source, chain, problems)
+    own = _Reader(source, problems)
+    model = _model(source, base, problems)
+    problems.raise_as(ModelError)
+    experiment = own.changed(base, model)
+    problems.raise_as(ModelError)
+    return experiment
+
+
+def _base(source: Source, chain: tuple[Path, ...], problems: Problems) -> Experiment | None:
+    node = source.root.items.get("extends")
+    if node is None:
+        return None
+    target = source.path.parent / reading.text(node, "extends", problems)
+    if target.resolve() in (*chain, source.path.resolve()):
+        raise ModelError([Problem("extends-circle", f"{source.name} extends itself", node.place)])
+    if not target.is_file():
+        near = [p.name for p in sorted(source.path.parent.glob("*.yaml"))]
+        raise ModelError([Problem("file-missing", f"there is no file {target.name}", node.place,
+                                  suggest(target.name, near))])
+    return _load(target, (*chain, source.path.resolve()))
+
+
+def _model(source: Source, base: Experiment | None, problems: Problems) -> Model:
+    node = source.root.items.get("model")
+    if node is None:
+        if base is None:
+            raise ModelError([Problem("key-missing", "an experiment needs the entry 'model'", source.root.place,
+                                      "Add `model: diagram.yaml`.")])
+        return base.model
+    target = source.path.parent / reading.text(node, "model", problems)
+    if not target.is_file():
+        near = [p.name for p in sorted(source.path.parent.glob("*.yaml"))]
+        raise ModelError([Problem("file-missing", f"there is no diagram {target.name} beside {source.name}",
+                                  node.place, suggest(target.name, near))])
+    return load(target)
+
+
+@dataclass
+class _Reader:
+    source: Source
+    problems: Problems
+
+    def changed(self, base: Experiment | None, model: Model) -> Experiment:
+        root, problems = self.source.root, self.problems
+        name = reading.text(root.items["experiment"], "experiment", problems)
+        found = replace(base, name=name, path=self.source.path, model=model) if base else \
+            Experiment(name, self.source.path, model)
+        time = root.items.get("time")
+        time_column, time_unit = reading.time_axis(time, problems) if time is not None else \
+            (found.time_column, found.time_unit)
+        experiment = replace(
+            found, time_column=time_column or "", time_unit=time_unit,
+            records={**found.records, **self._records(root.items.get("records"))},
+            inputs={**found.inputs, **self._inputs(root.items.get("inputs"))},
+            outputs={**found.outputs, **self._outputs(root.items.get("outputs"))},
+            free={**found.free, **self._free(root.items.get("free"))}, files=(*found.files, self.source.path))
+        for key, what in (("records", experiment.records), ("outputs", experiment.outputs), ("time", time_column)):
+            if not what:
+                problems.add("key-missing", f"an experiment needs the entry '{key}'", root.place,
+                             hint=f"Add `{key}: ...`.")
+        return experiment
+
+    def _entries(self, node: Node | None, what: str) -> list[tuple[str, Scalar, Node]]:
+        entries = reading.mapping(node, what, self.problems)
+        return [(name, entries.keys[name], item) for name, item in entries.items.items()] if entries else []
+
+    def _records(self, node: Node | None) -> dict[str, Record]:
+        found = {}
+        for name, key, item in self._entries(node, "records"):
+            entry = reading.mapping(item, f"record '{name}'", self.problems)
+            if entry is not None:
+                found[name] = self._record(name, key, entry)
+        return found
+
+    def _record(self, name: str, key: Scalar, entry: Mapping) -> Record:
+        problems = self.problems
+        reading.known_keys(entry, RECORD_KEYS, f"record '{name}'", problems, required=("file", "use"))
+        use = reading.text(entry.items.get("use"), "use", problems)
+        if use and use not in USES:
+            problems.add("use-unknown", f"'{use}' is no use of a record", entry.items["use"].place,
+                         hint=suggest(use, USES) or "Write `use: fit` or `use: validate`.")
+        file = entry.items.get("file")
+        return Record(
+            name, self.source.path.parent / reading.text(file, "file", problems), use,
+            file.place if file is not None else key.place, self._time(entry.items.get("from"), "from"),
+            self._time(entry.items.get("to"), "to"), read_settings(entry.items.get("set"), self.source, problems),
+            read_conditions(entry.items.get("initial"), problems), self._inputs(entry.items.get("inputs")))
+
+    def _time(self, node: Node | None, what: str) -> float | None:
+        if node is None:
+            return None
+        value = reading.value(node, what, self.problems)
+        number = constant(value.expr) if value is not None else None
+        if value is not None and number is not None:
+            self._check(value, "s", what)
+        return number
+
+    def _check(self, value: Value, unit_text: str, what: str) -> None:
+        try:
+            check_unit(getattr(value.expr, "unit", None), unit(unit_text), constant(value.expr) or 0.0, value.text)
+        except UnitProblem as problem:
+            self.problems.add(problem.code, f"{what}: {problem.message}", value.place, hint=problem.hint)
+
+    def _inputs(self, node: Node | None) -> dict[str, FileInput]:
+        found = {}
+        for name, key, item in self._entries(node, "inputs"):
+            entry = reading.mapping(item, f"input '{name}'", self.problems)
+            given = reading.file_input(entry, self.source, self.problems, file=False) if entry is not None else None
+            if given is not None:
+                found[name] = replace(given, place=key.place)
+        return found
+
+    def _outputs(self, node: Node | None) -> dict[str, Output]:
+        found = {}
+        for name, key, item in self._entries(node, "outputs"):
+            shown = shown_as(name, item, key, self.problems, extra=("column", "noise"))
+            if shown is None or not isinstance(item, Mapping):
+                continue
+            column = item.items.get("column")
+            if column is None:
+                self.problems.add("key-missing", f"output '{name}' needs the entry 'column'", key.place,
+                                  hint="Add `column: name_in_the_file`.")
+                continue
+            noise = self._noise(item.items.get("noise"), shown)
+            found[name] = Output(shown, reading.text(column, "column", self.problems), noise, column.place)
+        return found
+
+    def _noise(self, node: Node | None, shown: Shown) -> float | None:
+        if node is None:
+            return None
+        value = reading.value(node, "noise", self.problems)
+        number = constant(value.expr) if value is not None else None
+        if value is None or number is None:
+            return None
+        channel = unit(shown.unit)
+        given = getattr(value.expr, "unit", None)
+        if given is None or given.dimension != channel.dimension:
+            self.problems.add("unit-wrong", f"the noise '{value.text}' is not in {shown.unit}", value.place,
+                              hint=f"Write for example `noise: 1 {shown.unit}`.")
+            return None
+        if number <= 0:
+            self.problems.add("noise-not-positive", "the noise must be above 0", value.place,
+                              hint="Leave it out to have it estimated from the record.")
+            return None
+        return number / channel.scale
+
+    def _free(self, node: Node | None) -> dict[str, Free]:
+        found = {}
+        for name, key, item in self._entries(node, "free"):
+            each = False
+            if isinstance(item, Mapping):
+                reading.known_keys(item, ("range", "each"), f"'{name}'", self.problems, required=("range",))
+                each = reading.text(item.items.get("each"), "each", self.problems) == "record"
+                item = item.items.get("range", key)
+            try:
+                content = reading.text(item, name, self.problems)
+                found[name] = Free(name, parse_range(content), item.place, each)
+            except UnitProblem as problem:
+                self.problems.add(problem.code, f"{name}: {problem.message}", item.place, hint=problem.hint)
+        return found

@@ -1,0 +1,67 @@
+"""A given value against what is declared for it: its unit, its bounds, and where in its formula something is wrong."""
+
+from __future__ import annotations
+
+from math import isfinite
+
+from heavebond import reading
+from heavebond.definition import Parameter, Value
+from heavebond.errors import Place, Problems
+from heavebond.expression import ExpressionProblem, Number
+from heavebond.units import Dimension, Unit, UnitProblem, check_unit, dimension_text
+
+
+def check_dimension(name: str, value: Value, found: Dimension | None, declared: Unit, problems: Problems) -> None:
+    """A quantity or formula of dimension `found` may stand where `declared` is needed (a plain Python number may)."""
+    if value.si:
+        return
+    if isinstance(value.expr, Number):
+        try:
+            check_unit(value.expr.unit, declared, value.expr.value, value.text)
+        except UnitProblem as problem:
+            problems.add(problem.code, f"{name}: {problem.message}", value.place, hint=problem.hint)
+    elif found is not None and found != declared.dimension:
+        problems.add("unit-wrong", f"{name} is in {unit_name(declared)}; '{value.text.lstrip('= ')}' is in "
+                     f"{dimension_text(found)}", value.place,
+                     hint="Check the units in the formula; a quantity in it carries its own, as in `2 * 460 L/min`.")
+
+
+def check_bounds(name: str, parameter: Parameter, number: float, value: Value, problems: Problems) -> None:
+    """`number`, in SI, lies within the parameter's `min` and `max`."""
+    shown = value.text.lstrip("= ")
+    if isinstance(value.expr, Number) is False or value.si:
+        shown = f"{shown}, which is {number:g} {parameter.unit.text}".removesuffix(" 1")
+    if not isfinite(number):
+        problems.add("value-not-finite", f"{name} = {value.text.lstrip('= ')} has no finite value", value.place,
+                     hint="It is too large, or divides by 0.")
+    elif (parameter.low is not None and number < parameter.low) or \
+            (parameter.high is not None and number > parameter.high):
+        problems.add("parameter-bound", f"{name} = {shown} is not allowed; it must be {bounds_text(parameter)}",
+                     value.place, hint=f"{name.rpartition('.')[2]}: {parameter.doc}." if parameter.doc else "")
+
+
+def bounds_text(parameter: Parameter) -> str:
+    """`at least 0 kg`, `between 0 and 1`."""
+    unit = "" if parameter.unit.text == "1" or parameter.integer else f" {parameter.unit.text}"
+    if parameter.high is None:
+        return f"at least {parameter.low:g}{unit}"
+    if parameter.low is None:
+        return f"at most {parameter.high:g}{unit}"
+    return f"between {parameter.low:g} and {parameter.high:g}{unit}"
+
+
+def unit_name(unit: Unit) -> str:
+    """The unit for a sentence; `1` is `1 (no unit)`."""
+    return "1 (no unit)" if unit.text == "1" else unit.text
+
+
+def add_formula_problem(problem: ExpressionProblem, value: Value, problems: Problems) -> None:
+    """Note what is wrong in the formula of a value, with the caret at the right sign."""
+    reading.add_expression_problem(problem, formula_place(value), problems)
+
+
+def formula_place(value: Value) -> Place:
+    """Where the columns of a value's expression count from: behind the quote and the `=` of `"=a + b"`."""
+    skipped = len(value.text) - len(value.text.lstrip("= ")) if value.formula else 0
+    quoted = 1 if value.place.text[value.place.column - 1:value.place.column] in ("'", '"') else 0
+    return value.place.moved(skipped + quoted, value.place.length - skipped - 2 * quoted)
