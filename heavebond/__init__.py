@@ -4,7 +4,7 @@ The pipeline, each step a pure function between frozen values:
 
     YAML text --source--> tree --library, model--> Model --expand, connect, flatten--> Flat
       --structure, index_reduction, states, reduce--> Reduced --dae--> Assembly
-      --initialise--> Start --simulate (IDAS)--> Result --compare--> Comparison
+      --initialise--> Start --simulation (IDAS)--> Result --comparison--> Comparison
 
     import heavebond as hb
     model = hb.load("cmc_ahc")
@@ -18,28 +18,29 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from heavebond.compare import Comparison, compare
+    from heavebond.comparison import Comparison, compare
     from heavebond.dae import Assembly, assemble
     from heavebond.errors import DataError, HeavebondError, ModelError, SimulationError, StartError, UsageError
     from heavebond.experiment import Experiment, load_experiment
-    from heavebond.library import library
     from heavebond.model import Model, load, loads
     from heavebond.result import Result
-    from heavebond.simulate import Simulator, simulate
+    from heavebond.simulation import Simulator, simulate
 
 __version__ = "0.1.0"
 
-# name -> module; loaded when first used, so that `import heavebond` and `heavebond --help` stay quick
+# name -> module; loaded when first used, so that `import heavebond` and `heavebond --help` stay quick. No name is that of
+# a module: importing the module would put it in the function's place.
 _WHERE = {
-    "Comparison": "compare", "compare": "compare", "Experiment": "experiment", "load_experiment": "experiment",
+    "Comparison": "comparison", "compare": "comparison", "Experiment": "experiment", "load_experiment": "experiment",
     "Assembly": "dae", "assemble": "dae", "DataError": "errors", "HeavebondError": "errors", "ModelError": "errors",
-    "SimulationError": "errors", "StartError": "errors", "UsageError": "errors", "library": "library",
-    "Model": "model", "load": "model", "loads": "model", "Result": "result", "Simulator": "simulate",
-    "simulate": "simulate",
+    "SimulationError": "errors", "StartError": "errors", "UsageError": "errors",
+    "Model": "model", "load": "model", "loads": "model", "Result": "result", "Simulator": "simulation",
+    "simulate": "simulation",
 }
 __all__ = [
-    "Assembly", "Comparison", "DataError", "Experiment", "HeavebondError", "Model", "ModelError", "Result", "SimulationError", "Simulator",
-    "StartError", "UsageError", "assemble", "compare", "library", "load", "load_experiment", "loads", "simulate",
+    "Assembly", "Comparison", "DataError", "Experiment", "HeavebondError", "Model", "ModelError", "Result",
+    "SimulationError", "Simulator", "StartError", "UsageError", "assemble", "compare", "load", "load_experiment", "loads",
+    "simulate",
 ]
 
 

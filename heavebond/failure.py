@@ -12,7 +12,7 @@ from heavebond.errors import Problem, SimulationError, listing
 from heavebond.initialise import Start
 
 if TYPE_CHECKING:
-    from heavebond.simulate import Simulator
+    from heavebond.simulation import Simulator
 
 _TIME = re.compile(r"[Aa]t t ?= ?([-+.\deE]+)")
 
@@ -38,7 +38,7 @@ def explain_failure(simulator: Simulator, assembly: Assembly, first: Start, said
 def _state_before(simulator: Simulator, assembly: Assembly, first: Start, stopped: float
                   ) -> tuple[float, Array, Array, Array] | None:
     """The state a little before the end, found by integrating again up to there."""
-    from heavebond.simulate import Simulator as Again
+    from heavebond.simulation import Simulator as Again
 
     begin = float(simulator.time[0])
     if not np.isfinite(stopped) or stopped <= begin:

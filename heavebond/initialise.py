@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NoReturn
 
 import casadi as ca
@@ -69,6 +69,25 @@ def start(assembly: Assembly, t: float = 0.0, u: Array | None = None) -> Start:
     problem = _Initial(assembly, t, u)
     y = problem.solve()
     return problem.finished(y)
+
+
+@dataclass(frozen=True)
+class Tangent:
+    """How the start moves with parameters: dx (n_x, m), dz (n_z, m), dp (n_p, m) along m directions."""
+
+    x: Array
+    z: Array
+    p: Array
+
+
+def tangent(assembly: Assembly, first: Start, u: Array, directions: Array) -> Tangent:
+    """The derivative of the start along `directions` (n_p, m), by the implicit function theorem.
+
+    With F(y, p) = 0 the equations of the start, dy = -F_y^+ F_p dp (the least change in scaled unknowns, as `start`
+    takes it: what nothing decides stays). Parameters under `solve:` follow the others.
+    """
+    problem = _Initial(replace(assembly, p=first.p), first.t, u)
+    return problem.tangent(first, directions)
 
 
 class _Initial:
@@ -237,6 +256,18 @@ class _Initial:
         self._singular_loop(jacobian, _weights(raw, jacobian))
         return whole
 
+    def tangent(self, first: Start, directions: Array) -> Tangent:
+        dp = directions.copy()
+        dp[self.solved_for] = 0.0
+        y = np.concatenate([first.x, first.z, first.p[self.solved_for]])
+        dy = _System(self, self.rows).along(y, dp)
+        dp[self.solved_for] = dy[self.n_x + self.n_z:]
+        dx, dz = dy[: self.n_x], dy[self.n_x:self.n_x + self.n_z]
+        if self.n_z:
+            settled = _System(self, self.rows[: self.n_z], only_z=True)
+            dz = settled.along(y, dp, dx)
+        return Tangent(dx, dz, dp)
+
     # -- when it cannot be done ------------------------------------------------------------------------------------
     def _fail(self, y: Array, residual: Array, rows: list[_Row] | None = None) -> NoReturn:
         rows = rows or self.rows
@@ -370,11 +401,31 @@ class _System:
         self.rate = 1.0 if only_z or not owner.steady else 0.0
         self.nominal = nominal
         self.function = ca.Function("start", [t, x, z, p, u, rate], [stacked, jacobian])
+        self.arguments, self.stacked = (t, x, z, p, u, rate), stacked
 
     def __call__(self, y: Array) -> tuple[Array, Array]:
         owner = self.owner
         p = owner.assembly.p.copy()
         p[owner.solved_for] = y[owner.n_x + owner.n_z:]
-        residual, jacobian = self.function(owner.t, y[: owner.n_x], y[owner.n_x:owner.n_x + owner.n_z], p, owner.u,
-                                           self.rate)
+        residual, jacobian = self.function(*self._at(y, p))
         return np.array(residual).ravel(), np.array(jacobian.full()) * self.nominal
+
+    def _at(self, y: Array, p: Array) -> tuple[float, Array, Array, Array, Array, float]:
+        owner = self.owner
+        return owner.t, y[: owner.n_x], y[owner.n_x:owner.n_x + owner.n_z], p, owner.u, self.rate
+
+    def along(self, y: Array, dp: Array, dx: Array | None = None) -> Array:
+        """Change of the unknowns (unscaled) that keeps the residuals at zero while p moves along dp and x along dx."""
+        t, x, _, p, _, _ = self.arguments
+        moved = ca.jtimes(self.stacked, p, ca.SX(ca.DM(dp)))
+        if dx is not None:
+            moved += ca.jtimes(self.stacked, x, ca.SX(ca.DM(dx)))
+        values = np.array(self.owner.assembly.p)
+        values[self.owner.solved_for] = y[self.owner.n_x + self.owner.n_z:]
+        right = ca.Function("along", list(self.arguments), [moved])(*self._at(y, values)).full()
+        residual, jacobian = self(y)
+        if not jacobian.size:
+            return np.zeros((jacobian.shape[1], dp.shape[1]))
+        weights = _weights(residual, jacobian)[:, None]
+        step = np.linalg.lstsq(jacobian * weights, -right * weights, rcond=RANK)[0]
+        return np.asarray(step * self.nominal[:, None])

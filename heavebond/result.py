@@ -14,10 +14,22 @@ from heavebond.dae import Array, Assembly
 from heavebond.errors import Problem, UsageError, suggest
 from heavebond.expression import ExpressionProblem, parse_formula
 from heavebond.initialise import Start
+from heavebond.symbols import stack
 from heavebond.units import dimension_text, read_unit
 
 if TYPE_CHECKING:
     import pandas as pd
+
+
+@dataclass(frozen=True)
+class Along:
+    """Forward sensitivities in SI: d x / d p_k (m, n_x, N), d z / d p_k (m, n_z, N), and how all parameters move with
+    the k-th (m, n_p): itself by 1, those under `solve:` as the start requires."""
+
+    names: tuple[str, ...]
+    x: Array
+    z: Array
+    p: Array
 
 
 @dataclass(frozen=True)
@@ -36,6 +48,7 @@ class Result:
     p: Array
     start: Start
     statistics: Mapping[str, object] = field(default_factory=dict)
+    along: Along | None = None
 
     def names(self) -> list[str]:
         """Every variable of the diagram and its named outputs."""
@@ -62,11 +75,36 @@ class Result:
         """Several signals at once, each (N,); UsageError for a name that is not there."""
         names = list(names)
         expressions = [self._expression(name) for name in names]
-        function = ca.Function("signals", list(self.assembly.arguments), [ca.vertcat(*expressions)])
+        function = ca.Function("signals", list(self.assembly.arguments), [stack(expressions)])
         n = len(self.time)
         values = np.array(function(self.time[None, :], self.x, self.z, np.tile(self.p[:, None], (1, n)), self.u,
                                    np.ones((1, n)))).reshape(len(names), n)
         return {name: self._shown(name, row) for name, row in zip(names, values, strict=True)}
+
+    def sensitivity(self, name: str, parameter: str) -> Array:
+        """d signal / d parameter (N,), the signal in the unit of `result[name]`, the parameter in its base unit.
+
+        UsageError unless the run was made with `sensitivities=[parameter]`.
+        """
+        return self.sensitivities([name], parameter)[name]
+
+    def sensitivities(self, names: Iterable[str], parameter: str) -> dict[str, Array]:
+        """The sensitivities of several signals to one parameter; see `sensitivity`."""
+        if self.along is None or parameter not in self.along.names:
+            raise UsageError([Problem("sensitivity-missing", f"this run has no sensitivities to '{parameter}'", None,
+                                      f"simulate(..., sensitivities=['{parameter}'])")])
+        names, k, n = list(names), self.along.names.index(parameter), len(self.time)
+        t, x, z, p, u, rate = self.assembly.arguments
+        stacked = stack([self._expression(name) for name in names])
+        dx, dz, dp = (ca.SX.sym("d", a.numel()) for a in (x, z, p))
+        moved = sum((ca.jtimes(stacked, a, d) for a, d in ((x, dx), (z, dz), (p, dp)) if a.numel()), ca.SX(len(names), 1))
+        function = ca.Function("along", [t, x, z, p, u, rate, dx, dz, dp], [moved])
+        values = np.array(function(self.time[None, :], self.x, self.z, np.tile(self.p[:, None], (1, n)), self.u,
+                                   np.ones((1, n)), self.along.x[k], self.along.z[k],
+                                   np.tile(self.along.p[k][:, None], (1, n)))).reshape(len(names), n)
+        shown = self.assembly.model.show
+        return {name: row / (read_unit(shown[name].unit).scale if name in shown else 1.0)
+                for name, row in zip(names, values, strict=True)}
 
     def _shown(self, name: str, values: Array) -> Array:
         shown = self.assembly.model.show.get(name)

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import heavebond as hb
-from heavebond.compare import Comparison, compare
+from heavebond.comparison import Comparison, compare
 from heavebond.experiment import load_experiment
 
 DRIVE = Path(__file__).parents[2] / "shared" / "data" / "real" / "emps"

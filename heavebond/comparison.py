@@ -15,7 +15,7 @@ from heavebond.experiment import Experiment, Output, Record, load_experiment
 from heavebond.expression import ExpressionProblem, names
 from heavebond.measurements import Table, check_time, check_values, column, read_table
 from heavebond.result import Result
-from heavebond.simulate import Simulator, Tolerances
+from heavebond.simulation import Simulator, Tolerances
 from heavebond.units import dimension_text, read_unit
 
 # A record is simulated to far less than its noise; tighter only costs time.

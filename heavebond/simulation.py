@@ -18,10 +18,10 @@ from heavebond.dae import Array, Assembly, Integrand, assemble, integrand
 from heavebond.definition import Value
 from heavebond.errors import Problem, UsageError
 from heavebond.expression import constant
-from heavebond.initialise import Start, start
+from heavebond.initialise import Start, Tangent, start, tangent
 from heavebond.inputs import pieced
 from heavebond.model import Model
-from heavebond.result import Result
+from heavebond.result import Along, Result
 from heavebond.units import UnitProblem, check_unit, parse_quantity, unit
 
 Time = float | str
@@ -31,23 +31,30 @@ MOST_STEPS = 10_000_000
 
 @dataclass(frozen=True)
 class Tolerances:
-    """Error control of the integrator: relative, and absolute in each unknown's nominal size."""
+    """Error control of the integrator: relative, and absolute in each unknown's nominal size.
+
+    `along` is the weight of forward sensitivities in it: at 1 they are as accurate as the states, at twice the steps;
+    at 1e-3 they ride on the steps of the states and are right to some 1e-4 of their largest value.
+    """
 
     rtol: float = 1e-8
     atol: float = 1e-10
+    along: float = 1e-3
 
 
 def simulate(model: Model | Assembly, until: Time | None = None, *, every: Time | None = None,
              parameters: Mapping[str, float | str] | None = None, also: Iterable[str] = (),
-             rtol: float = 1e-8, atol: float = 1e-10) -> Result:
+             sensitivities: Iterable[str] = (), rtol: float = 1e-8, atol: float = 1e-10) -> Result:
     """Run a diagram from 0 to `until` (seconds, or `"2 min"`), with an output point `every` so often.
 
-    Both default to what the diagram says under `simulate:`. `parameters` overrides values by name. Errors are
+    Both default to what the diagram says under `simulate:`. `parameters` overrides values by name. `sensitivities`
+    names parameters with respect to which the derivative of every signal is wanted (`result.sensitivity`). Errors are
     controlled to rtol and to atol times each unknown's nominal size. Raises StartError where no consistent start
     exists and SimulationError where the integration fails; a given Assembly is not built anew.
     """
     assembly = model if isinstance(model, Assembly) else assemble(model, also)
-    return Simulator(assembly, until, every=every, tolerances=Tolerances(rtol, atol)).run(parameters)
+    return Simulator(assembly, until, every=every, tolerances=Tolerances(rtol, atol),
+                     sensitivities=sensitivities).run(parameters)
 
 
 class Simulator:
@@ -55,12 +62,14 @@ class Simulator:
 
     def __init__(self, assembly: Assembly, until: Time | None = None, *, every: Time | None = None,
                  times: Array | None = None, tolerances: Tolerances | None = None,
-                 quadratures: ca.SX | None = None):
+                 quadratures: ca.SX | None = None, sensitivities: Iterable[str] = ()):
         self.assembly = assembly
         self.tolerances = tolerances or Tolerances()
+        self.sensitivities = tuple(sensitivities)
+        self.along = _directions(assembly, self.sensitivities, self.tolerances.along)
         self.time = grid(assembly.model, until, every) if times is None else np.asarray(times, float)
         self.pieces = pieced(assembly.flat, float(self.time[0]), float(self.time[-1]))
-        self.integrand = integrand(assembly, quadratures)
+        self.integrand = integrand(assembly, quadratures, len(self.sensitivities))
         self.stops = np.union1d(self.time, self.pieces.inner_breaks(self.time[0], self.time[-1]))
         self.integrator = _integrator(self.integrand, self.stops, self.tolerances)
 
@@ -73,9 +82,24 @@ class Simulator:
         x, z, quadratures, statistics = self._integrate(assembly, first)
         seconds = {"start": started - began, "integration": clock.perf_counter() - started}
         keep = np.searchsorted(self.stops, self.time)
-        return Result(assembly, self.time, x[:, keep], z[:, keep], self.pieces.at(self.time), first.p, first,
+        n_x, n_z = len(assembly.x_nominal), len(assembly.z_nominal)
+        return Result(assembly, self.time, x[:n_x, keep], z[:n_z, keep], self.pieces.at(self.time), first.p, first,
                       {"solver": "idas", "seconds": seconds, "start_steps": first.steps, **statistics,
-                       **({"quadratures": quadratures[:, keep]} if quadratures.size else {})})
+                       **({"quadratures": quadratures[:, keep]} if quadratures.size else {})},
+                      self._along(x[n_x:, keep], z[n_z:, keep], first))
+
+    def _along(self, x: Array, z: Array, first: Start) -> Along | None:
+        """The sensitivities of the states per unit of each parameter."""
+        if not self.sensitivities:
+            return None
+        m, n = len(self.sensitivities), len(self.time)
+        sizes = np.abs(self.along).max(axis=0)
+        moved = self._tangent(first)
+        return Along(self.sensitivities, x.reshape(m, -1, n) / sizes[:, None, None],
+                     z.reshape(m, -1, n) / sizes[:, None, None], (moved.p / sizes).T)
+
+    def _tangent(self, first: Start) -> Tangent:
+        return tangent(self.assembly, first, self.pieces.at(np.array([first.t]))[:, 0], self.along)
 
     def _integrate(self, assembly: Assembly, first: Start) -> tuple[Array, Array, Array, dict[str, object]]:
         if len(self.stops) == 1:
@@ -96,15 +120,32 @@ class Simulator:
 
     def attempt(self, assembly: Assembly, first: Start) -> tuple[Array, Array, Array, dict[str, object]]:
         """x, z, quadratures at the stops and statistics; the integrator's own RuntimeError where it fails."""
-        x0, z0 = first.x / assembly.x_nominal, first.z / assembly.z_nominal
+        x0, z0, dp, blocks = first.x / assembly.x_nominal, first.z / assembly.z_nominal, self.along, 1
+        if self.sensitivities:
+            moved = self._tangent(first)
+            dp, blocks = moved.p, 1 + len(self.sensitivities)
+            x0 = np.concatenate([x0, (moved.x / assembly.x_nominal[:, None]).T.ravel()])
+            z0 = np.concatenate([z0, (moved.z / assembly.z_nominal[:, None]).T.ravel()])
+        x_size, z_size = np.tile(assembly.x_nominal, blocks), np.tile(assembly.z_nominal, blocks)
         middle = (self.stops[:-1] + self.stops[1:]) / 2
-        found = self.integrator(x0=x0, z0=z0, p=self.integrand.hoist(first.p), u=self.pieces.at(middle))
+        found = self.integrator(x0=x0, z0=z0, p=self.integrand.hoist(first.p, dp), u=self.pieces.at(middle))
         n_q, n = self.integrator.size1_out("qf"), len(self.stops) - 1
-        x = np.column_stack([x0, np.array(found["xf"]).reshape(len(x0), n)]) * assembly.x_nominal[:, None]
-        z = np.column_stack([z0, np.array(found["zf"]).reshape(len(z0), n)]) * assembly.z_nominal[:, None]
+        x = np.column_stack([x0, np.array(found["xf"]).reshape(len(x0), n)]) * x_size[:, None]
+        z = np.column_stack([z0, np.array(found["zf"]).reshape(len(z0), n)]) * z_size[:, None]
         q = np.column_stack([np.zeros(n_q), np.array(found["qf"]).reshape(n_q, n)])
         statistics = {k: v for k, v in self.integrator.stats().items() if k in ("nsteps", "nfevals", "netfails")}
         return x, z, q, statistics
+
+
+def _directions(assembly: Assembly, names: tuple[str, ...], weight: float) -> Array:
+    """One column per name: its parameter moved by its own size (1 where it is zero) times the weight, so that the
+    error control sees sensitivities of the size of the states; UsageError for a name that is no parameter."""
+    index = {name: k for k, name in enumerate(assembly.parameter_names)}
+    along = np.zeros((len(assembly.p), len(names)))
+    for column, name in enumerate(names):
+        assembly.with_parameters({name: 0.0})  # says what is wrong with a name that cannot be set
+        along[index[name], column] = weight * (abs(assembly.p[index[name]]) or 1.0)
+    return along
 
 
 def _integrator(made: Integrand, stops: Array, tolerances: Tolerances) -> ca.Function:
