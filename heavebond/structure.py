@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from heapq import heapify, heappop, heappush
+from heapq import heappop, heappush
 
 # Values beside row and column numbers in a matching.
 FREE = -1
@@ -306,10 +306,10 @@ def tear(rows: Mapping[int, Sequence[int]], columns: Sequence[int], cost: Mappin
     that it cannot be. Orders of declaration are those of `rows` and `columns`.
 
     The smallest number of torn columns is NP-hard to find; this is a greedy heuristic in near-linear time:
-    1. a column that none of the rows left can be solved for is torn, as it has to be, the first declared;
-    2. else a row with one unknown column left, solvable for it, is taken: the cheapest, the first declared;
-    3. else a column is torn: of the highest `prefer_torn` (else 0), in most rows left, the first declared.
-    A row whose columns are all known before it was used, or that cannot give its last one, becomes residual.
+    1. columns that no row can be solved for are torn, as they have to be;
+    2. then a row with one unknown column left, solvable for it, is taken: the cheapest, the first declared;
+    3. if there is none, a column is torn: of the highest `prefer_torn` (else 0), one that makes most rows
+       solvable for their last column, one in most rows, the first declared; and on with 2.
 
     Raises ValueError if there are not as many rows as columns.
 
@@ -320,19 +320,22 @@ def tear(rows: Mapping[int, Sequence[int]], columns: Sequence[int], cost: Mappin
         raise ValueError(f"a block of {len(rows)} rows and {len(columns)} columns cannot be torn")
     loop = _Loop(rows, columns, cost, prefer_torn or {})
     sequence: list[tuple[int, int]] = []
-    torn: list[int] = []
+    torn = [column for column in columns if not any((row, column) in cost for row in loop.rows_of[column])]
+    for column in torn:
+        loop.learn(column)
     while (step := loop.next_step()) is not None:
         row, column = step
         if row is None:
             torn.append(column)
         else:
             sequence.append((row, column))
+        loop.learn(column)
     used = {row for row, _ in sequence}
     return Tearing(tuple(sequence), tuple(torn), tuple(row for row in rows if row not in used))
 
 
 class _Loop:
-    """What is still open while a block is torn: rows neither used nor given up, and columns not yet known."""
+    """While a block is torn: what is known, what can be solved for, and what tearing a column would gain."""
 
     def __init__(self, rows: Mapping[int, Sequence[int]], columns: Sequence[int],
                  cost: Mapping[tuple[int, int], int], prefer_torn: Mapping[int, int]):
@@ -342,65 +345,56 @@ class _Loop:
         for row, members in self.columns_of.items():
             for column in members:
                 self.rows_of[column].append(row)
-        self.number = {row: k for k, row in enumerate(rows)}
-        self.unknowns = {row: len(members) for row, members in self.columns_of.items()}
-        self.occurrences = {column: len(members) for column, members in self.rows_of.items()}
-        self.solvers = {column: sum((row, column) in cost for row in members)
-                        for column, members in self.rows_of.items()}
-        self.open_rows = set(rows)
         self.known: set[int] = set()
-        self.place = {column: k for k, column in enumerate(columns)}
-        self.forced = [(k, column) for k, column in enumerate(columns) if not self.solvers[column]]
+        self.unknowns = {row: len(members) for row, members in self.columns_of.items()}
+        # (cost, place of the row, row, column) of the rows with one unknown column
         self.ready: list[tuple[int, int, int, int]] = []
-        self.candidates = [(-prefer_torn.get(c, 0), -self.occurrences[c], self.place[c], c) for c in columns]
-        heapify(self.candidates)
+        self.number = {row: k for k, row in enumerate(rows)}
+        # how many rows have two unknown columns, this one and another that they can be solved for
+        self.gain = dict.fromkeys(columns, 0)
+        # what comes before the gain, and what after it
+        self.preference = {column: -prefer_torn.get(column, 0) for column in columns}
+        self.rank = {column: (-len(self.rows_of[column]), k) for k, column in enumerate(columns)}
+        # (preference, -gain, rank, column): entered anew whenever the gain changes, which voids older entries
+        self.candidates: list[tuple[int, int, tuple[int, int], int]] = []
+        for column in columns:
+            self._rate(column, 0)
         for row in rows:
             self._look_at(row)
 
     def next_step(self) -> tuple[int | None, int] | None:
         """The next (row, column) to solve, (None, column) to tear, or None when every column is known."""
-        while self.forced:
-            _, column = heappop(self.forced)
-            if column not in self.known:
-                return self._know(None, column)
         while self.ready:
             _, _, row, column = heappop(self.ready)
-            if row in self.open_rows:
-                self._close(row)
-                return self._know(row, column)
+            if column not in self.known:
+                return row, column
         while self.candidates:
-            preference, count, place, column = heappop(self.candidates)
-            if column in self.known:
-                continue
-            if -count == self.occurrences[column]:
-                return self._know(None, column)
-            # Rows were closed since it was entered. Counts only fall, so it goes back to its present place.
-            heappush(self.candidates, (preference, -self.occurrences[column], place, column))
+            _, loss, _, column = heappop(self.candidates)
+            if column not in self.known and -loss == self.gain[column]:
+                return None, column
         return None
 
-    def _know(self, row: int | None, column: int) -> tuple[int | None, int]:
+    def learn(self, column: int) -> None:
+        """Count a column as known."""
         self.known.add(column)
-        for other in self.rows_of[column]:
-            if other in self.open_rows:
-                self.unknowns[other] -= 1
-                self._look_at(other)
-        return row, column
+        for row in self.rows_of[column]:
+            self.unknowns[row] -= 1
+            if self.unknowns[row] == 1 and (row, column) in self.cost:
+                self._rate(next(c for c in self.columns_of[row] if c not in self.known), -1)
+            self._look_at(row)
 
     def _look_at(self, row: int) -> None:
-        """Queue a row that has one unknown column and can be solved for it; without either it is given up."""
-        if self.unknowns[row] > 1:
+        """Enter a row that has come down to one or two unknown columns."""
+        if self.unknowns[row] > 2:
             return
-        column = next((c for c in self.columns_of[row] if c not in self.known), None)
-        if column is not None and (row, column) in self.cost:
-            heappush(self.ready, (self.cost[row, column], self.number[row], row, column))
-        else:
-            self._close(row)
+        unknown = [column for column in self.columns_of[row] if column not in self.known]
+        if len(unknown) == 1 and (row, unknown[0]) in self.cost:
+            heappush(self.ready, (self.cost[row, unknown[0]], self.number[row], row, unknown[0]))
+        elif len(unknown) == 2:
+            for column, other in (unknown, unknown[::-1]):
+                if (row, other) in self.cost:
+                    self._rate(column, 1)
 
-    def _close(self, row: int) -> None:
-        self.open_rows.remove(row)
-        for column in self.columns_of[row]:
-            self.occurrences[column] -= 1
-            if (row, column) in self.cost:
-                self.solvers[column] -= 1
-                if not self.solvers[column] and column not in self.known:
-                    heappush(self.forced, (self.place[column], column))
+    def _rate(self, column: int, change: int) -> None:
+        self.gain[column] += change
+        heappush(self.candidates, (self.preference[column], -self.gain[column], self.rank[column], column))
