@@ -10,7 +10,7 @@ import numpy as np
 
 from heavebond import metrics, reading
 from heavebond.dae import Array, Assembly, assemble
-from heavebond.errors import DataError, HeavebondError, ModelError, Place, Problems, suggest
+from heavebond.errors import DataError, HeavebondError, ModelError, Place, Problem, Problems, suggest
 from heavebond.experiment import Experiment, Output, Record, load_experiment
 from heavebond.expression import ExpressionProblem, names
 from heavebond.measurements import Table, check_time, check_values, column, read_table
@@ -116,7 +116,7 @@ def compare_record(experiment: Experiment, record: Record,
     assembly = assemble_for(experiment, record)
     if parameters:
         assembly = assembly.with_parameters(parameters)
-    time = column(table, experiment.time_column, record.place) * read_unit(experiment.time_unit).scale
+    time = record_time(experiment, record, table)
     result = Simulator(assembly, times=time, tolerances=TOLERANCES).run()
     simulated = result.signals([o.shown.text for o in experiment.outputs.values()])
     channels = {name: _channel(name, output, table, time, simulated[output.shown.text])
@@ -156,6 +156,11 @@ def record_table(experiment: Experiment, record: Record) -> Table:
     return table
 
 
+def record_time(experiment: Experiment, record: Record, table: Table) -> Array:
+    """The times (N,) of a record in seconds."""
+    return column(table, experiment.time_column, record.place) * read_unit(experiment.time_unit).scale
+
+
 def assemble_for(experiment: Experiment, record: Record) -> Assembly:
     """The diagram of a record as equations; ModelError for outputs or free parameters that it does not have."""
     wanted = {n.text for output in experiment.outputs.values() for n in names(output.shown.expr)}
@@ -185,28 +190,40 @@ def _check_free(assembly: Assembly, experiment: Experiment, problems: Problems) 
     flat = assembly.flat
     units = {q.name: q.unit for q in flat.parameters}
     for name, free in experiment.free.items():
-        inner = name.removeprefix("initial.")
         place: Place = free.place
-        if inner != name and inner in flat.names:
-            unit = flat.unknowns[flat.names[inner]].unit
-        elif name in units:
-            unit = units[name]
-        else:
+        if name not in units:
+            inner = name.removeprefix("initial.")
             hint = "It follows from other parameters by a formula." if name in flat.constants else \
-                suggest(name, [*units, *(f"initial.{n}" for n in flat.names)])
+                f"Give it a value in the diagram first: `initial: {{{inner}: ...}}`." if inner in flat.names else \
+                suggest(name, units)
             problems.add("free-unknown", f"'{name}' is no parameter that may be free", place, hint=hint)
             continue
+        unit = units[name]
         if unit.dimension != free.range.unit.dimension:
             problems.add("unit-wrong", f"the range of {name} is in {free.range.unit.text}; {unit.text} is needed", place)
+
+
+def channel_noise(output: Output, table: Table, time: Array) -> tuple[float, bool]:
+    """The noise of a channel in its own unit, and whether it was given (else it is estimated from the record).
+
+    DataError for a channel whose noise is not given and cannot be estimated: constant or too short.
+    """
+    if output.noise is not None:
+        return output.noise, True
+    noise = metrics.estimate_noise(table.columns[output.column], time)
+    if not np.isfinite(noise) or noise <= 0:
+        raise DataError([Problem("noise-unknown", f"the noise of column '{output.column}' cannot be estimated from the "
+                                 "record", output.place, f"Give it: `noise: 1 {output.shown.unit}`.")])
+    return noise, False
 
 
 def _channel(name: str, output: Output, table: Table, time: Array, simulated: Array) -> Channel:
     unit = read_unit(output.shown.unit)
     measured = table.columns[output.column]
     model = np.asarray((simulated - unit.offset) / unit.scale)
-    noise = output.noise if output.noise is not None else metrics.estimate_noise(measured, time)
+    noise, given = channel_noise(output, table, time)
     return Channel(
-        name, output.shown.unit, time, measured, model, noise, output.noise is not None,
+        name, output.shown.unit, time, measured, model, noise, given,
         metrics.rms_error(measured, model), metrics.normalised_rms(measured, model),
         metrics.relative_rms(measured, model), metrics.fit_percent(measured, model), metrics.bias(measured, model),
         metrics.chi2_per_sample(measured, model, noise), metrics.whiteness(measured - model))

@@ -159,7 +159,8 @@ class _Initial:
             if not bare and given != wanted:
                 raise ExpressionProblem("unit-wrong", f"the initial value of {condition.name} must be in another unit "
                                         f"than '{condition.value.text}'", 0)
-            value = self.assembly.expression(condition.value.expr)
+            number = self.assembly.flat.constants.get(f"initial.{condition.name}")
+            value = self.assembly.expression(condition.value.expr) if number is None or condition.guess else number
             left = self.assembly.expression(tree)
         except ExpressionProblem as problem:
             problems.add(problem.code, problem.message, condition.value.place, hint=problem.hint)

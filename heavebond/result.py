@@ -66,7 +66,7 @@ class Result:
         try:
             return dimension_text(resolver.dimension(parse_formula(name)) or ())
         except ExpressionProblem as problem:
-            raise self._unknown(name, problem) from None
+            raise unknown_signal(self.assembly, name, problem) from None
 
     def __getitem__(self, name: str) -> Array:
         return self.signals([name])[name]
@@ -74,56 +74,17 @@ class Result:
     def signals(self, names: Iterable[str]) -> dict[str, Array]:
         """Several signals at once, each (N,); UsageError for a name that is not there."""
         names = list(names)
-        expressions = [self._expression(name) for name in names]
-        function = ca.Function("signals", list(self.assembly.arguments), [stack(expressions)])
-        n = len(self.time)
-        values = np.array(function(self.time[None, :], self.x, self.z, np.tile(self.p[:, None], (1, n)), self.u,
-                                   np.ones((1, n)))).reshape(len(names), n)
-        return {name: self._shown(name, row) for name, row in zip(names, values, strict=True)}
+        return dict(zip(names, Probe(self.assembly, names).values(self), strict=True))
 
     def sensitivity(self, name: str, parameter: str) -> Array:
         """d signal / d parameter (N,), the signal in the unit of `result[name]`, the parameter in its base unit.
 
         UsageError unless the run was made with `sensitivities=[parameter]`.
         """
-        return self.sensitivities([name], parameter)[name]
-
-    def sensitivities(self, names: Iterable[str], parameter: str) -> dict[str, Array]:
-        """The sensitivities of several signals to one parameter; see `sensitivity`."""
         if self.along is None or parameter not in self.along.names:
             raise UsageError([Problem("sensitivity-missing", f"this run has no sensitivities to '{parameter}'", None,
                                       f"simulate(..., sensitivities=['{parameter}'])")])
-        names, k, n = list(names), self.along.names.index(parameter), len(self.time)
-        t, x, z, p, u, rate = self.assembly.arguments
-        stacked = stack([self._expression(name) for name in names])
-        dx, dz, dp = (ca.SX.sym("d", a.numel()) for a in (x, z, p))
-        moved = sum((ca.jtimes(stacked, a, d) for a, d in ((x, dx), (z, dz), (p, dp)) if a.numel()), ca.SX(len(names), 1))
-        function = ca.Function("along", [t, x, z, p, u, rate, dx, dz, dp], [moved])
-        values = np.array(function(self.time[None, :], self.x, self.z, np.tile(self.p[:, None], (1, n)), self.u,
-                                   np.ones((1, n)), self.along.x[k], self.along.z[k],
-                                   np.tile(self.along.p[k][:, None], (1, n)))).reshape(len(names), n)
-        shown = self.assembly.model.show
-        return {name: row / (read_unit(shown[name].unit).scale if name in shown else 1.0)
-                for name, row in zip(names, values, strict=True)}
-
-    def _shown(self, name: str, values: Array) -> Array:
-        shown = self.assembly.model.show.get(name)
-        return values if shown is None else np.asarray(read_unit(shown.unit).from_si(values))  # type: ignore[arg-type]
-
-    def _expression(self, name: str) -> ca.SX:
-        shown = self.assembly.model.show.get(name)
-        try:
-            return self.assembly.expression(shown.expr if shown is not None else parse_formula(name))
-        except ExpressionProblem as problem:
-            raise self._unknown(name, problem) from None
-
-    def _unknown(self, name: str, problem: ExpressionProblem) -> UsageError:
-        hint = suggest(name, self.names()) or problem.hint
-        node, _, member = name.rpartition(".")
-        flat = self.assembly.flat
-        if member in ("x", "phi") and any(f"{node}.{flow}" in flat.names for flow in ("v", "w")):
-            hint = f"No equation uses this position; ask for it: simulate(..., also=['{name}'])."
-        return UsageError([Problem(problem.code, problem.message, None, hint)])
+        return np.asarray(Probe(self.assembly, [name]).sensitivities(self)[self.along.names.index(parameter), 0])
 
     def to_pandas(self, names: Iterable[str] | None = None) -> pd.DataFrame:
         """A table with time as index; by default the named outputs and all unknowns, columns `name [unit]`."""
@@ -147,3 +108,57 @@ class Result:
                 raise UsageError("writing Parquet needs pyarrow", hint="pip install 'heavebond[parquet]'") from None
         else:
             raise UsageError(f"'{path.name}' has no known suffix", hint="Write .csv or .parquet.")
+
+
+class Probe:
+    """Signals of an assembly as compiled functions, for one run or for many (fitting, sweeps)."""
+
+    def __init__(self, assembly: Assembly, names: Iterable[str]):
+        self.names = tuple(names)
+        t, x, z, p, u, rate = assembly.arguments
+        signals = stack([self._signal(assembly, name) for name in self.names])
+        dx, dz, dp = (ca.SX.sym("d", a.numel()) for a in (x, z, p))
+        moved = ca.SX(len(self.names), 1)
+        for argument, direction in ((x, dx), (z, dz), (p, dp)):
+            if argument.numel():
+                moved += ca.jtimes(signals, argument, direction)
+        self._values = ca.Function("signals", list(assembly.arguments), [signals])
+        self._along = ca.Function("along", [t, x, z, p, u, rate, dx, dz, dp], [moved])
+
+    @staticmethod
+    def _signal(assembly: Assembly, name: str) -> ca.SX:
+        shown = assembly.model.show.get(name)
+        try:
+            if shown is None:
+                return assembly.expression(parse_formula(name))
+            unit = read_unit(shown.unit)
+            return (assembly.expression(shown.expr) - unit.offset) / unit.scale
+        except ExpressionProblem as problem:
+            raise unknown_signal(assembly, name, problem) from None
+
+    def values(self, result: Result) -> Array:
+        """The signals of a run (n_signals, N)."""
+        return np.array(self._values(*_columns(result))).reshape(len(self.names), len(result.time))
+
+    def sensitivities(self, result: Result) -> Array:
+        """Their derivatives with respect to the parameters of `result.along` (m, n_signals, N)."""
+        assert result.along is not None
+        n, given = len(result.time), _columns(result)
+        return np.array([
+            np.array(self._along(*given, x, z, np.tile(p[:, None], (1, n)))).reshape(len(self.names), n)
+            for x, z, p in zip(result.along.x, result.along.z, result.along.p, strict=True)])
+
+
+def _columns(result: Result) -> tuple[Array, ...]:
+    n = len(result.time)
+    return (result.time[None, :], result.x, result.z, np.tile(result.p[:, None], (1, n)), result.u, np.ones((1, n)))
+
+
+def unknown_signal(assembly: Assembly, name: str, problem: ExpressionProblem) -> UsageError:
+    """The error for a signal that is not there; a position that no equation uses must be asked for."""
+    flat = assembly.flat
+    hint = suggest(name, [*assembly.model.show, *flat.names]) or problem.hint
+    node, _, member = name.rpartition(".")
+    if member in ("x", "phi") and any(f"{node}.{flow}" in flat.names for flow in ("v", "w")):
+        hint = f"No equation uses this position; ask for it: simulate(..., also=['{name}'])."
+    return UsageError([Problem(problem.code, problem.message, None, hint)])

@@ -22,6 +22,7 @@ from heavebond.initialise import Start, Tangent, start, tangent
 from heavebond.inputs import pieced
 from heavebond.model import Model
 from heavebond.result import Along, Result
+from heavebond.symbols import stack
 from heavebond.units import UnitProblem, check_unit, parse_quantity, unit
 
 Time = float | str
@@ -69,7 +70,8 @@ class Simulator:
         self.along = _directions(assembly, self.sensitivities, self.tolerances.along)
         self.time = grid(assembly.model, until, every) if times is None else np.asarray(times, float)
         self.pieces = pieced(assembly.flat, float(self.time[0]), float(self.time[-1]))
-        self.integrand = integrand(assembly, quadratures, len(self.sensitivities))
+        self.integrand = _with_integrals(integrand(assembly, quadratures, len(self.sensitivities)))
+        self.integrals = 0 if quadratures is None else quadratures.numel()
         self.stops = np.union1d(self.time, self.pieces.inner_breaks(self.time[0], self.time[-1]))
         self.integrator = _integrator(self.integrand, self.stops, self.tolerances)
 
@@ -103,7 +105,7 @@ class Simulator:
 
     def _integrate(self, assembly: Assembly, first: Start) -> tuple[Array, Array, Array, dict[str, object]]:
         if len(self.stops) == 1:
-            return first.x[:, None], first.z[:, None], np.zeros((self.integrator.size1_out("qf"), 1)), {}
+            return first.x[:, None], first.z[:, None], np.zeros((self.integrals, 1)), {}
         failed, said = "", ""
         with _stderr() as heard:
             try:
@@ -126,13 +128,14 @@ class Simulator:
             dp, blocks = moved.p, 1 + len(self.sensitivities)
             x0 = np.concatenate([x0, (moved.x / assembly.x_nominal[:, None]).T.ravel()])
             z0 = np.concatenate([z0, (moved.z / assembly.z_nominal[:, None]).T.ravel()])
+        n_x, n_q, n = len(x0), self.integrals, len(self.stops) - 1
+        x0 = np.append(x0, np.zeros(n_q))
         x_size, z_size = np.tile(assembly.x_nominal, blocks), np.tile(assembly.z_nominal, blocks)
         middle = (self.stops[:-1] + self.stops[1:]) / 2
         found = self.integrator(x0=x0, z0=z0, p=self.integrand.hoist(first.p, dp), u=self.pieces.at(middle))
-        n_q, n = self.integrator.size1_out("qf"), len(self.stops) - 1
-        x = np.column_stack([x0, np.array(found["xf"]).reshape(len(x0), n)]) * x_size[:, None]
+        x = np.column_stack([x0, np.array(found["xf"]).reshape(len(x0), n)])
         z = np.column_stack([z0, np.array(found["zf"]).reshape(len(z0), n)]) * z_size[:, None]
-        q = np.column_stack([np.zeros(n_q), np.array(found["qf"]).reshape(n_q, n)])
+        x, q = x[:n_x] * x_size[:, None], x[n_x:]
         statistics = {k: v for k, v in self.integrator.stats().items() if k in ("nsteps", "nfevals", "netfails")}
         return x, z, q, statistics
 
@@ -146,6 +149,17 @@ def _directions(assembly: Assembly, names: tuple[str, ...], weight: float) -> Ar
         assembly.with_parameters({name: 0.0})  # says what is wrong with a name that cannot be set
         along[index[name], column] = weight * (abs(assembly.p[index[name]]) or 1.0)
     return along
+
+
+def _with_integrals(made: Integrand) -> Integrand:
+    """Quadratures as states after the others: those of IDAS are left out of its choice of order, so that a run whose
+    states are straight lines would take its quadratures by first-order steps."""
+    dae = dict(made.dae)
+    if "quad" not in dae:
+        return made
+    rates = dae.pop("quad")
+    dae["x"], dae["ode"] = stack([dae["x"], ca.SX.sym("integral", rates.numel())]), stack([dae["ode"], rates])
+    return Integrand(dae, made.hoist)
 
 
 def _integrator(made: Integrand, stops: Array, tolerances: Tolerances) -> ca.Function:

@@ -51,7 +51,8 @@ def guess(flat: Flat, p: NDArray[np.float64]) -> NDArray[np.float64]:
     for name, condition in flat.expanded.model.initial.conditions.items():
         if name in flat.names:
             try:
-                number = ca.Function("v", [flat.p], [resolver.evaluate(condition.value.expr)])(p)
+                given = flat.constants.get(f"initial.{name}")
+                number = ca.Function("v", [flat.p], [resolver.evaluate(condition.value.expr) if given is None else given])(p)
                 values[flat.names[name]] = float(number)
             except (ExpressionProblem, RuntimeError):
                 continue  # a condition that is no number of parameters is dealt with when the start is solved
