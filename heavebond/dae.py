@@ -219,6 +219,8 @@ def integrand(assembly: Assembly, quadratures: ca.SX | None = None, directions: 
         constants = stack([given, *symbols])
         hoist = ca.Function("hoist", [p, dp], [stack([given, *parametric])])
     parts = ca.vertsplit(stacked, [0, *np.cumsum(sizes).tolist()])
+    if not x_s.numel():  # an integrator needs a state: one that stays zero
+        x_s, parts[0] = ca.SX.sym("x"), ca.SX(1, 1)
     dae = {"x": x_s, "z": z_s, "p": constants, "u": u, "t": t, "ode": parts[0], "alg": parts[1]}
     if quadratures is not None:
         dae["quad"] = parts[2]

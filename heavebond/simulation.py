@@ -132,8 +132,9 @@ class Simulator:
         x0 = np.append(x0, np.zeros(n_q))
         x_size, z_size = np.tile(assembly.x_nominal, blocks), np.tile(assembly.z_nominal, blocks)
         middle = (self.stops[:-1] + self.stops[1:]) / 2
-        found = self.integrator(x0=x0, z0=z0, p=self.integrand.hoist(first.p, dp), u=self.pieces.at(middle))
-        x = np.column_stack([x0, np.array(found["xf"]).reshape(len(x0), n)])
+        n_x = len(x0)
+        found = self.integrator(x0=x0 if n_x else 0.0, z0=z0, p=self.integrand.hoist(first.p, dp), u=self.pieces.at(middle))
+        x = np.column_stack([x0, np.array(found["xf"])[:n_x].reshape(n_x, n)])
         z = np.column_stack([z0, np.array(found["zf"]).reshape(len(z0), n)]) * z_size[:, None]
         x, q = x[:n_x] * x_size[:, None], x[n_x:]
         statistics = {k: v for k, v in self.integrator.stats().items() if k in ("nsteps", "nfevals", "netfails")}
