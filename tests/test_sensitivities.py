@@ -136,7 +136,7 @@ def _bundled(name: str) -> Callable[[Path], Assembly]:
 CASES = {
     "damped oscillator": (_text(SLIDER), "load.x", ["spring.c", "cart.m", "initial.load.x", "initial.load.v"], 2),
     "steady start": (_text(HANGING), "load.x", ["spring.c", "cart.m", "weight.m"], 2),
-    "solved preload": (_text(PRELOADED), "load.x", ["weight.m", "spring.c", "initial.load.x"], 2),
+    "solved preload": (_text(PRELOADED), "spring.F", ["weight.m", "spring.c", "cart.m"], 2),
     "algebraic loop": (_text(LOOP), "mid.p", ["first.q_r", "second.q_r", "source.p_0"], 1),
     "measured input": (_text(MEASURED), "load.x", ["spring.c", "damper.d", "scale.table.u"], 2),
     "index 3": (_text(PENDULUM), "bob.x", ["bob.l", "bob.g", "initial.bob.x"], 2),
