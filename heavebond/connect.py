@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 from heavebond.definition import FileInput, Value
 from heavebond.dimensions import dimension
-from heavebond.errors import ModelError, Place, Problems
+from heavebond.errors import ModelError, Place, Problems, either
 from heavebond.expand import Bound, Expanded
-from heavebond.expression import ExpressionProblem, Name, Number, names
+from heavebond.expression import ExpressionProblem, Name, Number
 from heavebond.units import ONE, Dimension, Unit, dimension_text, is_generic, solved, times
 
 
@@ -111,8 +111,8 @@ def _domains(expanded: Expanded, groups: list[list[str]], group_of: dict[str, in
         if not domains[k] and any(m.startswith("port ") for m in members):
             path = next(m for m in members if m.startswith("port "))[5:]
             leaf = expanded.leaves[path.rpartition(".")[0]]
-            problems.add("domain-open", f"nothing tells the domain of '{path}'", leaf.place,
-                         hint="Wire it to a component of a certain domain.")
+            problems.add("domain-open", f"nothing tells whether '{path}' is mechanical, hydraulic or pneumatic",
+                         leaf.place, hint="Join it to a port of a component that has a domain.")
     return domains
 
 
@@ -125,9 +125,14 @@ def _mixed(expanded: Expanded, bound: dict[tuple[str, str], str], problems: Prob
             if kind:
                 kinds.setdefault(kind, end.name)
         if len(kinds) > 1:
+            odd = list(kinds.values())[-1]
+            place = next(end.place for end in junction.ends if end.name == odd)
             problems.add("domains-mixed", f"node '{junction.path}' joins " + " and ".join(
-                f"{kind} ('{port}')" for kind, port in kinds.items()), junction.place,
-                hint="A node joins ports of one domain; a component such as a cylinder goes from one to another.")
+                f"a {kind} port ('{port}')" if kind != "signal" else f"a signal ('{port}')"
+                for kind, port in kinds.items()), place,
+                hint="A signal acts through a source (ForceSource, FlowSource, ...) and comes from a sensor."
+                if "signal" in kinds else
+                "A node joins ports of one domain; a component such as a Cylinder goes from one to another.")
 
 
 def _named(expanded: Expanded, members: list[str], domains: list[str]) -> Group:
@@ -172,11 +177,16 @@ def _signal_sources(expanded: Expanded, network: Network, problems: Problems) ->
         if group.domain != "signal":
             continue
         outputs, given = drivers(expanded, group)
-        sources = [*outputs, *(path for path, _ in given)]
-        if len(sources) > 1:
-            problems.add("signal-driven-twice", f"signal '{group.name}' is set by " + " and ".join(
-                f"'{s}'" for s in sources), group.place, hint="A signal node has exactly one output; add them with Sum.")
-        if not sources:
+        if len(outputs) > 1:
+            problems.add("signal-driven-twice", f"signal '{group.name}' has {len(outputs)} outputs, {either(outputs)}",
+                         group.place, hint="A signal has exactly one; add them with a Sum.")
+        for path, bound in given if outputs else given[1:]:
+            leaf, _, name = path.rpartition(".")
+            other = outputs[0] if outputs else given[0][0]
+            problems.add("input-twice", f"'{path}' has a value in place, and '{other}' sets it too (node "
+                         f"'{group.name}')", bound.place,
+                         hint=f"Remove `{name}:` from '{leaf}', or take '{path}' off the node.")
+        if not outputs and not given:
             problems.add("signal-undriven", f"nothing sets the signal '{group.name}'", group.place,
                          hint="Join it to an output, or give the input a value in place.")
 
@@ -203,46 +213,49 @@ def _units(expanded: Expanded, network: Network, problems: Problems) -> dict[str
 
 
 def _parameter_constraints(expanded: Expanded) -> Iterable[tuple[str, Dimension, Dimension]]:
+    dimensions = _Dimensions(expanded)
     for path, leaf in expanded.leaves.items():
         for name, bound in leaf.parameters.items():
             parameter = leaf.component.parameters[name]
             if not is_generic(parameter.unit.dimension) or not isinstance(bound.value, Value):
                 continue
-            given = literal_dimension(expanded, bound)
+            given = dimensions.of(bound)
             if given is not None:
                 yield path, parameter.unit.dimension, given
 
 
-def literal_dimension(expanded: Expanded, bound: Bound) -> Dimension | None:
-    """The dimension of a value made of quantities and parameters with known units; None where it cannot be told."""
-    assert isinstance(bound.value, Value)
-    if bound.value.si or any(_unsolved(expanded, bound, n) for n in names(bound.value.expr)):
-        return None
-    try:
-        return dimension(bound.value.expr, lambda n: parameter_dimension(expanded, bound.scope + n.text, n))
-    except ExpressionProblem:
-        return None  # the complaint comes with the check of the parameter itself
+class _Dimensions:
+    """The dimensions of values in the diagram, those of its parameters found once."""
 
+    def __init__(self, expanded: Expanded):
+        self.expanded = expanded
+        self.found: dict[str, Dimension | None] = {}
 
-def _unsolved(expanded: Expanded, bound: Bound, name: Name) -> bool:
-    leaf, _, parameter = (bound.scope + name.text).rpartition(".")
-    declared = expanded.leaves[leaf].component.parameters.get(parameter) if leaf in expanded.leaves else None
-    return declared is not None and is_generic(declared.unit.dimension)
-
-
-def parameter_dimension(expanded: Expanded, path: str, name: Name) -> Dimension:
-    """The dimension of a parameter by its full path; ExpressionProblem where there is none."""
-    if path == "pi":
-        return ONE
-    leaf, _, parameter = path.rpartition(".")
-    if not leaf and parameter in expanded.parameters:
-        bound = expanded.parameters[parameter]
+    def of(self, bound: Bound) -> Dimension | None:
+        """That of a value made of quantities and parameters with known units; None where it cannot be told."""
         assert isinstance(bound.value, Value)
-        found = literal_dimension(expanded, bound)
-        return ONE if found is None else found
-    if leaf in expanded.leaves and parameter in expanded.leaves[leaf].component.parameters:
-        return expanded.leaves[leaf].component.parameters[parameter].unit.dimension
-    raise ExpressionProblem("name-unknown", f"there is no parameter '{name.text}' here", name.column, name.length)
+        if bound.value.si:
+            return None
+        try:
+            return dimension(bound.value.expr, lambda name: self._parameter(bound.scope + name.text, name))
+        except ExpressionProblem:
+            return None  # not known yet, or the complaint comes with the check of the parameter itself
+
+    def _parameter(self, path: str, name: Name) -> Dimension:
+        found = ONE if name.text == "pi" else self._found(path)
+        if found is None or is_generic(found):
+            raise ExpressionProblem("unit-open", f"the unit of '{name.text}' is not known", name.column, name.length)
+        return found
+
+    def _found(self, path: str) -> Dimension | None:
+        if path in self.expanded.parameters:
+            if path not in self.found:
+                self.found[path] = self.of(self.expanded.parameters[path])
+            return self.found[path]
+        owner, _, parameter = path.rpartition(".")
+        leaf = self.expanded.leaves.get(owner)
+        declared = leaf.component.parameters.get(parameter) if leaf is not None else None
+        return None if declared is None else declared.unit.dimension
 
 
 def _solve(declared: Dimension, given: Dimension, known: dict[str, Dimension]) -> bool:
@@ -291,7 +304,9 @@ def _check_signals(expanded: Expanded, signals: list[Group], solution: dict[str,
                 problems.add("unit-open", f"nothing tells the unit of the signal '{port}'", leaf.place,
                              hint="Give its parameters with their units, or join it to a signal of a known unit.")
             elif unit.dimension != units[first].dimension or {unit.counts, units[first].counts} == {"cycles", "angle"}:
+                factor = dimension_text(times(unit.dimension, units[first].dimension, -1))
                 problems.add("units-differ", f"signal '{group.name}' joins {units[first].text} ('{first}') and "
-                             f"{unit.text} ('{port}')", group.place, hint="Put a Gain with a unit between them.")
+                             f"{unit.text} ('{port}')", group.place, hint="Check the wire. To convert, give the input "
+                             f"a formula in place: `{port.rpartition('.')[2]}: \"=k*{first}\"` with k in {factor}.")
 
 

@@ -105,14 +105,13 @@ class Assembly:
     def express(self, raw: ca.SX) -> ca.SX:
         """Raw symbols put in terms of (t, x, z, p, u, rate); a derivative that no equation has by the chain rule."""
         found = self.reduced.express(raw)
-        t, x, z, _, _, rate = self.arguments
         allowed = {s.element_hash() for a in self.arguments for s in ca.symvar(a)}
         missing = [s for s in ca.symvar(found) if s.element_hash() not in allowed]
         known = {s.element_hash() for k in self.flat.inputs for s in split(k.symbols)}
         missing = [s for s in missing if s.element_hash() not in known]
         if missing:
             found = ca.substitute(found, stack(missing), stack([self._rate_of(s) for s in missing]))
-        return substitute_inputs(found, self.flat, t, self.arguments[4])
+        return substitute_inputs(found, self.flat, self.arguments[0], self.arguments[4])
 
     def _rate_of(self, symbol: ca.SX) -> ca.SX:
         """d/dt of an unknown whose derivative stands in no equation."""
@@ -209,7 +208,7 @@ def integrand(assembly: Assembly, quadratures: ca.SX | None = None, directions: 
     right = [assembly.ode / x_nominal, assembly.alg, *([quadratures] if quadratures is not None else [])]
     replaced = ca.substitute(right, [x, z, rate], [x_s * x_nominal, z_s * z_nominal, ca.SX(1)])
     dp = ca.SX.sym("dp", p.numel(), directions)
-    x_s, z_s, replaced[0], replaced[1] = _augmented(x_s, z_s, p, dp, replaced[0], replaced[1])
+    x_s, z_s, replaced = _augmented(x_s, z_s, p, dp, replaced)
     sizes = [r.numel() for r in replaced]
     stacked = stack(replaced)
     given = stack([p, ca.vec(dp)]) if directions else p
@@ -227,17 +226,17 @@ def integrand(assembly: Assembly, quadratures: ca.SX | None = None, directions: 
     return Integrand(dae, hoist)
 
 
-def _augmented(x: ca.SX, z: ca.SX, p: ca.SX, dp: ca.SX, ode: ca.SX, alg: ca.SX
-               ) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
-    """x, z, ode, alg with the forward sensitivities along each column of dp appended."""
-    if not dp.shape[1]:
-        return x, z, ode, alg
+def _augmented(x: ca.SX, z: ca.SX, p: ca.SX, dp: ca.SX, right: list[ca.SX]) -> tuple[ca.SX, ca.SX, list[ca.SX]]:
+    """x, z and the right sides (ode, alg, quadratures) with the forward sensitivities along each column of dp."""
     columns = dp.shape[1]
+    if not columns:
+        return x, z, right
     x_along, z_along = ca.SX.sym("X", x.numel(), columns), ca.SX.sym("Z", z.numel(), columns)
-    ode_along = ca.jtimes(ode, x, x_along) + ca.jtimes(ode, p, dp)
-    alg_along = ca.SX(0, columns)
-    if z.numel():
-        ode_along += ca.jtimes(ode, z, z_along)
-        alg_along = ca.jtimes(alg, x, x_along) + ca.jtimes(alg, z, z_along) + ca.jtimes(alg, p, dp)
-    return (stack([x, ca.vec(x_along)]), stack([z, ca.vec(z_along)]), stack([ode, ca.vec(ode_along)]),
-            stack([alg, ca.vec(alg_along)]))
+    both = []
+    for side in right:
+        along = ca.jtimes(side, p, dp)
+        for argument, direction in ((x, x_along), (z, z_along)):
+            if argument.numel():
+                along += ca.jtimes(side, argument, direction)
+        both.append(stack([side, ca.vec(along)]))
+    return stack([x, ca.vec(x_along)]), stack([z, ca.vec(z_along)]), both

@@ -6,29 +6,50 @@ import difflib
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
+WIDEST_EXCERPT = 110
+LONGEST_MESSAGE = 400
+
 
 @dataclass(frozen=True)
 class Place:
-    """A stretch of one line of a file; `line` and `column` count from 1, `text` is the whole line."""
+    """A stretch of one line of a file; `line` and `column` count from 1, `text` is the whole line.
+
+    Where a text goes on in later lines, `continued` says from how many characters on, and where: (characters, place).
+    """
 
     file: str
     line: int
     column: int = 1
     text: str = ""
     length: int = 1
+    continued: tuple[tuple[int, Place], ...] = ()
 
-    def moved(self, columns: int, length: int = 1) -> Place:
-        """The same line, `columns` further to the right."""
-        return Place(self.file, self.line, self.column + columns, self.text, max(1, length))
+    def moved(self, characters: int, length: int = 1) -> Place:
+        """The stretch that begins `characters` further on in the text that begins here."""
+        for start, place in reversed(self.continued):
+            if characters >= start:
+                return place.moved(characters - start, length)
+        rest = tuple((start - characters, place) for start, place in self.continued)
+        return Place(self.file, self.line, self.column + characters, self.text, max(1, length), rest)
 
     def excerpt(self) -> list[str]:
         """The line with a caret below the stretch (tabs count as one column, as they do in `column`)."""
         if not self.text:
             return []
         number = f"{self.line:>5} | "
-        room = max(1, len(self.text) - self.column + 1)
-        caret = " " * (self.column - 1) + "^" * max(1, min(self.length, room))
-        return [number + self.text.replace("\t", " "), " " * (len(number) - 2) + "| " + caret]
+        text, column = self._window()
+        room = max(1, len(text) - column + 1)
+        caret = " " * (column - 1) + "^" * max(1, min(self.length, room))
+        return [number + text.replace("\t", " "), " " * (len(number) - 2) + "| " + caret]
+
+    def _window(self) -> tuple[str, int]:
+        """The line and the column; of a long line the part around the column."""
+        if len(self.text) <= WIDEST_EXCERPT:
+            return self.text, self.column
+        begin = max(0, min(self.column - 1 - WIDEST_EXCERPT // 2, len(self.text) - WIDEST_EXCERPT))
+        end = begin + WIDEST_EXCERPT
+        before, after = "..." if begin else "", "..." if end < len(self.text) else ""
+        return before + self.text[begin:end] + after, self.column - begin + len(before)
 
 
 @dataclass(frozen=True)
@@ -43,7 +64,8 @@ class Problem:
 
     def __str__(self) -> str:
         head = f"{self.place.file}:{self.place.line}: " if self.place else ""
-        lines = [f"{head}{self.message} [{self.code}]"]
+        message = self.message if len(self.message) <= LONGEST_MESSAGE else self.message[:LONGEST_MESSAGE] + " ..."
+        lines = [f"{head}{message} [{self.code}]"]
         if self.place:
             lines += self.place.excerpt()
         lines += [f"    {note}" for note in self.notes]
@@ -119,13 +141,17 @@ class Problems:
         self.found += [p for p in error.problems if p not in self.found]
 
     def raise_as(self, kind: type[HeavebondError] = ModelError) -> None:
-        """Raise all that was noted as one error; do nothing where nothing was."""
+        """Raise all that was noted as one error, in the order of the lines; do nothing where nothing was."""
         if self.found:
-            raise kind(self.found)
+            files = list(dict.fromkeys(p.place.file for p in self.found if p.place))
+            raise kind(sorted(self.found, key=lambda p: (
+                (files.index(p.place.file), p.place.line, p.place.column) if p.place else (len(files), 0, 0))))
 
 
 def suggest(word: str, candidates: Iterable[str]) -> str:
     """`Did you mean 'x'?` for the candidates nearest to `word` (case ignored), or an empty text."""
+    if len(word) > 100:
+        return ""
     by_lower: dict[str, str] = {}
     for candidate in candidates:
         by_lower.setdefault(candidate.lower(), candidate)
@@ -133,6 +159,18 @@ def suggest(word: str, candidates: Iterable[str]) -> str:
     if not near:
         return ""
     return "Did you mean " + " or ".join(f"'{by_lower[n]}'" for n in near) + "?"
+
+
+def nearest(word: str, candidates: Iterable[str]) -> str | None:
+    """The candidate that `word` most likely means, if any."""
+    found = suggest(word, candidates)
+    return found.split("'")[1] if found else None
+
+
+def either(words: Iterable[str], joint: str = "and") -> str:
+    """`'a', 'b' and 'c'`."""
+    quoted = [f"'{word}'" for word in words]
+    return f" {joint} ".join([", ".join(quoted[:-1]), quoted[-1]] if len(quoted) > 1 else quoted)
 
 
 def listing(words: Iterable[str], limit: int = 12) -> str:

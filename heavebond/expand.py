@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
+from math import isfinite
 
 from heavebond import laws
-from heavebond.definition import Body, Component, End, FileInput, Instance, Port, SignalPort, Value, Wire
-from heavebond.errors import HeavebondError, ModelError, Place, Problems, listing, suggest
-from heavebond.expression import Expr, Name, Number, constant
+from heavebond.definition import Body, Component, End, FileInput, Instance, Parameter, Port, SignalPort, Value, Wire
+from heavebond.errors import HeavebondError, ModelError, Place, Problems, listing, nearest, suggest
+from heavebond.expression import Binary, Expr, Name, Number, constant
 from heavebond.model import Model, Setting
+from heavebond.units import is_generic
+from heavebond.values import bounds_text, check_bounds, check_dimension
 
 DEEPEST_BLOCK = 20
+MOST_OF_A_KIND = 10_000
 
 
 @dataclass(frozen=True)
@@ -97,6 +100,8 @@ class _Opener:
         self.unused = dict(model.settings)
         self.settable: list[str] = []
         self.checked: set[str] = set()
+        # ports that a misspelt end most likely meant, and parts with such an end: not reported as unconnected as well
+        self.meant: set[str] = set()
 
     def top(self) -> None:
         model = self.model
@@ -105,13 +110,13 @@ class _Opener:
             bound = Bound(value, "", value.place) if setting is None else Bound(setting.value, "", setting.place)
             self.parameters[name] = bound
         if not model.body.instances:
-            self.problems.add("diagram-empty", "this diagram has no components", _top_place(model),
+            self.problems.add("diagram-empty", "this diagram has no components", Place(model.path.name, 1),
                               hint="Add `components:` and `nodes:`.")
         self._body(model.body, "", None, {}, ())
         self._unused_settings()
         for path in self.extra:
             self.problems.add("node-unknown", f"there is no node '{path}' inside a block", self.extra[path][0].place,
-                              hint=suggest(path, self.junctions))
+                              hint=suggest(path, self.junctions) or f"Nodes: {listing(self.junctions)}.")
 
     def _setting(self, path: str) -> Setting | None:
         self.settable.append(path)
@@ -119,9 +124,17 @@ class _Opener:
 
     def _unused_settings(self) -> None:
         for path, setting in self.unused.items():
-            self.problems.add("setting-unknown", f"nothing here is called '{path}', so it cannot be set",
-                              setting.place, hint=suggest(path, self.settable) or
-                              f"What can be set: {listing(self.settable, 20)}.")
+            owner, _, name = path.rpartition(".")
+            own = [s for s in self.settable if s.rpartition(".")[0] == owner]
+            message, choices = f"nothing here is called '{path}', so it cannot be set", self.settable
+            if owner in self.leaves:
+                component = self.leaves[owner].component
+                message, choices = f"'{owner}' ({component.name}) has no parameter '{name}'", own
+            elif owner in self.junctions:
+                message, choices = f"'{path}' changes during a run; only parameters and inputs are set", []
+            hint = suggest(path, choices) or (f"What can be set: {listing(choices, 20)}." if choices else
+                                              "Its value at the start stands under `initial:`.")
+            self.problems.add("setting-unknown", message, setting.place, hint=hint)
 
     # -- one level -------------------------------------------------------------------------------------------------
     def _body(self, body: Body, prefix: str, owner: Component | None, integers: dict[str, int],
@@ -147,8 +160,11 @@ class _Opener:
             self.problems.extend(error)
             return None
         if component.name in kinds or len(kinds) > DEEPEST_BLOCK:
-            self.problems.add("block-contains-itself", f"'{component.name}' contains itself: "
-                              f"{' > '.join((*kinds, component.name))}", instance.place)
+            circle = [*kinds[kinds.index(component.name):], component.name] if component.name in kinds else [*kinds]
+            self.problems.add("block-contains-itself", f"'{circle[0]}' contains itself: {' > '.join(circle)}"
+                              if component.name in kinds else f"blocks stand in each other more than "
+                              f"{DEEPEST_BLOCK} deep", instance.place,
+                              hint="A block is made of other components; leave one of these parts out.")
             return None
         return component
 
@@ -167,25 +183,20 @@ class _Opener:
     def _instance(self, instance: Instance, component: Component, prefix: str, outer: dict[str, int],
                   kinds: tuple[str, ...]) -> None:
         path = prefix + instance.name
-        self._unknown_settings(instance, component)
         parameters: dict[str, Bound] = {}
+        missing: list[str] = []
         for name, parameter in component.parameters.items():
-            bound = self._given(instance, name, prefix, path)
-            if bound is None and parameter.default is not None:
-                bound = Bound(parameter.default, path + ".", parameter.default.place)
-            if bound is None and parameter.neutral is not None:
-                neutral = Value(Number(parameter.neutral, None, 0), "neutral", parameter.place, si=True)
-                bound = Bound(neutral, "", parameter.place)
+            bound = self._given(instance, name, prefix, path) or self._default(parameter, path)
             if bound is None:
-                unit = "" if parameter.integer else f" {parameter.unit.text}"
-                self.problems.add("parameter-missing", f"'{path}' needs a value for {name}"
-                                  + (f" ({parameter.doc})" if parameter.doc else ""), instance.place,
-                                  hint=f"Write `{name}: ...{unit}`.")
+                missing.append(name)
             elif isinstance(bound.value, FileInput):
                 self.problems.add("parameter-file", f"{path}.{name} is a constant; a record cannot set it",
-                                  bound.place)
+                                  bound.place, hint="Give it a quantity; records are for inputs.")
             else:
                 parameters[name] = bound
+                self._check_literal(f"{path}.{name}", parameter, bound.value)
+        if not self._unknown_settings(instance, component, missing):
+            self._missing(instance.place, path, component, missing)
         inputs = {name: bound for name, port in component.signals.items() if port.direction == "in"
                   and (bound := self._given(instance, name, prefix, path)) is not None}
         integers = self._integers(component, parameters, outer)
@@ -200,17 +211,47 @@ class _Opener:
         given = instance.settings.get(name)
         return None if given is None else Bound(given, prefix, given.place)
 
-    def _unknown_settings(self, instance: Instance, component: Component) -> None:
+    @staticmethod
+    def _default(parameter: Parameter, path: str) -> Bound | None:
+        if parameter.default is not None:
+            return Bound(parameter.default, path + ".", parameter.default.place)
+        if parameter.neutral is not None:
+            neutral = Value(Number(parameter.neutral, None, 0), "neutral", parameter.place, si=True)
+            return Bound(neutral, "", parameter.place)
+        return None
+
+    def _check_literal(self, name: str, parameter: Parameter, value: Value) -> None:
+        """A plain quantity has the right unit and lies within its bounds; formulas are checked when all are known."""
+        if isinstance(value.expr, Number) and not value.si and not parameter.integer \
+                and not is_generic(parameter.unit.dimension):
+            before = len(self.problems.found)
+            check_dimension(name, value, None, parameter.unit, self.problems)
+            if len(self.problems.found) == before:
+                check_bounds(name, parameter, value.expr.value, value, self.problems)
+
+    def _missing(self, place: Place, path: str, component: Component, names: list[str]) -> None:
+        for name in names:
+            parameter = component.parameters[name]
+            unit = "" if parameter.integer or parameter.unit.text == "1" else f" {parameter.unit.text}"
+            self.problems.add("parameter-missing", f"'{path}' ({component.name}) needs a value for {name}"
+                              + (f" ({parameter.doc})" if parameter.doc else ""), place,
+                              hint=f"Add `{name}: ...{unit}`.")
+
+    def _unknown_settings(self, instance: Instance, component: Component, missing: list[str]) -> bool:
+        """Whether settings that the component does not have were found; these then say what it lacks."""
         inputs = [n for n, s in component.signals.items() if s.direction == "in"]
         settable = [*component.parameters, *inputs]
-        for name, given in instance.settings.items():
-            if name not in settable:
-                kinds = (("port", component.ports), ("signal", component.signals), ("variable", component.variables))
-                what = next((k for k, group in kinds if name in group), "")
-                message = f"{component.name} has no parameter '{name}'"
-                self.problems.add("parameter-unknown", message + (f": it is a {what}" if what else ""), given.place,
-                                  hint=suggest(name, settable) or (f"It has: {', '.join(settable)}." if settable
-                                                                   else f"{component.name} has no parameters."))
+        unknown = [name for name in instance.settings if name not in settable]
+        groups = (("port", component.ports), ("signal", component.signals), ("variable", component.variables))
+        needs = listing(f"{n} ({p.doc}, {p.unit.text})" for n in missing if (p := component.parameters[n]))
+        for name in unknown:
+            what = next((k for k, group in groups if name in group), "")
+            self.problems.add("parameter-unknown", f"{component.name} has no parameter '{name}'"
+                              + (f"; that is a {what} of it" if what else ""), instance.settings[name].place,
+                              hint=(suggest(name, missing) or f"It needs {needs}.") if missing else
+                              suggest(name, settable) or (f"It has: {listing(settable)}." if settable
+                                                          else f"{component.name} has no parameters."))
+        return bool(unknown)
 
     def _integers(self, component: Component, parameters: dict[str, Bound], outer: dict[str, int]) -> dict[str, int]:
         found: dict[str, int] = {}
@@ -218,14 +259,18 @@ class _Opener:
             bound = parameters.get(name)
             if not parameter.integer or bound is None or isinstance(bound.value, FileInput):
                 continue
-            number = whole_number(bound.value.expr, {**outer, **found})
+            plain = not (isinstance(bound.value.expr, Number) and bound.value.expr.unit is not None)
+            number = whole_number(bound.value.expr, {**outer, **found}) if plain else None
             if number is None:
                 self.problems.add("not-an-integer", f"{name} must be a whole number, '{bound.value.text}' is none",
-                                  bound.place)
+                                  bound.place, hint=f"Write for example `{name}: 3`.")
+            elif abs(number) > MOST_OF_A_KIND:
+                self.problems.add("not-an-integer", f"{name} = {number} is too many", bound.place,
+                                  hint=f"The most is {MOST_OF_A_KIND}.")
             elif (parameter.low is not None and number < parameter.low) or \
                     (parameter.high is not None and number > parameter.high):
-                self.problems.add("parameter-bound", f"{name} = {number} is outside "
-                                  f"{_bounds(parameter.low, parameter.high)}", bound.place)
+                self.problems.add("parameter-bound", f"{name} = {number} is not allowed; it must be "
+                                  f"{bounds_text(parameter)}", bound.place, hint=parameter.doc)
             else:
                 found[name] = number
         return found
@@ -240,9 +285,12 @@ class _Opener:
                 if found is None:
                     continue
                 if found.name in on:
-                    self.problems.add("port-on-two-nodes", f"'{end.path}' is on node '{on[found.name][0]}' already",
-                                      end.place, notes=[f"first in line {on[found.name][1].line}"],
-                                      hint="A port is on one node; join the two nodes into one line.")
+                    node, first = on[found.name]
+                    twice = node == wire.name
+                    self.problems.add("port-on-two-nodes", f"'{end.path}' stands twice on node '{node}'" if twice else
+                                      f"'{end.path}' is on two nodes, '{node}' (line {first.line}) and '{wire.name}'",
+                                      end.place, hint="Remove one of the two." if twice else "A port is on one node; "
+                                      "join the two nodes into one, or remove the port from one of them.")
                     continue
                 on[found.name] = (wire.name, end.place)
                 ends.append(found)
@@ -263,42 +311,53 @@ class _Opener:
             return None  # its kind is unknown, which is said already
         component = known.get(head)
         if component is None or not port:
-            self._bad_end(end, head, port, known, owner)
+            self._bad_end(end, prefix, known, owner)
             return None
         base = port.partition("[")[0]
         if base not in component.ports and base not in component.signals:
             choices = [*component.ports, *component.signals]
+            self.meant |= {f"{prefix}{head}.{p}" for p in choices}
             self.problems.add("port-unknown", f"'{head}' ({component.name}) has no port '{port}'", end.place,
-                              hint=suggest(port, choices) or f"It has: {', '.join(choices)}.")
+                              hint=suggest(port, choices) or f"Its ports: {listing(choices)}.")
             return None
         return PortEnd(prefix + head, port, 1, end.place)
 
-    def _bad_end(self, end: End, head: str, port: str, known: dict[str, Component], owner: Component | None) -> None:
+    def _bad_end(self, end: End, prefix: str, known: dict[str, Component], owner: Component | None) -> None:
+        head = end.path.partition(".")[0]
         if head in known:
             ports = [*known[head].ports, *known[head].signals]
+            self.meant |= {f"{prefix}{head}.{p}" for p in ports}
             self.problems.add("port-missing", f"'{head}' is a component; a node joins its ports", end.place,
-                              hint="Write " + " or ".join(f"{head}.{p}" for p in ports[:4]) + ".")
+                              hint="Write " + " or ".join(f"`{head}.{p}`" for p in ports[:4]) + ".")
             return
         own = [*owner.ports, *owner.signals] if owner else []
         ends = [f"{n}.{p}" for n, c in known.items() for p in (*c.ports, *c.signals)] + own
-        self.problems.add("end-unknown", f"there is no component '{head}'", end.place,
-                          hint=suggest(end.path, ends) or suggest(head, known))
+        near = nearest(end.path, ends)
+        if near:
+            self.meant.add(prefix + near)
+        what = f"there is no component '{head}'" if "." in end.path or not owner else \
+            f"this block has neither a component nor a port '{head}'"
+        self.problems.add("end-unknown", what, end.place,
+                          hint=suggest(end.path, ends) or suggest(head, known) or f"Components: {listing(known)}.")
 
     def _unconnected(self, prefix: str, instance: Instance, component: Component,
                      on: dict[str, tuple[str, Place]]) -> None:
         path = prefix + instance.name
         for port in component.ports.values():
             self.ports[f"{path}.{port.name}"] = port
-            if port.count is None and f"{path}.{port.name}" not in on:
+            joined = f"{path}.{port.name}" in on or f"{path}.{port.name}" in self.meant
+            if port.count is None and not joined:
                 self.problems.add("port-unconnected", f"port '{instance.name}.{port.name}' is on no node",
                                   instance.place, hint=f"Add `{instance.name}.{port.name}` to a node; a free end is "
                                   f"a node of its own: `{instance.name}_{port.name}: [{instance.name}.{port.name}]`.")
         for name, signal in component.signals.items():
             self.signals[f"{path}.{name}"] = signal
             given = name in instance.settings or f"{path}.{name}" in self.unused
-            if signal.direction == "in" and f"{path}.{name}" not in on and not given:
+            joined = f"{path}.{name}" in on or f"{path}.{name}" in self.meant
+            if signal.direction == "in" and not joined and not given:
+                unit = "" if signal.unit.text == "1" or is_generic(signal.unit.dimension) else f" {signal.unit.text}"
                 self.problems.add("input-unconnected", f"input '{instance.name}.{name}' has no value", instance.place,
-                                  hint=f"Join it to an output, or give it in place: `{name}: 0 {signal.unit.text}`.")
+                                  hint=f"Join it to an output on a node, or give it in place: `{name}: 0{unit}`.")
 
     # -- many of a kind --------------------------------------------------------------------------------------------
     def _repeated(self, body: Body, prefix: str, integers: dict[str, int]) -> Body:
@@ -315,7 +374,12 @@ class _Opener:
             count = whole_number(instance.repeat.expr, numbers)
             if count is None or count < 1:
                 self.problems.add("not-an-integer", f"repeat must be a whole number above 0, "
-                                  f"'{instance.repeat.text}' is none", instance.repeat.place)
+                                  f"'{instance.repeat.text}' is none", instance.repeat.place,
+                                  hint="Write for example `repeat: 10`, or a parameter: `repeat: =n`.")
+                count = 1
+            if count > MOST_OF_A_KIND:
+                self.problems.add("not-an-integer", f"repeat: {count} is too many", instance.repeat.place,
+                                  hint=f"The most is {MOST_OF_A_KIND}.")
                 count = 1
             for k in range(1, count + 1):
                 part = replace(instance, name=f"{instance.name}_{k}", repeat=None)
@@ -343,27 +407,11 @@ def whole_number(expr: Expr, known: dict[str, int]) -> int | None:
     if isinstance(expr, Name):
         return known.get(expr.text)
     number = constant(expr)
-    if number is None:
-        left, right = getattr(expr, "left", None), getattr(expr, "right", None)
-        if left is None or right is None:
-            return None
-        a, b = whole_number(left, known), whole_number(right, known)
-        if a is None or b is None:
-            return None
-        return {"+": a + b, "-": a - b, "*": a * b}.get(expr.op)  # type: ignore[union-attr]
-    return int(number) if number == int(number) else None
-
-
-def _bounds(low: float | None, high: float | None) -> str:
-    if high is None:
-        return f"the allowed range, at least {low:g}"
-    return f"the allowed range, at most {high:g}" if low is None else f"the allowed range {low:g} .. {high:g}"
-
-
-def _top_place(model: Model) -> Place | None:
-    return Place(str(model.path.name), 1) if model.path else None
-
-
-def inner_to_outer(paths: Iterable[str]) -> Iterator[str]:
-    """Paths sorted so that an outer name comes before an inner one."""
-    yield from sorted(paths, key=lambda p: p.count("."))
+    if number is not None:
+        return int(number) if isfinite(number) and number == int(number) else None
+    if not isinstance(expr, Binary):
+        return None
+    a, b = whole_number(expr.left, known), whole_number(expr.right, known)
+    if a is None or b is None:
+        return None
+    return {"+": a + b, "-": a - b, "*": a * b}.get(expr.op)

@@ -9,7 +9,7 @@ from heavebond import reading
 from heavebond.definition import FileInput, Value
 from heavebond.errors import ModelError, Place, Problem, Problems, suggest
 from heavebond.expression import constant
-from heavebond.model import Condition, Model, Setting, Shown, find, load, read_conditions, read_settings, shown_as
+from heavebond.model import Condition, Model, Setting, Shown, beside, find, load, read_conditions, read_settings, shown_as
 from heavebond.source import Mapping, Node, Scalar, Source, read
 from heavebond.units import Range, UnitProblem, check_unit, parse_range, unit
 
@@ -108,7 +108,7 @@ def _base(source: Source, chain: tuple[Path, ...], problems: Problems) -> Experi
     node = source.root.items.get("extends")
     if node is None:
         return None
-    target = source.path.parent / reading.text(node, "extends", problems)
+    target = beside(source.path.parent, reading.text(node, "extends", problems))
     if target.resolve() in (*chain, source.path.resolve()):
         raise ModelError([Problem("extends-circle", f"{source.name} extends itself", node.place)])
     if not target.is_file():
@@ -125,7 +125,7 @@ def _model(source: Source, base: Experiment | None, problems: Problems) -> Model
             raise ModelError([Problem("key-missing", "an experiment needs the entry 'model'", source.root.place,
                                       "Add `model: diagram.yaml`.")])
         return base.model
-    target = source.path.parent / reading.text(node, "model", problems)
+    target = beside(source.path.parent, reading.text(node, "model", problems))
     if not target.is_file():
         near = [p.name for p in sorted(source.path.parent.glob("*.yaml"))]
         raise ModelError([Problem("file-missing", f"there is no diagram {target.name} beside {source.name}",

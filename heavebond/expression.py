@@ -16,19 +16,28 @@ from __future__ import annotations
 
 import operator
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import NoReturn, Union
+from math import isfinite
+from typing import Union
 
 from heavebond.errors import suggest
-from heavebond.units import UNIT, Unit, UnitProblem, read_unit
+from heavebond.tokens import KEYWORDS as KEYWORDS
+from heavebond.tokens import ExpressionProblem as ExpressionProblem
+from heavebond.tokens import Token, tokens
+from heavebond.units import Unit, UnitProblem, read_unit
 
 # function: number of arguments
 FUNCTIONS = {
     "der": 1, "sqrt": 1, "exp": 1, "log": 1, "sin": 1, "cos": 1, "tan": 1, "tanh": 1, "asin": 1, "acos": 1, "atan": 1,
     "abs": 1, "sign": 1, "min": 2, "max": 2, "smooth_sign": 2, "signed_sqrt": 2, "if_else": 3, "uniform": 2, "sum": 1,
 }
-KEYWORDS = {"and", "or", "not", "for", "in"}
+# arguments as they are written in messages
+USAGE = {"min": "min(a, b)", "max": "max(a, b)", "smooth_sign": "smooth_sign(v, v_t)", "uniform": "uniform(seed, i)",
+         "signed_sqrt": "signed_sqrt(dp, dp_t)", "if_else": "if_else(a > b, x, y)"}
+SUM_FORM = "A sum is written `sum(... for i in 1..n)`."
+LONGEST, DEEPEST, DEEPEST_TREE, MOST_TERMS = 10_000, 30, 200, 100_000
 COMPARISONS = ("<=", ">=", "==", "!=", "<", ">")
 
 Expr = Union["Number", "Name", "Call", "Binary", "Negative", "Compare", "Logic", "Not", "SumOver"]
@@ -139,111 +148,98 @@ class Equation:
     right: Expr
 
 
-class ExpressionProblem(ValueError):
-    """A text that is no expression; `column` counts from 0 in the text that was parsed."""
-
-    def __init__(self, code: str, message: str, column: int, length: int = 1, hint: str = ""):
-        super().__init__(message)
-        self.code, self.message, self.column, self.length, self.hint = code, message, column, length, hint
-
-
-@dataclass(frozen=True)
-class _Token:
-    kind: str
-    text: str
-    column: int
-
-
-_SKIP = re.compile(r"[ \t]+")
-_NUMBER = re.compile(r"(?:\d+(?:\.(?!\.)\d*)?|\.\d+)(?:[eE][+-]?\d+)?")
-_UNIT_AFTER = re.compile(rf"[ \t]+({UNIT})(?![\w(])")
-_NAME = re.compile(r"[A-Za-z_]\w*")
-_OPERATOR = re.compile(r"\*\*|\.\.|<=|>=|==|!=|[-+*/(),=<>.\[\]]")
-
-
 def parse_equation(text: str) -> Equation:
     """Parse `left = right` of a component (no units after numbers); raises ExpressionProblem."""
     parser = _Parser(text, units=False)
     left = parser.sum()
     if parser.peek().text != "=":
-        parser.refuse_rest("an equation is written `left = right`")
+        raise parser.broken("an equation needs one `=`", "An equation is written `left = right`.")
     parser.take()
-    equation = Equation(left, parser.sum())
+    right = parser.sum()
+    if parser.peek().text == "=":
+        raise ExpressionProblem("formula-equals", "a second `=` in one equation", parser.peek().column, 1,
+                                "Write two equations, one a line.")
     parser.end()
-    return equation
+    _check_depth(left, right)
+    return Equation(left, right)
 
 
-def parse_formula(text: str, *, units: bool = True) -> Expr:
-    """Parse a formula (without a leading `=`); raises ExpressionProblem."""
-    parser = _Parser(text, units=units)
+def parse_formula(text: str, *, units: bool = True, functions: Mapping[str, int] | None = None) -> Expr:
+    """Parse a formula (without a leading `=`); `functions` may be called beside the usual ones, each with so many
+    arguments. Raises ExpressionProblem."""
+    parser = _Parser(text, units=units, functions={**FUNCTIONS, **(functions or {})})
     formula = parser.formula()
+    if parser.peek().text == "=":
+        raise ExpressionProblem("formula-equals", "an `=` inside a formula", parser.peek().column, 1,
+                                "A comparison is written `==`.")
     parser.end()
+    _check_depth(formula)
     return formula
 
 
+def _check_depth(*trees: Expr) -> None:
+    """Everything that walks a tree does so recursively; a longer sum or product is split by the author."""
+    level = list(trees)
+    for _ in range(DEEPEST_TREE):
+        level = [child for expr in level for child in children(expr)]
+        if not level:
+            return
+    raise ExpressionProblem("formula-too-long", f"more than {DEEPEST_TREE} operations in a row", 0, 1,
+                            "Split it: give a part of it a name of its own.")
+
+
 class _Parser:
-    def __init__(self, text: str, *, units: bool):
-        self.text, self.units = text, units
-        self.tokens = list(self._tokens())
+    def __init__(self, text: str, *, units: bool, functions: Mapping[str, int] = FUNCTIONS):
+        self.text, self.functions = text, functions
+        if len(text) > LONGEST:
+            raise ExpressionProblem("formula-too-long", f"a formula of more than {LONGEST} signs", 0, 1,
+                                    "Split it: give a part of it a name of its own.")
+        self.tokens = list(tokens(text, units=units))
         self.position = 0
+        self.depth = 0
 
-    def _tokens(self) -> Iterator[_Token]:
-        at = 0
-        while at < len(self.text):
-            if skip := _SKIP.match(self.text, at):
-                at = skip.end()
-                continue
-            if found := _NUMBER.match(self.text, at):
-                yield _Token("number", found.group(), at)
-                at = found.end()
-                after = self.text[at:at + 1]
-                if after == "," and self.text[at + 1:at + 2].isdigit() and not self._in_call(at):
-                    raise ExpressionProblem("decimal-comma", "a decimal comma", at, 1, "Write a decimal point.")
-                if self.units and (unit := _UNIT_AFTER.match(self.text, at)) and unit.group(1) not in KEYWORDS:
-                    yield _Token("unit", unit.group(1), unit.start(1))
-                    at = unit.end()
-            elif found := _NAME.match(self.text, at):
-                kind = "keyword" if found.group() in KEYWORDS else "name"
-                yield _Token(kind, found.group(), at)
-                at = found.end()
-            elif found := _OPERATOR.match(self.text, at):
-                yield _Token("operator", found.group(), at)
-                at = found.end()
-            else:
-                sign = self.text[at]
-                hint = "The power is written `**`." if sign == "^" else ""
-                raise ExpressionProblem("sign-unknown", f"'{sign}' has no meaning in a formula", at, 1, hint)
-        yield _Token("end", "", len(self.text))
-
-    def _in_call(self, at: int) -> bool:
-        return self.text.count("(", 0, at) > self.text.count(")", 0, at)
-
-    def peek(self) -> _Token:
+    def peek(self) -> Token:
         return self.tokens[self.position]
 
-    def take(self) -> _Token:
+    def take(self) -> Token:
         token = self.tokens[self.position]
         self.position += 1
         return token
 
-    def expect(self, text: str, why: str) -> None:
+    def expect(self, text: str, why: str, hint: str) -> None:
         if self.peek().text != text:
-            self.refuse_rest(why)
+            raise self.broken(why, hint)
         self.take()
 
-    def refuse_rest(self, why: str) -> NoReturn:
+    def broken(self, why: str, hint: str) -> ExpressionProblem:
+        """The problem at the next token."""
         token = self.peek()
         if token.kind == "end":
-            raise ExpressionProblem("formula-incomplete", f"the formula ends too early: {why}",
-                                    max(0, token.column - 1))
-        if token.text == "=":
-            raise ExpressionProblem("formula-equals", "a second `=`; a comparison is written `==`", token.column)
-        raise ExpressionProblem("formula-broken", f"'{token.text}' cannot stand here: {why}", token.column,
-                                len(token.text))
+            return ExpressionProblem("formula-incomplete", f"the formula ends too early: {why}",
+                                    max(0, len(self.text.rstrip()) - 1), 1, hint)
+        return ExpressionProblem("formula-broken", f"'{token.text}' cannot stand here: {why}", token.column,
+                                len(token.text), hint)
 
     def end(self) -> None:
-        if self.peek().kind != "end":
-            self.refuse_rest("an operator is missing before it")
+        token = self.peek()
+        if token.text == ")":
+            raise self.broken("no bracket is open", "Remove it, or add the `(` that is missing.")
+        if token.text == "if":
+            raise self.broken("there is no such word", f"Write `{USAGE['if_else']}`.")
+        if token.kind in ("name", "number", "unit") or token.text == "(":
+            raise self.broken("an operator is missing before it", "A product is written with `*`.")
+        if token.kind != "end":
+            raise self.broken("the formula is complete before it", "Remove it.")
+
+    @contextmanager
+    def _deeper(self) -> Iterator[None]:
+        """Brackets, functions and signs within each other: so many that the parser's own recursion stays bounded."""
+        self.depth += 1
+        if self.depth > DEEPEST:
+            raise ExpressionProblem("formula-too-deep", f"more than {DEEPEST} brackets or signs within each other",
+                                    self.peek().column, 1, "Split it: give a part of it a name of its own.")
+        yield
+        self.depth -= 1
 
     def _chain(self, operand: Callable[[], Expr], ops: tuple[str, ...], build: type) -> Expr:
         left = operand()
@@ -261,14 +257,18 @@ class _Parser:
     def _negation(self) -> Expr:
         if self.peek().text == "not":
             token = self.take()
-            return Not(self._negation(), token.column)
+            with self._deeper():
+                return Not(self._negation(), token.column)
         return self._comparison()
 
     def _comparison(self) -> Expr:
         left = self.sum()
         if self.peek().text in COMPARISONS:
             token = self.take()
-            return Compare(token.text, left, self.sum(), token.column)
+            right = self.sum()
+            if self.peek().text in COMPARISONS:
+                raise self.broken("comparisons do not follow each other", "Write `a < b and b < c`.")
+            return Compare(token.text, left, right, token.column)
         return left
 
     def sum(self) -> Expr:
@@ -279,19 +279,19 @@ class _Parser:
 
     def _unary(self) -> Expr:
         token = self.peek()
-        if token.text == "-":
-            self.take()
-            return Negative(self._unary(), token.column)
-        if token.text == "+":
-            self.take()
-            return self._unary()
-        return self._power()
+        if token.text not in ("-", "+"):
+            return self._power()
+        self.take()
+        with self._deeper():
+            operand = self._unary()
+        return Negative(operand, token.column) if token.text == "-" else operand
 
     def _power(self) -> Expr:
         base = self._atom()
         if self.peek().text == "**":
             token = self.take()
-            return Binary("**", base, self._unary(), token.column)
+            with self._deeper():
+                return Binary("**", base, self._unary(), token.column)
         return base
 
     def _atom(self) -> Expr:
@@ -299,46 +299,62 @@ class _Parser:
         if token.kind == "number":
             return self._number(token)
         if token.kind == "name":
-            return self._call(token) if self.peek().text == "(" else self._name(token)
+            with self._deeper():
+                return self._call(token) if self.peek().text == "(" else self._name(token)
         if token.text == "(":
-            inner = self.formula()
-            self.expect(")", "a `)` is missing")
+            with self._deeper():
+                inner = self.formula()
+            self.expect(")", "a `)` is missing", "Each `(` needs a `)`.")
             return inner
         self.position -= 1
-        self.refuse_rest("a number or a name is expected")
+        raise self.broken("a number or a name is missing", "Complete the formula, as in `2*a + b`.")
 
-    def _number(self, token: _Token) -> Number:
+    def _number(self, token: Token) -> Number:
         value = float(token.text)
+        if not isfinite(value):
+            raise ExpressionProblem("number-too-large", "too large a number", token.column, len(token.text),
+                                    "The largest is about 1e308.")
         if self.peek().kind != "unit":
             return Number(value, None, token.column)
         unit_token = self.take()
         try:
             read = read_unit(unit_token.text)
         except UnitProblem as problem:
+            hint = problem.hint
+            if re.search(r"[*/][A-Za-z]", unit_token.text):
+                hint += "\nIf it is a product with a name, put spaces around the sign: `2 kN/m * name`."
             raise ExpressionProblem(problem.code, problem.message, unit_token.column, len(unit_token.text),
-                                    problem.hint) from problem
+                                    hint) from problem
         return Number(read.to_si(value), read, token.column)
 
-    def _name(self, token: _Token) -> Name:
+    def _name(self, token: Token) -> Name:
         parts: list[str | Expr] = [token.text]
         while self.peek().text in (".", "["):
             if self.take().text == "[":
                 parts.append(self.sum())
-                self.expect("]", "a `]` is missing")
+                self.expect("]", "a `]` is missing", "Each `[` needs a `]`.")
             else:
                 follower = self.take()
                 if follower.kind not in ("name", "keyword"):
                     self.position -= 1
-                    self.refuse_rest("a name follows a dot")
+                    raise self.broken("a name is missing behind the dot", "Write for example `load.x`.")
                 parts.append(follower.text)
         last = self.tokens[self.position - 1]
-        return Name(tuple(parts), token.column, last.column + len(last.text) - token.column)
+        name = Name(tuple(parts), token.column, last.column + len(last.text) - token.column)
+        if self.peek().text == "(":
+            raise ExpressionProblem("function-unknown", f"there is no function '{name.text}'", name.column, name.length,
+                                    self._known_functions())
+        return name
 
-    def _call(self, token: _Token) -> Expr:
+    def _known_functions(self) -> str:
+        known = list(self.functions)
+        return f"Functions: {', '.join(known[:14])},\n{', '.join(known[14:])}."
+
+    def _call(self, token: Token) -> Expr:
         name = token.text
-        if name not in FUNCTIONS:
+        if name not in self.functions:
             raise ExpressionProblem("function-unknown", f"there is no function '{name}'", token.column, len(name),
-                                    suggest(name, FUNCTIONS) or "Known: " + ", ".join(FUNCTIONS) + ".")
+                                    suggest(name, self.functions) or self._known_functions())
         self.take()
         args = [self.formula()]
         if name == "sum" and self.peek().text == "for":
@@ -346,23 +362,30 @@ class _Parser:
         while self.peek().text == ",":
             self.take()
             args.append(self.formula())
-        self.expect(")", f"a `)` closes {name}(")
-        if len(args) != FUNCTIONS[name] and not (name in ("min", "max") and len(args) > 1):
-            raise ExpressionProblem("function-arguments", f"{name} takes {FUNCTIONS[name]} argument"
-                                    f"{'s' if FUNCTIONS[name] > 1 else ''}, not {len(args)}", token.column, len(name))
+        usage = USAGE.get(name, f"{name}(a)")
+        self.expect(")", f"a `)` is missing behind {name}(", f"Write `{usage}`.")
+        needed = self.functions[name]
+        if len(args) != needed and not (name in ("min", "max") and len(args) > 1):
+            many = "s" if needed > 1 else ""
+            raise ExpressionProblem("function-arguments", f"{name} takes {needed} argument{many}, not "
+                                    f"{len(args)}", token.column, len(name), f"Write `{usage}`.")
         return Call(name, tuple(args), token.column)
 
-    def _sum_over(self, body: Expr, token: _Token) -> SumOver:
+    def _sum_over(self, body: Expr, token: Token) -> SumOver:
         self.take()
         index = self.take()
         if index.kind != "name":
             self.position -= 1
-            self.refuse_rest("a sum is written `sum(... for i in 1..n)`")
-        self.expect("in", "a sum is written `sum(... for i in 1..n)`")
+            raise self.broken("the name of the index is missing", SUM_FORM)
+        self.expect("in", "`in` is missing", SUM_FORM)
         low = self.sum()
-        self.expect("..", "a sum is written `sum(... for i in 1..n)`")
+        self.expect("..", "`..` is missing", SUM_FORM)
         high = self.sum()
-        self.expect(")", "a `)` closes sum(")
+        self.expect(")", "a `)` is missing behind sum(", SUM_FORM)
+        first, last = constant(low), constant(high)
+        if first is not None and last is not None and last - first > MOST_TERMS:
+            raise ExpressionProblem("sum-too-long", f"a sum of more than {MOST_TERMS} terms", token.column, 3,
+                                    "Use fewer terms.")
         return SumOver(body, index.text, low, high, token.column)
 
 

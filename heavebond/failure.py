@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
+import casadi as ca
 import numpy as np
 
 from heavebond.dae import Array, Assembly
@@ -38,15 +39,13 @@ def explain_failure(simulator: Simulator, assembly: Assembly, first: Start, said
 def _state_before(simulator: Simulator, assembly: Assembly, first: Start, stopped: float
                   ) -> tuple[float, Array, Array, Array] | None:
     """The state a little before the end, found by integrating again up to there."""
-    from heavebond.simulation import Simulator as Again
-
     begin = float(simulator.time[0])
     if not np.isfinite(stopped) or stopped <= begin:
         u = simulator.pieces.at(np.array([begin]))[:, 0]
         return begin, first.x, first.z, u
     for share in (1 - 1e-6, 1 - 1e-3, 0.9):
         times = np.array([begin, begin + (stopped - begin) * share])
-        again = Again(assembly, times=times, tolerances=simulator.tolerances)
+        again = type(simulator)(assembly, times=times, tolerances=simulator.tolerances)
         try:
             x, z, _, _ = again.attempt(assembly, first)
         except RuntimeError:
@@ -72,19 +71,30 @@ def _cause(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array)
                 "through zero there: a volume, an area or a lever arm vanishes.", notes)
     if not np.all(np.isfinite(ode)) or not np.all(np.isfinite(alg)):
         return "An equation has no finite value there (a root or logarithm of a negative number, a division by 0).", notes
+    if len(z) and _singular(assembly, t, x, z, p, u):
+        return (f"{listing(assembly.algebraic_names, 4)} cannot be solved for there: a mechanism passes a dead point, a "
+                "valve shuts a volume-free line. Another choice of states may do: give initial values, not guesses, for "
+                "the variables that should be states.", notes)
     if rates.size and rates[order[0]] > 1e6:
         return f"{listing(names, 2)} run away: an instability, a wrong sign or a very stiff element.", notes
     return (f"{listing(names, 2)} change fastest: a kink or jump there that the solver cannot step over; smooth it "
             "(a transition velocity or pressure), or loosen the tolerances.", notes)
 
 
+def _singular(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array) -> bool:
+    """Whether the equations of the algebraic unknowns are close to losing their solution."""
+    jacobian = ca.Function("J", list(assembly.arguments), [ca.jacobian(assembly.alg, assembly.arguments[2])])
+    matrix = np.array(jacobian(t, x, z, p, u, 1.0).full()) * assembly.z_nominal
+    rows = np.abs(matrix).max(axis=1, keepdims=True)
+    return bool(not np.all(np.isfinite(matrix)) or rows.min() == 0 or np.linalg.cond(matrix / rows) > 1e4)
+
+
 def _owners(assembly: Assembly) -> dict[str, str]:
     flat = assembly.flat
     found = {}
-    for j, order in assembly.reduced.states:
-        if order == 0:
-            n = len(flat.unknowns)
-            using = [flat.equations[i].owner for i, row in enumerate(flat.entries)
-                     if any(c % n == j for c, _ in row) and " is the rate of " not in flat.equations[i].label]
-            found[flat.unknowns[j].name] = listing(dict.fromkeys(using), 4)
+    n = len(flat.unknowns)
+    for name, (j, _) in zip(assembly.state_names, assembly.reduced.states, strict=True):
+        using = [flat.equations[i].owner for i, row in enumerate(flat.entries)
+                 if any(c % n == j for c, _ in row) and " is the rate of " not in flat.equations[i].label]
+        found[name] = listing(dict.fromkeys(using), 4)
     return found

@@ -114,7 +114,7 @@ def fit(experiment: Experiment | str | Path, *, starts: int = 1, seed: int = 0, 
     say = progress or (lambda text: None)
     runs, costs = [], []
     for number, start in enumerate(problem.starting_points(starts, seed), 1):
-        run = problem.minimise(start, robust, lambda text, n=number: say(f"start {n} of {starts}: {text}"))
+        run = problem.minimise(start, robust, _numbered(say, number, starts))
         runs.append(run)
         costs.append(float(2 * run.cost))
     best = runs[int(np.argmin(costs))]
@@ -123,6 +123,10 @@ def fit(experiment: Experiment | str | Path, *, starts: int = 1, seed: int = 0, 
                                        "fit", None, "Narrow the ranges under `free:`, or correct the diagram.")])
     say("comparing")
     return problem.finished(best, costs)
+
+
+def _numbered(say: Progress, number: int, starts: int) -> Progress:
+    return lambda text: say(f"start {number} of {starts}: {text}" if starts > 1 else text)
 
 
 @dataclass(frozen=True)
@@ -197,7 +201,6 @@ class Residuals:
         self.low = np.array([c.inner(c.free.range.low) for c in self.columns])
         self.high = np.array([c.inner(c.free.range.high) for c in self.columns])
         self.evaluations = 0
-        self.history: list[float] = []
         self._last: tuple[bytes, Array, Array] | None = None
         self._check_start()
 
@@ -302,14 +305,13 @@ class Residuals:
                               x_scale=span[moving], loss="soft_l1" if robust else "linear", xtol=1e-8, ftol=1e-8,
                               gtol=1e-8, max_nfev=60)
         found.x = whole(found.x)
-        self.history = history
-        found.history = history
+        found["history"] = history
         return found
 
     def finished(self, best: OptimizeResult, costs: list[float]) -> Fit:
         """The fit with its intervals, correlations, verdict on identifiability and comparisons."""
         residuals, jacobian = self.evaluate(best.x)
-        prior_rows, prior_jacobian = self.priors(best.x)
+        _, prior_jacobian = self.priors(best.x)
         chi2 = float(residuals @ residuals) / len(residuals)
         # a model that misses the data by more than the noise is no surer of its parameters than its misfit allows
         inflation = max(1.0, chi2)
@@ -323,7 +325,7 @@ class Residuals:
         relative = jacobian * np.array([1.0 if c.logarithmic else s for c, s in zip(self.columns, spans, strict=True)])
         verdict = identifiability(relative / np.sqrt(inflation), labels, [c.logarithmic for c in self.columns])
         return Fit(self.experiment, parameters, correlation, verdict, chi2, len(residuals), tuple(costs),
-                   tuple(best.history), self.evaluations, str(best.message), self._compared(self.start),
+                   tuple(best["history"]), self.evaluations, str(best.message), self._compared(self.start),
                    self._compared(best.x))
 
     def _fitted(self, column: _Column, inner: float, deviation: float) -> Fitted:

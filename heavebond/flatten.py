@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from math import inf
 
 import casadi as ca
 
+from heavebond.asked import check_asked
 from heavebond.connect import Group, Network, connect, drivers, signal_unit
 from heavebond.definition import Domain, FileInput, Member, Value
 from heavebond.dimensions import dimension
@@ -27,7 +28,7 @@ from heavebond.parameters import (
 )
 from heavebond.symbols import Context, evaluate, nonsmooth, split, stack
 from heavebond.template import LEVELS, Template, template
-from heavebond.units import DIMENSIONLESS, ONE, Dimension, Unit, declared_unit, dimension_text
+from heavebond.units import DIMENSIONLESS, ONE, Dimension, Unit, declared_unit, dimension_text, read_unit
 from heavebond.values import add_formula_problem, check_dimension
 
 KELVIN, SECOND = declared_unit("K").dimension, declared_unit("s").dimension
@@ -145,6 +146,7 @@ class _Builder:
         self.n = len(self.unknowns)
         self.levels = [[ca.SX.sym("d" * k + u.name) for u in self.unknowns] for k in range(LEVELS)]
         self._numbers_of_a_run()
+        check_asked(self.expanded.model, self._resolver(), (q.name for q in self.parameters.independent), self.problems)
         self._node_equations()
         for leaf in self.expanded.leaves.values():
             self._leaf_equations(leaf)
@@ -327,6 +329,10 @@ class _Builder:
 
     def _known_input(self, name: str, path: str, given: FileInput) -> KnownInput:
         unit = self.unknowns[self.names[path]].unit
+        if read_unit(given.unit).dimension != unit.dimension:
+            self.problems.add("unit-wrong", f"{path} is in {unit.text}; the column '{given.column}' cannot be in "
+                              f"{given.unit}", given.place, hint="Write the unit of the numbers in the file, or take "
+                              "another column.")
         symbols = stack([ca.SX.sym("d" * k + "measured " + name) for k in range(4)])
         known = KnownInput(path, given, unit, symbols)
         self.inputs.append(known)
@@ -372,13 +378,16 @@ class Resolver:
     time: ca.SX
     rate: ca.SX
 
-    def evaluate(self, expr: Expr, scope: str = "") -> ca.SX:
-        """The SX of a formula; ExpressionProblem for an unknown name."""
-        return evaluate(expr, Context(lambda text, name: self._value(scope, text, name), self._der))
+    def evaluate(self, expr: Expr, scope: str = "", extra: Mapping[str, ca.SX] | None = None) -> ca.SX:
+        """The SX of a formula (`extra` names more than the diagram does); ExpressionProblem for an unknown name."""
+        more = extra or {}
+        return evaluate(expr, Context(
+            lambda text, name: more[text] if text in more else self._value(scope, text, name), self._der))
 
-    def dimension(self, expr: Expr, scope: str = "") -> Dimension | None:
+    def dimension(self, expr: Expr, scope: str = "", extra: Mapping[str, Dimension] | None = None) -> Dimension | None:
         """The dimension of a formula; ExpressionProblem where its units disagree."""
-        return dimension(expr, lambda name: self._dimension(scope, name))
+        more = extra or {}
+        return dimension(expr, lambda name: more[name.text] if name.text in more else self._dimension(scope, name))
 
     def _value(self, scope: str, text: str, name: Name) -> ca.SX:
         if text == "time":

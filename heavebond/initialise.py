@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NoReturn
 
 import casadi as ca
 import numpy as np
@@ -198,7 +197,7 @@ class _Initial:
             if best is None or size < best[0]:
                 best = (size, y, residual)
         assert best is not None
-        self._fail(best[1], best[2])
+        raise self._failure(best[1], best[2])
 
     def _shift(self, attempt: int) -> Array:
         """0 first, then deterministic shifts of growing size; only unknowns that were not asked for move."""
@@ -253,7 +252,7 @@ class _Initial:
         self.nominal = nominal
         whole[self.n_x:self.n_x + self.n_z] = z
         if not self._good(residual):
-            self._fail(whole, residual, rows)
+            raise self._failure(whole, residual, rows)
         self._singular_loop(jacobian, _weights(raw, jacobian))
         return whole
 
@@ -270,7 +269,7 @@ class _Initial:
         return Tangent(dx, dz, dp)
 
     # -- when it cannot be done ------------------------------------------------------------------------------------
-    def _fail(self, y: Array, residual: Array, rows: list[_Row] | None = None) -> NoReturn:
+    def _failure(self, y: Array, residual: Array, rows: list[_Row] | None = None) -> StartError:
         rows = rows or self.rows
         order = np.argsort(-np.where(np.isfinite(residual), np.abs(residual), np.inf))[:5]
         raw = _System(self, rows)(y)[0]
@@ -288,8 +287,8 @@ class _Initial:
             message = "no consistent initial values were found"
             hint = "Give guesses for the variables in these equations, for example `initial: {name: ~ 1 m}`."
         place = rows[int(bad[0])].place if len(bad) else None
-        raise StartError([Problem("start-failed" if not conflict else "start-contradiction", message, place, hint,
-                                  tuple(notes))])
+        return StartError([Problem("start-failed" if not conflict else "start-contradiction", message, place, hint,
+                                   tuple(notes))])
 
     def _conflict(self, y: Array, rows: list[_Row]) -> list[str]:
         """The equations whose gradients depend on each other while their residuals do not agree."""
@@ -383,7 +382,7 @@ class _Initial:
 
 def _weights(residual: Array, jacobian: Array) -> Array:
     """1 / largest scaled gradient of each row; a row without gradient counts by its own size."""
-    gradient = np.abs(jacobian).max(axis=1)
+    gradient = np.abs(jacobian).max(axis=1, initial=0.0)
     return np.asarray(1 / np.where(gradient > 0, gradient, np.maximum(np.abs(residual), 1e-300)))
 
 
@@ -417,7 +416,7 @@ class _System:
 
     def along(self, y: Array, dp: Array, dx: Array | None = None) -> Array:
         """Change of the unknowns (unscaled) that keeps the residuals at zero while p moves along dp and x along dx."""
-        t, x, _, p, _, _ = self.arguments
+        _, x, _, p, _, _ = self.arguments
         moved = ca.jtimes(self.stacked, p, ca.SX(ca.DM(dp)))
         if dx is not None:
             moved += ca.jtimes(self.stacked, x, ca.SX(ca.DM(dx)))

@@ -8,13 +8,24 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from heavebond import reading
-from heavebond.definition import Component, Domain, EquationLine, Formula
-from heavebond.dimensions import SECOND, TRUTH, check_equation, dimension
+from heavebond.definition import (
+    Component,
+    Domain,
+    EquationLine,
+    Formula,
+    Instance,
+    Parameter,
+    Port,
+    SignalPort,
+    Variable,
+)
+from heavebond.dimensions import SECOND, TRUTH, Lookup, check_equation, dimension
 from heavebond.errors import ModelError, Problems, listing, suggest
-from heavebond.expression import Expr, ExpressionProblem, Name, constant, names
+from heavebond.expression import Binary, Expr, ExpressionProblem, Name, constant, names
 from heavebond.units import ONE, Dimension, declared_unit, dimension_text
 
 Domains = Mapping[str, Domain]
+MOST = 10_000  # more ports or equations of a kind than this are a slip
 CONSTANTS = {"pi": ONE, "time": SECOND}
 
 
@@ -36,7 +47,8 @@ class Scope:
         if "." in name.text and self._reaches_inside(words):
             raise ExpressionProblem("name-inside", f"'{name.text}' lies inside a part of this block", name.column,
                                     name.length, "A block's equations know its own ports and variables.")
-        known = [*self.plain, *(f"{p}.{m}" for p in self.component.ports for m in self._members(p))]
+        members = [f"{p}.{m}" for p in self.component.ports for m in self._members(p)]
+        known = [*(n for n in self.plain if n not in CONSTANTS), *members, *CONSTANTS]
         hint = suggest(name.text, known) or f"Known here: {listing(known)}."
         raise ExpressionProblem("name-unknown", f"'{name.text}' is not declared in {self.component.name}",
                                 name.column, name.length, hint)
@@ -77,14 +89,16 @@ def check(component: Component, domains: Domains) -> None:
 
 def _clashes(component: Component, problems: Problems) -> None:
     seen: dict[str, str] = {"time": "the time", "pi": "a number"}
-    groups = (("port", component.ports), ("signal", component.signals), ("parameter", component.parameters),
-              ("variable", component.variables), ("part", component.body.instances))
+    groups: tuple[tuple[str, Mapping[str, Port | SignalPort | Parameter | Variable | Instance]], ...] = (
+        ("port", component.ports), ("signal", component.signals), ("parameter", component.parameters),
+        ("variable", component.variables), ("part", component.body.instances))
     for what, group in groups:
-        for name, item in group.items():  # type: ignore[attr-defined]
+        for name, item in group.items():
             if name in seen:
                 problems.add("name-twice", f"'{name}' is both {seen[name]} and a {what}", item.place,
                              hint="Give one of them another name.")
-            seen[name] = f"a {what}"
+            else:
+                seen[name] = f"a {what}"
 
 
 def _units(component: Component, domains: Domains, problems: Problems) -> None:
@@ -96,23 +110,25 @@ def _units(component: Component, domains: Domains, problems: Problems) -> None:
         except ExpressionProblem as problem:
             reading.add_expression_problem(problem, line.place, problems)
     watt, joule = declared_unit("W").dimension, declared_unit("J").dimension
-    energies = ((component.stores, joule, "stores"), (component.dissipates, watt, "dissipates"),
-                (component.unbalanced, watt, "unbalanced"))
-    for formula, wanted, what in energies:
+    energies = ((component.stores, joule, "stores", "an energy in J"),
+                (component.dissipates, watt, "dissipates", "a power in W"),
+                (component.unbalanced, watt, "unbalanced", "a power in W"))
+    for formula, wanted, what, wanted_text in energies:
         if formula is not None:
-            _formula(formula, wanted, what, scope, problems)
+            _formula(formula, wanted, what, wanted_text, scope, problems)
     for requirement in component.requires:
-        _formula(requirement, TRUTH, "requires", scope, problems)
+        _formula(requirement, TRUTH, "requires", "a comparison, as in `x_max > x_min`", scope, problems)
 
 
-def _with_index(scope: Scope, line: EquationLine):  # type: ignore[no-untyped-def]
+def _with_index(scope: Scope, line: EquationLine) -> Lookup:
     if line.each is None:
         return scope
     index = line.each[0]
     return lambda name: ONE if name.text == index else scope(name)
 
 
-def _formula(formula: Formula, wanted: Dimension, what: str, scope: Scope, problems: Problems) -> None:
+def _formula(formula: Formula, wanted: Dimension, what: str, wanted_text: str, scope: Scope,
+             problems: Problems) -> None:
     try:
         found = dimension(formula.tree, scope)
     except ExpressionProblem as problem:
@@ -120,8 +136,9 @@ def _formula(formula: Formula, wanted: Dimension, what: str, scope: Scope, probl
         return
     generic = found is not None and any("$" in base for base, _ in found)
     if found is not None and found != wanted and not generic:
-        text = "a comparison" if wanted == TRUTH else dimension_text(wanted)
-        problems.add("units-differ", f"{what} must be {text}, this is {dimension_text(found)}", formula.place)
+        here = "a comparison" if found == TRUTH else f"in {dimension_text(found)}"
+        problems.add("units-differ", f"`{what}:` must be {wanted_text}; this is {here}", formula.place,
+                     hint="Check the factors of the formula." if wanted != TRUTH else "Write a relation of parameters.")
 
 
 def _balance(component: Component, domains: Domains, problems: Problems) -> None:
@@ -136,10 +153,15 @@ def _balance(component: Component, domains: Domains, problems: Problems) -> None
     notes = [f"unknowns: {listing(unknowns, 30)}"]
     if unused and more == "few":
         notes.append(f"in no equation: {listing(unused, 30)}")
+    missing = abs(len(unknowns) - equations)
+    what = f"{missing} equation{'s' * (missing > 1)}"
+    advice = f"Add {what}" + (f", for example for {unused[0]}" if unused else "") if more == "few" else f"Remove {what}"
+    if component.composite and unused:
+        advice = f"Join '{unused[0].partition('.')[0]}' to a node of the block, or write an equation for {unused[0]}"
     problems.add(f"balance-too-{more}", f"{component.name} has {equations} equation{'s' * (equations != 1)} for "
                  f"{len(unknowns)} unknown{'s' * (len(unknowns) != 1)}", component.place, notes=notes,
-                 hint="A component has one equation for each through variable of its ports, each signal output and "
-                 "each own variable.")
+                 hint=f"{advice}. A component has one equation for each through variable of its ports (a force, a "
+                 "flow),\nfor each signal output and for each variable of its own.")
 
 
 def _own_unknowns(component: Component, domains: Domains) -> list[str]:
@@ -167,13 +189,8 @@ def _integer(expr: Expr, component: Component) -> int:
     """An array size with every integer parameter at the value 3, enough to tell `each i in 2..n` from `1..n`."""
     number = constant(expr)
     if number is not None:
-        return int(number)
-    if isinstance(expr, Name) and expr.text in component.parameters:
-        return 3
-    left, right = getattr(expr, "left", None), getattr(expr, "right", None)
-    if left is None or right is None:
-        return 3
-    a, b = _integer(left, component), _integer(right, component)
-    return {"+": a + b, "-": a - b, "*": a * b}.get(expr.op, 3)  # type: ignore[union-attr]
-
-
+        return int(max(-MOST, min(MOST, number)))
+    if isinstance(expr, Binary):
+        a, b = _integer(expr.left, component), _integer(expr.right, component)
+        return {"+": a + b, "-": a - b, "*": a * b}.get(expr.op, 3)
+    return 3

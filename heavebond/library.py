@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping as Dictionary
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from collections.abc import Mapping as Dictionary
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
+from typing import TypeVar
 
 from heavebond import reading
 from heavebond.definition import (
@@ -23,14 +25,16 @@ from heavebond.definition import (
     Variable,
 )
 from heavebond.errors import ModelError, Place, Problem, Problems, suggest
-from heavebond.expression import Expr, constant, parse_equation, parse_formula
-from heavebond.source import Mapping, Node, Scalar, Source, read, read_text
+from heavebond.expression import Expr, Number, constant, parse_equation, parse_formula
+from heavebond.source import Mapping, Node, Scalar, Source, read, read_text, short_path
 from heavebond.units import DIMENSIONLESS, ONE, Unit, UnitProblem, check_unit, generic_unit, is_generic
 
+T = TypeVar("T")
 COMPONENT_KEYS = (
     "component", "summary", "restrictions", "source", "ports", "parameters", "variables", "equations", "components",
     "nodes", "stores", "dissipates", "unbalanced", "power", "requires", "effect", "domain", "symbol")
 _HEAD = re.compile(r"^component:[ \t]*([A-Za-z_]\w*)", re.MULTILINE)
+_EQUALS = re.compile(r"(?<![<>=!])=(?!=)")
 _EACH = re.compile(r"each\s+([A-Za-z_]\w*)\s+in\s+(.+?)\.\.(.+?):\s*")
 
 
@@ -89,7 +93,8 @@ def _index(path: Path, files: dict[str, Path]) -> None:
 
 @lru_cache(maxsize=1)
 def _domains() -> dict[str, Domain]:
-    source = read(bundled("components") / "domains.yaml")
+    path = bundled("components") / "domains.yaml"
+    source = read(path, shown_path(path))
     problems = Problems()
     domains = {}
     for name, node in source.root.items.items():
@@ -109,7 +114,7 @@ def _domain(name: str, node: Mapping, problems: Problems) -> Domain:
         entry = reading.mapping(item, key, problems)
         if entry is None:
             continue
-        unit = _unit(entry.items.get("unit"), problems)
+        unit = _unit(entry.items.get("unit"), problems) or DIMENSIONLESS
         nominal = reading.value(entry.items.get("nominal", Scalar("1", entry.place)), "nominal", problems)
         size = constant(nominal.expr) if nominal is not None else None
         members[key] = Member(key, unit, size or 1.0, reading.text(entry.items.get("doc"), "doc", problems))
@@ -125,13 +130,24 @@ def _domain(name: str, node: Mapping, problems: Problems) -> Domain:
 
 
 @lru_cache(maxsize=1024)
-def _load_cached(path: Path, stamp: tuple[int, int], domains: tuple[str, ...]) -> Component:
-    return parse_component(read(path), _domains())
+def _load_cached(path: Path, shown: str, stamp: tuple[int, int], domains: tuple[str, ...]) -> Component:
+    return parse_component(read(path, shown), _domains())
 
 
 def _load(path: Path, domains: tuple[Domain, ...]) -> Component:
     status = path.stat()
-    return _load_cached(path, (status.st_mtime_ns, status.st_size), tuple(d.name for d in domains))
+    stamp = (status.st_mtime_ns, status.st_size)
+    return _load_cached(path.resolve(), shown_path(path), stamp, tuple(d.name for d in domains))
+
+
+def shown_path(path: Path) -> str:
+    """A file as messages name it: `components/...` and `models/...` for what is bundled."""
+    resolved = path.resolve()
+    for folder in ("components", "models"):
+        root = bundled(folder).resolve()
+        if root in resolved.parents:
+            return f"{folder}/{resolved.relative_to(root)}"
+    return short_path(path)
 
 
 def parse_component(source: Source, domains: Dictionary[str, Domain]) -> Component:
@@ -172,14 +188,14 @@ class _Parser:
             source=reading.text(root.items.get("source"), "source", problems),
         )
 
-    def _each(self, node: Node | None, what: str, build):  # type: ignore[no-untyped-def]
+    def _each(self, node: Node | None, what: str, build: Callable[[Scalar, Mapping], T]) -> dict[str, T]:
         entries = reading.mapping(node, what, self.problems)
-        found = {}
+        found: dict[str, T] = {}
         for name, item in (entries.items if entries else {}).items():
             key = entries.keys[name] if entries else None
-            if key is None or not reading.identifier(key, what, self.problems):
+            if key is None or not reading.identifier(key, f"one of the {what}", self.problems):
                 continue
-            entry = reading.mapping(item, f"'{name}'", self.problems)
+            entry = reading.mapping(item, f"'{name}'", self.problems, f"Write `{name}: {{unit: ..., doc: ...}}`.")
             if entry is not None:
                 found[name] = build(key, entry)
         return found
@@ -198,8 +214,12 @@ class _Parser:
                 signals[name] = self._signal(key, item)
             elif isinstance(item, Mapping):
                 reading.known_keys(item, ("domain", "doc", "count"), f"port '{name}'", self.problems, ("domain",))
-                domain = item.items.get("domain", key)
-                self._port(ports, key, reading.text(domain, "domain", self.problems), domain.place, item)
+                domain = item.items.get("domain")
+                if domain is not None:
+                    self._port(ports, key, reading.text(domain, "domain", self.problems), domain.place, item)
+            else:
+                self.problems.add("port-bad", f"port '{name}' is {item.kind}", item.place,
+                                  hint=f"Write `{name}: translational` or `{name}: {{signal: in, unit: V}}`.")
         return ports, signals
 
     def _port(self, ports: dict[str, Port], key: Scalar, domain: str, place: Place, entry: Mapping | None) -> None:
@@ -223,7 +243,8 @@ class _Parser:
         if direction not in ("in", "out"):
             self.problems.add("signal-direction", f"'{direction}' is no direction of a signal",
                               node.items["signal"].place, hint="Write `signal: in` or `signal: out`.")
-        return SignalPort(key.text, direction, _unit(node.items.get("unit"), self.problems), key.place,
+        unit = _unit(node.items.get("unit"), self.problems) or DIMENSIONLESS
+        return SignalPort(key.text, direction, unit, key.place,
                           reading.text(node.items.get("doc"), "doc", self.problems))
 
     def _parameter(self, key: Scalar, node: Mapping) -> Parameter:
@@ -235,28 +256,55 @@ class _Parser:
         default: Value | None = None
         if default_node is not None:
             default = reading.value(default_node, f"default of {key.text}", self.problems)
-            if default is not None and not default.formula and not is_generic(unit.dimension):
-                _bound(default_node, unit, f"default of {key.text}", self.problems)
-        return Parameter(
-            key.text, unit, key.place, reading.text(node.items.get("doc"), "doc", self.problems),
-            _bound(node.items.get("min"), unit, "min", self.problems),
-            _bound(node.items.get("max"), unit, "max", self.problems), default,
-            _bound(node.items.get("neutral"), unit, "neutral", self.problems), integer)
+            if default is not None and not default.formula and not (unit and is_generic(unit.dimension)):
+                self._bound(node, "default", unit, key)
+        bounds = {name: self._bound(node, name, unit, key) for name in ("min", "max", "neutral")}
+        return Parameter(key.text, unit or DIMENSIONLESS, key.place,
+                         reading.text(node.items.get("doc"), "doc", self.problems), bounds["min"], bounds["max"],
+                         default, bounds["neutral"], integer)
 
     def _variable(self, key: Scalar, node: Mapping) -> Variable:
         reading.known_keys(node, ("unit", "doc", "min", "max", "start"), f"variable '{key.text}'", self.problems,
                            ("unit",))
         unit = _unit(node.items.get("unit"), self.problems)
-        return Variable(key.text, unit, key.place, reading.text(node.items.get("doc"), "doc", self.problems),
-                        _bound(node.items.get("min"), unit, "min", self.problems),
-                        _bound(node.items.get("max"), unit, "max", self.problems),
-                        _bound(node.items.get("start"), unit, "start", self.problems))
+        bounds = {name: self._bound(node, name, unit, key) for name in ("min", "max", "start")}
+        return Variable(key.text, unit or DIMENSIONLESS, key.place,
+                        reading.text(node.items.get("doc"), "doc", self.problems), bounds["min"], bounds["max"],
+                        bounds["start"])
+
+    def _bound(self, node: Mapping, name: str, unit: Unit | None, key: Scalar) -> float | None:
+        """A bound or default in SI; its unit may be left out where the declared one is dimensionless or it is 0.
+
+        `unit` is None where the declared one could not be read, which is said already.
+        """
+        item = node.items.get(name)
+        found = reading.value(item, f"{name} of {key.text}", self.problems) if item is not None else None
+        if found is None:
+            return None
+        number = constant(found.expr)
+        if number is None:
+            self.problems.add("not-a-quantity", f"{name} of {key.text} must be a plain quantity", found.place,
+                              hint="Write a number with its unit.")
+            return None
+        given = found.expr.unit if isinstance(found.expr, Number) else None
+        if unit is None or (is_generic(unit.dimension) and given is None):
+            return number
+        try:
+            if unit.dimension != ONE or given is not None:
+                check_unit(given, unit, number, found.text)
+        except UnitProblem as problem:
+            self.problems.add(problem.code, f"{name} of {key.text}: {problem.message}", found.place, hint=problem.hint)
+        return number
 
     def _equations(self, node: Node | None) -> tuple[EquationLine, ...]:
         if node is None:
             return ()
         if not isinstance(node, Scalar):
-            self.problems.add("not-text", f"equations are {node.kind}; text is expected", node.place,
+            self.problems.add("not-text", f"`equations:` holds {node.kind}; text is expected", node.place,
+                              hint="Write `equations: |` and one equation a line below it.")
+            return ()
+        if node.place.continued and not node.block:
+            self.problems.add("equations-joined", "without `|` YAML makes one line of all equations", node.place,
                               hint="Write `equations: |` and one equation a line below it.")
             return ()
         found = []
@@ -305,16 +353,17 @@ class _Parser:
 
 
 def _joined(lines: list[Scalar]) -> list[Scalar]:
-    """Lines with an open parenthesis are continued by the next one (its indentation kept as one space)."""
+    """Lines with an open parenthesis are continued by the next one, unless that is an equation of its own."""
     joined: list[Scalar] = []
     for line in lines:
         previous = joined[-1] if joined else None
-        if previous is not None and _open(previous.text):
+        if previous is not None and _open(previous.text) and not _EQUALS.search(line.text.partition("#")[0]):
             head, _, comment = previous.text.partition("#")
             tail, _, more = line.text.partition("#")
-            content = f"{head.rstrip()} {tail.strip()}"
+            content = head.rstrip() + " "
             label = comment.strip() or more.strip()
-            joined[-1] = Scalar(content + (f"  # {label}" if label else ""), previous.place)
+            place = replace(previous.place, continued=(*previous.place.continued, (len(content), line.place)))
+            joined[-1] = Scalar(content + tail.strip() + (f"  # {label}" if label else ""), place)
         else:
             joined.append(line)
     return joined
@@ -325,33 +374,12 @@ def _open(line: str) -> bool:
     return content.count("(") > content.count(")")
 
 
-def _unit(node: Node | None, problems: Problems) -> Unit:
+def _unit(node: Node | None, problems: Problems) -> Unit | None:
+    """A declared unit; None, and a problem, where it cannot be read."""
     if not isinstance(node, Scalar):
-        return DIMENSIONLESS
+        return None
     try:
         return generic_unit(node.text)
     except UnitProblem as problem:
         problems.add(problem.code, problem.message, node.place, hint=problem.hint)
-        return DIMENSIONLESS
-
-
-def _bound(node: Node | None, unit: Unit, what: str, problems: Problems) -> float | None:
-    """A bound or default in SI; its unit may be left out where the declared one is dimensionless or it is 0."""
-    if node is None:
         return None
-    found = reading.value(node, what, problems)
-    if found is None:
-        return None
-    number = constant(found.expr)
-    if number is None:
-        problems.add("not-a-quantity", f"{what} must be a plain quantity", found.place)
-        return None
-    given = getattr(found.expr, "unit", None)
-    if is_generic(unit.dimension) and given is None:
-        return number
-    try:
-        if unit.dimension != ONE or given is not None:
-            check_unit(given, unit, number, found.text)
-    except UnitProblem as problem:
-        problems.add(problem.code, f"{what}: {problem.message}", found.place, hint=problem.hint)
-    return number

@@ -1,4 +1,5 @@
-"""A diagram as a value: read from its file, derived from another by `extends`, changed by functions that return a new one."""
+"""A diagram as a value: read from its file, derived from another by `extends`, changed by functions that return a new
+one."""
 
 from __future__ import annotations
 
@@ -8,13 +9,18 @@ from pathlib import Path
 
 from heavebond import reading
 from heavebond.definition import Body, End, FileInput, Instance, Value, Wire
-from heavebond.errors import ModelError, Place, Problem, Problems, UsageError, suggest
-from heavebond.expression import Expr, parse_formula
-from heavebond.library import Library, bundled, library
+from heavebond.dimensions import dimension
+from heavebond.errors import ModelError, Place, Problem, Problems, UsageError, listing, suggest
+from heavebond.expression import Expr, ExpressionProblem, Name, constant, parse_formula
+from heavebond.library import Library, bundled, library, shown_path
 from heavebond.source import Mapping, Node, Scalar, Source, parse, read
+from heavebond.units import Dimension, declared_unit
+from heavebond.values import add_formula_problem, check_dimension
 
 MODEL_KEYS = ("model", "summary", "extends", "parameters", "components", "nodes", "set", "remove", "initial", "show",
               "simulate", "source", "notes")
+LONGEST_CHAIN = 50
+SECOND = declared_unit("s")
 STARTS = ("steady", "rest")
 
 
@@ -78,7 +84,8 @@ class Model:
         """A model with other values: `{"gas.c": "40 kN/m"}`, or a plain number in the parameter's base unit."""
         settings = dict(self.settings)
         for path, given in values.items():
-            settings[path] = Setting(path, _python_value(path, given), Place("with_parameters", 1, 1, f"{path}: {given}"))
+            place = Place("with_parameters", 1, 1, f"{path}: {given}")
+            settings[path] = Setting(path, _python_value(path, given), place)
         return replace(self, settings=settings)
 
     def with_component(self, name: str, kind: str, wires: Dictionary[str, str],
@@ -124,6 +131,10 @@ def loads(text: str, folder: Path | str = ".") -> Model:
 def find(name: str | Path, head: str = "model") -> Path:
     """The file that `name` means; UsageError with near names where there is none."""
     path = Path(name)
+    if path.is_dir() and (path.suffix or not (bundled("models") / path).is_dir()):
+        files = [str(p) for p in sorted(path.glob("*.yaml"))]
+        raise UsageError([Problem("file-is-folder", f"'{name}' is a folder, not a file", None,
+                                  f"Give a file in it: {listing(files, 4)}." if files else "It has no YAML file.")])
     if path.suffix in (".yaml", ".yml"):
         if path.is_file():
             return path
@@ -137,15 +148,21 @@ def find(name: str | Path, head: str = "model") -> Path:
                 return candidate
     known = [m.parent.name if m.stem == m.parent.name else f"{m.parent.name}/{m.stem}"
              for m in sorted(bundled("models").glob("*/*.yaml"))]
-    here = [str(p) for p in sorted(Path.cwd().glob("*.yaml"))[:50]]
-    hint = suggest(str(name), [*known, *here, *(Path(p).name for p in here)])
+    here = [p.name for p in sorted(Path.cwd().glob("*.yaml"))[:50]]
+    hint = suggest(str(name), [*known, *here])
     raise UsageError([Problem("file-missing", f"there is no {head} '{name}'", None,
                               hint or "Give the path of a YAML file, or a bundled name: "
                               + ", ".join(k for k in known if "/" not in k) + ".")])
 
 
+def beside(folder: Path, name: str) -> Path:
+    """A file that another one names: counted from that one's folder, else from the bundled machines'."""
+    path, inside = folder / name, bundled("models") / name
+    return inside if not path.exists() and inside.is_file() else path
+
+
 def _load(path: Path, chain: tuple[Path, ...]) -> Model:
-    return from_source(read(path), chain)
+    return from_source(read(path, shown_path(path)), chain)
 
 
 def from_source(source: Source, chain: tuple[Path, ...] = ()) -> Model:
@@ -153,16 +170,26 @@ def from_source(source: Source, chain: tuple[Path, ...] = ()) -> Model:
     problems = Problems()
     root = source.root
     if "model" not in root.items or "experiment" in root.items:
-        kind = next((k for k in ("component", "experiment", "study") if k in root.items), None)
-        hint = f"This file describes {'an' if kind == 'experiment' else 'a'} {kind}." if kind else \
-            suggest("model", root.items) or "A diagram begins with `model: name`."
-        raise ModelError([Problem("not-a-model", f"{source.name} is no diagram", root.place, hint)])
+        message, hint = _other_kind(source)
+        raise ModelError([Problem("not-a-model", message, root.place, hint)])
     reading.known_keys(root, MODEL_KEYS, "a diagram", problems)
     base = _base(source, chain, problems)
-    problems.raise_as(ModelError)
     model = _changed(base, source, problems)
     problems.raise_as(ModelError)
     return model
+
+
+def _other_kind(source: Source) -> tuple[str, str]:
+    """What a file that is no diagram is, and what to do."""
+    items = source.root.items
+    for kind, article in (("experiment", "an"), ("study", "a"), ("component", "a")):
+        if isinstance(head := items.get(kind), Scalar):
+            said = f"{source.name} is no diagram; it describes {article} {kind}, '{head.text}'"
+            diagram = items.get("model")
+            if kind == "component":
+                return said, f"A diagram uses it under `components:`, as in `part: {{is: {head.text}, ...}}`."
+            return said, f"Its diagram is {diagram.text}." if isinstance(diagram, Scalar) else "Give its diagram."
+    return f"{source.name} is no diagram", suggest("model", items) or "A diagram begins with `model: name`."
 
 
 def _base(source: Source, chain: tuple[Path, ...], problems: Problems) -> Model:
@@ -171,13 +198,24 @@ def _base(source: Source, chain: tuple[Path, ...], problems: Problems) -> Model:
     if node is None:
         folder = source.path.parent
         return Model("", "", source.path, library([folder]))
-    target = source.path.parent / reading.text(node, "extends", problems)
-    if here in chain or target.resolve() in (*chain, here):
-        raise ModelError([Problem("extends-circle", f"{source.name} extends itself", node.place)])
+    target = beside(source.path.parent, reading.text(node, "extends", problems))
+    problems.raise_as(ModelError)
+    if len(chain) > LONGEST_CHAIN:
+        problems.add("extends-too-long", f"more than {LONGEST_CHAIN} files extend each other", node.place,
+                     hint="Write the diagram out.")
+        problems.raise_as(ModelError)
+    if target.resolve() in (*chain, here):
+        circle = [*(chain[chain.index(target.resolve()):] if target.resolve() in chain else ()), here, target]
+        problems.add("extends-circle", "these files extend each other in a circle: "
+                     + " > ".join(p.name for p in circle) if len(circle) > 2 else f"{source.name} extends itself",
+                     node.place, hint="One of them must be a diagram of its own, without `extends:`.")
+        problems.raise_as(ModelError)
     if not target.is_file():
         near = [p.name for p in sorted(target.parent.glob("*.yaml"))] if target.parent.is_dir() else []
-        raise ModelError([Problem("file-missing", f"there is no file {target}", node.place,
-                                  suggest(target.name, near))])
+        what = f"{target} is a folder, not a file" if target.is_dir() else f"there is no file {target}"
+        problems.add("file-missing", what, node.place,
+                     hint=suggest(target.name, near) or f"The path counts from the folder of {source.path.name}.")
+        problems.raise_as(ModelError)
     base = _load(target, (*chain, here))
     if target.parent.resolve() != source.path.parent.resolve():
         base = replace(base, library=_joined_library(source.path.parent, base.library))
@@ -198,7 +236,7 @@ def _changed(base: Model, source: Source, problems: Problems) -> Model:
     for word in reading.words(root.items.get("remove"), "remove", problems):
         if word.text not in instances:
             problems.add("remove-unknown", f"there is no component '{word.text}' to remove", word.place,
-                         hint=suggest(word.text, instances))
+                         hint=suggest(word.text, instances) or f"Components: {listing(instances)}.")
             continue
         del instances[word.text]
         wires = {n: replace(w, ends=tuple(e for e in w.ends if e.path.split(".")[0] != word.text))
@@ -254,7 +292,8 @@ def _change_ends(ends: list[End], end: End, node: str, problems: Problems) -> No
         kept = [e for e in ends if e.path != end.path[1:]]
         if len(kept) == len(ends):
             problems.add("node-end-unknown", f"'{end.path[1:]}' is not on node '{node}'", end.place,
-                         hint=suggest(end.path[1:], [e.path for e in ends]))
+                         hint=suggest(end.path[1:], [e.path for e in ends]) or
+                         (f"On it: {listing(e.path for e in ends)}." if ends else f"There is no node '{node}' yet."))
         ends[:] = kept
     else:
         ends.append(End(end.path.removeprefix("+"), end.place))
@@ -306,8 +345,9 @@ def read_conditions(node: Node | None, problems: Problems) -> dict[str, Conditio
 
 def _condition(name: str, item: Node, key: Scalar, problems: Problems) -> Condition | None:
     if isinstance(item, Scalar) and item.text.lstrip().startswith("~"):
-        skipped = item.text.index("~") + 1
-        inner = Scalar(item.text[skipped:].strip(), item.place.moved(skipped, len(item.text) - skipped), item.quoted)
+        content = item.text.strip().removeprefix("~").lstrip()
+        skipped = len(item.text) - len(content)
+        inner = replace(item, text=content, place=item.place.moved(skipped, len(content)))
         value = reading.value(inner, name, problems)
         return Condition(name, value, True, key.place) if value else None
     value = reading.value(item, name, problems)
@@ -335,8 +375,9 @@ def shown_as(name: str, item: Node, key: Scalar, problems: Problems, extra: tupl
     if isinstance(unit, Scalar):
         reading.unit_text(unit, problems)
     formula = entry.items.get("is")
-    content, place = (formula.text, formula.place) if isinstance(formula, Scalar) else (name, key.place)
-    content, place = (content[1:], place.moved(1)) if content.startswith("=") else (content, place)
+    written = formula if isinstance(formula, Scalar) else key
+    content, place = written.text, written.place.moved(1 if written.quoted else 0, len(written.text))
+    content, place = (content[1:], place.moved(1, len(content) - 1)) if content.startswith("=") else (content, place)
     tree = reading.parsed(parse_formula, content, place, problems)
     if tree is None:
         return None
@@ -348,5 +389,30 @@ def _simulate(node: Node | None, base: Model, problems: Problems) -> tuple[Value
     if entries is None:
         return base.until, base.every
     reading.known_keys(entries, ("until", "every"), "simulate", problems)
-    read_values = {name: reading.value(item, name, problems) for name, item in entries.items.items()}
-    return read_values.get("until") or base.until, read_values.get("every") or base.every
+    times = {name: reading.value(item, name, problems) for name, item in entries.items.items()
+             if name in ("until", "every")}
+    for name, value in times.items():
+        if value is not None:
+            _check_time(name, value, problems)
+    return times.get("until") or base.until, times.get("every") or base.every
+
+
+def _no_name(name: Name) -> Dimension:
+    raise ExpressionProblem("not-a-quantity", f"'{name.text}' is no number", name.column, name.length)
+
+
+def _check_time(name: str, value: Value, problems: Problems) -> None:
+    """`until` and `every` are known before any parameter is: plain times above 0."""
+    number = constant(value.expr)
+    if value.formula or number is None:
+        problems.add("not-a-quantity", f"{name}: '{value.text}' is not a plain time", value.place,
+                     hint="Write for example `60 s` or `8 * 12 s`.")
+        return
+    before = len(problems.found)
+    try:
+        check_dimension(name, value, dimension(value.expr, _no_name), SECOND, problems)
+    except ExpressionProblem as problem:
+        add_formula_problem(problem, value, problems)
+    if number <= 0 and len(problems.found) == before:
+        problems.add("time-not-positive", f"{name}: '{value.text}' is not above 0", value.place,
+                     hint="Write for example `60 s`.")

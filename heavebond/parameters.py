@@ -5,23 +5,23 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from graphlib import CycleError, TopologicalSorter
-from math import inf
+from math import inf, isfinite
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from heavebond.connect import Network, parameter_dimension
+from heavebond.connect import Network
 from heavebond.definition import Domain, Formula, Parameter, Value
-from heavebond.dimensions import dimension
+from heavebond.dimensions import number_dimension
 from heavebond.errors import ModelError, Place, Problems, listing, suggest
 from heavebond.expand import Bound, Expanded, Leaf
 from heavebond.expression import Call, Expr, ExpressionProblem, Name, Number, children, names
 from heavebond.incidence import Interval
 from heavebond.symbols import Context, evaluate, stack
 from heavebond.template import Template
-from heavebond.units import DIMENSIONLESS, ONE, Dimension, Unit, dimension_text, solved
-from heavebond.values import add_formula_problem, check_bounds, check_dimension
+from heavebond.units import ONE, Dimension, Unit, dimension_text, solved
+from heavebond.values import NOT_FINITE, add_formula_problem, check_bounds, check_dimension
 
 Array = NDArray[np.float64]
 
@@ -54,7 +54,8 @@ class Parameters:
         """These and further independent parameters."""
         more = list(more)
         symbols = {q.name: ca.SX.sym(q.name) for q in more}
-        return Parameters((*self.independent, *more), stack([self.p, *symbols.values()]), {**self.expressions, **symbols},
+        return Parameters((*self.independent, *more), stack([self.p, *symbols.values()]),
+                          {**self.expressions, **symbols},
                           {**self.units, **{q.name: q.unit for q in more}})
 
     def values(self, wanted: list[str]) -> Array:
@@ -171,17 +172,27 @@ class _Maker:
     symbols: list[ca.SX] = field(default_factory=list)
     expressions: dict[str, ca.SX] = field(default_factory=dict)
     units: dict[str, Unit] = field(default_factory=dict)
+    bad: set[str] = field(default_factory=set)
 
     def make(self, name: str, bound: Bound, leaf: Leaf | None) -> None:
         """A symbol where the value is a number, an expression where it is a formula in other parameters."""
         assert isinstance(bound.value, Value)
+        if any(bound.scope + n.text in self.bad for n in names(bound.value.expr)):
+            self.bad.add(name)  # what is wrong is said where it is
+            return
         try:
             unit = self._unit(name, bound, leaf)
             found = evaluate(bound.value.expr, Context(self._lookup(bound.scope), _no_rate,
                                                        _integers(self.expanded, bound.scope)))
         except ExpressionProblem as problem:
             add_formula_problem(problem, bound.value, self.problems)
-            unit, found = DIMENSIONLESS, ca.SX(1)
+            self.bad.add(name)
+            return
+        if found.is_constant() and not isfinite(float(found)):
+            self.problems.add("value-not-finite", f"{name} = {bound.value.text.lstrip('= ')} has no finite value",
+                              bound.value.place, hint=NOT_FINITE)
+            self.bad.add(name)
+            return
         if found.is_constant():
             symbol = ca.SX.sym(name)
             self.independent.append(FlatParameter(name, float(found), unit, bound.place))
@@ -195,7 +206,7 @@ class _Maker:
     def _unit(self, name: str, bound: Bound, leaf: Leaf | None) -> Unit:
         assert isinstance(bound.value, Value)
         value = bound.value
-        found = dimension(value.expr, lambda n: self._dimension(bound.scope, n))
+        found = number_dimension(value.expr, lambda n: self._dimension(bound.scope, n))
         if leaf is None:
             own = found or ONE
             counts = value.expr.unit.counts if isinstance(value.expr, Number) and value.expr.unit else ""
@@ -205,11 +216,9 @@ class _Maker:
         return unit
 
     def _dimension(self, scope: str, name: Name) -> Dimension:
-        """A generic unit (`$U`) of the parameter's own component is solved before it is compared."""
         if name.text == "pi" or name.text in _integers(self.expanded, scope):
             return ONE
-        found = parameter_dimension(self.expanded, scope + name.text, name)
-        return solved(found, self.network.units.get((scope + name.text).rpartition(".")[0], {}))
+        return self.units[scope + name.text].dimension
 
 
 def _no_rate(expression: ca.SX) -> ca.SX:

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from typing import TypeVar
 
 from heavebond.definition import Body, End, FileInput, Formula, Instance, Value, Wire
-from heavebond.errors import Place, Problems, suggest
-from heavebond.expression import Equation, Expr, ExpressionProblem, Number, names, parse_formula
+from heavebond.errors import Place, Problems, nearest, suggest
+from heavebond.expression import KEYWORDS, Equation, Expr, ExpressionProblem, Number, names, parse_formula
 from heavebond.source import Mapping, Node, Scalar, Sequence, Source
 from heavebond.units import UnitProblem, parse_quantity, read_unit
 
 T = TypeVar("T", Expr, Equation)
 IDENTIFIER = re.compile(r"[A-Za-z_]\w*")
+RESERVED = {*KEYWORDS, "time", "pi"}
+SWITCHES = {"on": 1, "yes": 1, "true": 1, "off": 0, "no": 0, "false": 0}
 BETWEEN = ("spline", "linear", "hold")
 
 
@@ -21,20 +24,23 @@ def known_keys(node: Mapping, allowed: Iterable[str], what: str, problems: Probl
                required: Iterable[str] = ()) -> None:
     """Every key is one that `what` understands, and none of the required ones is missing."""
     allowed = list(allowed)
+    meant = set()
     for name, key in node.keys.items():
         if name not in allowed:
+            meant.add(nearest(name, allowed))
             problems.add("key-unknown", f"{what} has no entry '{name}'", key.place,
                          hint=suggest(name, allowed) or f"Known: {', '.join(allowed)}.")
     for name in required:
-        if name not in node.items:
+        if name not in node.items and name not in meant:
             problems.add("key-missing", f"{what} needs the entry '{name}'", node.place, hint=f"Add `{name}: ...`.")
 
 
-def mapping(node: Node | None, what: str, problems: Problems) -> Mapping | None:
+def mapping(node: Node | None, what: str, problems: Problems, hint: str = "") -> Mapping | None:
     """The node as a mapping; a problem and None where it is something else."""
     if node is None or isinstance(node, Mapping):
         return node
-    problems.add("not-a-mapping", f"{what} is {node.kind}; `key: value` entries are expected", node.place)
+    problems.add("not-a-mapping", f"{what} is {node.kind}; `key: value` entries are expected", node.place,
+                 hint=hint or "Write `{key: value, ...}`, or one `key: value` a line, indented.")
     return None
 
 
@@ -44,7 +50,7 @@ def text(node: Node | None, what: str, problems: Problems, default: str = "") ->
         return default
     if isinstance(node, Scalar):
         return " ".join(node.text.split())
-    problems.add("not-text", f"{what} is {node.kind}; text is expected", node.place)
+    problems.add("not-text", f"{what} is {node.kind}; text is expected", node.place, hint="Write a plain text.")
     return default
 
 
@@ -58,17 +64,24 @@ def words(node: Node | None, what: str, problems: Problems) -> list[Scalar]:
         if isinstance(item, Scalar):
             scalars.append(item)
         else:
-            problems.add("not-text", f"{what} holds {item.kind}; text is expected", item.place)
+            problems.add("not-text", f"{what} holds {item.kind}; text is expected", item.place,
+                         hint="Write a list of words: `[one, two]`.")
     return scalars
 
 
 def identifier(key: Scalar, what: str, problems: Problems) -> bool:
-    """The key is a name: letters, digits and underscores."""
-    if IDENTIFIER.fullmatch(key.text):
-        return True
-    problems.add("name-bad", f"'{key.text}' cannot name {what}", key.place,
-                 hint="A name has letters, digits and `_`, and begins with a letter.")
-    return False
+    """The key is a name: letters, digits and underscores, and no word of the formulas."""
+    if not IDENTIFIER.fullmatch(key.text):
+        plain = re.sub(r"\W+", "_", key.text).strip("_")
+        hint = f" Write for example `{plain}`." if IDENTIFIER.fullmatch(plain) else ""
+        problems.add("name-bad", f"'{key.text}' cannot name {what}", key.place,
+                     hint=f"A name has letters, digits and `_`, and begins with a letter.{hint}")
+        return False
+    if key.text in RESERVED:
+        problems.add("name-bad", f"'{key.text}' cannot name {what}; it has a meaning in formulas", key.place,
+                     hint="Take another name.")
+        return False
+    return True
 
 
 def parsed(parser: Callable[[str], T], content: str, place: Place, problems: Problems) -> T | None:
@@ -77,8 +90,6 @@ def parsed(parser: Callable[[str], T], content: str, place: Place, problems: Pro
         return parser(content)
     except ExpressionProblem as problem:
         add_expression_problem(problem, place, problems)
-    except RecursionError:
-        problems.add("formula-too-deep", "this formula is nested too deeply", place)
     return None
 
 
@@ -98,29 +109,42 @@ def value(node: Node, what: str, problems: Problems) -> Value | None:
     if content.startswith("="):
         skipped = len(content) - len(content[1:].lstrip())
         expr = parsed(parse_formula, content[skipped:], start.moved(skipped), problems)
-        return Value(expr, content, node.place, formula=True) if expr is not None else None
+        return Value(expr, content, start, formula=True) if expr is not None else None
     try:
         number, unit = parse_quantity(content)
-        return Value(Number(number, unit, 0), content, node.place)
+        return Value(Number(number, unit, 0), content, start)
     except UnitProblem as problem:
         return _arithmetic(content, start, what, problem, problems)
 
 
 def _arithmetic(content: str, place: Place, what: str, problem: UnitProblem, problems: Problems) -> Value | None:
     """Arithmetic of quantities; where that cannot be read either, the complaint about the quantity stands."""
+    complaint = (problem.code, f"{what}: {problem.message}", problem.hint)
     try:
         expr = parse_formula(content)
-    except (ExpressionProblem, RecursionError):
-        expr = None
-    if expr is None or problem.code not in ("not-a-quantity", "unit-space"):
-        problems.add(problem.code, f"{what}: {problem.message}", place, hint=problem.hint)
-        return None
-    used = [n.text for n in names(expr)]
-    if used and used != ["pi"]:
-        problems.add("formula-unmarked", f"{what}: '{content}' is neither a quantity nor a formula", place,
-                     hint=f"A formula begins with `=`: `={content}`.")
-        return None
-    return Value(expr, content, place)
+        used = [n.text for n in names(expr) if n.text != "pi"]
+        if problem.code == "not-a-quantity" and not used:
+            return Value(expr, content, place)
+        if problem.code == "not-a-quantity":
+            complaint = _unmarked(content, what)
+    except ExpressionProblem as other:
+        if problem.code == "not-a-quantity" and any(sign in content for sign in "+*/()"):
+            add_expression_problem(other, place, problems)
+            return None
+    code, message, hint = complaint
+    problems.add(code, message, place, hint=hint)
+    return None
+
+
+def _unmarked(content: str, what: str) -> tuple[str, str, str]:
+    """A text of names where a quantity stands: a formula without its `=`, or a word that says nothing here."""
+    if content.lower() in SWITCHES:
+        return "not-a-quantity", f"{what}: '{content}' is a word, not a number", f"Write {SWITCHES[content.lower()]}."
+    if re.fullmatch(r"\w+", content):
+        return "formula-unmarked", f"{what}: '{content}' is not a number with a unit", \
+            f"Write for example `42 kN/m`; if '{content}' is a parameter, write `={content}`."
+    return "formula-unmarked", f"{what}: '{content}' is neither a quantity nor a formula", \
+        f"A formula begins with `=`: `={content}`."
 
 
 def file_input(node: Mapping, source: Source, problems: Problems, *, file: bool = True) -> FileInput | None:
@@ -169,7 +193,8 @@ def unit_text(node: Scalar, problems: Problems) -> str | None:
 def formula_of(node: Node, what: str, problems: Problems) -> Formula | None:
     """An expression of a component (names and plain numbers, no units)."""
     if not isinstance(node, Scalar):
-        problems.add("not-text", f"{what} is {node.kind}; a formula is expected", node.place)
+        problems.add("not-text", f"{what} is {node.kind}; a formula is expected", node.place,
+                     hint="Write a formula such as `1/2 * c * s**2`.")
         return None
     place = node.place.moved(1 if node.quoted else 0, len(node.text))
     tree = parsed(lambda t: parse_formula(t, units=False), node.text, place, problems)
@@ -179,7 +204,8 @@ def formula_of(node: Node, what: str, problems: Problems) -> Formula | None:
 def body(node: Mapping, source: Source, problems: Problems) -> Body:
     """`components:` and `nodes:` of a diagram or a block."""
     instances: dict[str, Instance] = {}
-    parts = mapping(node.items.get("components"), "components", problems)
+    parts = mapping(node.items.get("components"), "components", problems,
+                    "Write one part a line: `spring: {is: Spring, c: 1 kN/m}`.")
     for name, entry in (parts.items if parts else {}).items():
         key = parts.keys[name] if parts else None
         if key is not None and identifier(key, "a component", problems):
@@ -187,24 +213,27 @@ def body(node: Mapping, source: Source, problems: Problems) -> Body:
             if found:
                 instances[name] = found
     wires: dict[str, Wire] = {}
-    nodes = mapping(node.items.get("nodes"), "nodes", problems)
+    nodes = mapping(node.items.get("nodes"), "nodes", problems, "Write one node a line: `ground: [wall.a, spring.a]`.")
     for name, entry in (nodes.items if nodes else {}).items():
         key = nodes.keys[name] if nodes else None
         ends = tuple(End(s.text, s.place) for s in words(entry, f"node '{name}'", problems))
-        if key is not None:
+        if key is not None and all(identifier(replace(key, text=part), "a node", problems) for part in name.split(".")):
             wires[name] = Wire(name, ends, key.place)
     return Body(instances, wires)
 
 
 def instance(key: Scalar, node: Node, source: Source, problems: Problems) -> Instance | None:
     """`spring: {is: Spring, c: 1.2 kN/m}`."""
-    entry = mapping(node, f"'{key.text}'", problems)
+    example = node.text if isinstance(node, Scalar) and IDENTIFIER.fullmatch(node.text) else "Spring"
+    entry = mapping(node, f"'{key.text}'", problems, f"Write `{key.text}: {{is: {example}, ...}}`.")
     if entry is None:
         return None
     kind = entry.items.get("is")
     if not isinstance(kind, Scalar):
+        said = [s.text for n in ("type", "kind", "Is", "IS") if isinstance(s := entry.items.get(n), Scalar)]
+        guess = said[0] if said else "Spring"
         problems.add("kind-missing", f"'{key.text}' does not say what it is", key.place,
-                     hint=f"Write `{key.text}: {{is: Spring, ...}}`.")
+                     hint=f"Write `{key.text}: {{is: {guess}, ...}}`.")
         return None
     settings: dict[str, Value | FileInput] = {}
     at: tuple[float, ...] | None = None
@@ -230,5 +259,6 @@ def _position(node: Node, problems: Problems) -> tuple[float, ...] | None:
     try:
         return tuple(float(n) for n in numbers)
     except ValueError:
-        problems.add("at-bad", "`at:` holds two numbers, the place in the drawing", node.place, hint="at: [3, 1]")
+        problems.add("at-bad", "`at:` holds two numbers, the place in the drawing", node.place,
+                     hint="Write for example `at: [3, 1]`.")
         return None

@@ -23,18 +23,20 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Along:
-    """Forward sensitivities in SI: d x / d p_k (m, n_x, N), d z / d p_k (m, n_z, N), and how all parameters move with
-    the k-th (m, n_p): itself by 1, those under `solve:` as the start requires."""
+    """Forward sensitivities in SI: d x / d p_k (m, n_x, N), d z / d p_k (m, n_z, N), how all parameters move with the
+    k-th (m, n_p): itself by 1, those under `solve:` as the start requires; and d quadratures / d p_k (m, n_q, N)."""
 
     names: tuple[str, ...]
     x: Array
     z: Array
     p: Array
+    quadratures: Array
 
 
 @dataclass(frozen=True)
 class Result:
-    """A run: `time` (N,), states x (n_x, N) and algebraic unknowns z (n_z, N) in SI, and every variable by name.
+    """A run: `time` (N,), states x (n_x, N) and algebraic unknowns z (n_z, N) in SI, and every variable by name;
+    `quadratures` (n_q, N) are the integrals that the caller asked for.
 
     `result["crown.x"]` is in SI; an output under `show:` (`result["pull"]`) is in the unit declared there.
     Any formula of names may be asked for: `result["crown.x - platform.x"]`.
@@ -48,6 +50,7 @@ class Result:
     p: Array
     start: Start
     statistics: Mapping[str, object] = field(default_factory=dict)
+    quadratures: Array = field(default_factory=lambda: np.zeros((0, 0)))
     along: Along | None = None
 
     def names(self) -> list[str]:
@@ -138,18 +141,19 @@ class Probe:
 
     def values(self, result: Result) -> Array:
         """The signals of a run (n_signals, N)."""
-        return np.array(self._values(*_columns(result))).reshape(len(self.names), len(result.time))
+        return np.array(self._values(*columns(result))).reshape(len(self.names), len(result.time))
 
     def sensitivities(self, result: Result) -> Array:
         """Their derivatives with respect to the parameters of `result.along` (m, n_signals, N)."""
         assert result.along is not None
-        n, given = len(result.time), _columns(result)
+        n, given = len(result.time), columns(result)
         return np.array([
             np.array(self._along(*given, x, z, np.tile(p[:, None], (1, n)))).reshape(len(self.names), n)
             for x, z, p in zip(result.along.x, result.along.z, result.along.p, strict=True)])
 
 
-def _columns(result: Result) -> tuple[Array, ...]:
+def columns(result: Result) -> tuple[Array, ...]:
+    """The arguments of an assembly's functions along a run, one column per time."""
     n = len(result.time)
     return (result.time[None, :], result.x, result.z, np.tile(result.p[:, None], (1, n)), result.u, np.ones((1, n)))
 

@@ -71,9 +71,10 @@ class Simulator:
         self.time = grid(assembly.model, until, every) if times is None else np.asarray(times, float)
         self.pieces = pieced(assembly.flat, float(self.time[0]), float(self.time[-1]))
         self.integrand = _with_integrals(integrand(assembly, quadratures, len(self.sensitivities)))
-        self.integrals = 0 if quadratures is None else quadratures.numel()
+        self.integrals = 0 if quadratures is None else quadratures.numel() * (1 + len(self.sensitivities))
         self.stops = np.union1d(self.time, self.pieces.inner_breaks(self.time[0], self.time[-1]))
         self.integrator = _integrator(self.integrand, self.stops, self.tolerances)
+        self.loops = _loops(self.integrand)
 
     def run(self, parameters: Mapping[str, float | str] | None = None) -> Result:
         """One run; `parameters` overrides values by name."""
@@ -85,20 +86,21 @@ class Simulator:
         seconds = {"start": started - began, "integration": clock.perf_counter() - started}
         keep = np.searchsorted(self.stops, self.time)
         n_x, n_z = len(assembly.x_nominal), len(assembly.z_nominal)
+        n_q = self.integrals // (1 + len(self.sensitivities))
         return Result(assembly, self.time, x[:n_x, keep], z[:n_z, keep], self.pieces.at(self.time), first.p, first,
-                      {"solver": "idas", "seconds": seconds, "start_steps": first.steps, **statistics,
-                       **({"quadratures": quadratures[:, keep]} if quadratures.size else {})},
-                      self._along(x[n_x:, keep], z[n_z:, keep], first))
+                      {"solver": "idas", "seconds": seconds, "start_steps": first.steps, **statistics},
+                      quadratures[:n_q, keep],
+                      self._along(x[n_x:, keep], z[n_z:, keep], quadratures[n_q:, keep], first))
 
-    def _along(self, x: Array, z: Array, first: Start) -> Along | None:
+    def _along(self, x: Array, z: Array, q: Array, first: Start) -> Along | None:
         """The sensitivities of the states per unit of each parameter."""
         if not self.sensitivities:
             return None
         m, n = len(self.sensitivities), len(self.time)
         sizes = np.abs(self.along).max(axis=0)
         moved = self._tangent(first)
-        return Along(self.sensitivities, x.reshape(m, -1, n) / sizes[:, None, None],
-                     z.reshape(m, -1, n) / sizes[:, None, None], (moved.p / sizes).T)
+        x, z, q = (block.reshape(m, len(block) // m, n) / sizes[:, None, None] for block in (x, z, q))
+        return Along(self.sensitivities, x, z, (moved.p / sizes).T, q)
 
     def _tangent(self, first: Start) -> Tangent:
         return tangent(self.assembly, first, self.pieces.at(np.array([first.t]))[:, 0], self.along)
@@ -115,6 +117,8 @@ class Simulator:
                 failed = str(error)
         if failed:
             said = "".join(heard)
+            if "KeyboardInterrupt" in said:  # CasADi makes it a failure of the right side
+                raise KeyboardInterrupt
             from heavebond.failure import explain_failure
 
             raise explain_failure(self, assembly, first, failed + "\n" + said)
@@ -128,17 +132,37 @@ class Simulator:
             dp, blocks = moved.p, 1 + len(self.sensitivities)
             x0 = np.concatenate([x0, (moved.x / assembly.x_nominal[:, None]).T.ravel()])
             z0 = np.concatenate([z0, (moved.z / assembly.z_nominal[:, None]).T.ravel()])
-        n_x, n_q, n = len(x0), self.integrals, len(self.stops) - 1
-        x0 = np.append(x0, np.zeros(n_q))
+        n_x, n_all, n = len(x0), self.integrator.size1_in("x0"), len(self.stops) - 1
+        x0 = np.append(x0, np.zeros(n_all - n_x))  # integrals begin at 0, as does what stands in where no state is
         x_size, z_size = np.tile(assembly.x_nominal, blocks), np.tile(assembly.z_nominal, blocks)
         middle = (self.stops[:-1] + self.stops[1:]) / 2
-        n_x = len(x0)
-        found = self.integrator(x0=x0 if n_x else 0.0, z0=z0, p=self.integrand.hoist(first.p, dp), u=self.pieces.at(middle))
-        x = np.column_stack([x0, np.array(found["xf"])[:n_x].reshape(n_x, n)])
-        z = np.column_stack([z0, np.array(found["zf"]).reshape(len(z0), n)]) * z_size[:, None]
-        x, q = x[:n_x] * x_size[:, None], x[n_x:]
+        p = self.integrand.hoist(first.p, dp)
+        found = self.integrator(x0=x0, z0=z0, p=p, u=self.pieces.at(middle))
+        x = np.column_stack([x0, np.array(found["xf"]).reshape(n_all, n)])
+        z = self._settled(x, np.column_stack([z0, np.array(found["zf"]).reshape(len(z0), n)]), p) * z_size[:, None]
+        x, q = x[:n_x] * x_size[:, None], x[n_all - self.integrals:]
         statistics = {k: v for k, v in self.integrator.stats().items() if k in ("nsteps", "nfevals", "netfails")}
         return x, z, q, statistics
+
+
+    def _settled(self, x: Array, z: Array, p: ca.DM) -> Array:
+        """Algebraic unknowns solved anew at every stop: between its steps IDAS only interpolates them, and where the
+        states are quiet its steps are long (and at a jump of an input they belong to the time before it)."""
+        if self.loops is None:
+            return z
+        given = np.vstack([self.stops[None, :], x, np.tile(np.array(p), (1, len(self.stops))), self.pieces.at(self.stops)])
+        settled = np.array(self.loops(z, given))
+        return np.where(np.isfinite(settled).all(axis=0), settled, z)
+
+
+def _loops(made: Integrand) -> ca.Function | None:
+    """Newton's method for the algebraic unknowns, given (t, x, p, u); None where there are none."""
+    dae = made.dae
+    if not dae["z"].numel():
+        return None
+    given = stack([dae["t"], dae["x"], dae["p"], dae["u"]])
+    return ca.rootfinder("loops", "newton", {"x": dae["z"], "p": given, "g": dae["alg"]},
+                         {"error_on_fail": False, "abstol": 1e-14, "max_iter": 20})
 
 
 def _directions(assembly: Assembly, names: tuple[str, ...], weight: float) -> Array:

@@ -6,9 +6,10 @@ follows aliases; here nothing is guessed, and what could be misread is an error.
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Union
+from typing import Protocol, Union
 
 import yaml
 
@@ -78,22 +79,38 @@ def read_text(path: Path, name: str | None = None) -> str:
     name = name or str(path)
     try:
         if path.stat().st_size > LARGEST_FILE:
-            raise ModelError([Problem("file-too-large", f"{name} is larger than {LARGEST_FILE // 10**6} MB")])
+            raise ModelError([Problem("file-too-large", f"{name} is larger than {LARGEST_FILE // 10**6} MB", None,
+                                      "Is this a record? A diagram is a small text file.")])
         return path.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
-        raise ModelError([Problem("file-missing", f"there is no file {name}")]) from None
+        raise ModelError([Problem("file-missing", f"there is no file {name}", None,
+                                  "Check the path; it counts from the current folder.")]) from None
     except IsADirectoryError:
-        raise ModelError([Problem("file-missing", f"{name} is a folder, not a file")]) from None
+        raise ModelError([Problem("file-is-folder", f"{name} is a folder, not a file", None,
+                                  "Give the YAML file in it.")]) from None
     except UnicodeDecodeError as error:
-        raise ModelError([Problem("not-text", f"{name} is not UTF-8 text (byte {error.start})",
-                                  hint="Save the file as UTF-8.")]) from None
+        raise ModelError([_not_utf8(path, name, error.start)]) from None
     except OSError as error:
-        raise ModelError([Problem("file-unreadable", f"{name} cannot be read: {error.strerror}")]) from None
+        raise ModelError([Problem("file-unreadable", f"{name} cannot be read: {error.strerror}", None,
+                                  "Check the file's permissions.")]) from None
+
+
+def _not_utf8(path: Path, name: str, position: int) -> Problem:
+    """What is wrong at byte `position`; where the rest looks like text, the line is shown with `?` for what is not."""
+    raw = path.read_bytes()
+    if b"\0" in raw:
+        return Problem("not-text", f"{name} is not plain text", None,
+                       "Give a YAML file; is this one of another program?")
+    line = raw.count(b"\n", 0, position)
+    text = raw.splitlines()[line].decode("ascii", errors="replace").replace("\ufffd", "?")
+    column = position - (raw.rfind(b"\n", 0, position) + 1)
+    return Problem("not-text", f"{name} is not UTF-8 text", Place(name, line + 1, column + 1, text),
+                   "Save the file again with the encoding UTF-8.")
 
 
 def read(path: Path, name: str | None = None) -> Source:
     """Read a YAML file; raises ModelError with every problem of form that it has."""
-    name = name or _short(path)
+    name = name or short_path(path)
     return parse(read_text(path, name), path, name)
 
 
@@ -110,16 +127,41 @@ def parse(text: str, path: Path = Path("text"), name: str = "text") -> Source:
     return Source(path, name, root, text)
 
 
+# what PyYAML says, what that means, what to do, and whether the place where it began is the one to show
+SYNTAX = (
+    ("while parsing a flow mapping", "the `{` is not closed by a `}`, or a comma between two entries is missing",
+     "Inside `{}` entries are separated by commas: `{is: Spring, c: 1 kN/m}`.", True),
+    ("while parsing a flow sequence", "the `[` is not closed by a `]`, or a comma between two entries is missing",
+     "Inside `[]` entries are separated by commas: `[wall.a, spring.a]`.", True),
+    ("while scanning a quoted scalar", "the quote that opens here is not closed",
+     "End the text with the same quote; a quote inside the text is written in the other kind.", True),
+    ("unknown escape character", "a `\\` in double quotes begins a special sign",
+     "Put the text in single quotes.", False),
+    ("mapping values are not allowed here", "a second `:` in one entry, or a line that is indented too far",
+     "Put a text that holds `: ` in quotes; entries of one list begin in the same column.", False),
+    ("could not find expected ':'", "a `: ` is missing behind this word",
+     "An entry is written `key: value`, with a space behind the colon.", True),
+    ("while parsing a block", "this line does not fit the indentation of the lines above",
+     "Entries of one list begin in the same column.", False),
+    ("that cannot start any token", "a value cannot begin with SIGN", "Put the value in quotes.", False),
+)
 EMPTY_HINT = "A diagram begins with `model: name`, a component with `component: Name`, " \
              "an experiment with `experiment: name`."
 
 
-def _short(path: Path) -> str:
+def short_path(path: Path) -> str:
     """The path as a user would write it: relative to the current folder where it lies below."""
     try:
         return str(path.resolve().relative_to(Path.cwd()))
     except ValueError:
         return str(path)
+
+
+class _Mark(Protocol):
+    @property
+    def line(self) -> int: ...
+    @property
+    def column(self) -> int: ...
 
 
 class _Builder:
@@ -131,9 +173,12 @@ class _Builder:
         self.problems = Problems()
         self.text = text
 
-    def place(self, mark: yaml.Mark, length: int = 1) -> Place:
-        line = self.raw[mark.line] if mark.line < len(self.raw) else ""
-        return Place(self.name, mark.line + 1, mark.column + 1, line, max(1, length))
+    def place(self, mark: _Mark | None, length: int = 1) -> Place:
+        number, column = (mark.line, mark.column) if mark is not None else (0, 0)
+        while number >= len(self.raw) and number:  # what is left open is noticed at the end of the file
+            number, column = number - 1, 0
+        line = self.raw[number] if number < len(self.raw) else ""
+        return Place(self.name, number + 1, column + 1, line, max(1, length))
 
     def build(self) -> Node | None:
         try:
@@ -142,13 +187,13 @@ class _Builder:
             self._syntax(error)
             return None
         except yaml.reader.ReaderError as error:
-            self.problems.add("not-yaml", f"{self.name}: a character that YAML does not allow "
-                              f"(number {error.position + 1} of the file)")
+            self._unprintable(int(error.position))
             return None
         documents = [e for e in events if isinstance(e, yaml.DocumentStartEvent)]
         if len(documents) > 1:
             self.problems.add("two-documents", "a second document begins here (`---`)",
-                              self.place(documents[1].start_mark, 3), hint="One file holds one document.")
+                              self.place(documents[1].start_mark, 3),
+                              hint="One file holds one document; put the second into a file of its own.")
             return None
         content = [e for e in events if not isinstance(
             e, (yaml.StreamStartEvent, yaml.StreamEndEvent, yaml.DocumentStartEvent, yaml.DocumentEndEvent))]
@@ -157,19 +202,36 @@ class _Builder:
         self.events = iter(content)
         return self._node(next(self.events), 0)
 
+    def _unprintable(self, position: int) -> None:
+        line = self.text.count("\n", 0, position)
+        self.problems.add("not-text", f"{self.name} is not plain text: it holds a character (code "
+                          f"{ord(self.text[position])}) that no editor shows", Place(self.name, line + 1),
+                          hint="Give a YAML file, which is plain text; is this one of another program?")
+
     def _syntax(self, error: yaml.MarkedYAMLError) -> None:
         mark = error.problem_mark or error.context_mark
-        where = self.place(mark) if mark else None
-        what = " ".join(part for part in (error.context, error.problem) if part)
-        hint = "A value that holds `: `, `#`, `,`, brackets or begins with a special sign is put in quotes."
-        if mark and "\t" in (where.text if where else ""):
-            hint = "YAML is indented with spaces; this line has a tab."
-        self.problems.add("not-yaml", f"this is not YAML: {what}", where, hint=hint)
+        said = " ".join(part for part in (error.context, error.problem) if part)
+        where = self.place(mark)
+        if "\t" in where.text[:where.column]:
+            tab = Place(where.file, where.line, where.text.index("\t") + 1, where.text)
+            self.problems.add("tab", "a tab stands in the indentation", tab,
+                              hint="Put spaces in its place; YAML is indented with spaces.")
+            return
+        for words, message, hint, opened in SYNTAX:
+            if words in said:
+                place = self.place(error.context_mark) if opened and error.context_mark else where
+                sign = where.text[where.column - 1:where.column]
+                notes = [f"noticed in line {where.line}"] if place.line != where.line else []
+                self.problems.add("not-yaml", message.replace("SIGN", sign), place, hint=hint, notes=notes)
+                return
+        self.problems.add("not-yaml", f"this is not YAML: {said}", where, hint="A value that holds `: `, `#`, `,`, "
+                          "brackets or begins with a special sign is put in quotes.")
 
     def _node(self, event: yaml.Event, depth: int) -> Node:
         self._refuse_hidden(event)
         if depth > DEEPEST_NESTING:
-            raise ModelError([Problem("too-deep", "entries are nested too deeply", self.place(event.start_mark))])
+            raise ModelError([Problem("too-deep", f"entries are nested more than {DEEPEST_NESTING} deep",
+                                      self.place(event.start_mark), "Remove the brackets that are too many.")])
         if isinstance(event, yaml.MappingStartEvent):
             return self._mapping(event, depth)
         if isinstance(event, yaml.SequenceStartEvent):
@@ -179,28 +241,31 @@ class _Builder:
             return Sequence(tuple(items), self.place(event.start_mark))
         if isinstance(event, yaml.ScalarEvent):
             return self._scalar(event)
-        return Scalar("", self.place(event.start_mark))
+        return Scalar("*", self.place(event.start_mark))  # an alias, which is refused already
 
     def _refuse_hidden(self, event: yaml.Event) -> None:
         """Anchors, aliases and tags give a value a second meaning that the reader of the file does not see."""
         mark = event.start_mark
+        anchor = getattr(event, "anchor", None)
         if isinstance(event, yaml.AliasEvent):
-            self.problems.add("yaml-alias", f"`*{event.anchor}` refers to another place of the file",
-                              self.place(mark, 1 + len(event.anchor)),
+            self.problems.add("yaml-alias", f"`*{anchor}` refers to another place of the file",
+                              self.place(mark, 1 + len(anchor or "")),
                               hint="Write the value out, or put the text in quotes.")
-        elif getattr(event, "anchor", None):
-            self.problems.add("yaml-anchor", f"`&{event.anchor}` is a YAML anchor",
-                              self.place(mark, 1 + len(event.anchor)),
+        elif anchor:
+            self.problems.add("yaml-anchor", f"`&{anchor}` is a YAML anchor", self.place(mark, 1 + len(anchor)),
                               hint="Remove it, or put the text in quotes.")
-        tag = getattr(event, "tag", None)
-        if tag:
-            self.problems.add("yaml-tag", f"`{tag}` is a YAML tag, which heavebond never follows",
-                              self.place(mark, len(tag)), hint="Remove it, or put the text in quotes.")
+        if getattr(event, "tag", None):
+            where = self.place(mark)
+            begin = max(0, where.text.find("!", where.column - 1))
+            written = where.text[begin:].split(" ")[0]
+            self.problems.add("yaml-tag", f"`{written}` is a YAML tag; heavebond follows none",
+                              Place(where.file, where.line, begin + 1, where.text, len(written)),
+                              hint="Remove it, or put the text in quotes.")
 
     def _mapping(self, event: yaml.MappingStartEvent, depth: int) -> Mapping:
         items: dict[str, Node] = {}
         keys: dict[str, Scalar] = {}
-        bare = set()
+        bare: list[str] = []
         while not isinstance(inner := next(self.events), yaml.MappingEndEvent):
             key = self._node(inner, depth + 1)
             value = self._node(next(self.events), depth + 1)
@@ -208,41 +273,81 @@ class _Builder:
                 self.problems.add("key-not-text", "a key must be a plain word", key.place,
                                   hint="Put a value that begins with `[` or `{` in quotes.")
                 continue
-            if isinstance(value, Scalar) and not value.text and not value.quoted and not value.block:
-                bare.add(key.text)
             if key.text in items:
                 first = keys[key.text].place.line
                 self.problems.add("duplicate-key", f"'{key.text}' stands twice, first in line {first}", key.place,
-                                  hint="Keep one of the two; YAML itself would silently take the last.")
+                                  hint="Keep one of the two, or join them.")
                 continue
+            if isinstance(value, Scalar) and not value.text and not value.quoted and not value.block:
+                bare.append(key.text)
             items[key.text], keys[key.text] = value, key
-        self._refuse_bare(keys, bare)
+        self._refuse_bare(items, keys, bare)
         return Mapping(items, keys, self.place(event.start_mark), frozenset(bare))
 
-    def _refuse_bare(self, keys: dict[str, Scalar], bare: set[str]) -> None:
-        for name in bare - {"integer"}:
+    def _refuse_bare(self, items: dict[str, Node], keys: dict[str, Scalar], bare: list[str]) -> None:
+        """A key without value; most often a value that a comma, or a missing space behind `:`, has cut off."""
+        order = list(keys)
+        for name in bare:
+            if name == "integer":
+                continue
             key = keys[name]
-            broken_formula = any(sign in key.text for sign in "()=*+/") or any(
-                k.startswith("=") and "(" in k for k in keys)
-            hint = "Quote this formula: inside `{}` a comma ends the value." if broken_formula else \
-                f"Write `{name}: value`, or remove the line."
-            self.problems.add("key-without-value", f"'{name}' has no value", key.place, hint=hint)
+            at = order.index(name)
+            before = items[order[at - 1]] if at else None
+            cut = before if isinstance(before, Scalar) and not before.quoted and before.text and \
+                before.place.line == key.place.line else None
+            if cut and cut.text[-1].isdigit() and name[:1].isdigit():
+                both = cut.place.moved(0, key.place.column + len(name) - cut.place.column)
+                self.problems.add("decimal-comma", f"'{cut.text},{name}' has a decimal comma", both,
+                                  hint=f"Write '{cut.text}.{name}'.")
+            elif cut and cut.text.count("(") > cut.text.count(")"):
+                self.problems.add("key-without-value", f"the comma in '{cut.text}, {name}' ends the value", cut.place,
+                                  hint=f'Put the formula in quotes: "{cut.text}, {name}".')
+            elif re.match(r"\w+:\S", name):
+                self.problems.add("key-without-value", f"a space is missing behind the colon of '{name}'", key.place,
+                                  hint=f"Write `{name.replace(':', ': ', 1)}`.")
+            else:
+                self.problems.add("key-without-value", f"'{name}' has no value", key.place,
+                                  hint=f"Write `{name}: ...` with a value, or remove it.")
 
     def _scalar(self, event: yaml.ScalarEvent) -> Scalar:
-        mark = event.start_mark
+        start, end = event.start_mark, event.end_mark
         if event.style in ("|", ">"):
             return self._block(event)
-        length = event.end_mark.column - mark.column if event.end_mark.line == mark.line else 1
-        return Scalar(event.value, self.place(mark, length), quoted=event.style in ("'", '"'))
+        quoted = event.style in ("'", '"')
+        if start is None or end is None or end.line == start.line:
+            length = end.column - start.column if start and end else 1
+            return Scalar(event.value, self.place(start, length), quoted=quoted)
+        rows = self._rows(start.line, end.line + 1, start.column)
+        where = self._spread(self.place(start), event.value, rows, 1 if quoted else 0)
+        return Scalar(event.value, where, quoted=quoted)
 
     def _block(self, event: yaml.ScalarEvent) -> Scalar:
-        mark = event.start_mark
-        lines = []
-        for number in range(mark.line + 1, min(event.end_mark.line + 1, len(self.raw))):
+        start, end = event.start_mark, event.end_mark
+        first, last = (start.line, end.line) if start and end else (0, 0)
+        stop = last if end is not None and end.column == 0 else last + 1
+        rows = self._rows(first + 1, min(stop, len(self.raw)))
+        lines = tuple(Scalar(row.text[row.column - 1:].rstrip(), row) for row in rows)
+        return Scalar(event.value, self._spread(self.place(start), event.value, rows), block=True, _block_lines=lines)
+
+    def _rows(self, first: int, stop: int, column: int = 0) -> list[Place]:
+        """The lines first .. stop - 1 (from 0) that are not empty, each from its first sign on."""
+        rows = []
+        for number in range(first, min(stop, len(self.raw))):
             raw = self.raw[number]
-            inner = raw.strip()
-            if not inner or (number == event.end_mark.line and event.end_mark.column == 0):
-                continue
-            start = len(raw) - len(raw.lstrip()) + 1
-            lines.append(Scalar(inner, Place(self.name, number + 1, start, raw, len(inner))))
-        return Scalar(event.value, self.place(mark), block=True, _block_lines=tuple(lines))
+            begin = column if number == first and column else len(raw) - len(raw.lstrip())
+            if raw[begin:].strip():
+                rows.append(Place(self.name, number + 1, begin + 1, raw, len(raw[begin:].rstrip())))
+        return rows
+
+    @staticmethod
+    def _spread(place: Place, value: str, rows: list[Place], quote: int = 0) -> Place:
+        """The place of a text that YAML joined from several lines: where in it (behind its quote) each line begins."""
+        continued, at = [], 0
+        for row in rows:
+            inner = row.text[row.column - 1:].strip().strip("'\"")
+            found = value.find(inner, at) if inner else -1
+            if found > 0:
+                continued.append((found + quote, row))
+            at = max(at, found + len(inner))
+        first = rows[0] if rows else place
+        return Place(first.file, first.line, first.column, first.text, first.length, tuple(continued))

@@ -36,7 +36,7 @@ def select_states(flat: Flat, order: Sequence[int], highest: Sequence[int], p: N
         columns = [j for j, k in enumerate(highest) if k >= 1]
         depth = 0
         while rows:
-            chosen = jacobian.pivots(rows, columns)
+            chosen = jacobian.pivots(rows, columns, [highest[j] - depth for j in columns])
             dummies |= {(j, highest[j] - depth) for j in chosen}
             depth += 1
             rows = [i for i in rows if order[i] - depth >= 1]
@@ -65,7 +65,8 @@ class _Jacobian:
     def __init__(self, flat: Flat, order: Sequence[int], highest: Sequence[int], p: NDArray[np.float64],
                  rows: list[int]):
         self.flat = flat
-        self.asked = {flat.names[n] for n in flat.expanded.model.initial.conditions if n in flat.names}
+        conditions = flat.expanded.model.initial.conditions
+        self.asked = {flat.names[n] for n, c in conditions.items() if n in flat.names and not c.guess}
         n = len(flat.unknowns)
         # d(r^(k))/d(v^(l+k)) = dr/d(v^(l)): the derivative's Jacobian is read off the equation itself
         self.entries: dict[int, list[tuple[int, float]]] = {}
@@ -91,17 +92,19 @@ class _Jacobian:
         point[: len(values)] = values + 1e-4 * nominal * shift
         return point
 
-    def pivots(self, rows: list[int], columns: list[int]) -> list[int]:
-        """As many of `columns` as there are `rows`, so that the square Jacobian is well conditioned."""
+    def pivots(self, rows: list[int], columns: list[int], orders: list[int]) -> list[int]:
+        """As many of `columns` as there are `rows`, so that the square Jacobian is well conditioned; `orders` tells
+        which derivative of its unknown each column is."""
         place = {j: k for k, j in enumerate(columns)}
         pattern = [[place[j] for j, _ in self.entries.get(i, []) if j in place] for i in rows]
         chosen: list[int] = []
         for part_rows, part_columns in components_of(pattern, len(columns)):
             if part_rows:
-                chosen += self._part([rows[r] for r in part_rows], [columns[c] for c in part_columns])
+                chosen += self._part([rows[r] for r in part_rows], [columns[c] for c in part_columns],
+                                     [orders[c] for c in part_columns])
         return sorted(chosen)
 
-    def _part(self, rows: list[int], columns: list[int]) -> list[int]:
+    def _part(self, rows: list[int], columns: list[int], orders: list[int]) -> list[int]:
         import scipy.linalg
 
         place = {j: k for k, j in enumerate(columns)}
@@ -111,9 +114,11 @@ class _Jacobian:
                 if j in place:
                     matrix[r, place[j]] = value * self.flat.unknowns[j].nominal
             matrix[r] /= max(float(np.abs(matrix[r]).max()), 1e-300)
-        matrix *= np.array([self._weight(j) for j in columns])
+        matrix *= np.array([self._weight(j, k) for j, k in zip(columns, orders, strict=True)])
         order = scipy.linalg.qr(matrix, mode="r", pivoting=True)[1]
         return [columns[k] for k in order[: len(rows)]]
 
-    def _weight(self, j: int) -> float:
+    def _weight(self, j: int, order: int) -> float:
+        if self.flat.unknowns[j].role == "position" and order > 1:
+            return 1.0  # the node's velocity is the state that people know, not der(position)
         return PREFERENCE[self.flat.unknowns[j].role] * (ASKED if j in self.asked else 1.0)

@@ -35,7 +35,8 @@ class Template:
 
     `slots` are the local names (`a.v`, `F`, `u`) in the order of the arguments; `residuals` is a CasADi function
     with one output per equation, `entries[i]` the incidence of equation i with columns level * len(slots) + slot.
-    `energy` gives (power into the ports, d stores/dt, dissipates, unbalanced), `requirements` the truth of each.
+    `energy` gives (power into the ports, d stores/dt, dissipates, unbalanced, stores), `requirements` the truth of
+    each.
     """
 
     slots: tuple[str, ...]
@@ -196,8 +197,9 @@ class _Builder:
                 else:
                     power += self.levels[0][f"{copy}.{domain.effort}"] * self.levels[0][f"{copy}.{domain.flow}"]
         component = self.component
-        stored = self._der(self._optional(component.stores))
-        return [power, stored, self._optional(component.dissipates), self._optional(component.unbalanced)]
+        stores = self._optional(component.stores)
+        return [power, self._der(stores), self._optional(component.dissipates), self._optional(component.unbalanced),
+                stores]
 
     def _optional(self, formula: Formula | None) -> ca.SX:
         return ca.SX(0) if formula is None else self._evaluated(formula.tree, formula.place)

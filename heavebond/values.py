@@ -10,6 +10,8 @@ from heavebond.errors import Place, Problems
 from heavebond.expression import ExpressionProblem, Number
 from heavebond.units import Dimension, Unit, UnitProblem, check_unit, dimension_text
 
+NOT_FINITE = "It is too large, divides by 0, or takes a root or logarithm of a negative number."
+
 
 def check_dimension(name: str, value: Value, found: Dimension | None, declared: Unit, problems: Problems) -> None:
     """A quantity or formula of dimension `found` may stand where `declared` is needed (a plain Python number may)."""
@@ -21,23 +23,24 @@ def check_dimension(name: str, value: Value, found: Dimension | None, declared: 
         except UnitProblem as problem:
             problems.add(problem.code, f"{name}: {problem.message}", value.place, hint=problem.hint)
     elif found is not None and found != declared.dimension:
-        problems.add("unit-wrong", f"{name} is in {unit_name(declared)}; '{value.text.lstrip('= ')}' is in "
-                     f"{dimension_text(found)}", value.place,
+        problems.add("unit-wrong", f"{name} must be {_in_unit(declared.text)}; '{value.text.lstrip('= ')}' is "
+                     f"{_in_unit(dimension_text(found))}", value.place,
                      hint="Check the units in the formula; a quantity in it carries its own, as in `2 * 460 L/min`.")
 
 
 def check_bounds(name: str, parameter: Parameter, number: float, value: Value, problems: Problems) -> None:
     """`number`, in SI, lies within the parameter's `min` and `max`."""
     shown = value.text.lstrip("= ")
-    if isinstance(value.expr, Number) is False or value.si:
-        shown = f"{shown}, which is {number:g} {parameter.unit.text}".removesuffix(" 1")
+    if not isinstance(value.expr, Number) or value.si:
+        shown = f"{shown}, that is {number:g} {parameter.unit.text}".removesuffix(" 1") + ","
     if not isfinite(number):
         problems.add("value-not-finite", f"{name} = {value.text.lstrip('= ')} has no finite value", value.place,
-                     hint="It is too large, or divides by 0.")
+                     hint=NOT_FINITE)
     elif (parameter.low is not None and number < parameter.low) or \
             (parameter.high is not None and number > parameter.high):
         problems.add("parameter-bound", f"{name} = {shown} is not allowed; it must be {bounds_text(parameter)}",
-                     value.place, hint=f"{name.rpartition('.')[2]}: {parameter.doc}." if parameter.doc else "")
+                     value.place, notes=[f"{parameter.name}: {parameter.doc}"] if parameter.doc else [],
+                     hint="Give a value in that range.")
 
 
 def bounds_text(parameter: Parameter) -> str:
@@ -50,9 +53,8 @@ def bounds_text(parameter: Parameter) -> str:
     return f"between {parameter.low:g} and {parameter.high:g}{unit}"
 
 
-def unit_name(unit: Unit) -> str:
-    """The unit for a sentence; `1` is `1 (no unit)`."""
-    return "1 (no unit)" if unit.text == "1" else unit.text
+def _in_unit(unit: str) -> str:
+    return "a number without unit" if unit == "1" else f"in {unit}"
 
 
 def add_formula_problem(problem: ExpressionProblem, value: Value, problems: Problems) -> None:
@@ -61,7 +63,6 @@ def add_formula_problem(problem: ExpressionProblem, value: Value, problems: Prob
 
 
 def formula_place(value: Value) -> Place:
-    """Where the columns of a value's expression count from: behind the quote and the `=` of `"=a + b"`."""
+    """Where the columns of a value's expression count from: behind the `=` of `=a + b`."""
     skipped = len(value.text) - len(value.text.lstrip("= ")) if value.formula else 0
-    quoted = 1 if value.place.text[value.place.column - 1:value.place.column] in ("'", '"') else 0
-    return value.place.moved(skipped + quoted, value.place.length - skipped - 2 * quoted)
+    return value.place.moved(skipped, value.place.length - skipped)

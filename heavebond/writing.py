@@ -7,6 +7,9 @@ from pathlib import Path
 
 from heavebond.errors import UsageError
 from heavebond.fitting import Fit
+from heavebond.library import bundled
+from heavebond.model import Model
+from heavebond.tuning import Task, Tuned
 from heavebond.units import Unit
 
 
@@ -20,7 +23,8 @@ def fitted_diagram(fit: Fit, path: Path) -> str:
     """The text of a diagram at `path` that extends the fitted one and sets what was fitted for all records."""
     experiment = fit.experiment
     records = [r.name for r in experiment.records.values() if r.use == "fit"]
-    sets, starts = [], []
+    sets: list[tuple[str, str]] = []
+    starts: list[tuple[str, str]] = []
     for p in fit.parameters:
         if p.record:
             continue
@@ -31,15 +35,32 @@ def fitted_diagram(fit: Fit, path: Path) -> str:
         target.append((f"{name}: {quantity(p.value, unit)}", note))
     head = [f"model: {path.stem}",
             f"summary: {experiment.model.name} with parameters fitted to {', '.join(records)}.",
-            f"extends: {os.path.relpath(experiment.model.path.resolve(), path.resolve().parent)}"]
+            f"extends: {_from(path, experiment.model.path)}"]
     return "\n".join([*head, *_block("set", sets), *_block("initial", starts)]) + "\n"
+
+
+def tuned_diagram(model: Model, task: Task, result: Tuned, path: Path) -> str:
+    """The text of a diagram at `path` that extends the tuned one and sets the best values."""
+    lines = [(f"{name}: {quantity(value, task.free[name].unit)}", "") for name, value in result.values.items()]
+    head = [f"model: {path.stem}",
+            f"summary: {model.name}, tuned to a cost of {result.cost:.5g} (from {result.before:.5g}).",
+            f"extends: {_from(path, model.path)}"]
+    return "\n".join([*head, *_block("set", lines)]) + "\n"
+
+
+def _from(path: Path, model: Path) -> str:
+    """How a file at `path` names the diagram at `model`: a bundled one by its name, so that the file can move."""
+    inside = bundled("models").resolve()
+    if model.resolve().is_relative_to(inside) and not path.resolve().is_relative_to(inside):
+        return model.resolve().relative_to(inside).as_posix()
+    return Path(os.path.relpath(model.resolve(), path.resolve().parent)).as_posix()
 
 
 def _block(name: str, lines: list[tuple[str, str]]) -> list[str]:
     if not lines:
         return []
     width = max(len(text) for text, _ in lines)
-    return [f"{name}:", *(f"  {text.ljust(width)}   {note}" for text, note in lines)]
+    return [f"{name}:", *(f"  {text.ljust(width)}   {note}".rstrip() for text, note in lines)]
 
 
 def write(path: Path, text: str) -> None:

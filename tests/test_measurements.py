@@ -50,8 +50,8 @@ def test_byte_order_mark_quotes_and_closing_separator(tmp_path: Path) -> None:
 
 def test_all_problems_of_a_file_at_once(tmp_path: Path) -> None:
     error = complaint(tmp_path, "t,z,z\n0,1,2\n1,x1,3\n2,4\n3,5,6,7\n4,8,9\n")
-    assert where(error) == [("record-column-twice", 1, 5), ("record-ragged", 4, 4), ("record-ragged", 5, 7),
-                            ("record-text", 3, 3)]
+    assert where(error) == [("record-column-twice", 1, 5), ("record-text", 3, 3), ("record-ragged", 4, 4),
+                            ("record-ragged", 5, 7)]
     text = str(error)
     assert f"{tmp_path / 'train.csv'}:3: 'x1' in column 'z' is not a number" in text
     assert "    3 | 1,x1,3\n      |   ^^" in text
@@ -81,7 +81,7 @@ def test_decimal_comma_says_so(tmp_path: Path) -> None:
 
 def test_places_behind_quoted_separators(tmp_path: Path) -> None:
     error = complaint(tmp_path, 'who,z,t\n"x, y",oops,0\n"u",1,"0,5"\n')
-    assert where(error) == [("decimal-comma", 3, 7), ("record-text", 2, 8)]
+    assert where(error) == [("record-text", 2, 8), ("decimal-comma", 3, 7)]
 
 
 def test_decimal_comma_between_commas(tmp_path: Path) -> None:

@@ -85,5 +85,5 @@ def test_missing_record_says_where_it_should_be(tmp_path: Path) -> None:
     experiment = load_experiment("passive_rig/nothing")
     moved = {n: replace(r, file=tmp_path / "trian.csv") for n, r in experiment.records.items()}
     (tmp_path / "train.csv").write_text("time_s\n0\n", encoding="utf-8")
-    with pytest.raises(hb.DataError, match="train.csv"):
+    with pytest.raises(hb.DataError, match=r"train\.csv"):
         compare(replace(experiment, records=moved))

@@ -1,0 +1,160 @@
+"""The command line: which commands there are, and how what is wrong ends (message, exit code, JSON).
+
+Exit codes: 0 fine; 1 the model or the data is at fault; 2 wrong usage; 130 interrupted; 141 the reader went away.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NoReturn
+
+import click
+
+from heavebond import __version__
+from heavebond.commands.arguments import check_writable
+from heavebond.commands.check import check
+from heavebond.commands.compare import compare
+from heavebond.commands.demo import demo
+from heavebond.commands.fit import fit
+from heavebond.commands.library import library
+from heavebond.commands.run import run
+from heavebond.commands.tune import tune
+from heavebond.errors import HeavebondError, Problem, UsageError, suggest
+from heavebond.terminal import PIPE_CLOSED, print_problems
+
+FINE, AT_FAULT, WRONG_USAGE, INTERRUPTED = 0, 1, 2, 130
+
+
+class Commands(click.Group):
+    """A group that ends every run itself: problems printed without a traceback, an exit code, the JSON file."""
+
+    def resolve_command(self, ctx: click.Context, args: list[str]
+                        ) -> tuple[str | None, click.Command | None, list[str]]:
+        if args and not args[0].startswith("-") and args[0] not in self.commands:
+            raise UsageError([Problem("command-unknown", f"there is no command '{args[0]}'", None, suggest(
+                args[0], self.commands) or f"Commands: {', '.join(self.commands)}.")])
+        return super().resolve_command(ctx, args)
+
+    def main(self, args: Sequence[str] | None = None, prog_name: str | None = None, *_: Any, **__: Any) -> NoReturn:
+        given = list(sys.argv[1:] if args is None else args)
+        command = next((word for word in given if word in self.commands), "")
+        problems: list[Problem] = []
+        figures: dict[str, object] = {}
+        try:
+            if path := json_path(given):
+                check_writable(Path(path))
+            code, figures = self._run(given, prog_name)
+        except HeavebondError as error:
+            problems = list(error.problems)
+            code = WRONG_USAGE if isinstance(error, UsageError) else AT_FAULT
+        except BrokenPipeError:
+            _forget_output()
+            sys.exit(PIPE_CLOSED)
+        except OSError as error:
+            problems, code = [Problem("file", f"{error.filename or 'a file'}: {error.strerror or error}")], WRONG_USAGE
+        except (click.Abort, KeyboardInterrupt):
+            problems, code = [Problem("interrupted", "interrupted")], INTERRUPTED
+        except Exception as error:  # a fault of the program: the traceback is wanted, but a reader of JSON is told too
+            _write(given, command, AT_FAULT, [Problem("internal", f"{type(error).__name__}: {error}")], {})
+            raise
+        sys.exit(_end(given, command, code, problems, figures))
+
+    def _run(self, given: list[str], prog_name: str | None) -> tuple[int, dict[str, object]]:
+        try:
+            answer = super().main(given, prog_name or "heavebond", standalone_mode=False)
+        except click.UsageError as error:
+            raise UsageError([_usage_problem(error)]) from None
+        except click.ClickException as error:
+            raise UsageError([Problem("usage", error.format_message())]) from None
+        sys.stdout.flush()
+        return (FINE, answer) if isinstance(answer, dict) else (int(answer or 0), {})
+
+
+def _usage_problem(error: click.UsageError) -> Problem:
+    """What click found wrong, with how the command is called."""
+    message = error.format_message().rstrip(".")
+    hint = ""
+    if error.ctx is not None:
+        hint = f"{error.ctx.get_usage()}\n`{error.ctx.command_path} --help` tells more."
+        if "unexpected extra argument" in message:
+            hint = "An option that takes several values is repeated: --plot WOB --plot crown.\n" + hint
+    return Problem("usage", message[:1].lower() + message[1:], None, hint)
+
+
+def _end(given: list[str], command: str, code: int, problems: list[Problem], figures: dict[str, object]) -> int:
+    """Write the JSON file and print the problems; the exit code."""
+    unwritten = _write(given, command, code, problems, figures)
+    if unwritten and code == FINE:  # else it was found at the beginning, or is the lesser trouble
+        problems, code = [unwritten], WRONG_USAGE
+    if code == INTERRUPTED:
+        print("interrupted", file=sys.stderr)
+    elif problems:
+        print_problems(problems)
+    return code
+
+
+def _write(given: list[str], command: str, code: int, problems: list[Problem], figures: dict[str, object]
+           ) -> Problem | None:
+    """The file of --json, where it is asked for; the problem if it cannot be written."""
+    path = json_path(given)
+    if not path:
+        return None
+    document = {"command": command, "ok": code == FINE, "problems": [p.as_dict() for p in problems], **figures}
+    try:
+        with open(path, "w", encoding="utf-8") as file:
+            json.dump(_plain(document), file, indent=1, ensure_ascii=False, allow_nan=False)
+            file.write("\n")
+    except OSError as error:
+        return Problem("file-unwritable", f"'{path}' cannot be written: {error.strerror or error}")
+    return None
+
+
+def json_path(given: Sequence[str]) -> str:
+    """The FILE of --json, read from the words as they stand: also wrong usage is to be reported there."""
+    for k, word in enumerate(given):
+        if word == "--":
+            break
+        if word.startswith("--json="):
+            return word.removeprefix("--json=")
+        if word == "--json" and k + 1 < len(given):
+            return given[k + 1]
+    return ""
+
+
+def _plain(value: Any) -> Any:
+    """What JSON knows: tuples as lists, arrays' numbers as numbers, no number for NaN and infinity."""
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if isinstance(value, (str, bool, int)) or value is None:
+        return value
+    if hasattr(value, "item"):  # NumPy's scalars
+        return _plain(value.item())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return str(value)
+
+
+def _forget_output() -> None:
+    """Nobody reads any more: what is still buffered goes nowhere, so that Python does not complain at its end."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, sys.stdout.fileno())
+
+
+@click.group("heavebond", cls=Commands, context_settings={"help_option_names": ["-h", "--help"]}, no_args_is_help=True)
+@click.version_option(__version__, prog_name="heavebond")
+def main() -> None:
+    """Model machines from diagrams, simulate them and lay them over their measurements.
+
+    Exit codes: 0 fine, 1 the model or the data is at fault, 2 wrong usage.
+    """
+
+
+for _command in (check, run, compare, fit, tune, library, demo):
+    main.add_command(_command)

@@ -1,0 +1,97 @@
+"""Options that several commands have, and what they mean."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from heavebond.errors import HeavebondError, Problem, UsageError
+
+if TYPE_CHECKING:
+    from heavebond.model import Model
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+TABLES = (".csv", ".parquet")
+
+
+def json_option(command: Command) -> Command:
+    """--json FILE; the file is written by the command line's own `main`, where failures end too."""
+    return click.option("--json", metavar="FILE", expose_value=False,
+                        help="Write the figures to FILE as JSON, problems too.")(command)
+
+
+def set_option(command: Command) -> Command:
+    """--set PATH=VALUE, as often as wanted."""
+    return click.option("--set", "settings", metavar="PATH=VALUE", multiple=True,
+                        help="Set a parameter or an input, e.g. --set gas.c='40 kN/m'. May be repeated.")(command)
+
+
+def picture_option(words: str) -> Callable[[Command], Command]:
+    """--output PICTURE."""
+    return click.option("--output", metavar="PICTURE", type=click.Path(path_type=Path),
+                        help=f"{words} (.png, .svg or .pdf).")
+
+
+def with_settings(model: Model, settings: Iterable[str]) -> Model:
+    """The model with every `PATH=VALUE` set; UsageError for a text of another form."""
+    values = {}
+    for text in settings:
+        path, sign, value = (part.strip() for part in text.partition("="))
+        if not sign or not path or not value:
+            raise UsageError([Problem("set-form", f"--set {text}: this is not PATH=VALUE", None,
+                                      "Write for example --set gas.c='40 kN/m'.")])
+        values[path] = value
+    return model.with_parameters(values) if values else model
+
+
+@contextmanager
+def blamed_on_settings(settings: Iterable[str]) -> Iterator[None]:
+    """Inside, a problem that lies in the text of a --set is told as one of the command line, not of a file."""
+    try:
+        yield
+    except HeavebondError as error:
+        problems = [_about(problem, settings) for problem in error.problems]
+        here = any(new is not old for new, old in zip(problems, error.problems, strict=True))
+        raise (UsageError if here else type(error))(problems) from None
+
+
+def _about(problem: Problem, settings: Iterable[str]) -> Problem:
+    """The problem without its place, where that is a value that was set from outside."""
+    if problem.place is None:
+        return problem
+    for text in settings:
+        path, _, value = (part.strip() for part in text.partition("="))
+        if problem.place.file == f"value of {path}" or problem.place.text == f"{path}: {value}":
+            return replace(problem, place=None, message=f"--set {text}: {problem.message}")
+    return problem
+
+
+def check_picture(path: Path | None) -> None:
+    """UsageError where no picture can be written to `path`."""
+    if path is not None:
+        from heavebond.plot import SUFFIXES
+
+        check_writable(path, SUFFIXES)
+
+
+def check_writable(path: Path, suffixes: Sequence[str] = ()) -> None:
+    """UsageError where a file cannot be written to `path`: found before an hour of computing, not after it."""
+    if suffixes and path.suffix.lower() not in suffixes:
+        raise UsageError([Problem("file-suffix", f"'{path}' does not end in {' or '.join(suffixes)}", None,
+                                  f"Write for example {path.stem or 'file'}{suffixes[0]}.")])
+    folder = path.parent
+    if path.is_dir():
+        reason = "it is a folder"
+    elif not folder.is_dir():
+        reason = f"there is no folder '{folder}'"
+    elif not os.access(path if path.exists() else folder, os.W_OK):
+        reason = "permission denied"
+    else:
+        return
+    raise UsageError([Problem("file-unwritable", f"'{path}' cannot be written: {reason}")])

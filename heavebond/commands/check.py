@@ -1,0 +1,60 @@
+"""`heavebond check`: read, assemble and start a diagram; say what became of it, or all that is wrong."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import click
+
+from heavebond.commands.arguments import blamed_on_settings, json_option, set_option, with_settings
+
+if TYPE_CHECKING:
+    from heavebond.dae import Assembly
+    from heavebond.initialise import Start
+
+
+@click.command(short_help="Check a diagram; tell its states, loops, index and start.")
+@click.argument("model")
+@set_option
+@json_option
+def check(model: str, settings: tuple[str, ...]) -> dict[str, object]:
+    """Check the diagram MODEL: what it contains, its states, loops and index, where its start comes from.
+
+    MODEL is a YAML file or the name of a bundled diagram (cmc_ahc, cmc_ahc/passive).
+    """
+    from heavebond.dae import assemble
+    from heavebond.errors import StartError
+    from heavebond.model import load
+    from heavebond.summary import summary
+    from heavebond.terminal import output, working
+
+    with blamed_on_settings(settings):
+        with working("assembling"):
+            assembly = assemble(with_settings(load(model), settings))
+        failure, first = None, None
+        try:
+            first = _start(assembly)
+        except StartError as error:  # the structure is worth seeing all the same
+            failure = error
+        found = summary(assembly, first)
+        console = output()
+        for line in found.text(console.width).splitlines():
+            console.print(line, style="bold" if line[:1].strip() else None, soft_wrap=True)
+        if failure:
+            console.print()
+            raise failure
+    return found.as_dict()
+
+
+def _start(assembly: Assembly) -> Start:
+    from heavebond.initialise import start
+    from heavebond.inputs import pieced
+    from heavebond.simulation import grid
+
+    if not assembly.flat.inputs:
+        return start(assembly)
+    import numpy as np
+
+    # a record must cover the whole run, which is said here and not first by `run`
+    times = grid(assembly.model, None, None)
+    return start(assembly, 0.0, pieced(assembly.flat, 0.0, float(times[-1])).at(np.zeros(1))[:, 0])

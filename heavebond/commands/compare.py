@@ -1,0 +1,81 @@
+"""`heavebond compare`: lay a model over measured records; errors per channel and a picture."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from heavebond.commands.arguments import (
+    blamed_on_settings,
+    check_picture,
+    json_option,
+    picture_option,
+    set_option,
+    with_settings,
+)
+
+if TYPE_CHECKING:
+    from heavebond.comparison import Channel, Comparison
+    from heavebond.experiment import Experiment
+
+HEAD = ("record", "channel", "rms error", "fit", "bias", "noise", "error/noise")
+
+
+@click.command(short_help="Lay a diagram over its measured records.")
+@click.argument("experiment")
+@set_option
+@picture_option("Draw records, model and what is left")
+@json_option
+def compare(experiment: str, settings: tuple[str, ...], output: Path | None) -> dict[str, object]:
+    """Simulate EXPERIMENT with its measured inputs and tell how far the model is from each record.
+
+    EXPERIMENT is a YAML file or a bundled one (passive_rig/friction).
+    """
+    from heavebond import terminal
+    from heavebond.comparison import compare as compared
+    from heavebond.experiment import load_experiment
+    from heavebond.presentation import number
+
+    check_picture(output)
+    with blamed_on_settings(settings), terminal.working("simulating the records"):
+        comparison = compared(_with_settings(load_experiment(experiment), settings))
+    console = terminal.output()
+    console.print(_table(comparison))
+    for record in comparison.records.values():
+        console.print(f"{record.name} ({record.use}): normalised error {100 * record.normalised:.3g} %, "
+                      f"chi-square {number(record.chi2, 3)} a sample", soft_wrap=True)
+    files = []
+    if output is not None:
+        from heavebond.plot import plot_comparison, save
+
+        files.append(save(plot_comparison(comparison), output))
+        console.print(f"wrote {output}", soft_wrap=True)
+    return {"experiment": comparison.experiment.name, "records": comparison.as_dict(), "files": list(map(str, files))}
+
+
+def _with_settings(experiment: Experiment, settings: tuple[str, ...]) -> Experiment:
+    """The command line wins over what the experiment sets for a single record."""
+    changed = with_settings(experiment.model, settings)
+    given = {path: value for path, value in changed.settings.items() if experiment.model.settings.get(path) != value}
+    return replace(experiment, model=changed, records={
+        name: replace(record, settings={**record.settings, **given}) for name, record in experiment.records.items()})
+
+
+def _table(comparison: Comparison) -> object:
+    from heavebond import terminal
+
+    rows = [(record.name if k == 0 else "", *_row(channel)) for record in comparison.records.values()
+            for k, channel in enumerate(record.channels.values())]
+    return terminal.table(comparison.experiment.name, HEAD, rows, text=2)
+
+
+def _row(channel: Channel) -> tuple[str, ...]:
+    from heavebond.presentation import number, readable
+
+    unit = channel.unit
+    return (channel.name, readable(channel.error, unit, 3), f"{channel.fit:.3g} %",
+            readable(channel.bias, unit, 3), readable(channel.noise, unit, 3),
+            number(channel.error / channel.noise, 3) if channel.noise else "-")

@@ -1,0 +1,105 @@
+"""`heavebond fit`: parameters of a diagram from its records."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from heavebond.commands.arguments import check_picture, check_writable, json_option, picture_option
+
+if TYPE_CHECKING:
+    from heavebond.fitting import Fit
+
+HEAD = ("parameter", "before", "fitted", "95 % interval", "range")
+
+
+@click.command(short_help="Fit the free parameters of an experiment to its records.")
+@click.argument("experiment")
+@click.option("--starts", type=click.IntRange(1), default=1, show_default=True,
+              help="Try so many starting points within the ranges.")
+@click.option("--robust", is_flag=True, help="Let outliers pull less (soft-L1 loss).")
+@click.option("--profile", "profiled", metavar="PARAMETER", multiple=True,
+              help="Interval of a parameter by profile likelihood. May be repeated.")
+@click.option("--write", "written", metavar="DIAGRAM", type=click.Path(path_type=Path),
+              help="Write a diagram that extends the model with the fitted values (.yaml, must be new).")
+@picture_option("Draw records, fitted model and what is left")
+@json_option
+def fit(experiment: str, starts: int, robust: bool, profiled: tuple[str, ...], written: Path | None,
+        output: Path | None) -> dict[str, object]:
+    """Find the values of the parameters under `free:` of EXPERIMENT that fit its records best.
+
+    Records with `use: fit` are fitted; the others are compared with what comes out.
+    """
+    from heavebond import terminal
+    from heavebond.experiment import load_experiment
+    from heavebond.fitting import fit as fitted
+    from heavebond.fitting import profile
+    from heavebond.writing import fitted_diagram, write
+
+    check_picture(output)
+    if written is not None:
+        check_writable(written, (".yaml",))
+    with terminal.working("fitting") as progress:
+        found = fitted(load_experiment(experiment), starts=starts, robust=robust, progress=progress)
+        profiles = {name: profile(found, name, progress=progress) for name in profiled}
+    console = terminal.output()
+    console.print(_parameters(found))
+    console.print(_records(found))
+    for words in found.identifiability.words:
+        console.print(words, soft_wrap=True)
+    for name, (low, high) in profiles.items():
+        console.print(f"{name}: {_shown(found, name, low)} .. {_shown(found, name, high)} by profile likelihood",
+                      soft_wrap=True)
+    at_bounds = [p.name for p in found.parameters if p.at_bound]
+    if at_bounds:
+        console.print(f"{', '.join(at_bounds)} ended at the end of the range: often a sign that an effect is missing.",
+                      soft_wrap=True)
+    files = []
+    if written is not None:
+        write(written, fitted_diagram(found, written))
+        files.append(written)
+    if output is not None:
+        from heavebond.plot import plot_comparison, save
+
+        files.append(save(plot_comparison(found.after), output))
+    for path in files:
+        console.print(f"wrote {path}", soft_wrap=True)
+    return {"experiment": found.experiment.name, **found.as_dict(),
+            "profiles": {name: list(ends) for name, ends in profiles.items()}, "files": list(map(str, files))}
+
+
+def _parameters(found: Fit) -> object:
+    from heavebond import terminal
+
+    rows = []
+    for p in found.parameters:
+        name = p.name + (f" ({p.record})" if p.record else "")
+        shown = [_shown(found, p.name, v) for v in (p.before, p.value)]
+        interval = " .. ".join(_shown(found, p.name, v) for v in p.interval)
+        whole = f"{_shown(found, p.name, p.low)} .. {_shown(found, p.name, p.high)}"
+        rows.append((name, *shown, interval, whole + (f", at its {p.at_bound} end" if p.at_bound else "")))
+    return terminal.table(f"{found.experiment.name}: {found.samples} samples, chi-square {found.chi2:.4g} a sample",
+                          HEAD, rows)
+
+
+def _shown(found: Fit, name: str, value: float) -> str:
+    from heavebond.writing import quantity
+
+    return quantity(value, found.experiment.free[name].range.unit)
+
+
+def _records(found: Fit) -> object:
+    from heavebond import terminal
+    from heavebond.presentation import readable
+
+    rows = []
+    for name, record in found.after.records.items():
+        for k, channel in enumerate(record.channels.values()):
+            before = found.before.records[name].channels[channel.name]
+            rows.append((f"{name} ({record.use})" if k == 0 else "", channel.name,
+                         readable(before.error, channel.unit, 3), readable(channel.error, channel.unit, 3),
+                         readable(channel.noise, channel.unit, 3), f"{channel.chi2:.3g}"))
+    return terminal.table("", ("record", "channel", "error before", "after", "noise", "chi-square a sample"), rows,
+                          text=2)

@@ -1,0 +1,154 @@
+"""`heavebond library`: every component by domain, or one of them in full."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from heavebond.commands.arguments import json_option
+from heavebond.errors import ModelError, Problem, Problems, UsageError, suggest
+
+if TYPE_CHECKING:
+    from heavebond.definition import Component, Parameter
+    from heavebond.library import Library
+
+OWN = "this folder"
+
+
+@click.command(short_help="List the components, or tell all about one.")
+@click.argument("name", required=False)
+@json_option
+def library(name: str | None) -> dict[str, object]:
+    """List the components by domain, those of the current folder first; with NAME tell all about one."""
+    from heavebond.library import library as load_library
+
+    known = load_library([Path.cwd()])
+    if name is None:
+        return _list(known)
+    if name not in known.files:
+        raise UsageError([Problem("component-unknown", f"there is no component '{name}'", None, suggest(
+            name, known.files) or "`heavebond library` lists every component.")])
+    return _show(known.component(name))
+
+
+def _list(known: Library) -> dict[str, object]:
+    from heavebond.library import bundled
+    from heavebond.presentation import columns
+    from heavebond.terminal import output
+
+    problems = Problems()
+    folders: dict[str, dict[str, str]] = {}
+    root = bundled("components").resolve()
+    for name, path in known.files.items():
+        inside = path.resolve().is_relative_to(root)
+        folder = path.resolve().relative_to(root).parts[0] if inside else OWN
+        try:
+            folders.setdefault(folder, {})[name] = known.component(name).summary
+        except ModelError as error:
+            problems.extend(error)
+    console = output()
+    for folder, summaries in folders.items():
+        console.print(folder, style="bold")
+        for line in columns(sorted(summaries.items()), console.width):
+            console.print(line, soft_wrap=True)
+        console.print()
+    console.print("`heavebond library NAME` tells all about one.", soft_wrap=True)
+    problems.raise_as(ModelError)
+    return {"components": folders}
+
+
+def _show(component: Component) -> dict[str, object]:
+    from heavebond.presentation import columns, path_text
+    from heavebond.terminal import output
+
+    console = output()
+    console.print(component.name, style="bold")
+    for line in columns([(text,) for text in (component.summary, component.restrictions) if text], console.width):
+        console.print(line, soft_wrap=True)
+    sections: dict[str, list[tuple[str, ...]]] = {
+        "Ports": [*((p.name, p.domain, p.doc) for p in component.ports.values()),
+                  *((s.name, f"signal {s.direction}", f"{s.unit.text}{', ' * bool(s.doc)}{s.doc}")
+                    for s in component.signals.values())],
+        "Parameters": [(p.name, p.unit.text if not p.integer else "integer", _given(p), p.doc)
+                       for p in component.parameters.values()],
+        "Variables": [(v.name, v.unit.text, v.doc) for v in component.variables.values()],
+        "Parts": [(i.name, i.kind, ", ".join(f"{k} {getattr(v, 'text', 'measured')}" for k, v in i.settings.items()))
+                  for i in component.body.instances.values()],
+        "Nodes": [(w.name, ", ".join(e.path for e in w.ends)) for w in component.body.wires.values()],
+    }
+    for title, rows in sections.items():
+        if rows:
+            console.print(f"\n{title}", style="bold")
+            for line in columns(rows, console.width):
+                console.print(line.rstrip(), soft_wrap=True)
+    _equations(component)
+    console.print(f"\n{path_text(component.path)}", style="dim", soft_wrap=True)
+    return {"component": _as_dict(component)}
+
+
+def _equations(component: Component) -> None:
+    from heavebond.presentation import columns
+    from heavebond.terminal import output
+
+    console = output()
+    if component.equations:
+        console.print("\nEquations", style="bold")
+        written = [(_text(component, k), line.label) for k, line in enumerate(component.equations)]
+        width = max(len(text) for text, _ in written)
+        for text, label in written:
+            console.print(f"  {text.ljust(width)}  # {label}" if label else f"  {text}", soft_wrap=True)
+    rows = [(key, formula.text) for key, formula in (
+        ("stores", component.stores), ("dissipates", component.dissipates)) if formula]
+    if component.unbalanced:
+        rows.append(("unbalanced", f"{component.unbalanced.text}   ({component.unbalanced_why})"))
+    if component.power:
+        rows.append(("power", component.power))
+    rows += [("requires", formula.text) for formula in component.requires]
+    rows += [("source", component.source)] if component.source else []
+    if rows:
+        console.print("\nEnergy and origin", style="bold")
+        for line in columns(rows, console.width):
+            console.print(line, soft_wrap=True)
+
+
+def _text(component: Component, k: int) -> str:
+    """An equation as its author wrote it, `each` included."""
+    line = component.equations[k]
+    written = line.place.text.partition("#")[0].strip()
+    return written if line.text.strip() in written else line.text.strip()
+
+
+def _given(parameter: Parameter) -> str:
+    """Default and bounds: `default 0 m, at least 0`."""
+    from heavebond.presentation import number
+
+    parts = []
+    if parameter.default is not None:
+        parts.append(f"default {parameter.default.text}")
+    if parameter.neutral is not None:
+        parts.append(f"absent at {number(parameter.neutral)}")
+    if parameter.low is not None:
+        parts.append(f">= {number(parameter.low)}")
+    if parameter.high is not None:
+        parts.append(f"<= {number(parameter.high)}")
+    return ", ".join(parts)
+
+
+def _as_dict(component: Component) -> dict[str, object]:
+    formulas = {key: formula.text for key, formula in (
+        ("stores", component.stores), ("dissipates", component.dissipates), ("unbalanced", component.unbalanced))
+        if formula}
+    return {
+        "name": component.name, "summary": component.summary, "restrictions": component.restrictions,
+        "source": component.source, "file": str(component.path), "power": component.power, **formulas,
+        "ports": {p.name: p.domain for p in component.ports.values()},
+        "signals": {s.name: {"direction": s.direction, "unit": s.unit.text} for s in component.signals.values()},
+        "parameters": {p.name: {
+            "unit": p.unit.text, "doc": p.doc, "min": p.low, "max": p.high, "neutral": p.neutral,
+            "default": p.default.text if p.default else None} for p in component.parameters.values()},
+        "variables": {v.name: {"unit": v.unit.text, "doc": v.doc} for v in component.variables.values()},
+        "equations": [{"text": line.text.strip(), "label": line.label} for line in component.equations],
+        "parts": {i.name: i.kind for i in component.body.instances.values()},
+    }

@@ -1,0 +1,161 @@
+"""`heavebond run`: simulate a diagram; a table of its outputs, pictures and files."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from heavebond.commands.arguments import (
+    TABLES,
+    blamed_on_settings,
+    check_picture,
+    check_writable,
+    json_option,
+    picture_option,
+    set_option,
+    with_settings,
+)
+from heavebond.errors import Problem, Problems, UsageError, suggest
+
+if TYPE_CHECKING:
+    from heavebond.dae import Assembly
+    from heavebond.expression import Expr
+    from heavebond.result import Result
+
+
+@click.command(short_help="Simulate a diagram; draw and save what comes of it.")
+@click.argument("model")
+@set_option
+@click.option("--until", metavar="TIME", help="How long to simulate, e.g. --until '2 min'.")
+@click.option("--every", metavar="TIME", help="Time between output points, e.g. --every '10 ms'.")
+@click.option("--plot", "plotted", metavar="SIGNAL", multiple=True,
+              help="Draw a variable, an output or a formula of these. May be repeated.")
+@click.option("--save", "saved", metavar="FILE", multiple=True, type=click.Path(path_type=Path),
+              help="Write the time series (.csv or .parquet). May be repeated.")
+@picture_option("Where to draw; without --plot all outputs of the diagram are drawn")
+@click.option("--rtol", metavar="NUMBER", type=click.FloatRange(0, 0.1, min_open=True), default=1e-8, show_default=True,
+              help="Relative tolerance of the integrator.")
+@json_option
+def run(model: str, settings: tuple[str, ...], until: str | None, every: str | None, plotted: tuple[str, ...],
+        saved: tuple[Path, ...], output: Path | None, rtol: float) -> dict[str, object]:
+    """Simulate the diagram MODEL and tell the range of each of its outputs.
+
+    MODEL is a YAML file or the name of a bundled diagram (cmc_ahc, cmc_ahc/passive).
+    """
+    from heavebond import terminal
+    from heavebond.dae import assemble
+    from heavebond.expression import names as names_in
+    from heavebond.model import load
+    from heavebond.simulation import simulate
+
+    if plotted and output is None:
+        output = Path(re.sub(r"\W+", "_", Path(model).stem) + ".png")
+    check_picture(output)
+    for path in saved:
+        check_writable(path, TABLES)
+    formulas = _formulas(plotted)
+    with blamed_on_settings(settings):
+        with terminal.working("assembling"):
+            # positions that only a picture asks for are kept too
+            wanted = {name.text for formula in formulas.values() for name in names_in(formula)}
+            assembly = assemble(with_settings(load(model), settings), wanted)
+        _check(assembly, formulas)
+        with terminal.working("integrating"):
+            result = simulate(assembly, until, every=every, rtol=rtol)
+    listed = list(assembly.model.show) or assembly.state_names or [u.name for u in assembly.flat.unknowns]
+    names = list(dict.fromkeys([*listed, *plotted]))
+    figures = _figures(result, names)
+    console = terminal.output()
+    console.print(terminal.table(
+        f"{assembly.model.name}, 0 to {result.time[-1]:g} s", ("output", "unit", "min", "max", "rms", "final"),
+        [(name, str(figures[name]["unit"]), *(_shown(figures[name][k]) for k in ("min", "max", "rms", "final")))
+         for name in names], text=2))
+    files = _files(result, plotted or listed, output, saved)
+    for path in files:
+        console.print(f"wrote {path}", soft_wrap=True)
+    console.print(_statistics(result), soft_wrap=True)
+    statistics = {k: v for k, v in result.statistics.items() if k != "quadratures"}
+    return {"model": assembly.model.name, "until": float(result.time[-1]), "points": len(result.time),
+            "outputs": figures, "files": list(map(str, files)), "statistics": statistics}
+
+
+def _formulas(plotted: Sequence[str]) -> dict[str, Expr]:
+    """The signals of --plot as formulas; UsageError where one cannot be read."""
+    from heavebond.expression import ExpressionProblem, parse_formula
+
+    found, problems = {}, Problems()
+    for text in plotted:
+        try:
+            found[text] = parse_formula(text)
+        except ExpressionProblem as problem:
+            problems.add(problem.code, f"--plot {text}: {problem.message}", hint=problem.hint)
+    problems.raise_as(UsageError)
+    return found
+
+
+def _check(assembly: Assembly, formulas: dict[str, Expr]) -> None:
+    """UsageError for what the diagram does not have; found here and not after the integration."""
+    from heavebond.expression import ExpressionProblem
+
+    problems, shown = Problems(), assembly.model.show
+    for text, formula in formulas.items():
+        try:
+            if text not in shown:
+                assembly.resolver().dimension(formula)
+                assembly.expression(formula)
+        except ExpressionProblem as problem:
+            hint = suggest(text, [*shown, *assembly.flat.names]) or problem.hint
+            problems.add(problem.code, f"--plot {text}: {problem.message}", hint=hint)
+    problems.raise_as(UsageError)
+
+
+def _figures(result: Result, names: Sequence[str]) -> dict[str, dict[str, float | str]]:
+    """min, max, rms and last value of signals, each in the unit in which the result gives it."""
+    import numpy as np
+
+    values = result.signals(names)
+    return {name: {"min": float(values[name].min()), "max": float(values[name].max()),
+                   "rms": float(np.sqrt(np.mean(values[name] ** 2))), "final": float(values[name][-1]),
+                   "unit": result.unit(name)} for name in names}
+
+
+def _shown(value: float | str) -> str:
+    from heavebond.presentation import number
+
+    # below this it is the integrator's rounding in any unit that an engineer shows
+    return number(0.0 if abs(float(value)) < 1e-12 else float(value))
+
+
+def _files(result: Result, plotted: Sequence[str], output: Path | None, saved: Sequence[Path]) -> list[Path]:
+    written = []
+    for path in saved:
+        try:
+            result.save(path)
+        except OSError as error:
+            raise UsageError([Problem("file-unwritable", f"'{path}' cannot be written: {error.strerror or error}")]) \
+                from None
+        written.append(path)
+    if output is not None:
+        from heavebond.plot import plot_signals, save
+
+        written.append(save(plot_signals(result, plotted), output))
+    return written
+
+
+def _statistics(result: Result) -> str:
+    from heavebond.presentation import count
+
+    said = result.statistics
+    seconds = said["seconds"]
+    assert isinstance(seconds, dict)
+    reduced = result.assembly.reduced
+    parts = [f"{count(len(reduced.states), 'state')}, {count(len(reduced.algebraic), 'algebraic unknown')}",
+             f"{len(result.time)} points", f"start {seconds['start']:.2g} s",
+             f"integration {seconds['integration']:.2g} s"]
+    if "nsteps" in said:
+        parts.append(f"{said['nsteps']} steps")
+    return "; ".join(parts)

@@ -1,0 +1,279 @@
+"""Figures of runs and of comparisons with records, drawn without pyplot so that nothing global is touched."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+
+from heavebond.errors import Problem, UsageError
+from heavebond.presentation import number, quantity, readable, readable_unit, unit_label
+from heavebond.units import read_unit
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from heavebond.comparison import Channel, Comparison, RecordComparison
+    from heavebond.dae import Array
+    from heavebond.result import Result
+    from heavebond.tuning import Task, Tuned
+
+SUFFIXES = (".png", ".svg", ".pdf")
+DPI = 100
+WIDTH = 12.0  # inches
+TITLE_LINE = 125  # characters that fit into the width
+RECT = (0.0, 0.004, 0.99, 0.99)  # keeps the title and the last tick label off the edge
+DENSE = 500  # from so many samples on a record is drawn as a line, since its dots would merge into a thicker one
+# Okabe and Ito, Color universal design, 2008: told apart by every kind of colour vision; their yellow is too pale here
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
+DASHES = ("-", (0, (5, 2)), (0, (1, 1.2)), (0, (5, 1.5, 1, 1.5)))
+RECORD, MODEL, BAND = "#8c8c8c", COLOURS[1], "#bcd9ea"
+STILL = 1e-9  # a span below this is rounding, not motion
+BAND_WIDTH = 2  # the band holds 95 % of white noise
+
+
+def plot_signals(result: Result, names: Iterable[str], *, title: str = "") -> Figure:
+    """Signals of a run over time: one axes per unit, the time axes linked.
+
+    A named output is drawn in its own unit, any other variable in a prefix that suits its size. Raises UsageError for
+    a name that is not there or where no name is given.
+    """
+    chosen = list(dict.fromkeys(names))
+    if not chosen:
+        raise UsageError([Problem("nothing-to-plot", "no signal is named that could be drawn", None,
+                                  "Name one with --plot, or outputs under `show:` in the diagram.")])
+    values = result.signals(chosen)
+    groups: dict[str, list[str]] = {}
+    for name in chosen:
+        groups.setdefault(result.unit(name), []).append(name)
+    sizes = {unit: max(_size(values[name]) for name in group) for unit, group in groups.items()}
+    panels: dict[str, list[tuple[str, Array]]] = {}
+    for unit, group in groups.items():
+        shown = readable_unit(unit, sizes[unit])
+        panels.setdefault(shown, []).extend((name, _converted(values[name], unit, shown)) for name in group)
+    figure, axes = _stack(len(panels), title or _heading(result))
+    for panel, (unit, lines) in zip(axes, panels.items(), strict=True):
+        for k, (name, line) in enumerate(lines):
+            panel.plot(result.time, line, color=COLOURS[k % len(COLOURS)], linewidth=1.3, label=name,
+                       linestyle=DASHES[(k // len(COLOURS)) % len(DASHES)])
+        _finish(panel, quantity(unit), unit, [line for _, line in lines])
+        _legend_above(panel)
+    _time_axis(axes, result.time)
+    return figure
+
+
+def plot_runs(runs: Mapping[str, Result], names: Iterable[str], *, title: str = "",
+              window: tuple[float, float] | None = None, shaded: tuple[float, float] | None = None) -> Figure:
+    """The same signals of several runs of one kind of machine: one axes per signal, one line per run.
+
+    `window` is the stretch of time to draw, `shaded` one to mark (begin, end in s).
+    """
+    figure, axes = _stack(len(chosen := list(names)), title)
+    begin, end = window or _ends(next(iter(runs.values())).time)
+    inside = {label: (run.time >= begin) & (run.time <= end) for label, run in runs.items()}
+    signals = {label: {name: found[inside[label]] for name, found in run.signals(chosen).items()}
+               for label, run in runs.items()}
+    for panel, name in zip(axes, chosen, strict=True):
+        unit = next(iter(runs.values())).unit(name)
+        shown = readable_unit(unit, max(_size(found[name]) for found in signals.values()))
+        drawn = {label: _converted(found[name], unit, shown) for label, found in signals.items()}
+        for k, (label, line) in enumerate(drawn.items()):
+            panel.plot(runs[label].time[inside[label]], line, color=COLOURS[k % len(COLOURS)], linewidth=1.2,
+                       label=label, linestyle=DASHES[k // len(COLOURS) % len(DASHES)])
+        _finish(panel, name, shown, list(drawn.values()))
+        if shaded:
+            panel.axvspan(*shaded, color="#e9e9e9", zorder=0, linewidth=0, label="evaluated")
+    axes[-1].set_xlabel("time [s]")
+    axes[0].set_xlim(begin, end)
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper right", ncols=len(labels), frameon=False)
+    return figure
+
+
+def plot_comparison(comparison: Comparison) -> Figure:
+    """Records (grey dots) and model (line): a column per record, a row per channel, beneath each what the model
+    misses with a band of twice the noise on either side."""
+    records = list(comparison.records.values())
+    channels = list(records[0].channels)
+    n = len(channels)
+    figure = Figure(figsize=(max(WIDTH, 1.0 + 5.5 * len(records)), max(6.0, 0.8 + 2.4 * n)), dpi=DPI,
+                    layout="constrained")
+    figure.get_layout_engine().set(h_pad=0.02, hspace=0.0, w_pad=0.06, rect=RECT)  # type: ignore[union-attr,call-arg]
+    grid = figure.add_gridspec(2 * n, len(records), height_ratios=[3, 1.2] * n)
+    for k, record in enumerate(records):
+        column: list[Axes] = []
+        for row, name in enumerate(channels):
+            upper = figure.add_subplot(grid[2 * row, k], sharex=column[0] if column else None)
+            lower = figure.add_subplot(grid[2 * row + 1, k], sharex=upper)
+            _channel(upper, lower, record.channels[name])
+            column += [upper, lower]
+        # above the figures of its first channel, which stand on the right
+        # the empty line keeps it above the figures of its first channel, which stand on the right
+        column[0].set_title(_record_title(record) + "\n", loc="left", fontsize=11, fontweight="bold")
+        for axes in column[:-1]:
+            axes.tick_params(labelbottom=False)
+        column[-1].set_xlabel("time [s]")
+        column[0].set_xlim(*_ends(next(iter(record.channels.values())).time))
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    more, words = figure.axes[1].get_legend_handles_labels()
+    figure.legend(handles + more, labels + words, loc="outside upper right", ncols=4, frameon=False)
+    _title(figure, comparison.experiment.name)
+    figure.align_ylabels()
+    return figure
+
+
+def plot_surface(task: Task, tuned: Tuned, axes: Sequence[Array], costs: Array) -> Figure:
+    """The cost over two free parameters from a sweep, with the ways of the search and the best point.
+
+    The colours are logarithmic where the costs span more than a factor of ten: beyond the limit of stability they do.
+    """
+    from matplotlib.colors import LogNorm
+
+    (first, second), units = list(task.free), [wanted.unit for wanted in task.free.values()]
+    figure = Figure(figsize=(9.0, 6.5), dpi=DPI, layout="constrained")
+    panel = figure.add_subplot()
+    x, y = ((axis - unit.offset) / unit.scale for unit, axis in zip(units, axes, strict=True))
+    finite = costs[np.isfinite(costs)]
+    wide = finite.min() > 0 and finite.max() > 10 * finite.min()
+    mesh = panel.pcolormesh(x, y, costs.T, shading="nearest", cmap="cividis", norm=LogNorm() if wide else None)
+    figure.colorbar(mesh, ax=panel, label="cost")
+    for k, path in enumerate(tuned.paths):
+        points = np.array([[unit.from_si(step.values[name]) for name, unit in zip(task.free, units, strict=True)]
+                           for step in path])
+        panel.plot(points[:, 0], points[:, 1], "o-", color="white", markersize=4, linewidth=1, markeredgecolor="black",
+                   label="search" if k == 0 else None)
+    best = [unit.from_si(tuned.values[name]) for name, unit in zip(task.free, units, strict=True)]
+    panel.plot(*best, "*", color=COLOURS[1], markersize=16, markeredgecolor="black", label=f"best, {tuned.cost:.4g}")
+    for name, unit, label in ((first, units[0], panel.set_xlabel), (second, units[1], panel.set_ylabel)):
+        label(f"{name} [{unit_label(unit.text)}]")
+    panel.set_xlim(x[0], x[-1])
+    panel.set_ylim(y[0], y[-1])
+    figure.legend(loc="outside upper right", ncols=2, frameon=False)
+    return figure
+
+
+def save(figure: Figure, path: str | Path) -> Path:
+    """Write a figure as .png, .svg or .pdf, the same bytes for the same figure; UsageError where that cannot be."""
+    path = Path(path)
+    if path.suffix.lower() not in SUFFIXES:
+        raise UsageError([Problem("picture-suffix", f"'{path.name}' has no suffix of a picture", None,
+                                  f"Write {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}.")])
+    dated = {".png": None, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}[path.suffix.lower()]
+    try:
+        with rc_context({"svg.hashsalt": "heavebond", "svg.fonttype": "path"}):
+            figure.savefig(path, metadata=dated)
+    except OSError as error:
+        raise UsageError([Problem("file-unwritable", f"'{path}' cannot be written: {error.strerror or error}")]) \
+            from None
+    return path
+
+
+# -- axes ----------------------------------------------------------------------------------------------------------
+def _stack(n: int, title: str) -> tuple[Figure, list[Axes]]:
+    """n axes above each other that share their time axis."""
+    figure = Figure(figsize=(WIDTH, max(8.0 if n > 2 else 5.5, 0.9 + 1.75 * n)), dpi=DPI, layout="constrained")
+    figure.get_layout_engine().set(rect=RECT)  # type: ignore[union-attr,call-arg]
+    _title(figure, title)
+    column: list[Axes] = list(figure.subplots(n, 1, sharex=True, squeeze=False)[:, 0])
+    figure.align_ylabels(column)
+    return figure, column
+
+
+def _title(figure: Figure, title: str) -> None:
+    if title:
+        figure.suptitle(textwrap.fill(title, TITLE_LINE), x=0.01, ha="left", fontsize=12)
+
+
+def _heading(result: Result) -> str:
+    model = result.assembly.model
+    return f"{model.name}: {model.summary}" if model.summary else model.name
+
+
+def _time_axis(axes: Sequence[Axes], time: Array) -> None:
+    axes[-1].set_xlabel("time [s]")
+    axes[0].set_xlim(*_ends(time))
+
+
+def _ends(time: Array) -> tuple[float, float]:
+    return float(time[0]), float(time[-1]) if time[-1] > time[0] else float(time[0]) + 1.0
+
+
+def _finish(axes: Axes, name: str, unit: str, lines: Sequence[Array]) -> None:
+    """Label with quantity and unit, quiet grid, limits that do not blow rounding up."""
+    label = unit_label(unit)
+    axes.set_ylabel(f"{name} [{label}]" if name else f"dimensionless [{label}]" if unit == "1" else f"[{label}]")
+    axes.grid(True, color="#e4e4e4", linewidth=0.6)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.set_axisbelow(True)
+    finite = np.concatenate([line[np.isfinite(line)] for line in lines])
+    if finite.size:
+        low, high = float(finite.min()), float(finite.max())
+        size = max(abs(low), abs(high))
+        if high - low < STILL * max(size, 1.0):
+            middle, half = (low + high) / 2, 0.1 * size if size > STILL else 1.0
+            axes.set_ylim(middle - half, middle + half)
+    # an offset (`+1.72e2`) in a corner is easily overlooked
+    axes.ticklabel_format(axis="y", useOffset=False)
+
+
+def _legend_above(axes: Axes) -> None:
+    """A legend over the axes, where it covers nothing, in as many columns as fit."""
+    handles, labels = axes.get_legend_handles_labels()
+    longest = max(map(len, labels))
+    axes.legend(handles, labels, loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False, fontsize=9,
+                borderaxespad=0.1, ncols=max(1, min(len(labels), 130 // (longest + 7))))
+
+
+def _size(values: Array) -> float:
+    finite = np.abs(values[np.isfinite(values)])
+    return float(finite.max()) if finite.size else math.nan
+
+
+def _converted(values: Array, unit: str, shown: str) -> Array:
+    if unit == shown:
+        return values
+    source, target = read_unit(unit), read_unit(shown)
+    return np.asarray((values * source.scale + source.offset - target.offset) / target.scale)
+
+
+# -- a channel of a comparison -------------------------------------------------------------------------------------
+def _channel(upper: Axes, lower: Axes, channel: Channel) -> None:
+    shown = readable_unit(channel.unit, _size(channel.measured))
+    measured = _converted(channel.measured, channel.unit, shown)
+    model = _converted(channel.model, channel.unit, shown)
+    dense = len(measured) > DENSE
+    upper.plot(channel.time, measured, color=RECORD, label="record", **_style(dense, 2.4))
+    upper.plot(channel.time, model, color=MODEL, linewidth=1.2, label="model")
+    _finish(upper, channel.name, shown, [measured, model])
+    upper.set_title(_figures(channel), loc="right", fontsize=9, color="#333333")
+    left = channel.measured - channel.model
+    unit = readable_unit(channel.unit, max(_size(left), 1e-300))
+    scale = read_unit(channel.unit).scale / read_unit(unit).scale  # a difference has no offset
+    if channel.noise > 0:
+        lower.axhspan(-BAND_WIDTH * channel.noise * scale, BAND_WIDTH * channel.noise * scale, color=BAND, linewidth=0,
+                      label=f"± {BAND_WIDTH} × noise")
+    lower.plot(channel.time, left * scale, color="#333333", label="record − model", **_style(dense, 0.7))
+    _finish(lower, "rest", unit, [left * scale])
+    reach = max(_size(left), (BAND_WIDTH + 1) * channel.noise if channel.noise > 0 else 0.0) * scale
+    if math.isfinite(reach) and reach > 0:
+        lower.set_ylim(-1.08 * reach, 1.08 * reach)
+
+
+def _style(dense: bool, linewidth: float) -> dict[str, Any]:
+    return {"linewidth": linewidth} if dense else {"linestyle": "none", "marker": ".", "markersize": 4}
+
+
+def _figures(channel: Channel) -> str:
+    error = readable(channel.error, channel.unit, 3).split(" ", 1)
+    said = " ".join([error[0], *(unit_label(unit) for unit in error[1:])])
+    return f"rms error {said}, fit {number(channel.fit, 4)} %, χ² {number(channel.chi2, 3)} a sample"
+
+
+def _record_title(record: RecordComparison) -> str:
+    return f"{record.name} ({record.use}): normalised error {100 * record.normalised:.3g} %"

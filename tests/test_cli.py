@@ -1,0 +1,393 @@
+"""The command line: exit codes, messages, JSON, files, and what happens when somebody interrupts or stops reading."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner, Result
+from matplotlib.image import imread
+
+import heavebond
+from heavebond import cli
+from heavebond.commands.demo import FIGURES, SEAS
+from heavebond.errors import SimulationError
+
+SLIDER = """\
+model: slider
+summary: A cart on a rail.
+parameters: {m_cart: 2.5 kg}
+components:
+  wall:   {is: Fixed}
+  spring: {is: Spring, c: 1.2 kN/m}
+  cart:   {is: Mass, m: =m_cart}
+nodes:
+  ground: [wall.a, spring.a]
+  load:   [spring.b, cart.a]
+initial: {load.x: 50 mm, load.v: 0 m/s}
+show:
+  pull:  {is: spring.F, unit: N}
+  place: {is: load.x, unit: mm}
+simulate: {until: 1 s, every: 5 ms}
+"""
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Every test runs in a folder of its own, with a diagram in it, on a terminal of no particular width."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("COLUMNS", raising=False)
+    (tmp_path / "slider.yaml").write_text(SLIDER)
+    return tmp_path
+
+
+def call(*words: str) -> Result:
+    return CliRunner().invoke(cli.main, words)
+
+
+def figures(*words: str) -> dict[str, Any]:
+    """What a command writes for machines, which must be strict JSON."""
+    call(*words, "--json", "out.json")
+    found: dict[str, Any] = json.loads(Path("out.json").read_text(), parse_constant=lambda word: pytest.fail(word))
+    return found
+
+
+def program(*words: str, **more: Any) -> subprocess.CompletedProcess[str]:
+    """The command line as a process of its own."""
+    environment = {**os.environ, "PYTHONPATH": str(Path(heavebond.__file__).parent.parent), **more.pop("env", {})}
+    return subprocess.run([sys.executable, "-c", "from heavebond.cli import main; main()", *words], env=environment,
+                          capture_output=True, text=True, timeout=60, **more)
+
+
+# -- check ---------------------------------------------------------------------------------------------------------
+def test_check_tells_states_and_start() -> None:
+    answer = call("check", "slider.yaml")
+    assert answer.exit_code == 0
+    for words in ("Diagram slider", "3: Fixed, Spring, Mass", "2 differential equations", "cart: m * der(a.v) = a.f",
+                  "asked for"):
+        assert words in answer.stdout
+    assert answer.stderr == ""
+
+
+def test_check_prints_all_problems_and_ends_with_1(folder: Path) -> None:
+    (folder / "slider.yaml").write_text(SLIDER.replace("1.2 kN/m", "1.2 kN").replace("{is: Fixed}", "{is: Fixd}"))
+    answer = call("check", "slider.yaml")
+    assert answer.exit_code == 1
+    assert "slider.yaml:5: there is no component 'Fixd' [component-unknown]" in answer.stderr
+    assert "Did you mean 'Fixed'?" in answer.stderr
+    assert "Traceback" not in answer.stderr
+
+
+def test_several_problems_are_counted(folder: Path) -> None:
+    (folder / "slider.yaml").write_text(SLIDER.replace("is: Mass", "is: Mas").replace("is: Fixed", "is: Fixd"))
+    answer = call("check", "slider.yaml")
+    assert answer.exit_code == 1
+    found = figures("check", "slider.yaml")
+    assert len(found["problems"]) == 2
+    assert answer.stderr.rstrip().endswith("2 problems")
+
+
+def test_check_shows_the_structure_even_where_no_start_is_found(folder: Path) -> None:
+    text = SLIDER.replace("load.v: 0 m/s", "load.v: 0 m/s, spring.F: 1 kN")
+    (folder / "slider.yaml").write_text(text)
+    answer = call("check", "slider.yaml")
+    assert answer.exit_code == 1
+    assert "States" in answer.stdout
+    assert "start-contradiction" in answer.stderr
+
+
+def test_problems_as_data() -> None:
+    found = figures("check", "slidr")
+    assert (found["command"], found["ok"]) == ("check", False)
+    assert [p["code"] for p in found["problems"]] == ["file-missing"]
+    assert set(found["problems"][0]) == {"code", "message", "place", "hint", "notes"}
+
+
+def test_check_as_data() -> None:
+    found = figures("check", "slider.yaml")
+    assert found["ok"] is True
+    assert found["problems"] == []
+    assert [state["name"] for state in found["states"]] == ["load.v", "load.x"]
+    assert found["equations_left"] == {"differential": 2, "algebraic": 0}
+
+
+def test_lines_of_problems_are_not_broken(folder: Path) -> None:
+    name = "long_" * 30 + "name"
+    answer = call("run", "slider.yaml", "--set", f"{name}=1 N")
+    assert f"nothing here is called '{name}', so it cannot be set" in answer.stderr.splitlines()[0]
+
+
+# -- run -----------------------------------------------------------------------------------------------------------
+def test_run_prints_a_table_of_outputs() -> None:
+    answer = call("run", "slider.yaml")
+    assert answer.exit_code == 0
+    rows = {line.split()[0]: line.split() for line in answer.stdout.splitlines() if line.strip()}
+    head, pull, place = (rows[word] for word in ("output", "pull", "place"))
+    assert head == ["output", "unit", "min", "max", "rms", "final"]
+    assert pull[1] == "N"
+    assert float(pull[3]) == pytest.approx(60, rel=1e-4)  # 1.2 kN/m * 50 mm
+    assert place[1] == "mm"
+    assert float(place[2]) == pytest.approx(-50, rel=1e-4)
+    assert "2 states" in answer.stdout
+
+
+def test_run_as_data() -> None:
+    found = figures("run", "slider.yaml", "--until", "2 s", "--every", "10 ms")
+    assert (found["until"], found["points"]) == (2.0, 201)
+    assert found["outputs"]["pull"]["unit"] == "N"
+    assert found["outputs"]["pull"]["max"] == pytest.approx(60, rel=1e-6)
+    assert found["statistics"]["nsteps"] > 10
+
+
+def test_set_changes_the_numbers() -> None:
+    found = figures("run", "slider.yaml", "--set", "spring.c=2.4 kN/m", "--set", "m_cart=5 kg")
+    assert found["outputs"]["pull"]["max"] == pytest.approx(120, rel=1e-6)
+
+
+@pytest.mark.parametrize(("setting", "code", "words"), [
+    ("spring.c", "set-form", "not PATH=VALUE"), ("spring.c=", "set-form", "not PATH=VALUE"),
+    ("spring.k=1 N/m", "setting-unknown", "Did you mean 'spring.c'"), ("spring.c=1 N", "unit-wrong", "N/m is needed"),
+    ("spring.c=40", "unit-missing", "Write '40 N/m'"), ("spring.c=40N/m", "quantity-no-space", "Write '40 N/m'"),
+    ("spring.c=-1 N/m", "parameter-bound", "at least 0"), ("spring.c==2*", "formula-incomplete", "ends too early"),
+])
+def test_a_wrong_setting_is_told_as_one_of_the_command_line(setting: str, code: str, words: str) -> None:
+    answer = call("run", "slider.yaml", "--set", setting)
+    assert answer.exit_code == 2
+    assert f"[{code}]" in answer.stderr
+    assert words in answer.stderr
+    assert answer.stderr.startswith(f"--set {setting}: ")
+
+
+def test_pictures_and_files(folder: Path) -> None:
+    answer = call("run", "slider.yaml", "--plot", "place", "--plot", "load.v", "--output", "p.png", "--save", "t.csv",
+                  "--save", "t.parquet")
+    assert answer.exit_code == 0
+    for name in ("p.png", "t.csv", "t.parquet"):
+        assert f"wrote {name}" in answer.stdout
+    assert imread(folder / "p.png").shape[1] == 1200
+    head = (folder / "t.csv").read_text().splitlines()[0]
+    assert "place [mm]" in head
+    assert "load.v [m/s]" in head
+
+
+def test_labels_of_a_picture_have_units(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from matplotlib.figure import Figure
+
+    seen: list[str] = []
+    monkeypatch.setattr(Figure, "savefig", lambda self, path, **_: seen.extend(a.get_ylabel() for a in self.axes))
+    assert call("run", "slider.yaml", "--output", "p.svg").exit_code == 0
+    assert seen == ["force [N]", "position [mm]"]
+
+
+def test_plot_without_output_names_the_picture_after_the_model(folder: Path) -> None:
+    assert call("run", "slider.yaml", "--plot", "pull").exit_code == 0
+    assert (folder / "slider.png").stat().st_size > 10_000
+
+
+def test_a_position_that_no_equation_uses_can_be_drawn(folder: Path) -> None:
+    text = SLIDER.replace("spring: {is: Spring, c: 1.2 kN/m}", "spring: {is: Damper, d: 3 N*s/m}")
+    text = text.replace("spring.F, unit: N}", "spring.F, unit: N}").replace("place: {is: load.x, unit: mm}", "")
+    (folder / "slider.yaml").write_text(text.replace("load.x: 50 mm, load.v: 0 m/s", "load.v: 1 m/s"))
+    assert call("run", "slider.yaml", "--plot", "load.x - ground.x").exit_code == 0
+
+
+@pytest.mark.parametrize(("words", "code", "said"), [
+    (("--plot", "pul"), "name-unknown", "Did you mean 'pull'"),
+    (("--plot", "max(pull"), "formula-incomplete", "--plot max"),
+    (("--output", "p.jpg"), "file-suffix", ".png"), (("--save", "t.xlsx"), "file-suffix", ".csv"),
+    (("--output", "nowhere/p.png"), "file-unwritable", "no folder"), (("--output", ".png"), "file-suffix", ".png"),
+    (("--save", "nowhere/t.csv"), "file-unwritable", "no folder"), (("--until", "5"), "unit-missing", "5 s"),
+    (("--until", "-1 s"), "time-not-positive", "above 0"), (("--rtol", "2"), "usage", "rtol"),
+    (("--json", "nowhere/o.json"), "file-unwritable", "no folder"), (("more",), "usage", "unexpected extra argument"),
+    (("--plt", "pull"), "usage", "--plot"), (("--set",), "usage", "requires an argument"),
+])
+def test_wrong_usage_ends_with_2(words: tuple[str, ...], code: str, said: str) -> None:
+    answer = call("run", "slider.yaml", *words)
+    assert answer.exit_code == 2
+    assert f"[{code}]" in answer.stderr
+    assert said in answer.stderr
+    assert "Traceback" not in answer.output
+    assert not list(Path().glob("p.*"))
+
+
+def test_a_failed_integration_ends_with_1(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise SimulationError("the integration stopped at t = 0.2 s")
+
+    monkeypatch.setattr("heavebond.simulation.simulate", fail)
+    answer = call("run", "slider.yaml")
+    assert answer.exit_code == 1
+    assert answer.stderr.startswith("the integration stopped at t = 0.2 s [simulation]")
+
+
+def test_a_fault_of_the_program_is_in_the_json_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("heavebond.simulation.simulate", lambda *_, **__: 1 / 0)
+    answer = call("run", "slider.yaml", "--json", "out.json")
+    assert isinstance(answer.exception, ZeroDivisionError)
+    assert json.loads(Path("out.json").read_text())["problems"][0]["code"] == "internal"
+
+
+# -- compare -------------------------------------------------------------------------------------------------------
+def test_compare_prints_errors_and_draws(folder: Path) -> None:
+    answer = call("compare", "passive_rig/nothing", "--output", "c.png")
+    assert answer.exit_code == 0
+    assert re.search(r"train +extension +[\d.]+ mm", answer.stdout)
+    assert "validate (validate): normalised error" in answer.stdout
+    assert imread(folder / "c.png").shape[1] == 1200
+
+
+def test_compare_as_data_and_with_settings() -> None:
+    before = figures("compare", "passive_rig/nothing")["records"]
+    after = figures("compare", "passive_rig/nothing", "--set", "damper.d=90 kN*s/m")["records"]
+    assert set(before) == {"train", "validate"}
+    assert after["train"]["normalised"] > 2 * before["train"]["normalised"]
+
+
+def test_a_diagram_is_no_experiment() -> None:
+    answer = call("compare", "slider.yaml")
+    assert answer.exit_code == 1
+    assert "heavebond run" in answer.stderr
+
+
+# -- library -------------------------------------------------------------------------------------------------------
+def test_library_lists_by_domain_and_the_folder_first(folder: Path) -> None:
+    (folder / "rod.yaml").write_text("component: Rod\nsummary: My own rod.\n"
+                                     "ports: {a: translational}\nequations: |\n  a.f = 0\n")
+    found = figures("library")["components"]
+    assert next(iter(found)) == "this folder"
+    assert found["this folder"] == {"Rod": "My own rod."}
+    assert "Cylinder" in found["hydraulic"]
+    answer = call("library")
+    assert answer.exit_code == 0
+    assert "translational" in answer.stdout.splitlines()
+
+
+def test_library_tells_all_about_a_component() -> None:
+    answer = call("library", "Cylinder")
+    for words in ("A  hydraulic", "l0       m            default 0 m", "absent at 0", "thrust (positive extends)",
+                  "V_A/beta * der(A.p) = A.q - q_leak - A_A * v  # continuity of chamber A", "dissipates",
+                  "Merritt"):
+        assert words in answer.stdout
+    found = figures("library", "Spring")["component"]
+    assert found["parameters"]["c"] == {"unit": "N/m", "doc": "stiffness", "min": 0.0, "max": None, "neutral": None,
+                                        "default": None}
+    assert found["stores"] == "1/2 * c * s**2"
+
+
+def test_library_shows_equations_as_they_are_written(folder: Path) -> None:
+    answer = call("library", "Mass")
+    assert "m * der(a.v) = a.f" in answer.stdout
+
+
+def test_library_suggests() -> None:
+    answer = call("library", "Sprng")
+    assert answer.exit_code == 2
+    assert "Did you mean 'Spring'" in answer.stderr
+
+
+# -- demo ----------------------------------------------------------------------------------------------------------
+def test_demo_tables_and_pictures(folder: Path) -> None:
+    answer = call("demo", "--output", "shown/deep", "--json", "out.json")
+    assert answer.exit_code == 0
+    found = json.loads((folder / "out.json").read_text())
+    assert list(found["runs"]) == [f"{sea.title}, {mode}" for sea in SEAS for mode in sea.modes]
+    for sea in SEAS:
+        passive, active = (found["runs"][f"{sea.title}, {mode}"] for mode in ("passive", "active"))
+        assert set(passive) == {figure.name for figure in FIGURES}
+        assert active["WOB variation"] < passive["WOB variation"] / 5
+        assert active["crown block motion"] < passive["crown block motion"] / 5
+        assert active["bit off bottom"] == 0
+        assert imread(folder / "shown" / "deep" / f"{sea.file}.png").shape[1] == 1200
+    # the published wave: what the paper calls active control keeps the weight on bit within some kilonewton
+    assert found["runs"]["regular sea, active"]["WOB variation"] == pytest.approx(3.82, rel=0.02)
+
+
+def test_demo_needs_a_folder_that_can_be_made(folder: Path) -> None:
+    (folder / "file").write_text("")
+    answer = call("demo", "--output", "file/below")
+    assert answer.exit_code == 2
+    assert "[file-unwritable]" in answer.stderr
+    assert call("demo").exit_code == 2
+
+
+# -- the whole -----------------------------------------------------------------------------------------------------
+def test_unknown_command_is_suggested() -> None:
+    answer = call("chekc", "slider.yaml")
+    assert answer.exit_code == 2
+    assert "Did you mean 'check'?" in answer.stderr
+    assert f"Commands: {', '.join(cli.main.commands)}." in call("zzz").stderr
+
+
+def test_usage_mistakes_reach_the_json_file() -> None:
+    found = figures("run")
+    assert (found["command"], found["ok"]) == ("run", False)
+    assert "missing argument" in found["problems"][0]["message"]
+
+
+@pytest.mark.parametrize(("words", "path"), [
+    (["run", "--json", "a"], "a"), (["run", "--json=b"], "b"), (["run", "--", "--json", "c"], ""), (["run"], ""),
+    (["--json"], ""),
+])
+def test_json_path(words: list[str], path: str) -> None:
+    assert cli.json_path(words) == path
+
+
+def test_interrupted_is_one_line_and_130(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupt(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("heavebond.simulation.simulate", interrupt)
+    answer = call("run", "slider.yaml", "--json", "out.json")
+    assert answer.exit_code == 130
+    assert answer.stderr.split() == ["interrupted"]
+    assert json.loads(Path("out.json").read_text())["problems"][0]["code"] == "interrupted"
+
+
+def test_output_that_nobody_reads_ends_silently() -> None:
+    read, write = os.pipe()
+    os.close(read)
+    environment = {**os.environ, "PYTHONPATH": str(Path(heavebond.__file__).parent.parent)}
+    code = "from heavebond.cli import main; main()"
+    done = subprocess.run([sys.executable, "-c", code, "library"], stdout=write, stderr=subprocess.PIPE, text=True,
+                          env=environment, timeout=60)
+    os.close(write)
+    assert (done.returncode, done.stderr) == (141, "")
+
+
+def test_help_loads_nothing_heavy() -> None:
+    code = ("import sys\nfrom heavebond.cli import main\ntry:\n    main(['--help'])\nexcept SystemExit:\n    pass\n"
+            "heavy = {'numpy', 'casadi', 'matplotlib', 'pandas', 'scipy', 'networkx', 'pint', 'rich', 'yaml'}\n"
+            "sys.exit(repr(sorted(heavy & set(sys.modules))) if heavy & set(sys.modules) else 0)")
+    environment = {**os.environ, "PYTHONPATH": str(Path(heavebond.__file__).parent.parent)}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, timeout=60)
+    assert done.returncode == 0, done.stderr
+    assert "Commands:" in done.stdout
+
+
+def test_plain_where_nobody_looks_and_coloured_if_forced() -> None:
+    assert "\x1b[" not in program("check", "slidr").stderr
+    assert "\x1b[" in program("check", "slidr", env={"FORCE_COLOR": "1", "TERM": "xterm"}).stderr
+    assert "\x1b[31" not in program("check", "slidr", env={"FORCE_COLOR": "1", "NO_COLOR": "1", "TERM": "xterm"}).stderr
+
+
+def test_version_and_help() -> None:
+    assert heavebond.__version__ in call("--version").output
+    for command in cli.main.commands:
+        answer = call(command, "--help")
+        assert answer.exit_code == 0
+        assert "--json" in answer.output
+
+
+@pytest.mark.parametrize("width", [80, 120])
+def test_tables_fit_the_terminal(width: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", str(width))
+    for words in (("check", "cmc_ahc"), ("run", "cmc_ahc", "--until", "1 s"), ("library",),
+                  ("compare", "passive_rig/nothing")):
+        lines = [line for line in call(*words).stdout.splitlines() if not line.startswith(("wrote", "10 states"))]
+        assert max(map(len, lines)) <= width, words
