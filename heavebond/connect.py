@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from heavebond.definition import FileInput, Value
@@ -34,8 +34,11 @@ class Network:
     units: dict[str, dict[str, Dimension]]
 
 
-def connect(expanded: Expanded) -> Network:
-    """Join what the wires join; ModelError for mixed domains, units that cannot be told, signals driven twice."""
+def connect(expanded: Expanded, order: Sequence[str] = ()) -> Network:
+    """Join what the wires join; ModelError for mixed domains, units that cannot be told, signals driven twice.
+
+    `order` names the parameters that are given by formulas, each after those that it needs.
+    """
     problems = Problems()
     groups, group_of = _groups(expanded)
     domains = _domains(expanded, groups, group_of, problems)
@@ -44,7 +47,7 @@ def connect(expanded: Expanded) -> Network:
     network = Network(tuple(named), group_of, _port_domains(expanded, group_of, named), {})
     _signal_sources(expanded, network, problems)
     problems.raise_as(ModelError)
-    units = _units(expanded, network, problems)
+    units = _units(expanded, network, _Dimensions(expanded, order), problems)
     problems.raise_as(ModelError)
     return Network(network.groups, group_of, network.domains, units)
 
@@ -191,10 +194,11 @@ def _signal_sources(expanded: Expanded, network: Network, problems: Problems) ->
                          hint="Join it to an output, or give the input a value in place.")
 
 
-def _units(expanded: Expanded, network: Network, problems: Problems) -> dict[str, dict[str, Dimension]]:
+def _units(expanded: Expanded, network: Network, dimensions: _Dimensions, problems: Problems
+           ) -> dict[str, dict[str, Dimension]]:
     """Solve `$U` of each leaf from parameters with units and from the signals it is joined to."""
     solution: dict[str, dict[str, Dimension]] = {path: {} for path in expanded.leaves}
-    constraints = [*_parameter_constraints(expanded)]
+    constraints = [*_parameter_constraints(expanded, dimensions)]
     signals = [g for g in network.groups if g.domain == "signal"]
     changed = True
     while changed:
@@ -212,8 +216,8 @@ def _units(expanded: Expanded, network: Network, problems: Problems) -> dict[str
     return solution
 
 
-def _parameter_constraints(expanded: Expanded) -> Iterable[tuple[str, Dimension, Dimension]]:
-    dimensions = _Dimensions(expanded)
+def _parameter_constraints(expanded: Expanded, dimensions: _Dimensions
+                           ) -> Iterable[tuple[str, Dimension, Dimension]]:
     for path, leaf in expanded.leaves.items():
         for name, bound in leaf.parameters.items():
             parameter = leaf.component.parameters[name]
@@ -227,9 +231,13 @@ def _parameter_constraints(expanded: Expanded) -> Iterable[tuple[str, Dimension,
 class _Dimensions:
     """The dimensions of values in the diagram, those of its parameters found once."""
 
-    def __init__(self, expanded: Expanded):
+    def __init__(self, expanded: Expanded, order: Sequence[str]):
         self.expanded = expanded
         self.found: dict[str, Dimension | None] = {}
+        formulas = set(order)
+        for name in [*(n for n in expanded.parameters if n not in formulas), *order]:
+            if name in expanded.parameters:
+                self.found[name] = self.of(expanded.parameters[name])
 
     def of(self, bound: Bound) -> Dimension | None:
         """That of a value made of quantities and parameters with known units; None where it cannot be told."""
@@ -248,9 +256,7 @@ class _Dimensions:
         return found
 
     def _found(self, path: str) -> Dimension | None:
-        if path in self.expanded.parameters:
-            if path not in self.found:
-                self.found[path] = self.of(self.expanded.parameters[path])
+        if path in self.found:
             return self.found[path]
         owner, _, parameter = path.rpartition(".")
         leaf = self.expanded.leaves.get(owner)

@@ -115,7 +115,7 @@ def flatten(model: Model, also: Iterable[str] = ()) -> Flat:
     """The flat model; `also` names signals that a caller wants beside those that the diagram names itself."""
     expanded = expand(model)
     order = formula_order(expanded)
-    network = connect(expanded)
+    network = connect(expanded, order)
     return _Builder(expanded, network, make_parameters(expanded, network, order)).build(tuple(also))
 
 

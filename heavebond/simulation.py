@@ -22,6 +22,7 @@ from heavebond.initialise import Start, Tangent, start, tangent
 from heavebond.inputs import pieced
 from heavebond.model import Model
 from heavebond.result import Along, Result
+from heavebond.start_equations import StartEquations
 from heavebond.symbols import stack
 from heavebond.units import UnitProblem, check_unit, parse_quantity, unit
 
@@ -75,12 +76,13 @@ class Simulator:
         self.stops = np.union1d(self.time, self.pieces.inner_breaks(self.time[0], self.time[-1]))
         self.integrator = _integrator(self.integrand, self.stops, self.tolerances)
         self.loops = _loops(self.integrand)
+        self.start_equations = StartEquations(assembly)
 
     def run(self, parameters: Mapping[str, float | str] | None = None) -> Result:
         """One run; `parameters` overrides values by name."""
         assembly = self.assembly.with_parameters(parameters) if parameters else self.assembly
         began = clock.perf_counter()
-        first = start(assembly, float(self.time[0]), self.pieces.at(np.array([self.time[0]]))[:, 0])
+        first = start(assembly, float(self.time[0]), self.pieces.at(np.array([self.time[0]]))[:, 0], self.start_equations)
         started = clock.perf_counter()
         x, z, quadratures, statistics = self._integrate(assembly, first)
         seconds = {"start": started - began, "integration": clock.perf_counter() - started}
@@ -103,7 +105,7 @@ class Simulator:
         return Along(self.sensitivities, x, z, (moved.p / sizes).T, q)
 
     def _tangent(self, first: Start) -> Tangent:
-        return tangent(self.assembly, first, self.pieces.at(np.array([first.t]))[:, 0], self.along)
+        return tangent(self.start_equations, first, self.pieces.at(np.array([first.t]))[:, 0], self.along)
 
     def _integrate(self, assembly: Assembly, first: Start) -> tuple[Array, Array, Array, dict[str, object]]:
         if len(self.stops) == 1:

@@ -8,7 +8,6 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from heavebond.expression import ExpressionProblem
 from heavebond.flatten import Flat, Resolver
 from heavebond.structure import components_of
 from heavebond.symbols import stack, uniform
@@ -44,19 +43,29 @@ def select_states(flat: Flat, order: Sequence[int], highest: Sequence[int], p: N
     return [(j, k) for j, top in enumerate(highest) for k in range(top) if (j, k + 1) not in dummies]
 
 
-def guess(flat: Flat, p: NDArray[np.float64]) -> NDArray[np.float64]:
-    """First values (n,) of all unknowns: what the diagram asks for or guesses, else the declared start, else 0."""
-    values = np.array([0.0 if u.start is None else u.start for u in flat.unknowns])
-    resolver = Resolver(flat.names, flat.constants, flat.units, flat.unknowns, flat.levels, flat.time, flat.rate)
-    for name, condition in flat.expanded.model.initial.conditions.items():
-        if name in flat.names:
-            try:
+class Guess:
+    """First values of all unknowns: what the diagram asks for or guesses, else the declared start, else 0."""
+
+    def __init__(self, flat: Flat):
+        self._declared = np.array([0.0 if u.start is None else u.start for u in flat.unknowns])
+        resolver = Resolver(flat.names, flat.constants, flat.units, flat.unknowns, flat.levels, flat.time, flat.rate)
+        self._asked: list[int] = []
+        values = []
+        for name, condition in flat.expanded.model.initial.conditions.items():
+            if name in flat.names:
                 given = flat.constants.get(f"initial.{name}")
-                number = ca.Function("v", [flat.p], [resolver.evaluate(condition.value.expr) if given is None else given])(p)
-                values[flat.names[name]] = float(number)
-            except (ExpressionProblem, RuntimeError):
-                continue  # a condition that is no number of parameters is dealt with when the start is solved
-    return values
+                value = resolver.evaluate(condition.value.expr) if given is None else given
+                # a condition that depends on variables is dealt with when the start is solved
+                if not ca.depends_on(value, stack([s for level in flat.levels for s in level])):
+                    self._asked.append(flat.names[name])
+                    values.append(value)
+        self._values = ca.Function("guess", [flat.p, flat.time], [stack(values)])
+
+    def __call__(self, p: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The values (n,) at the parameters p."""
+        values = self._declared.copy()
+        values[self._asked] = np.array(self._values(p, 0.0)).ravel()
+        return values
 
 
 class _Jacobian:
@@ -85,7 +94,7 @@ class _Jacobian:
 
     def _point(self, p: NDArray[np.float64], size: int) -> NDArray[np.float64]:
         """The guess, moved a little off places where a coefficient vanishes by accident (a crank at dead centre)."""
-        values = guess(self.flat, p)
+        values = Guess(self.flat)(p)
         nominal = np.array([u.nominal for u in self.flat.unknowns])
         shift = np.array([uniform(1, j) - 0.5 for j in range(len(values))])
         point = np.zeros(size)

@@ -1,0 +1,135 @@
+"""The equations of the start, compiled once for all runs of an assembly."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from heavebond.dae import Array, Assembly
+from heavebond.errors import Place
+from heavebond.expression import parse_formula
+from heavebond.model import Condition
+from heavebond.states import Guess
+from heavebond.symbols import split, stack
+
+
+@dataclass(frozen=True)
+class StartRow:
+    """One equation of the start: its residual in the arguments of the assembly, its name for messages, its place."""
+
+    residual: ca.SX
+    label: str
+    place: Place | None
+    steady: bool = False
+
+
+@dataclass(frozen=True)
+class Point:
+    """Where the equations are taken: time, x, z, all parameters, the pieces of the inputs, the time rate."""
+
+    t: float
+    x: Array
+    z: Array
+    p: Array
+    u: Array
+    rate: float
+
+    def values(self) -> tuple[float, Array, Array, Array, Array, float]:
+        """In the order of the assembly's arguments."""
+        return self.t, self.x, self.z, self.p, self.u, self.rate
+
+
+class StartSystem:
+    """Residuals (m,) of some rows and their Jacobian with respect to the unknowns (x, z, solved parameters), or z."""
+
+    def __init__(self, assembly: Assembly, rows: list[StartRow], unknowns: ca.SX):
+        self.rows = rows
+        self._arguments = list(assembly.arguments)
+        self._residuals = stack([r.residual for r in rows])
+        self._function = ca.Function("start", self._arguments, [self._residuals, ca.jacobian(self._residuals, unknowns)])
+
+    def at(self, point: Point) -> tuple[Array, Array]:
+        """Residuals and Jacobian, both in SI."""
+        residual, jacobian = self._function(*point.values())
+        return np.array(residual).ravel(), np.array(jacobian.full())
+
+    @cached_property
+    def _slopes(self) -> ca.Function:
+        _, x, _, p, _, _ = self._arguments
+        return ca.Function("slopes", self._arguments,
+                           [ca.jacobian(self._residuals, p), ca.jacobian(self._residuals, x)])
+
+    def moved(self, point: Point, dp: Array, dx: Array | None = None) -> Array:
+        """Change of the residuals (m, k) while p moves along dp (n_p, k) and x along dx (n_x, k)."""
+        by_p, by_x = (np.array(s.full()) for s in self._slopes(*point.values()))
+        return np.asarray(by_p @ dp if dx is None else by_p @ dp + by_x @ dx)
+
+
+class StartEquations:
+    """What a diagram asks of its start, as equations: conditions, guesses, rest or steady, and the loops."""
+
+    def __init__(self, assembly: Assembly):
+        self.assembly = assembly
+        self.initial = assembly.model.initial
+        names = assembly.parameter_names
+        self.solved_for = [names.index(name) for name in self.initial.solve]
+        self.steady = self.initial.mode == "steady"
+        self.loops = [StartRow(g, e.label or e.text, e.place) for g, e in zip(
+            split(assembly.alg), assembly.reduced.alg_equations, strict=True)]
+        conditions = self.initial.conditions.values()
+        self.rows = [*self.loops, *(self._condition(c) for c in conditions if not c.guess), *self._mode()]
+        self.guesses = [self._condition(c) for c in conditions if c.guess]
+        self.guess = Guess(assembly.flat)
+
+    def _mode(self) -> list[StartRow]:
+        assembly, rows = self.assembly, []
+        rates = split(assembly.ode)
+        for k, (j, order) in enumerate(assembly.reduced.states):
+            name, unknown = assembly.state_names[k], assembly.flat.unknowns[j]
+            if self.steady:
+                rows.append(StartRow(rates[k], f"steady: der({name}) = 0", unknown.place, steady=True))
+            elif self.initial.mode == "rest" and (unknown.motion or order > 0):
+                rows.append(StartRow(assembly.arguments[1][k], f"at rest: {name} = 0", unknown.place))
+        return rows
+
+    def _condition(self, condition: Condition) -> StartRow:
+        """`crown.x = 20 mm`; a plain number is the parameter `initial.crown.x`. Names and units were checked before."""
+        assembly = self.assembly
+        number = assembly.flat.constants.get(f"initial.{condition.name}")
+        value = assembly.expression(condition.value.expr) if number is None or condition.guess else number
+        return StartRow(assembly.expression(parse_formula(condition.name)) - value,
+                        f"{condition.name} = {condition.value.text.lstrip('= ')}", condition.place)
+
+    def _system(self, rows: list[StartRow]) -> StartSystem:
+        _, x, z, p, _, _ = self.assembly.arguments
+        return StartSystem(self.assembly, rows, stack([x, z, *[p[k] for k in self.solved_for]]))
+
+    @cached_property
+    def all(self) -> StartSystem:
+        """Everything that must hold."""
+        return self._system(self.rows)
+
+    @cached_property
+    def with_guesses(self) -> StartSystem:
+        """Everything that must hold, and the guesses: what is undetermined beyond these is not decided at all."""
+        return self._system([*self.rows, *self.guesses])
+
+    @cached_property
+    def approach(self) -> StartSystem:
+        """The guesses and conditions without the steady state: where the search begins."""
+        return self._system([r for r in self.rows if not r.steady] + self.guesses)
+
+    @cached_property
+    def algebraic(self) -> StartSystem:
+        """The loops alone, for z."""
+        return StartSystem(self.assembly, self.loops, self.assembly.arguments[2])
+
+    def sizes(self, p: Array) -> Array:
+        """The usual sizes of (x, z, solved parameters)."""
+        assembly = self.assembly
+        usual = {u.unit.dimension: u.nominal for u in assembly.flat.unknowns}
+        own = [max(abs(p[k]), usual.get(assembly.flat.parameters[k].unit.dimension, 1.0)) for k in self.solved_for]
+        return np.concatenate([assembly.x_nominal, assembly.z_nominal, np.array(own)])
