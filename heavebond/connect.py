@@ -43,7 +43,7 @@ def connect(expanded: Expanded, order: Sequence[str] = ()) -> Network:
     groups, group_of = _groups(expanded)
     domains = _domains(expanded, groups, group_of, problems)
     problems.raise_as(ModelError)
-    named = [_named(expanded, members, domains) for members in groups]
+    named = [_named(expanded, members, domain) for members, domain in zip(groups, domains, strict=True)]
     network = Network(tuple(named), group_of, _port_domains(expanded, group_of, named), {})
     _signal_sources(expanded, network, problems)
     problems.raise_as(ModelError)
@@ -138,13 +138,12 @@ def _mixed(expanded: Expanded, bound: dict[tuple[str, str], str], problems: Prob
                 "A node joins ports of one domain; a component such as a Cylinder goes from one to another.")
 
 
-def _named(expanded: Expanded, members: list[str], domains: list[str]) -> Group:
+def _named(expanded: Expanded, members: list[str], domain: str) -> Group:
     nodes = [m[5:] for m in members if m.startswith("node ")]
     ports = [m[5:] for m in members if m.startswith("port ")]
     outermost = min(nodes or ports, key=lambda path: path.count("."))
     place = expanded.junctions[outermost].place if nodes else \
         expanded.leaves[outermost.rpartition(".")[0]].place
-    domain = next((port_definition(expanded, p) for p in ports if not port_definition(expanded, p).startswith("$")), "")
     return Group(outermost, domain, (*nodes, *ports), tuple(ports), place)
 
 

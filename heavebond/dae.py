@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -51,17 +52,17 @@ class Assembly:
         """The diagram."""
         return self.flat.expanded.model
 
-    @property
+    @cached_property
     def state_names(self) -> list[str]:
         """The names of x."""
         return [self.reduced.name(c) for c in self.reduced.states]
 
-    @property
+    @cached_property
     def algebraic_names(self) -> list[str]:
         """The names of z."""
         return [self.reduced.name(c) for c in self.reduced.algebraic]
 
-    @property
+    @cached_property
     def parameter_names(self) -> list[str]:
         """The names of p."""
         return [q.name for q in self.flat.parameters]

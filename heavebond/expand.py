@@ -97,9 +97,10 @@ class _Opener:
         self.signals: dict[str, SignalPort] = {}
         self.parameters: dict[str, Bound] = {}
         self.extra: dict[str, list[PortEnd]] = {}
+        self.extra_places: dict[str, Place] = {}
         self.unused = dict(model.settings)
         self.settable: list[str] = []
-        self.checked: set[str] = set()
+        self.found: dict[str, Component] = {}
         # ports that a misspelt end most likely meant, and parts with such an end: not reported as unconnected as well
         self.meant: set[str] = set()
 
@@ -115,7 +116,7 @@ class _Opener:
         self._body(model.body, "", None, {}, ())
         self._unused_settings()
         for path in self.extra:
-            self.problems.add("node-unknown", f"there is no node '{path}' inside a block", self.extra[path][0].place,
+            self.problems.add("node-unknown", f"there is no node '{path}' inside a block", self.extra_places[path],
                               hint=suggest(path, self.junctions) or f"Nodes: {listing(self.junctions)}.")
 
     def _setting(self, path: str) -> Setting | None:
@@ -152,10 +153,7 @@ class _Opener:
 
     def _component(self, instance: Instance, kinds: tuple[str, ...]) -> Component | None:
         try:
-            component = self.model.library.component(instance.kind, instance.kind_place)
-            if component.name not in self.checked:
-                self.checked.add(component.name)
-                laws.check(component, self.model.library.domains)
+            component = self.found.get(instance.kind) or self._checked(instance)
         except HeavebondError as error:
             self.problems.extend(error)
             return None
@@ -166,6 +164,13 @@ class _Opener:
                               f"{DEEPEST_BLOCK} deep", instance.place,
                               hint="A block is made of other components; leave one of these parts out.")
             return None
+        return component
+
+    def _checked(self, instance: Instance) -> Component:
+        """A component met for the first time; its file is read and its laws are checked once, not for every instance."""
+        component = self.model.library.component(instance.kind, instance.kind_place)
+        self.found[instance.kind] = component
+        laws.check(component, self.model.library.domains)
         return component
 
     def _name_clashes(self, body: Body, owner: Component | None) -> None:
@@ -296,6 +301,7 @@ class _Opener:
                 ends.append(found)
             if "." in wire.name:
                 self.extra.setdefault(prefix + wire.name, []).extend(ends)
+                self.extra_places[prefix + wire.name] = wire.place
             else:
                 path = prefix + wire.name
                 self.junctions[path] = Junction(path, (*ends, *self.extra.pop(path, [])), wire.place)

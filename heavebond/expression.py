@@ -382,11 +382,20 @@ class _Parser:
         self.expect("..", "`..` is missing", SUM_FORM)
         high = self.sum()
         self.expect(")", "a `)` is missing behind sum(", SUM_FORM)
-        first, last = constant(low), constant(high)
-        if first is not None and last is not None and last - first > MOST_TERMS:
+        result = SumOver(body, index.text, low, high, token.column)
+        if _terms(result) > MOST_TERMS:
             raise ExpressionProblem("sum-too-long", f"a sum of more than {MOST_TERMS} terms", token.column, 3,
                                     "Use fewer terms.")
-        return SumOver(body, index.text, low, high, token.column)
+        return result
+
+
+def _terms(expr: Expr) -> float:
+    """How many terms the sums of an expression have when written out, as far as plain numbers tell."""
+    inner = max((_terms(child) for child in children(expr)), default=1.0)
+    if not isinstance(expr, SumOver):
+        return inner
+    first, last = constant(expr.low), constant(expr.high)
+    return inner if first is None or last is None else inner * max(1.0, last - first + 1)
 
 
 def names(expr: Expr) -> Iterator[Name]:

@@ -145,11 +145,11 @@ class _Builder:
         self._make_unknowns(also)
         self.n = len(self.unknowns)
         self.levels = [[ca.SX.sym("d" * k + u.name) for u in self.unknowns] for k in range(LEVELS)]
+        self.columns = [stack(level) for level in self.levels]
         self._numbers_of_a_run()
         check_asked(self.expanded.model, self._resolver(), (q.name for q in self.parameters.independent), self.problems)
         self._node_equations()
-        for leaf in self.expanded.leaves.values():
-            self._leaf_equations(leaf)
+        self._leaf_equations()
         self._given_inputs()
         self.problems.raise_as(ModelError)
         bounds = {s.element_hash(): (u.low, u.high) for s, u in zip(self.levels[0], self.unknowns, strict=True)}
@@ -274,17 +274,7 @@ class _Builder:
         self.entries.append(entries)
 
     def _node_equations(self) -> None:
-        for junction in self.expanded.junctions.values():
-            group = self.network.groups[self.network.group_of["node " + junction.path]]
-            if group.domain == "signal" or not junction.ends:
-                continue
-            domain = self.domains[group.domain]
-            for member in domain.through:
-                ends = [(e.sign, self.names[f"{e.name}.{member}"]) for e in junction.ends]
-                total = sum((sign * self.levels[0][j] for sign, j in ends), ca.SX(0))
-                self._add(FlatEquation(junction.path, f"sum of {member} at node '{junction.path}'",
-                                       " + ".join(f"{e.name}.{member}" for e in junction.ends) + " = 0",
-                                       junction.place), total, [(j, 0) for _, j in ends])
+        self._sums()
         for group in self.network.groups:
             position = self.domains[group.domain].position if group.domain in self.domains else None
             if position and f"{group.name}.{position}" in self.names:
@@ -292,25 +282,60 @@ class _Builder:
                 x, v = self.names[f"{group.name}.{position}"], self.names[f"{group.name}.{flow}"]
                 self._add(FlatEquation(group.name, f"{flow} is the rate of {position} at node '{group.name}'",
                                        f"{group.name}.{flow} = der({group.name}.{position})", group.place),
-                          self.levels[0][v] - self.levels[1][x], [(v, 0), (len(self.unknowns) + x, 0)])
+                          self.levels[0][v] - self.levels[1][x], [(v, 0), (self.n + x, 0)])
 
-    def _leaf_equations(self, leaf: Leaf) -> None:
-        made = self.templates.get(leaf.path)
-        if made is None:
+    def _sums(self) -> None:
+        """The through variables of each node: all sums at once, as the product of the incidence matrix with them."""
+        equations: list[FlatEquation] = []
+        ends: list[list[tuple[int, int]]] = []
+        for junction in self.expanded.junctions.values():
+            group = self.network.groups[self.network.group_of["node " + junction.path]]
+            if group.domain == "signal" or not junction.ends:
+                continue
+            for member in self.domains[group.domain].through:
+                ends.append([(e.sign, self.names[f"{e.name}.{member}"]) for e in junction.ends])
+                equations.append(FlatEquation(
+                    junction.path, f"sum of {member} at node '{junction.path}'",
+                    " + ".join(f"{e.name}.{member}" for e in junction.ends) + " = 0", junction.place))
+        if not ends:
             return
-        columns = [self.names[f"{leaf.path}.{slot}"] for slot in made.slots]
-        arguments = [stack([level[j] for j in columns]) for level in self.levels]
-        parameters = stack([self.constants[f"{leaf.path}.{name}"] for name in made.parameters])
-        inputs = [*arguments, parameters, self.time, self.rate]
-        residuals = split(made.residuals(*inputs)) if made.lines else []
-        size = len(columns)
-        for line, residual, row in zip(made.lines, residuals, made.entries, strict=True):
-            entries = [((e.column // size) * self.n + columns[e.column % size], e.kind) for e in row]
-            self._add(FlatEquation(leaf.path, line.label, line.text, line.place, line.kink), residual, _merged(entries))
-        if not leaf.component.composite:
-            power, stored, dissipated, unbalanced, energy = ca.vertsplit(made.energy(*inputs))
-            self.energetics.append(Energetics(leaf.path, power, stored, dissipated, unbalanced, energy,
-                                              leaf.component.power, leaf.component.unbalanced_why))
+        rows, signs, columns = zip(*((i, sign, j) for i, row in enumerate(ends) for sign, j in row), strict=True)
+        incidence = ca.DM.triplet(rows, columns, ca.DM(signs), len(ends), self.n)
+        totals = split(ca.mtimes(ca.SX(incidence), self.columns[0]))
+        for equation, row, total in zip(equations, ends, totals, strict=True):
+            self._add(equation, total, [(j, 0) for _, j in row])
+
+    def _leaf_equations(self) -> None:
+        """The templates in the diagram's symbols, in the order of the diagram."""
+        found = self._evaluated_templates()
+        for path, leaf in self.expanded.leaves.items():
+            made = self.templates.get(path)
+            if made is None:
+                continue
+            residuals, energy = found[path]
+            own = [self.names[f"{path}.{slot}"] for slot in made.slots]
+            size = len(own)
+            for line, residual, row in zip(made.lines, residuals, made.entries, strict=True):
+                entries = [((e.column // size) * self.n + own[e.column % size], e.kind) for e in row]
+                self._add(FlatEquation(path, line.label, line.text, line.place, line.kink), residual, _merged(entries))
+            if not leaf.component.composite:
+                self.energetics.append(Energetics(path, *energy, leaf.component.power, leaf.component.unbalanced_why))
+
+    def _evaluated_templates(self) -> dict[str, tuple[list[ca.SX], list[ca.SX]]]:
+        """Residuals and energy of each leaf; a template is called once for all its leaves, a column for each."""
+        users: dict[Template, list[str]] = {}
+        for path, made in self.templates.items():
+            users.setdefault(made, []).append(path)
+        found = {}
+        for made, paths in users.items():
+            slots = [self.names[f"{path}.{slot}"] for path in paths for slot in made.slots]
+            own = [self.constants[f"{path}.{name}"] for path in paths for name in made.parameters]
+            inputs = [*(ca.reshape(column[slots], len(made.slots), len(paths)) for column in self.columns),
+                      ca.reshape(stack(own), len(made.parameters), len(paths)), self.time, self.rate]
+            residuals, energy = made.residuals(*inputs), made.energy(*inputs)
+            for k, path in enumerate(paths):
+                found[path] = split(residuals[:, k]), split(energy[:, k])
+        return found
 
     def _given_inputs(self) -> None:
         for group in self.network.groups:

@@ -20,7 +20,7 @@ from heavebond.expression import Call, Expr, ExpressionProblem, Name, Number, ch
 from heavebond.incidence import Interval
 from heavebond.symbols import Context, evaluate, stack
 from heavebond.template import Template
-from heavebond.units import ONE, Dimension, Unit, dimension_text, solved
+from heavebond.units import ONE, Dimension, Unit, dimension_text, is_generic, solved
 from heavebond.values import NOT_FINITE, add_formula_problem, check_bounds, check_dimension
 
 Array = NDArray[np.float64]
@@ -238,6 +238,8 @@ def make_parameters(expanded: Expanded, network: Network, order: list[str]) -> P
 
 def solved_unit(unit: Unit, leaf: Leaf, expanded: Expanded, network: Network) -> Unit:
     """The unit of a parameter or variable of a leaf, with `$U` and `$D.effort` put in."""
+    if not is_generic(unit.dimension):
+        return unit
     values = dict(network.units.get(leaf.path, {}))
     for port, domain_name in network.domains.get(leaf.path, {}).items():
         kind = leaf.component.ports[port].domain

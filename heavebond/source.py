@@ -98,6 +98,8 @@ def read_text(path: Path, name: str | None = None) -> str:
 def _not_utf8(path: Path, name: str, position: int) -> Problem:
     """What is wrong at byte `position`; where the rest looks like text, the line is shown with `?` for what is not."""
     raw = path.read_bytes()
+    if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        return Problem("not-text", f"{name} is UTF-16 text", None, "Save the file again with the encoding UTF-8.")
     if b"\0" in raw:
         return Problem("not-text", f"{name} is not plain text", None,
                        "Give a YAML file; is this one of another program?")
@@ -182,12 +184,14 @@ class _Builder:
 
     def build(self) -> Node | None:
         try:
-            events = list(yaml.parse(self.text, Loader=yaml.SafeLoader))
+            events = self._shallow_events()
         except yaml.MarkedYAMLError as error:
             self._syntax(error)
             return None
         except yaml.reader.ReaderError as error:
             self._unprintable(int(error.position))
+            return None
+        if self.problems.found:
             return None
         documents = [e for e in events if isinstance(e, yaml.DocumentStartEvent)]
         if len(documents) > 1:
@@ -200,7 +204,19 @@ class _Builder:
         if not content or (isinstance(content[0], yaml.ScalarEvent) and not content[0].value):
             return None
         self.events = iter(content)
-        return self._node(next(self.events), 0)
+        return self._node(next(self.events))
+
+    def _shallow_events(self) -> list[yaml.Event]:
+        """PyYAML's events as long as entries are not nested too deeply (its scanner takes n**2 for n brackets)."""
+        events, depth = [], 0
+        for event in yaml.parse(self.text, Loader=yaml.SafeLoader):
+            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+            if depth > DEEPEST_NESTING:
+                self.problems.add("too-deep", f"entries are nested more than {DEEPEST_NESTING} deep",
+                                  self.place(event.start_mark), hint="Remove the brackets that are too many.")
+                break
+            events.append(event)
+        return events
 
     def _unprintable(self, position: int) -> None:
         line = self.text.count("\n", 0, position)
@@ -227,17 +243,14 @@ class _Builder:
         self.problems.add("not-yaml", f"this is not YAML: {said}", where, hint="A value that holds `: `, `#`, `,`, "
                           "brackets or begins with a special sign is put in quotes.")
 
-    def _node(self, event: yaml.Event, depth: int) -> Node:
+    def _node(self, event: yaml.Event) -> Node:
         self._refuse_hidden(event)
-        if depth > DEEPEST_NESTING:
-            raise ModelError([Problem("too-deep", f"entries are nested more than {DEEPEST_NESTING} deep",
-                                      self.place(event.start_mark), "Remove the brackets that are too many.")])
         if isinstance(event, yaml.MappingStartEvent):
-            return self._mapping(event, depth)
+            return self._mapping(event)
         if isinstance(event, yaml.SequenceStartEvent):
             items = []
             while not isinstance(inner := next(self.events), yaml.SequenceEndEvent):
-                items.append(self._node(inner, depth + 1))
+                items.append(self._node(inner))
             return Sequence(tuple(items), self.place(event.start_mark))
         if isinstance(event, yaml.ScalarEvent):
             return self._scalar(event)
@@ -262,13 +275,13 @@ class _Builder:
                               Place(where.file, where.line, begin + 1, where.text, len(written)),
                               hint="Remove it, or put the text in quotes.")
 
-    def _mapping(self, event: yaml.MappingStartEvent, depth: int) -> Mapping:
+    def _mapping(self, event: yaml.MappingStartEvent) -> Mapping:
         items: dict[str, Node] = {}
         keys: dict[str, Scalar] = {}
         bare: list[str] = []
         while not isinstance(inner := next(self.events), yaml.MappingEndEvent):
-            key = self._node(inner, depth + 1)
-            value = self._node(next(self.events), depth + 1)
+            key = self._node(inner)
+            value = self._node(next(self.events))
             if not isinstance(key, Scalar):
                 self.problems.add("key-not-text", "a key must be a plain word", key.place,
                                   hint="Put a value that begins with `[` or `{` in quotes.")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from typing import cast
 
 import casadi as ca
 
@@ -55,7 +56,8 @@ def stack(items: Iterable[ca.SX]) -> ca.SX:
 
 def split(column: ca.SX) -> list[ca.SX]:
     """The elements of a column, none for an empty one."""
-    return list(ca.vertsplit(column)) if column.numel() else []
+    # ten times faster than vertsplit; CasADi's stubs call the elements SXElem, they are scalar SX
+    return cast(list[ca.SX], column.elements())
 
 
 def evaluate(expr: Expr, context: Context) -> ca.SX:
@@ -99,7 +101,8 @@ def _name(expr: Name, context: Context) -> ca.SX:
 def _integer(expr: Expr, context: Context) -> int:
     found = evaluate(expr, context)
     if not found.is_constant() or float(found) != int(float(found)):
-        raise ExpressionProblem("not-an-integer", "a whole number is needed here", getattr(expr, "column", 0))
+        raise ExpressionProblem("not-an-integer", "a whole number is needed here", getattr(expr, "column", 0),
+                                hint="Write a number such as 3, or the name of an integer parameter.")
     return int(float(found))
 
 

@@ -29,7 +29,7 @@ class Line:
     kink: str | None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Template:
     """Residuals r(slots, d slots, d2 slots, parameters, time, time rate) of a component; all residuals in SI.
 
