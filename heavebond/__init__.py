@@ -20,17 +20,22 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from heavebond.comparison import Comparison, compare
     from heavebond.dae import Assembly, assemble
+    from heavebond.energy import audit
     from heavebond.errors import DataError, HeavebondError, ModelError, SimulationError, StartError, UsageError
     from heavebond.experiment import Experiment, load_experiment
+    from heavebond.fitting import Fit, fit
     from heavebond.model import Model, load, loads
     from heavebond.result import Result
     from heavebond.simulation import Simulator, simulate
+    from heavebond.study import Study, load_study
+    from heavebond.tuning import tune
 
 __version__ = "0.1.0"
 
 # name -> module; loaded when first used, so that `import heavebond` and `heavebond --help` stay quick. No name is that of
 # a module: importing the module would put it in the function's place.
 _WHERE = {
+    "audit": "energy", "Fit": "fitting", "fit": "fitting", "Study": "study", "load_study": "study", "tune": "tuning",
     "Comparison": "comparison", "compare": "comparison", "Experiment": "experiment", "load_experiment": "experiment",
     "Assembly": "dae", "assemble": "dae", "DataError": "errors", "HeavebondError": "errors", "ModelError": "errors",
     "SimulationError": "errors", "StartError": "errors", "UsageError": "errors",
@@ -38,9 +43,9 @@ _WHERE = {
     "simulate": "simulation",
 }
 __all__ = [
-    "Assembly", "Comparison", "DataError", "Experiment", "HeavebondError", "Model", "ModelError", "Result",
-    "SimulationError", "Simulator", "StartError", "UsageError", "assemble", "compare", "load", "load_experiment", "loads",
-    "simulate",
+    "Assembly", "Comparison", "DataError", "Experiment", "Fit", "HeavebondError", "Model", "ModelError", "Result",
+    "SimulationError", "Simulator", "StartError", "Study", "UsageError", "assemble", "audit", "compare", "fit", "load",
+    "load_experiment", "load_study", "loads", "simulate", "tune",
 ]
 
 

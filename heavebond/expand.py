@@ -83,6 +83,7 @@ def expand(model: Model) -> Expanded:
     """Open every block of the diagram; ModelError with all that is wrong with names, ports and wires."""
     opener = _Opener(model)
     opener.top()
+    opener.arrays()
     opener.problems.raise_as(ModelError)
     return Expanded(model, opener.leaves, opener.junctions, opener.parameters, opener.ports, opener.signals)
 
@@ -285,6 +286,9 @@ class _Opener:
         on: dict[str, tuple[str, Place]] = {}
         for wire in body.wires.values():
             ends = []
+            if not wire.ends:
+                self.problems.add("node-empty", f"node '{wire.name}' joins nothing", wire.place,
+                                  hint=f"Write its ports, `{wire.name}: [spring.a, wall.a]`, or remove the line.")
             for end in wire.ends:
                 found = self._end(end, prefix, owner, known, body)
                 if found is None:
@@ -364,6 +368,26 @@ class _Opener:
                 unit = "" if signal.unit.text == "1" or is_generic(signal.unit.dimension) else f" {signal.unit.text}"
                 self.problems.add("input-unconnected", f"input '{instance.name}.{name}' has no value", instance.place,
                                   hint=f"Join it to an output on a node, or give it in place: `{name}: 0{unit}`.")
+
+    def arrays(self) -> None:
+        """Every element of an array of ports is on a node, and no other."""
+        joined = {end.name: end for junction in self.junctions.values() for end in junction.ends if end.sign > 0}
+        for path, leaf in self.leaves.items():
+            for port in leaf.component.ports.values():
+                count = None if port.count is None else whole_number(port.count, leaf.integers)
+                if count is None:
+                    continue
+                wanted = [f"{path}.{port.name}[{k}]" for k in range(1, count + 1)]
+                for name, end in joined.items():
+                    if name.partition("[")[0] == f"{path}.{port.name}" and name not in wanted:
+                        self.problems.add("port-index", f"'{path}' has the ports {port.name}[1] to {port.name}[{count}]; "
+                                          f"'{end.port}' is none of these", end.place,
+                                          hint=f"Write `{path}.{port.name}[1]`, in quotes inside a list.")
+                missing = [name for name in wanted if name not in joined]
+                if missing:
+                    self.problems.add("port-unconnected", f"{listing([repr(m) for m in missing], 4)} "
+                                      f"{'is' if len(missing) == 1 else 'are'} on no node", leaf.place,
+                                      hint="Join each to a node (in quotes inside a list), or lower the number of ports.")
 
     # -- many of a kind --------------------------------------------------------------------------------------------
     def _repeated(self, body: Body, prefix: str, integers: dict[str, int]) -> Body:

@@ -69,8 +69,11 @@ def _cause(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array)
         pivot = assembly.reduced.pivots[small[0]]
         return (f"The coefficient of {pivot.unknown} in '{pivot.equation.owner}' ({pivot.equation.text}) passes "
                 "through zero there: a volume, an area or a lever arm vanishes.", notes)
-    if not np.all(np.isfinite(ode)) or not np.all(np.isfinite(alg)):
-        return "An equation has no finite value there (a root or logarithm of a negative number, a division by 0).", notes
+    wild = _not_finite(assembly, t, x, z, p, u)
+    if wild or not np.all(np.isfinite(ode)) or not np.all(np.isfinite(alg)):
+        which = listing(wild, 4) or "an equation"
+        return (f"From there on {which} has no finite value: a root or logarithm of a negative number, a division by 0.",
+                notes)
     if len(z) and _singular(assembly, t, x, z, p, u):
         return (f"{listing(assembly.algebraic_names, 4)} cannot be solved for there: a mechanism passes a dead point, a "
                 "valve shuts a volume-free line. Another choice of states may do: give initial values, not guesses, for "
@@ -79,6 +82,17 @@ def _cause(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array)
         return f"{listing(names, 2)} run away: an instability, a wrong sign or a very stiff element.", notes
     return (f"{listing(names, 2)} change fastest: a kink or jump there that the solver cannot step over; smooth it "
             "(a transition velocity or pressure), or loosen the tolerances.", notes)
+
+
+def _not_finite(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array) -> list[str]:
+    """The variables that are no numbers at the state where the run stopped, or a little later in time."""
+    for later in (0.0, 1e-6, 1e-3):
+        values = np.array(assembly.values(t + later * max(abs(t), 1.0), x, z, p, u, 1.0)).ravel()
+        bad = [unknown.name for unknown, value in zip(assembly.flat.unknowns, values, strict=True)
+               if not np.isfinite(value)]
+        if bad:
+            return bad
+    return []
 
 
 def _singular(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array) -> bool:

@@ -319,7 +319,9 @@ class _Builder:
                 entries = [((e.column // size) * self.n + own[e.column % size], e.kind) for e in row]
                 self._add(FlatEquation(path, line.label, line.text, line.place, line.kink), residual, _merged(entries))
             if not leaf.component.composite:
-                self.energetics.append(Energetics(path, *energy, leaf.component.power, leaf.component.unbalanced_why))
+                power, stored, dissipated, unbalanced, stores = energy
+                self.energetics.append(Energetics(path, power, stored, dissipated, unbalanced, stores,
+                                                  leaf.component.power, leaf.component.unbalanced_why))
 
     def _evaluated_templates(self) -> dict[str, tuple[list[ca.SX], list[ca.SX]]]:
         """Residuals and energy of each leaf; a template is called once for all its leaves, a column for each."""
@@ -338,6 +340,7 @@ class _Builder:
         return found
 
     def _given_inputs(self) -> None:
+        resolver, parameters = self._resolver(), {s.element_hash() for s in split(self.parameters.p)}
         for group in self.network.groups:
             if group.domain != "signal":
                 continue
@@ -350,7 +353,7 @@ class _Builder:
                               self.levels[0][column] - self.constants[f"scale.{path}"] * known.symbols[0],
                               [(column, 0)])
                 else:
-                    self._formula_input(path, column, bound)
+                    self._formula_input(path, column, bound, resolver, parameters)
 
     def _known_input(self, name: str, path: str, given: FileInput) -> KnownInput:
         unit = self.unknowns[self.names[path]].unit
@@ -363,10 +366,9 @@ class _Builder:
         self.inputs.append(known)
         return known
 
-    def _formula_input(self, path: str, column: int, bound: Bound) -> None:
+    def _formula_input(self, path: str, column: int, bound: Bound, resolver: Resolver, parameters: set[int]) -> None:
         assert isinstance(bound.value, Value)
         value, unit = bound.value, self.unknowns[column].unit
-        resolver = self._resolver()
         try:
             found = resolver.dimension(value.expr, bound.scope)
             expression = resolver.evaluate(value.expr, bound.scope)
@@ -375,11 +377,14 @@ class _Builder:
             return
         check_dimension(path, value, found, unit, self.problems)
         residual = self.levels[0][column] - expression
-        everything = stack([s for level in self.levels for s in level])
-        row = classify(residual, everything, {s.element_hash() for s in split(self.parameters.p)}, {})[0]
+        named = (self.names.get(bound.scope + name.text, column) for name in names(value.expr))
+        columns = sorted({column, *named})
+        occurring = stack([level[j] for level in self.levels for j in columns])
+        row = classify(residual, occurring, parameters, {})[0]
         kink = nonsmooth(value.expr, lambda text: text == "pi" or bound.scope + text in self.constants)
         self._add(FlatEquation(path.rpartition(".")[0], f"{path} as given", f"{path} = {value.text.lstrip('= ')}",
-                               value.place, kink), residual, [(e.column, e.kind) for e in row])
+                               value.place, kink), residual,
+                  [(e.column // len(columns) * self.n + columns[e.column % len(columns)], e.kind) for e in row])
 
 
 def _merged(entries: Entries) -> Entries:
@@ -435,7 +440,7 @@ class Resolver:
         raise self._unknown(path, name)
 
     def _unknown(self, path: str, name: Name) -> ExpressionProblem:
-        hint = suggest(path, [*self.names, *self.constants]) or "`heavebond check` lists the names of a diagram."
+        hint = suggest(path, [*self.names, *self.constants]) or "`heavebond check --names` lists them all."
         return ExpressionProblem("name-unknown", f"nothing here is called '{name.text}'", name.column, name.length,
                                  hint)
 

@@ -33,7 +33,8 @@ def classify(residuals: ca.SX, unknowns: ca.SX, constants: set[int], bounds: Map
     `constants` holds the hashes of symbols that never change during a run; `bounds` the interval that a symbol
     keeps to, by its hash. A coefficient is
     UNIT +-1 | NUMBER another number | PARAMETER of constants only | DEFINITE never of both signs within the bounds |
-    INDEFINITE linear, but the coefficient may pass through zero | NONLINEAR.
+    INDEFINITE linear, but the coefficient may pass through zero | NONLINEAR (also where only a sign or a comparison
+    is made of it, whose derivative is zero).
     """
     jacobian = ca.jacobian(residuals, unknowns)
     own = [s.element_hash() for s in split(unknowns)]
@@ -42,16 +43,14 @@ def classify(residuals: ca.SX, unknowns: ca.SX, constants: set[int], bounds: Map
     # CasADi's stubs call the entries SXElem; they are scalar SX
     coefficients = cast(list[ca.SX], jacobian.nonzeros())
     for entry, row, column in zip(coefficients, row_of, column_of, strict=True):
-        kind = _kind(entry, own[column], constants, bounds)
-        if kind is not None:
-            rows[row].append(Entry(column, kind, entry))
+        rows[row].append(Entry(column, _kind(entry, own[column], constants, bounds), entry))
     return rows
 
 
-def _kind(coefficient: ca.SX, unknown: int, constants: set[int], bounds: Mapping[int, Interval]) -> int | None:
+def _kind(coefficient: ca.SX, unknown: int, constants: set[int], bounds: Mapping[int, Interval]) -> int:
     if coefficient.is_constant():
-        value = float(coefficient)
-        return None if value == 0 else UNIT if abs(value) == 1 else NUMBER
+        size = abs(float(coefficient))
+        return NONLINEAR if size == 0 else UNIT if size == 1 else NUMBER
     hashes = {s.element_hash() for s in ca.symvar(coefficient)}
     if hashes <= constants:
         return PARAMETER

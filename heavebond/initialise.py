@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+import casadi as ca
 import numpy as np
 
 from heavebond.dae import Array, Assembly
 from heavebond.errors import Problem, Problems, StartError, listing
+from heavebond.reduce import Pivot
 from heavebond.start_equations import Point, StartEquations, StartSystem
-from heavebond.symbols import uniform
+from heavebond.symbols import split, stack, uniform
 
 # residuals and Jacobian of scaled unknowns
 System = Callable[[Array], tuple[Array, Array]]
@@ -129,6 +131,7 @@ class _Search:
     def solve(self) -> Array:
         """(x, z, solved parameters) of a consistent start."""
         y, equations = self.y0, self.equations
+        self._check_constants()
         if equations.guesses:
             y = self._newton(self._scaled(equations.approach), y, self.nominal)[0]
         y = self._search(y)
@@ -215,6 +218,9 @@ class _Search:
         if not np.all(np.isfinite(residual)):
             message, hint = "the start cannot be computed: an equation has no finite value at the first guess", \
                 "Give guesses, for example `initial: {name: ~ 1 m}`, away from where it has none."
+        elif conflict and (zero := self._zero_parameters(conflict, system)):
+            notes = conflict
+            message, hint = "these equations have no solution at the start", f"{listing(zero)} is 0; give it a value."
         elif conflict:
             notes = conflict
             message, hint = "the initial values contradict each other", "Remove one of them, or make it a guess (`~`)."
@@ -224,6 +230,15 @@ class _Search:
         place = rows[int(bad[0])].place if len(bad) else None
         return StartError([Problem("start-failed" if not conflict else "start-contradiction", message, place, hint,
                                    tuple(notes))])
+
+    def _zero_parameters(self, conflict: list[str], system: StartSystem) -> list[str]:
+        """Parameters that are zero in the components whose own equations conflict, where no condition takes part."""
+        loops = {row.label: e.owner for row, e in zip(
+            self.equations.loops, self.assembly.reduced.alg_equations, strict=True)}
+        if not all(label in loops for label in conflict):
+            return []
+        owners = {loops[label] for label in conflict}
+        return [n for n, v in self.assembly.parameter_values.items() if v == 0 and n.rpartition(".")[0] in owners]
 
     def _conflict(self, y: Array, system: StartSystem) -> list[str]:
         """The equations whose gradients depend on each other while their residuals do not agree."""
@@ -300,16 +315,32 @@ class _Search:
         free = tuple(line.name for line in table if line.why == "default")
         return Start(self.t, x, z, p, tuple(table), free, self.steps)
 
+    def _check_constants(self) -> None:
+        """Coefficients of parameters alone that are zero: a mass or stiffness of 0 is told before anything is solved."""
+        known = {s.element_hash() for s in split(self.assembly.flat.p)}
+        constant = [q for q in self.assembly.reduced.pivots if {s.element_hash() for s in ca.symvar(q.coefficient)} <= known]
+        values = ca.Function("c", [self.assembly.flat.p], [stack([q.coefficient for q in constant])])(self.assembly.p)
+        problems = Problems()
+        for pivot, value in zip(constant, np.array(values).ravel(), strict=True):
+            if value == 0 or not np.isfinite(value):
+                self._zero(pivot, float(value), problems)
+        problems.raise_as(StartError)
+
+    def _zero(self, pivot: Pivot, value: float, problems: Problems) -> None:
+        equation = pivot.equation
+        symbols = [s.name() for s in ca.symvar(pivot.coefficient)]
+        at_zero = [n for n in symbols if n in self.assembly.parameter_names and self.assembly.parameter_values[n] == 0]
+        cause = f"{listing(at_zero)} is 0" if at_zero else "a mass, volume, area or resistance is zero there"
+        problems.add("coefficient-zero", f"'{equation.owner}': the coefficient of {pivot.unknown} is {value:g} at the start",
+                     equation.place, notes=[equation.text], hint=f"{cause[:1].upper()}{cause[1:]}; give it a value.")
+
     def _check_pivots(self, x: Array, z: Array, p: Array) -> None:
         pivots = np.array(self.assembly.pivots(self.t, x, z, p, self.u, 1.0)).ravel()
         rates = np.array(self.assembly.rates(self.t, x, z, p, self.u, 1.0)[0]).ravel()
         problems = Problems()
         for value, pivot in zip(pivots, self.assembly.reduced.pivots, strict=True):
             if value == 0 or not np.isfinite(value):
-                equation = pivot.equation
-                problems.add("coefficient-zero", f"'{equation.owner}': the coefficient of {pivot.unknown} is "
-                             f"{value:g} at the start", equation.place, notes=[equation.text],
-                             hint="A mass, volume, area or resistance is zero there; give it a value.")
+                self._zero(pivot, float(value), problems)
         if not problems.found:
             for name, value in zip(self.assembly.state_names, rates, strict=True):
                 if not np.isfinite(value):

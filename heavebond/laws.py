@@ -160,8 +160,8 @@ def _balance(component: Component, domains: Domains, problems: Problems) -> None
         advice = f"Join '{unused[0].partition('.')[0]}' to a node of the block, or write an equation for {unused[0]}"
     problems.add(f"balance-too-{more}", f"{component.name} has {equations} equation{'s' * (equations != 1)} for "
                  f"{len(unknowns)} unknown{'s' * (len(unknowns) != 1)}", component.place, notes=notes,
-                 hint=f"{advice}. A component has one equation for each through variable of its ports (a force, a "
-                 "flow),\nfor each signal output and for each variable of its own.")
+                 hint=f"{advice}.\nA component has one equation for each through variable of its ports (a force, a flow), "
+                 "for each\nsignal output and for each variable of its own.")
 
 
 def _own_unknowns(component: Component, domains: Domains) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable
 from collections.abc import Mapping as Dictionary
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import TypeVar
@@ -24,7 +24,7 @@ from heavebond.definition import (
     Value,
     Variable,
 )
-from heavebond.errors import ModelError, Place, Problem, Problems, suggest
+from heavebond.errors import ModelError, Place, Problem, Problems, either, suggest
 from heavebond.expression import Expr, Number, constant, parse_equation, parse_formula
 from heavebond.source import Mapping, Node, Scalar, Source, read, read_text, short_path
 from heavebond.units import DIMENSIONLESS, ONE, Unit, UnitProblem, check_unit, generic_unit, is_generic
@@ -33,7 +33,7 @@ T = TypeVar("T")
 COMPONENT_KEYS = (
     "component", "summary", "restrictions", "source", "ports", "parameters", "variables", "equations", "components",
     "nodes", "stores", "dissipates", "unbalanced", "power", "requires", "effect", "domain", "symbol")
-_HEAD = re.compile(r"^component:[ \t]*([A-Za-z_]\w*)", re.MULTILINE)
+_HEAD = re.compile(r"""^component:[ \t]+["']?([^"'#\n]+?)["']?[ \t]*(?:#.*)?$""", re.MULTILINE)
 _EQUALS = re.compile(r"(?<![<>=!])=(?!=)")
 _EACH = re.compile(r"each\s+([A-Za-z_]\w*)\s+in\s+(.+?)\.\.(.+?):\s*")
 
@@ -50,6 +50,8 @@ class Library:
 
     domains: dict[str, Domain]
     files: dict[str, Path]
+    # names that two of the user's files have
+    twice: dict[str, tuple[Path, Path]] = field(default_factory=dict)
 
     def names(self) -> list[str]:
         """Every component that can be named, in the order of their files."""
@@ -60,35 +62,45 @@ class Library:
         if name not in self.files:
             hint = suggest(name, self.files) or "`heavebond library` lists every component."
             raise ModelError([Problem("component-unknown", f"there is no component '{name}'", place, hint)])
+        if name in self.twice:
+            files = either(p.name for p in self.twice[name])
+            raise ModelError([Problem("component-twice", f"two files describe a component '{name}', {files}", place,
+                                      "Give one of them another name.")])
         return _load(self.files[name], tuple(self.domains.values()))
 
 
 def library(folders: Iterable[Path] = ()) -> Library:
     """The bundled library with the components of the user's `folders` (each with its `components/`) before it."""
     files: dict[str, Path] = {}
+    twice: dict[str, tuple[Path, Path]] = {}
     for folder in folders:
         for path in (*sorted(folder.glob("*.yaml")), *sorted((folder / "components").rglob("*.yaml"))):
-            _index(path, files)
+            name = _name_in(path)
+            if name in files:
+                twice[name] = (files[name], path)
+            elif name:
+                files[name] = path
     for name, path in _bundled_files().items():
         files.setdefault(name, path)
-    return Library(_domains(), files)
+    return Library(_domains(), files, twice)
 
 
 @lru_cache(maxsize=1)
 def _bundled_files() -> Dictionary[str, Path]:
     files: dict[str, Path] = {}
     for path in sorted(bundled("components").rglob("*.yaml")):
-        _index(path, files)
+        if name := _name_in(path):
+            files[name] = path
     return files
 
 
-def _index(path: Path, files: dict[str, Path]) -> None:
+def _name_in(path: Path) -> str:
+    """The name of the component that a file describes, empty where it describes none."""
     try:
         found = _HEAD.search(read_text(path))
     except ModelError:
-        return  # an unreadable neighbour is no fault of the diagram that is being loaded
-    if found:
-        files.setdefault(found.group(1), path)
+        return ""  # an unreadable neighbour is no fault of the diagram that is being loaded
+    return found.group(1) if found else ""
 
 
 @lru_cache(maxsize=1)
@@ -170,6 +182,8 @@ class _Parser:
         reading.known_keys(root, COMPONENT_KEYS, what, problems, required=("component", "summary"))
         name = root.items.get("component")
         place = name.place if isinstance(name, Scalar) else root.place
+        if isinstance(name, Scalar):
+            reading.identifier(name, "a component", problems)
         ports, signals = self._ports(root.items.get("ports"))
         unbalanced, why = self._unbalanced(root.items.get("unbalanced"))
         return Component(
@@ -182,11 +196,19 @@ class _Parser:
             body=reading.body(root, self.source, problems) if "components" in root.items else Body(),
             stores=self._formula(root, "stores"), dissipates=self._formula(root, "dissipates"),
             unbalanced=unbalanced, unbalanced_why=why,
-            power=reading.text(root.items.get("power"), "power", problems),
+            power=self._power(root.items.get("power")),
             requires=self._requires(root.items.get("requires")),
             restrictions=reading.text(root.items.get("restrictions"), "restrictions", problems),
             source=reading.text(root.items.get("source"), "source", problems),
         )
+
+    def _power(self, node: Node | None) -> str:
+        said = reading.text(node, "power", self.problems)
+        if node is not None and said != "source" and not re.match(r"controlled, \w", said):
+            self.problems.add("power-unknown", f"`power: {said}` has no meaning", node.place,
+                              hint="Write `power: source`, or `power: controlled,` and why; leave it out where power "
+                              "is balanced.")
+        return said
 
     def _each(self, node: Node | None, what: str, build: Callable[[Scalar, Mapping], T]) -> dict[str, T]:
         entries = reading.mapping(node, what, self.problems)

@@ -225,7 +225,7 @@ def _base(source: Source, chain: tuple[Path, ...], problems: Problems) -> Model:
 def _joined_library(folder: Path, inherited: Library) -> Library:
     own = library([folder])
     local = {n: p for n, p in own.files.items() if folder.resolve() in p.resolve().parents}
-    return Library(inherited.domains, {**inherited.files, **local})
+    return Library(inherited.domains, {**inherited.files, **local}, {**inherited.twice, **own.twice})
 
 
 def _changed(base: Model, source: Source, problems: Problems) -> Model:

@@ -17,7 +17,7 @@ import numpy as np
 
 from heavebond import explain
 from heavebond.flatten import Flat, FlatEquation
-from heavebond.incidence import DEFINITE, PARAMETER, classify
+from heavebond.incidence import DEFINITE, NONLINEAR, PARAMETER, classify
 from heavebond.index_reduction import Pantelides, collapse, pantelides
 from heavebond.states import Column, select_states
 from heavebond.structure import block_lower_triangular, maximum_matching, tear
@@ -190,7 +190,9 @@ class _System:
         if -1 in matching or len(rows) != len(unknown):
             raise explain.singular(self.flat, collapse_rows(self.flat), [-1] * len(self.flat.equations))
         solver = _Solver(self, rows, unknown, entries)
-        for block in block_lower_triangular([[c for c, _ in row] for row in entries], matching):
+        blocks = block_lower_triangular([[c for c, _ in row] for row in entries], matching)
+        solver.solve_alone([(block[0], matching[block[0]]) for block in blocks if len(block) == 1])
+        for block in blocks:
             solver.block(block, [matching[r] for r in block])
         return solver.reduced(states)
 
@@ -217,12 +219,24 @@ def collapse_rows(flat: Flat) -> list[list[int]]:
     return [list(dict.fromkeys(c % n for c, _ in row)) for row in flat.entries]
 
 
+@dataclass(frozen=True)
+class _Solved:
+    """An equation (row) that is linear in an unknown (column), a*v + b = 0: a and v = -b/a; `dead` where a is 0."""
+
+    row: int
+    column: int
+    coefficient: ca.SX
+    value: ca.SX
+    dead: bool
+
+
 class _Solver:
     """Solves block after block; collects definitions in the order in which they can be evaluated."""
 
     def __init__(self, system: _System, rows: list[Row], unknown: list[Column],
                  entries: list[list[tuple[int, int]]]):
         self.system, self.rows, self.unknown, self.entries = system, rows, unknown, entries
+        self.alone: dict[tuple[int, int], _Solved] = {}
         self.defined: list[ca.SX] = []
         self.definitions: list[ca.SX] = []
         self.pivots: list[Pivot] = []
@@ -230,71 +244,105 @@ class _Solver:
         self.remaining: list[tuple[ca.SX, Row]] = []
         self.loops: list[Loop] = []
 
+    def solve_alone(self, pairs: list[tuple[int, int]]) -> None:
+        """Solve the (row, column) that are a block by themselves, where they can be, all of them together."""
+        explicit = [(r, c) for r, c in pairs if self._kinds(r).get(c, NONLINEAR) <= DEFINITE]
+        self.alone = dict(zip(explicit, self._solve(explicit), strict=True))
+
     def block(self, rows: list[int], columns: list[int]) -> None:
+        if len(rows) == 1 and (found := self.alone.get((rows[0], columns[0]))) and not found.dead:
+            self._define([found])
+            return
         cost = {(r, c): kind for r in rows for c, kind in self.entries[r] if kind <= DEFINITE}
         inside = set(columns)
         while True:
             torn = tear({r: [c for c, _ in self.entries[r] if c in inside] for r in rows}, columns, cost)
-            solved = [(r, c, *self._explicit(self.system.residual[self.rows[r]], self._symbol(c)))
-                      for r, c in torn.sequence]
-            bad = [(r, c) for r, c, a, _ in solved if cost[(r, c)] >= PARAMETER and self._zero(a)]
-            if not bad:
+            solved = self._solve(torn.sequence)
+            dead = [s for s in solved if s.dead]
+            if not dead:
                 break
-            for pair in bad:
-                del cost[pair]
+            for pair in dead:
+                del cost[(pair.row, pair.column)]
         left = self._eliminate(solved, list(torn.torn), list(torn.residual)) if torn.torn else []
         self._define(solved)
-        if len(rows) > 1 or torn.torn:
-            names = tuple(column_name(self.system.flat, self.unknown[c]) for c in torn.torn)
-            owners = tuple(dict.fromkeys(self.system.flat.equations[self.rows[r][0]].owner for r in rows))
-            self.loops.append(Loop(owners, names, len(left)))
+        names = tuple(column_name(self.system.flat, self.unknown[c]) for c in torn.torn)
+        owners = tuple(dict.fromkeys(self.system.flat.equations[self.rows[r][0]].owner for r in rows))
+        self.loops.append(Loop(owners, names, len(left)))
 
     def _symbol(self, c: int) -> ca.SX:
         return self.system.symbol(self.unknown[c])
 
-    def _explicit(self, residual: ca.SX, symbol: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """(a, -b/a) of a residual a*v + b that is linear in v."""
-        coefficient = ca.jacobian(residual, symbol)
-        rest = ca.substitute(residual, symbol, ca.SX(0))
-        return coefficient, -rest / coefficient
+    def _kinds(self, r: int) -> dict[int, int]:
+        return dict(self.entries[r])
 
-    def _zero(self, coefficient: ca.SX) -> bool:
-        """Whether a coefficient of parameters alone is zero at their values."""
-        symbols = ca.symvar(coefficient)
-        if not {s.element_hash() for s in symbols} <= self.system.constants:
-            return False
-        return float(ca.Function("c", [self.system.flat.p], [coefficient])(self.system.p_values)) == 0
+    def _solve(self, pairs: Sequence[tuple[int, int]]) -> list[_Solved]:
+        """Each row solved for its column. A call of CasADi takes longer than its work on one equation, so rows are
+        solved together that contain none of each other's columns."""
+        solved: dict[int, _Solved] = {}
+        for together in self._apart(pairs):
+            coefficients, values = explicit(stack([self.system.residual[self.rows[r]] for r, _ in together]),
+                                            stack([self._symbol(c) for _, c in together]))
+            dead = self._zeros(coefficients, [self._kinds(r)[c] for r, c in together])
+            for (r, c), a, v, zero in zip(together, split(coefficients), split(values), dead, strict=True):
+                solved[r] = _Solved(r, c, a, v, zero)
+        return [solved[r] for r, _ in pairs]
 
-    def _define(self, solved: Sequence[tuple[int, int, ca.SX, ca.SX]]) -> None:
-        for r, c, coefficient, value in solved:
-            self.defined.append(self._symbol(c))
-            self.definitions.append(value)
-            if not coefficient.is_constant():
-                name = column_name(self.system.flat, self.unknown[c])
-                self.pivots.append(Pivot(coefficient, name, self.system.flat.equations[self.rows[r][0]]))
+    def _apart(self, pairs: Sequence[tuple[int, int]]) -> list[list[tuple[int, int]]]:
+        """The pairs in groups in which no row contains the column of another; first fit, in order."""
+        # the pairs, the columns solved for, all columns in the rows
+        groups: list[tuple[list[tuple[int, int]], set[int], set[int]]] = []
+        for r, c in pairs:
+            inside = {column for column, _ in self.entries[r]}
+            fitting = (g for g in groups if c not in g[2] and g[1].isdisjoint(inside))
+            if (found := next(fitting, None)) is None:
+                groups.append(found := ([], set(), set()))
+            group, solved, contained = found
+            group.append((r, c))
+            solved.add(c)
+            contained |= inside
+        return [group for group, _, _ in groups]
 
-    def _eliminate(self, solved: Sequence[tuple[int, int, ca.SX, ca.SX]], torn: list[int], residual: list[int]
-                   ) -> list[int]:
+    def _zeros(self, coefficients: ca.SX, kinds: Sequence[int]) -> list[bool]:
+        """Which coefficients of parameters alone are zero at their values; the other kinds cannot be."""
+        which = [k for k, kind in enumerate(kinds) if kind == PARAMETER]
+        zero = [False] * len(kinds)
+        if which:
+            values = ca.Function("c", [self.system.flat.p], [coefficients[which]])(self.system.p_values)
+            for k, value in zip(which, np.array(values).ravel(), strict=True):
+                zero[k] = value == 0
+        return zero
+
+    def _define(self, solved: Sequence[_Solved]) -> None:
+        for found in solved:
+            self.defined.append(self._symbol(found.column))
+            self.definitions.append(found.value)
+            if not found.coefficient.is_constant():
+                name = column_name(self.system.flat, self.unknown[found.column])
+                self.pivots.append(Pivot(found.coefficient, name, self.system.flat.equations[self.rows[found.row][0]]))
+
+    def _eliminate(self, solved: Sequence[_Solved], torn: list[int], residual: list[int]) -> list[int]:
         """Solve the residuals of a torn block for torn unknowns that are linear in them, where that is safe.
 
         Their definitions come before the block's sequence; what is left stays an algebraic unknown.
         """
         remaining = [self.system.residual[self.rows[r]] for r in residual]
         if solved:
-            symbols = [self._symbol(c) for _, c, _, _ in solved]
-            remaining = ca.substitute_inplace(symbols, [v for _, _, _, v in solved], remaining, False)[1]
-        found: list[tuple[int, int, ca.SX, ca.SX]] = []
+            symbols = [self._symbol(s.column) for s in solved]
+            remaining = ca.substitute_inplace(symbols, [s.value for s in solved], remaining, False)[1]
+        found: list[_Solved] = []
         while torn:
             rows = classify(stack(remaining), stack([self._symbol(c) for c in torn]),
                             self.system.constants, self.system.flat.bounds)
-            choices = sorted((e.kind, len(row), i, e.column) for i, row in enumerate(rows) for e in row
-                             if e.kind <= DEFINITE and not self._zero(e.coefficient))
+            entries = [(i, len(row), e) for i, row in enumerate(rows) for e in row if e.kind <= DEFINITE]
+            dead = self._zeros(stack([e.coefficient for _, _, e in entries]), [e.kind for _, _, e in entries])
+            choices = sorted((e.kind, length, i, e.column) for (i, length, e), zero in zip(entries, dead, strict=True)
+                             if not zero)
             if not choices:
                 break
             _, _, i, k = choices[0]
-            coefficient, value = self._explicit(remaining[i], self._symbol(torn[k]))
-            found.append((residual[i], torn[k], coefficient, value))
             symbol = self._symbol(torn[k])
+            coefficient, value = explicit(remaining[i], symbol)
+            found.append(_Solved(residual[i], torn[k], coefficient, value, dead=False))
             del remaining[i], residual[i], torn[k]
             remaining = [ca.substitute(r, symbol, value) for r in remaining]
         self._define(found[::-1])
@@ -324,3 +372,8 @@ class _Solver:
             tuple((i, k) for i, k in enumerate(order) if k), tuple(self.loops), len(self.rows))
 
 
+def explicit(residuals: ca.SX, symbols: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """a and -b/a of residuals a*v + b (m,), each linear in its own symbol v (m,) and free of the others'."""
+    coefficients = ca.jtimes(residuals, symbols, ca.SX.ones(symbols.numel()))
+    rest = ca.substitute(residuals, symbols, ca.SX.zeros(symbols.numel()))
+    return coefficients, -rest / coefficients

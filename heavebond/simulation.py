@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 import tempfile
 import time as clock
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stderr
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,7 +29,9 @@ from heavebond.units import UnitProblem, check_unit, parse_quantity, unit
 
 Time = float | str
 POINTS = 1000  # output points where nothing is said
-MOST_STEPS = 10_000_000
+# Steps between two output points, after which a run is given up: at a value that is no number IDAS would halve its
+# step for minutes.
+MOST_STEPS = 300_000
 
 
 @dataclass(frozen=True)
@@ -64,11 +67,14 @@ class Simulator:
 
     def __init__(self, assembly: Assembly, until: Time | None = None, *, every: Time | None = None,
                  times: Array | None = None, tolerances: Tolerances | None = None,
-                 quadratures: ca.SX | None = None, sensitivities: Iterable[str] = ()):
+                 quadratures: ca.SX | None = None, sensitivities: Iterable[str] = (), free_start: bool = False):
+        """`free_start` adds the states at the first time to the sensitivities (see `run_from`)."""
         self.assembly = assembly
         self.tolerances = tolerances or Tolerances()
-        self.sensitivities = tuple(sensitivities)
-        self.along = _directions(assembly, self.sensitivities, self.tolerances.along)
+        self.parameters = tuple(sensitivities)
+        self.sensitivities = (*self.parameters, *(assembly.state_names if free_start else ()))
+        self.along = _directions(assembly, self.parameters, self.tolerances.along)
+        self.along = np.pad(self.along, ((0, 0), (0, len(self.sensitivities) - len(self.parameters))))
         self.time = grid(assembly.model, until, every) if times is None else np.asarray(times, float)
         self.pieces = pieced(assembly.flat, float(self.time[0]), float(self.time[-1]))
         self.integrand = _with_integrals(integrand(assembly, quadratures, len(self.sensitivities)))
@@ -82,9 +88,30 @@ class Simulator:
         """One run; `parameters` overrides values by name."""
         assembly = self.assembly.with_parameters(parameters) if parameters else self.assembly
         began = clock.perf_counter()
-        first = start(assembly, float(self.time[0]), self.pieces.at(np.array([self.time[0]]))[:, 0], self.start_equations)
+        u = self.pieces.at(np.array([self.time[0]]))[:, 0]
+        first = start(assembly, float(self.time[0]), u, self.start_equations)
+        moved = tangent(self.start_equations, first, u, self.along) if self.sensitivities else None
+        return self._result(assembly, first, moved, began)
+
+    def run_from(self, x: Array, parameters: Mapping[str, float | str] | None = None) -> Result:
+        """One run from given states x (n_x,) in SI instead of the diagram's start; after the parameters, the
+        sensitivities are with respect to these states (needs `free_start`)."""
+        assembly = self.assembly.with_parameters(parameters) if parameters else self.assembly
+        n_x, n_z = len(assembly.x_nominal), len(assembly.z_nominal)
+        steps = np.pad(self.tolerances.along * np.eye(n_x), ((0, 0), (len(self.parameters), 0)))  # of scaled states
+        assert steps.shape == (n_x, len(self.sensitivities))
+        x0 = np.concatenate([x / assembly.x_nominal, steps.T.ravel()])
+        x0 = np.append(x0, np.zeros(self.integrator.size1_in("x0") - len(x0)))
+        z0 = np.zeros((n_z * (1 + len(self.sensitivities)), 1))
+        z0 = self._settled(x0[:, None], z0, self.integrand.hoist(assembly.p, self.along), self.stops[:1])[:, 0]
+        first = Start(float(self.time[0]), x, z0[:n_z] * assembly.z_nominal, assembly.p, (), (), 0)
+        moved = Tangent(steps * assembly.x_nominal[:, None],
+                        z0[n_z:].reshape(len(self.sensitivities), n_z).T * assembly.z_nominal[:, None], self.along)
+        return self._result(assembly, first, moved, clock.perf_counter())
+
+    def _result(self, assembly: Assembly, first: Start, moved: Tangent | None, began: float) -> Result:
         started = clock.perf_counter()
-        x, z, quadratures, statistics = self._integrate(assembly, first)
+        x, z, quadratures, statistics = self._integrate(assembly, first, moved)
         seconds = {"start": started - began, "integration": clock.perf_counter() - started}
         keep = np.searchsorted(self.stops, self.time)
         n_x, n_z = len(assembly.x_nominal), len(assembly.z_nominal)
@@ -92,28 +119,28 @@ class Simulator:
         return Result(assembly, self.time, x[:n_x, keep], z[:n_z, keep], self.pieces.at(self.time), first.p, first,
                       {"solver": "idas", "seconds": seconds, "start_steps": first.steps, **statistics},
                       quadratures[:n_q, keep],
-                      self._along(x[n_x:, keep], z[n_z:, keep], quadratures[n_q:, keep], first))
+                      self._along(x[n_x:, keep], z[n_z:, keep], quadratures[n_q:, keep], moved))
 
-    def _along(self, x: Array, z: Array, q: Array, first: Start) -> Along | None:
-        """The sensitivities of the states per unit of each parameter."""
-        if not self.sensitivities:
+    def _along(self, x: Array, z: Array, q: Array, moved: Tangent | None) -> Along | None:
+        """The sensitivities of the states per unit of each parameter (or of each state at the first time)."""
+        if moved is None:
             return None
         m, n = len(self.sensitivities), len(self.time)
-        sizes = np.abs(self.along).max(axis=0)
-        moved = self._tangent(first)
+        of_parameters = np.abs(self.along).max(axis=0, initial=0.0)
+        sizes = np.where(of_parameters > 0, of_parameters, np.abs(moved.x).max(axis=0, initial=0.0))
         x, z, q = (block.reshape(m, len(block) // m, n) / sizes[:, None, None] for block in (x, z, q))
         return Along(self.sensitivities, x, z, (moved.p / sizes).T, q)
 
-    def _tangent(self, first: Start) -> Tangent:
-        return tangent(self.start_equations, first, self.pieces.at(np.array([first.t]))[:, 0], self.along)
-
-    def _integrate(self, assembly: Assembly, first: Start) -> tuple[Array, Array, Array, dict[str, object]]:
+    def _integrate(self, assembly: Assembly, first: Start, moved: Tangent | None
+                   ) -> tuple[Array, Array, Array, dict[str, object]]:
         if len(self.stops) == 1:
-            return first.x[:, None], first.z[:, None], np.zeros((self.integrals, 1)), {}
+            x = first.x if moved is None else np.concatenate([first.x, moved.x.T.ravel()])
+            z = first.z if moved is None else np.concatenate([first.z, moved.z.T.ravel()])
+            return x[:, None], z[:, None], np.zeros((self.integrals, 1)), {}
         failed, said = "", ""
         with _stderr() as heard:
             try:
-                found = self.attempt(assembly, first)
+                found = self.attempt(assembly, first, moved)
                 failed = "" if np.all(np.isfinite(found[0])) else "a value became infinite or not a number"
             except RuntimeError as error:
                 failed = str(error)
@@ -126,11 +153,11 @@ class Simulator:
             raise explain_failure(self, assembly, first, failed + "\n" + said)
         return found
 
-    def attempt(self, assembly: Assembly, first: Start) -> tuple[Array, Array, Array, dict[str, object]]:
+    def attempt(self, assembly: Assembly, first: Start, moved: Tangent | None = None
+                ) -> tuple[Array, Array, Array, dict[str, object]]:
         """x, z, quadratures at the stops and statistics; the integrator's own RuntimeError where it fails."""
         x0, z0, dp, blocks = first.x / assembly.x_nominal, first.z / assembly.z_nominal, self.along, 1
-        if self.sensitivities:
-            moved = self._tangent(first)
+        if moved is not None:
             dp, blocks = moved.p, 1 + len(self.sensitivities)
             x0 = np.concatenate([x0, (moved.x / assembly.x_nominal[:, None]).T.ravel()])
             z0 = np.concatenate([z0, (moved.z / assembly.z_nominal[:, None]).T.ravel()])
@@ -141,18 +168,18 @@ class Simulator:
         p = self.integrand.hoist(first.p, dp)
         found = self.integrator(x0=x0, z0=z0, p=p, u=self.pieces.at(middle))
         x = np.column_stack([x0, np.array(found["xf"]).reshape(n_all, n)])
-        z = self._settled(x, np.column_stack([z0, np.array(found["zf"]).reshape(len(z0), n)]), p) * z_size[:, None]
+        z = self._settled(x, np.column_stack([z0, np.array(found["zf"]).reshape(len(z0), n)]), p, self.stops)
+        z = z * z_size[:, None]
         x, q = x[:n_x] * x_size[:, None], x[n_all - self.integrals:]
         statistics = {k: v for k, v in self.integrator.stats().items() if k in ("nsteps", "nfevals", "netfails")}
         return x, z, q, statistics
 
-
-    def _settled(self, x: Array, z: Array, p: ca.DM) -> Array:
+    def _settled(self, x: Array, z: Array, p: ca.DM, times: Array) -> Array:
         """Algebraic unknowns solved anew at every stop: between its steps IDAS only interpolates them, and where the
         states are quiet its steps are long (and at a jump of an input they belong to the time before it)."""
         if self.loops is None:
             return z
-        given = np.vstack([self.stops[None, :], x, np.tile(np.array(p), (1, len(self.stops))), self.pieces.at(self.stops)])
+        given = np.vstack([times[None, :], x, np.tile(np.array(p), (1, len(times))), self.pieces.at(times)])
         settled = np.array(self.loops(z, given))
         return np.where(np.isfinite(settled).all(axis=0), settled, z)
 
@@ -235,11 +262,13 @@ def _from_model(value: Value | None) -> float | None:
 
 @contextmanager
 def _stderr() -> Iterator[list[str]]:
-    """Catch what SUNDIALS writes to the C stderr: the time and step at which it gave up are said only there."""
+    """Catch what is written to standard error: the time and step at which SUNDIALS gave up are said only there, by C
+    itself or by CasADi through Python's `sys.stderr`."""
     sys.stderr.flush()
     kept = os.dup(2)
     heard: list[str] = []
-    with tempfile.TemporaryFile() as file:
+    words = io.StringIO()
+    with tempfile.TemporaryFile() as file, redirect_stderr(words):
         os.dup2(file.fileno(), 2)
         try:
             yield heard
@@ -247,4 +276,4 @@ def _stderr() -> Iterator[list[str]]:
             os.dup2(kept, 2)
             os.close(kept)
             file.seek(0)
-            heard.append(file.read().decode(errors="replace"))
+            heard.append(file.read().decode(errors="replace") + words.getvalue())

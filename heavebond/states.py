@@ -10,13 +10,15 @@ from numpy.typing import NDArray
 
 from heavebond.flatten import Flat, Resolver
 from heavebond.structure import components_of
-from heavebond.symbols import stack, uniform
+from heavebond.symbols import split, stack, uniform
 
 Column = tuple[int, int]  # (unknown, order of its derivative)
 # How much less a column is wanted as a dummy derivative, as a factor on its pivot: a state that the user gave an
 # initial value for is kept unless another choice is a thousand times better conditioned.
 PREFERENCE = {"position": 1e-2, "across": 1e-2, "signal": 1e-1, "own": 1e-1, "through": 1.0}
 ASKED = 1e-1
+# From so many rows on LAPACK is faster; for fewer, loading SciPy would take longer than all of a usual model.
+LARGE = 100
 
 
 def select_states(flat: Flat, order: Sequence[int], highest: Sequence[int], p: NDArray[np.float64]) -> list[Column]:
@@ -49,6 +51,7 @@ class Guess:
     def __init__(self, flat: Flat):
         self._declared = np.array([0.0 if u.start is None else u.start for u in flat.unknowns])
         resolver = Resolver(flat.names, flat.constants, flat.units, flat.unknowns, flat.levels, flat.time, flat.rate)
+        known = {s.element_hash() for s in [*split(flat.p), flat.time]}
         self._asked: list[int] = []
         values = []
         for name, condition in flat.expanded.model.initial.conditions.items():
@@ -56,7 +59,7 @@ class Guess:
                 given = flat.constants.get(f"initial.{name}")
                 value = resolver.evaluate(condition.value.expr) if given is None else given
                 # a condition that depends on variables is dealt with when the start is solved
-                if not ca.depends_on(value, stack([s for level in flat.levels for s in level])):
+                if {s.element_hash() for s in ca.symvar(value)} <= known:
                     self._asked.append(flat.names[name])
                     values.append(value)
         self._values = ca.Function("guess", [flat.p, flat.time], [stack(values)])
@@ -114,8 +117,6 @@ class _Jacobian:
         return sorted(chosen)
 
     def _part(self, rows: list[int], columns: list[int], orders: list[int]) -> list[int]:
-        import scipy.linalg
-
         place = {j: k for k, j in enumerate(columns)}
         matrix = np.zeros((len(rows), len(columns)))
         for r, i in enumerate(rows):
@@ -124,10 +125,30 @@ class _Jacobian:
                     matrix[r, place[j]] = value * self.flat.unknowns[j].nominal
             matrix[r] /= max(float(np.abs(matrix[r]).max()), 1e-300)
         matrix *= np.array([self._weight(j, k) for j, k in zip(columns, orders, strict=True)])
-        order = scipy.linalg.qr(matrix, mode="r", pivoting=True)[1]
-        return [columns[k] for k in order[: len(rows)]]
+        return [columns[k] for k in pivot_columns(matrix)]
 
     def _weight(self, j: int, order: int) -> float:
         if self.flat.unknowns[j].role == "position" and order > 1:
             return 1.0  # the node's velocity is the state that people know, not der(position)
         return PREFERENCE[self.flat.unknowns[j].role] * (ASKED if j in self.asked else 1.0)
+
+
+def pivot_columns(matrix: NDArray[np.float64]) -> list[int]:
+    """The first m columns that QR with column pivoting takes of a matrix (m, n), n >= m: each time the longest of what
+    is left when the directions of those taken are removed from all (modified Gram-Schmidt).
+
+    G. H. Golub, C. F. Van Loan: Matrix Computations, 4th ed., Johns Hopkins 2013, sections 5.2.8 and 5.4.2.
+    """
+    if len(matrix) > LARGE:
+        import scipy.linalg
+
+        return list(scipy.linalg.qr(matrix, mode="r", pivoting=True)[1][: len(matrix)])
+    rest, taken = matrix.copy(), list[int]()
+    for _ in range(len(matrix)):
+        squares = np.einsum("ij,ij->j", rest, rest)
+        squares[taken] = -1
+        taken.append(int(np.argmax(squares)))
+        if squares[taken[-1]] > 0:
+            direction = rest[:, taken[-1]] / np.sqrt(squares[taken[-1]])
+            rest -= np.outer(direction, direction @ rest)
+    return taken

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NoReturn
 
-from heavebond.units import UNIT
+from heavebond.units import UNIT, UnitProblem, read_unit
 
 KEYWORDS = {"and", "or", "not", "for", "in"}
 
@@ -53,8 +53,9 @@ def tokens(text: str, *, units: bool) -> Iterator[Token]:
                     found.start(), name.end() - found.start(),
                     "Declare a parameter with its unit; a product is written with `*`.")
             if units and (unit := _UNIT_AFTER.match(text, at)) and unit.group(1) not in KEYWORDS:
-                yield Token("unit", unit.group(1), unit.start(1))
-                at = unit.end()
+                word = _longest_unit(unit.group(1), text[unit.end(1):])
+                yield Token("unit", word, unit.start(1))
+                at = unit.start(1) + len(word)
         elif found := _NAME.match(text, at):
             kind = "keyword" if found.group() in KEYWORDS else "name"
             yield Token(kind, found.group(), at)
@@ -65,6 +66,26 @@ def tokens(text: str, *, units: bool) -> Iterator[Token]:
         else:
             _refuse_sign(text, at)
     yield Token("end", "", len(text))
+
+
+def _longest_unit(word: str, rest: str) -> str:
+    """The longest part of `word` that is a unit: in `3 N*s/m*load.v` the name after the last `*` is none. Where no part
+    is one, the whole, which is then told to be unknown."""
+    part = word
+    if rest.startswith("."):  # the last factor is the head of a dotted name
+        part = _without_last_factor(part)
+    while part:
+        try:
+            read_unit(part)
+            return part
+        except UnitProblem:
+            part = _without_last_factor(part)
+    return word
+
+
+def _without_last_factor(unit: str) -> str:
+    cut = max(unit.rfind("/"), re.sub(r"\*\*", "  ", unit).rfind("*"))
+    return unit[:cut] if cut > 0 else ""
 
 
 def _refuse_after_number(text: str, number: str, at: int, units: bool) -> None:

@@ -15,6 +15,7 @@ from functools import lru_cache
 from math import isfinite, pi
 from typing import TYPE_CHECKING, Any
 
+from heavebond.common_units import common_unit
 from heavebond.errors import suggest
 
 if TYPE_CHECKING:
@@ -137,23 +138,30 @@ def unit(text: str) -> Unit:
                           "m**3/s, 1/s.")
     if _MISSPELT.search(text):  # the units library reads `Nm` as something else
         raise UnitProblem("unit-unknown", f"'{text}' is not a known unit", _unit_hint(text))
+    if (common := common_unit(text)) is not None:
+        scale, exponents, counts = common
+        return Unit(text, scale, 0.0, dimension_of(exponents), counts)
+    return _looked_up(text)
+
+
+def _looked_up(text: str) -> Unit:
+    """A unit as pint knows it."""
     import pint
 
     registry = _registry()
     try:
         parsed = registry.parse_units(text.replace("°C", "degC").replace("·", "*"))
+        names = {next((n for _, n, _ in registry.parse_unit_name(name) if n in KNOWN), name) for name in parsed._units}
+        if not names <= KNOWN:
+            raise ValueError(text)
         zero = registry.Quantity(0.0, parsed).to_base_units()
         one = registry.Quantity(1.0, parsed).to_base_units()
         many = registry.Quantity(1e6, parsed).to_base_units()  # the difference of two temperatures loses digits
     except (pint.errors.PintError, AttributeError, ValueError, TypeError, KeyError, ArithmeticError,
             AssertionError, SyntaxError, RecursionError) as error:  # the units library meets some texts with these
         raise UnitProblem("unit-unknown", f"'{text}' is not a known unit", _unit_hint(text)) from error
-    powers = dict(one.dimensionality)
-    names = {next((n for _, n, _ in registry.parse_unit_name(name) if n in KNOWN), name) for name in parsed._units}
-    if not names <= KNOWN or not powers.keys() <= PINT_BASE.keys():
-        raise UnitProblem("unit-unknown", f"'{text}' is not a known unit", _unit_hint(text))
     dimension = dimension_of({PINT_BASE[name]: Fraction(float(str(power))).limit_denominator(1000)
-                              for name, power in powers.items()})
+                              for name, power in dict(one.dimensionality).items()})
     # to_base_units gives kilogram-metre-second numbers, which are the SI's own
     offset = float(zero.magnitude)
     scale = float(f"{(float(many.magnitude) - offset) / 1e6 if offset else float(one.magnitude):.16g}")

@@ -391,3 +391,11 @@ def test_tables_fit_the_terminal(width: int, monkeypatch: pytest.MonkeyPatch) ->
                   ("compare", "passive_rig/nothing")):
         lines = [line for line in call(*words).stdout.splitlines() if not line.startswith(("wrote", "10 states"))]
         assert max(map(len, lines)) <= width, words
+
+
+def test_check_lists_every_name() -> None:
+    result = CliRunner().invoke(cli.main, ["check", "passive_rig", "--names"])
+    assert result.exit_code == 0
+    lines = result.stdout.splitlines()
+    assert any(line.split()[:2] == ["crown.x", "m"] for line in lines)
+    assert any(line.split()[:4] == ["gas.c", "N/m", "42", "kN/m"] for line in lines)

@@ -259,3 +259,47 @@ simulate: {until: 1 s, every: 10 ms}
 """))
     assert result.unit("force") == "N"
     assert result["halved"] == pytest.approx(0.5 * 3000 * result["motion"])
+
+
+STAR = """
+model: star
+components:
+  high: {is: PressureSource, p_0: 100 bar}
+  tank: {is: Tank}
+  r1: {is: Resistor, R: 1e9 Pa*s/m**3}
+  r2: {is: Resistor, R: 2e9 Pa*s/m**3}
+  star: {is: Junction0, n: 3}
+nodes:
+  a: [high.a, r1.a]
+  c: [tank.a, r2.a]
+  d: [r1.b, "star.p[1]"]
+  e: [r2.b, "star.p[2]"]
+simulate: {until: 1 s, every: 0.5 s}
+"""
+
+
+@pytest.mark.parametrize(("old", "new", "code", "words"), [
+    ("", "", "port-unconnected", r"'star.p\[3\]' is on no node"),
+    ("star.p[2]", "star.p[4]", "port-index", r"ports p\[1\] to p\[3\]"),
+    ("star.p[2]", "star.p", "port-index", r"'p' is none of these"),
+])
+def test_arrays_of_ports_are_joined_one_by_one(folder: Path, old: str, new: str, code: str, words: str) -> None:
+    with pytest.raises(hb.ModelError, match=words) as caught:
+        hb.assemble(hb.loads(STAR.replace(old, new), folder))
+    assert code in [p.code for p in caught.value.problems]
+
+
+def test_a_unit_ends_where_a_name_begins() -> None:
+    """`3 N*s/m*load.v` and `20 rad/s*time`: the longest unit is taken, the name after it is a factor."""
+    result = hb.simulate(hb.loads("""
+model: glued
+components:
+  brake: {is: ForceSource, u: "=-3 N*s/m*load.v + 2 N*sin(20 rad/s*time)"}
+  cart:  {is: Mass, m: 1 kg}
+nodes:
+  load: [brake.a, cart.a]
+initial: {load.v: 1 m/s}
+simulate: {until: 1 s, every: 10 ms}
+"""))
+    wanted = -3 * result["load.v"] + 2 * np.sin(20 * result.time)
+    assert result["brake.u"] == pytest.approx(wanted, abs=1e-9)

@@ -15,9 +15,10 @@ if TYPE_CHECKING:
 
 @click.command(short_help="Check a diagram; tell its states, loops, index and start.")
 @click.argument("model")
+@click.option("--names", "listed", is_flag=True, help="List every variable and parameter by its name.")
 @set_option
 @json_option
-def check(model: str, settings: tuple[str, ...]) -> dict[str, object]:
+def check(model: str, listed: bool, settings: tuple[str, ...]) -> dict[str, object]:
     """Check the diagram MODEL: what it contains, its states, loops and index, where its start comes from.
 
     MODEL is a YAML file or the name of a bundled diagram (cmc_ahc, cmc_ahc/passive).
@@ -40,10 +41,24 @@ def check(model: str, settings: tuple[str, ...]) -> dict[str, object]:
         console = output()
         for line in found.text(console.width).splitlines():
             console.print(line, style="bold" if line[:1].strip() else None, soft_wrap=True)
+        if listed:
+            console.print()
+            console.print(_names(assembly))
         if failure:
             console.print()
             raise failure
     return found.as_dict()
+
+
+def _names(assembly: Assembly) -> object:
+    """Variables, then parameters with their values: what formulas, --plot and --set understand."""
+    from heavebond.presentation import readable
+    from heavebond.terminal import table
+
+    flat = assembly.flat
+    rows = [(name, flat.unknowns[j].unit.text, "", flat.unknowns[j].doc) for name, j in flat.names.items()]
+    rows += [(q.name, q.unit.text, readable(q.value, q.unit.text), "") for q in flat.parameters]
+    return table("Names", ("name", "unit", "value", "what"), rows, text=4)
 
 
 def _start(assembly: Assembly) -> Start:

@@ -19,6 +19,8 @@ HEAD = ("parameter", "before", "fitted", "95 % interval", "range")
 @click.argument("experiment")
 @click.option("--starts", type=click.IntRange(1), default=1, show_default=True,
               help="Try so many starting points within the ranges.")
+@click.option("--segments", type=click.IntRange(1), default=1, show_default=True,
+              help="Begin with multiple shooting over so many segments of each record.")
 @click.option("--robust", is_flag=True, help="Let outliers pull less (soft-L1 loss).")
 @click.option("--profile", "profiled", metavar="PARAMETER", multiple=True,
               help="Interval of a parameter by profile likelihood. May be repeated.")
@@ -26,7 +28,7 @@ HEAD = ("parameter", "before", "fitted", "95 % interval", "range")
               help="Write a diagram that extends the model with the fitted values (.yaml, must be new).")
 @picture_option("Draw records, fitted model and what is left")
 @json_option
-def fit(experiment: str, starts: int, robust: bool, profiled: tuple[str, ...], written: Path | None,
+def fit(experiment: str, starts: int, segments: int, robust: bool, profiled: tuple[str, ...], written: Path | None,
         output: Path | None) -> dict[str, object]:
     """Find the values of the parameters under `free:` of EXPERIMENT that fit its records best.
 
@@ -42,7 +44,8 @@ def fit(experiment: str, starts: int, robust: bool, profiled: tuple[str, ...], w
     if written is not None:
         check_writable(written, (".yaml",))
     with terminal.working("fitting") as progress:
-        found = fitted(load_experiment(experiment), starts=starts, robust=robust, progress=progress)
+        found = fitted(load_experiment(experiment), starts=starts, segments=segments, robust=robust,
+                       progress=progress)
         profiles = {name: profile(found, name, progress=progress) for name in profiled}
     console = terminal.output()
     console.print(_parameters(found))

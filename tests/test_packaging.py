@@ -1,0 +1,40 @@
+"""What an installed heavebond consists of: the package with its library and machines inside, and nothing else."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    builders = pytest.importorskip("hatchling.builders.wheel", reason="hatchling builds the wheel")
+    folder = tmp_path_factory.mktemp("wheel")
+    return Path(next(builders.WheelBuilder(str(ROOT)).build(directory=str(folder), versions=["standard"])))
+
+
+def test_nothing_lands_beside_the_package(wheel: Path) -> None:
+    names = zipfile.ZipFile(wheel).namelist()
+    assert {name.split("/")[0] for name in names} == {"heavebond", wheel.name.split("-py3")[0] + ".dist-info"}
+    assert "heavebond/components/domains.yaml" in names
+    assert "heavebond/models/cmc_ahc/cmc_ahc.yaml" in names
+    assert not any("__pycache__" in name for name in names)
+
+
+def test_it_runs_from_any_folder(wheel: Path, tmp_path: Path) -> None:
+    """The installed package finds its machines without the repository."""
+    zipfile.ZipFile(wheel).extractall(tmp_path / "site")
+    code = "import heavebond, sys; assert heavebond.__file__.startswith(sys.argv.pop(1)); " \
+        "from heavebond.cli import main; main()"
+    run = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path / "site"), "run", "cmc_ahc", "--until", "1 s"], cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(tmp_path / "site")}, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    assert "WOB" in run.stdout
