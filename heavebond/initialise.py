@@ -232,12 +232,10 @@ class _Search:
                                    tuple(notes))])
 
     def _zero_parameters(self, conflict: list[str], system: StartSystem) -> list[str]:
-        """Parameters that are zero in the components whose own equations conflict, where no condition takes part."""
+        """Parameters that are zero in the components whose own equations take part in the conflict."""
         loops = {row.label: e.owner for row, e in zip(
             self.equations.loops, self.assembly.reduced.alg_equations, strict=True)}
-        if not all(label in loops for label in conflict):
-            return []
-        owners = {loops[label] for label in conflict}
+        owners = {loops[label] for label in conflict if label in loops}
         return [n for n, v in self.assembly.parameter_values.items() if v == 0 and n.rpartition(".")[0] in owners]
 
     def _conflict(self, y: Array, system: StartSystem) -> list[str]:
