@@ -1,26 +1,32 @@
-"""A compensator of eight states: the diagram `heave.yaml` against its equations written down for CasADi by hand."""
+"""A stiff compensator of eight states: the diagram heave.yaml against its equations written for CasADi by hand."""
 
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+import heavebond as hb
+from benchmarks.measuring import Figure, at_most, duration, paired
+from heavebond.simulation import Tolerances
+
 Array = NDArray[np.float64]
+DIAGRAM = Path(__file__).parent / "heave.yaml"
+TOLERANCES = Tolerances(1e-6, 1e-8)
+UNTIL, POINTS = 60.0, 6000
 STATES = ("crown.x", "crown.v", "bit.x", "bit.v", "chamber_a.p", "chamber_b.p", "valve.x", "valve.w")
 START = (0.0, 0.0, 0.0, 0.0, 172.5e5, 172.5e5, 0.0, 0.0)
-UNTIL, POINTS = 60.0, 6000
-PARAMETERS = {
-    "K_p": 1.0, "K_v": 0.55, "F_c": 12e3, "F_s": 22.8e3, "sigma_2": 10e3, "beta": 1e9, "c": 42e3, "d": 52e3, "f_n": 0.75,
-    "zeta": 0.8}
+# the gain of the position loop in 1/m: a calm run, and one in a limit cycle, which takes four times the steps
+GAINS = {"calm": 1.0, "limit cycle": 3.0}
 
 
 def rates(t: ca.SX, x: ca.SX, p: ca.SX) -> ca.SX:
-    """x' (8,) of the states in the order of STATES; p (10,) in the order of PARAMETERS; all in SI."""
+    """x' (8,) of the STATES; p are K_p, K_v, F_c, F_s, sigma_2, beta, c, d, f_n, zeta; all in SI."""
     x_c, v_c, x_b, v_b, p_a, p_b, y, w = ca.vertsplit(x)
-    k_p, k_v, f_c, f_s, sigma_2, beta, c, d, f_n, zeta = ca.vertsplit(p)
+    gain, damping, f_c, f_s, sigma_2, beta, c, d, f_n, zeta = ca.vertsplit(p)
     area, volume, supply, frequency = 0.0174, 0.067, 345e5, 2 * math.pi / 12
     z, dz = 0.5 * ca.sin(frequency * t), 0.5 * frequency * ca.cos(frequency * t)
     s, v = x_c - z, v_c - dz
@@ -31,11 +37,10 @@ def rates(t: ca.SX, x: ca.SX, p: ca.SX) -> ca.SX:
     rated = 2 * 460 / 60000 / math.sqrt(35e5) * y
     q_a = rated * ca.if_else(y >= 0, _orifice(supply - p_a), _orifice(p_a))
     q_b = -rated * ca.if_else(y >= 0, _orifice(p_b), _orifice(supply - p_b))
-    u = ca.fmin(ca.fmax(-k_p * x_c - k_v * dz, -1), 1)
+    u = ca.fmin(ca.fmax(-gain * x_c - damping * dz, -1), 1)
     w_n = 2 * math.pi * f_n
     return ca.vertcat(
-        v_c, (area * (p_a - p_b) - friction - c * s - d * v - string) / 80e3,
-        v_b, (string - ground) / 83e3,
+        v_c, (area * (p_a - p_b) - friction - c * s - d * v - string) / 80e3, v_b, (string - ground) / 83e3,
         beta / (volume + area * s) * (q_a - area * v), beta / (volume - area * s) * (q_b + area * v),
         w, w_n * w_n * (u - y) - 2 * zeta * w_n * w)
 
@@ -44,9 +49,46 @@ def _orifice(dp: ca.SX) -> ca.SX:
     return dp / ca.sqrt(ca.sqrt(dp * dp + 1e4 * 1e4))
 
 
-def by_hand(rtol: float, atol: float) -> ca.Function:
-    """The integrator of the flat equations, from 0 to UNTIL in POINTS steps."""
-    t, x, p = ca.SX.sym("t"), ca.SX.sym("x", 8), ca.SX.sym("p", len(PARAMETERS))
-    times = np.linspace(UNTIL / POINTS, UNTIL, POINTS).tolist()
-    return ca.integrator("flat", "idas", {"x": x, "t": t, "p": p, "ode": rates(t, x, p)}, 0, times,
-                         {"reltol": rtol, "abstol": atol, "max_num_steps": 10**6})
+class Heave:
+    """Both sides at one gain, ready to run."""
+
+    def __init__(self, gain: float, until: float = UNTIL, points: int = POINTS):
+        self.parameters = [gain, 0.55, 12e3, 22.8e3, 10e3, 1e9, 42e3, 52e3, 0.75, 0.8]
+        t, x, p = ca.SX.sym("t"), ca.SX.sym("x", len(STATES)), ca.SX.sym("p", len(self.parameters))
+        times = (np.arange(1, points + 1) * (until / points)).tolist()
+        self.flat = ca.integrator("flat", "idas", {"x": x, "t": t, "p": p, "ode": rates(t, x, p)}, 0, times,
+                                  {"reltol": TOLERANCES.rtol, "abstol": TOLERANCES.atol, "max_num_steps": 10**6})
+        assembly = hb.assemble(hb.load(DIAGRAM)).with_parameters({"K_p": gain})
+        self.simulator = hb.Simulator(assembly, until, every=until / points, tolerances=TOLERANCES)
+        first = self.simulator.run()
+        self.x0 = first.x[:, 0] / assembly.x_nominal
+        self.p = self.simulator.integrand.hoist(first.p, np.zeros((len(first.p), 0)))
+
+    def by_hand(self) -> Array:
+        """The states (8, points) of the flat equations."""
+        return self.flat(x0=START, p=self.parameters)["xf"].full()
+
+    def integrated(self) -> Array:
+        """The scaled states (8, points) from the integrator that heavebond made, called by itself."""
+        return self.simulator.integrator(x0=self.x0, p=self.p)["xf"].full()
+
+    def disagreement(self) -> float:
+        """The largest difference of a state between both sides, as a share of the state's largest value."""
+        result, flat = self.simulator.run(), self.by_hand()
+        return max(float(np.abs(result[name][1:] - row).max() / np.abs(row).max())
+                   for name, row in zip(STATES, flat, strict=True))
+
+
+def figures() -> list[Figure]:
+    """The integration against the flat model's, and what `Simulator.run` adds to it."""
+    found = []
+    for name, gain in GAINS.items():
+        heave = Heave(gain)
+        assert heave.disagreement() < 1e-3
+        found.append(at_most(f"heave, {name}: integration / hand-written CasADi",
+                             paired(heave.integrated, heave.by_hand, 7), 1.05))
+        added = paired(heave.simulator.run, heave.integrated, 7)
+        found.append(Figure(f"heave, {name}: what `Simulator.run` adds to the integrator",
+                            f"{100 * (added.ratio - 1):.1f} % ({duration(added.ours - added.theirs)})", "≤ 5 %",
+                            added.ratio <= 1.05))
+    return found

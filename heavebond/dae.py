@@ -188,8 +188,9 @@ def substitute_inputs(expression: ca.SX, flat: Flat, t: ca.SX, u: ca.SX) -> ca.S
 class Integrand:
     """What CasADi's integrators take, in scaled unknowns; `hoist` maps (p, directions) to the integrand's parameters.
 
-    Terms that depend on parameters alone (the amplitudes of a sea's hundred sines) are computed once a run. With m
-    directions, x and z hold the model's own unknowns first and then m blocks of their sensitivities.
+    Terms that depend on parameters alone (the amplitudes of a sea's hundred sines) are computed once a run, what several
+    components compute alike (an elongation) once a step. With m directions, x and z hold the model's own unknowns first
+    and then m blocks of their sensitivities.
     """
 
     dae: dict[str, ca.SX]
@@ -211,7 +212,7 @@ def integrand(assembly: Assembly, quadratures: ca.SX | None = None, directions: 
     dp = ca.SX.sym("dp", p.numel(), directions)
     x_s, z_s, replaced = _augmented(x_s, z_s, p, dp, replaced)
     sizes = [r.numel() for r in replaced]
-    stacked = stack(replaced)
+    stacked, = ca.cse([stack(replaced)])
     given = stack([p, ca.vec(dp)]) if directions else p
     constants, hoist = given, ca.Function("hoist", [p, dp], [given])
     if p.numel():
@@ -233,11 +234,7 @@ def _augmented(x: ca.SX, z: ca.SX, p: ca.SX, dp: ca.SX, right: list[ca.SX]) -> t
     if not columns:
         return x, z, right
     x_along, z_along = ca.SX.sym("X", x.numel(), columns), ca.SX.sym("Z", z.numel(), columns)
-    both = []
-    for side in right:
-        along = ca.jtimes(side, p, dp)
-        for argument, direction in ((x, x_along), (z, z_along)):
-            if argument.numel():
-                along += ca.jtimes(side, argument, direction)
-        both.append(stack([side, ca.vec(along)]))
+    # one sweep for all arguments: each partial derivative is written once
+    arguments, along = stack([p, x, z]), ca.vertcat(dp, x_along, z_along)
+    both = [stack([side, ca.vec(ca.jtimes(side, arguments, along))]) for side in right]
     return stack([x, ca.vec(x_along)]), stack([z, ca.vec(z_along)]), both

@@ -1,0 +1,1 @@
+"""How fast heavebond is, as ratios: `python -m benchmarks` measures, prints and writes docs/performance.md."""

@@ -1,0 +1,145 @@
+"""The bundled crown-mounted compensator: from text to a running integrator, whole processes, sensitivities."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+import heavebond as hb
+from benchmarks.measuring import PAIRS, Figure, at_most, paired, spoken
+from heavebond.source import Mapping, Node, Scalar, read
+
+ROOT = Path(__file__).parents[1]
+SENSITIVE = ("controller.K_p", "controller.K_v", "ahc.valve.f_n", "crown.m", "wave.a")
+COMMAND = ("-c", "from heavebond.cli import main; main()")
+
+
+# -- from text to a running integrator ---------------------------------------------------------------------------------
+def copied(folder: Path) -> Path:
+    """The diagram in `folder`, with every component file that it uses: files never read before, so nothing is cached."""
+    model = hb.load("cmc_ahc")
+    flat = hb.assemble(model).flat
+    (folder / "components").mkdir(parents=True)
+    for k, path in enumerate(sorted({leaf.component.path for leaf in flat.expanded.leaves.values()})):
+        shutil.copy(path, folder / "components" / f"{k}_{path.name}")
+    return Path(shutil.copy(model.path, folder / "diagram.yaml"))
+
+
+def running(diagram: Path) -> hb.Simulator:
+    """An integrator that is ready to run."""
+    return hb.Simulator(hb.assemble(hb.load(diagram)))
+
+
+def files(diagram: Path) -> list[Path]:
+    """The diagram and its component files."""
+    return [diagram, *sorted((diagram.parent / "components").iterdir())]
+
+
+def composed(diagram: Path) -> list[yaml.Node]:
+    """The node graphs of the same files by PyYAML."""
+    return [yaml.compose(path.read_text(encoding="utf-8"), Loader=yaml.SafeLoader) for path in files(diagram)]
+
+
+def scalars_read(node: Node) -> Iterator[str]:
+    """Every piece of text in a tree of ours, keys before their values."""
+    if isinstance(node, Scalar):
+        yield node.text
+    elif isinstance(node, Mapping):
+        for name, item in node.items.items():
+            yield name
+            yield from scalars_read(item)
+    else:
+        for item in node.items:
+            yield from scalars_read(item)
+
+
+def scalars_composed(node: yaml.Node) -> Iterator[str]:
+    """Every piece of text in a node graph of PyYAML's."""
+    if isinstance(node, yaml.ScalarNode):
+        yield node.value
+    for inner in node.value if isinstance(node, yaml.CollectionNode) else ():
+        for item in inner if isinstance(inner, tuple) else (inner,):
+            yield from scalars_composed(item)
+
+
+def same_text(diagram: Path) -> bool:
+    """Whether both sides read the same from the files."""
+    return all([*scalars_read(read(path).root)] == [*scalars_composed(node)]
+               for path, node in zip(files(diagram), composed(diagram), strict=True))
+
+
+def assembly_figures() -> list[Figure]:
+    """`yaml.compose` is the least that can be done with the files in Python."""
+    with tempfile.TemporaryDirectory() as folder:
+        diagrams = [copied(Path(folder) / str(k)) for k in range(30)]
+        assert same_text(diagrams[0])
+        fresh = iter(diagrams)
+        found = paired(lambda: running(next(fresh)), lambda: composed(diagrams[0]))
+    return [at_most("cmc_ahc: YAML files to running integrator / `yaml.compose` of the files", found, 20)]
+
+
+# -- whole processes ---------------------------------------------------------------------------------------------------
+def process(*arguments: str) -> str:
+    """What Python says when called like this; CalledProcessError where it fails."""
+    paths = [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH", "")])]
+    return subprocess.run([sys.executable, *arguments], env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
+                          capture_output=True, text=True, check=True).stdout
+
+
+def process_disagreement() -> float:
+    """The last weight on bit that the command tells, against the same run in this process; a share of it."""
+    with tempfile.TemporaryDirectory() as folder:
+        told = Path(folder) / "told.json"
+        process(*COMMAND, "run", "cmc_ahc", "--json", str(told))
+        said = json.loads(told.read_text(encoding="utf-8"))["outputs"]["WOB"]["final"]
+    here = float(hb.simulate(hb.load("cmc_ahc"))["WOB"][-1])
+    return abs(said - here) / abs(here)
+
+
+def process_figures() -> list[Figure]:
+    """Start of Python included, on both sides."""
+    assert process_disagreement() < 1e-6
+    runs = (("`heavebond run cmc_ahc` / `import casadi, numpy`", (*COMMAND, "run", "cmc_ahc"), "import casadi, numpy", 8.0),
+            ("`import heavebond` / `import numpy`", ("-c", "import heavebond"), "import numpy", 1.3),
+            ("`heavebond --help` / `import numpy`", (*COMMAND, "--help"), "import numpy", 3.0))
+    return [at_most(f"process: {what}", paired(partial(process, *ours), partial(process, "-c", theirs)), limit)
+            for what, ours, theirs, limit in runs]
+
+
+# -- sensitivities -----------------------------------------------------------------------------------------------------
+def sensitivity_disagreement(until: float = 12.0) -> float:
+    """d WOB / d K_p against central differences of tight runs, as a share of its largest value."""
+    assembly, name = hb.assemble(hb.load("cmc_ahc")), SENSITIVE[0]
+    exact = hb.simulate(assembly, until, sensitivities=[name]).sensitivity("WOB", name)
+    value, step = assembly.parameter_values[name], 1e-3
+    high, low = (hb.simulate(assembly, until, parameters={name: value + h}, rtol=1e-11, atol=1e-13)["WOB"]
+                 for h in (step, -step))
+    return float(np.abs((high - low) / (2 * step) - exact).max() / np.abs(exact).max())
+
+
+def sensitivity_figures() -> list[Figure]:
+    """Runs with one, two and five forward sensitivities against plain ones."""
+    assert sensitivity_disagreement() < 1e-3
+    assembly = hb.assemble(hb.load("cmc_ahc"))
+    plain = hb.Simulator(assembly)
+    found = []
+    for number in (1, 2, 5):
+        measured = paired(hb.Simulator(assembly, sensitivities=SENSITIVE[:number]).run, plain.run, PAIRS + 2)
+        what = f"cmc_ahc: run with sensitivities to {number} parameter{'s' * (number > 1)} / without"
+        found.append(at_most(what, measured, 6) if number == 5 else Figure(what, spoken(measured)))
+    return found
+
+
+def figures() -> list[Figure]:
+    """All of the above."""
+    return [*assembly_figures(), *process_figures(), *sensitivity_figures()]

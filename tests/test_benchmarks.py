@@ -1,0 +1,43 @@
+"""Both sides of each benchmark compute the same; how fast they do is for `make bench`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from benchmarks import chain, compensator, heave
+from benchmarks.measuring import Paired, at_most, duration
+
+
+@pytest.mark.parametrize("gain", heave.GAINS.values(), ids=list(heave.GAINS))
+def test_the_diagram_and_the_flat_equations_of_the_heave_compensator_agree(gain: float) -> None:
+    assert heave.Heave(gain, until=6.0, points=600).disagreement() < 1e-4
+
+
+def test_the_diagram_and_the_flat_equations_of_the_chain_agree() -> None:
+    assert chain.disagreement(20) < 1e-3
+
+
+def test_pyyaml_reads_the_same_text_from_the_compensator(tmp_path: Path) -> None:
+    diagram = compensator.copied(tmp_path / "copy")
+    assert len(compensator.files(diagram)) > 20
+    assert compensator.same_text(diagram)
+    # the copies are what is assembled, not the bundled files
+    assert all(tmp_path in leaf.component.path.parents for leaf in
+               compensator.running(diagram).assembly.flat.expanded.leaves.values())
+
+
+def test_the_command_computes_what_the_library_does() -> None:
+    assert compensator.process_disagreement() < 1e-9
+
+
+def test_the_sensitivities_are_those_of_differences() -> None:
+    assert compensator.sensitivity_disagreement(until=3.0) < 1e-3
+
+
+def test_figures_are_shown_in_units_that_fit() -> None:
+    assert duration(0.0861) == "86.1 ms"
+    assert duration(1.617) == "1.62 s"
+    line = at_most("this", Paired(3.0, 0.5, 6.1), 6)
+    assert (line.measured, line.target, line.met) == ("6.10 (3.00 s / 500 ms)", "≤ 6", False)

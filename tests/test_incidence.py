@@ -1,0 +1,65 @@
+"""How unknowns stand in equations, and what the assembler makes of it."""
+
+from __future__ import annotations
+
+from math import inf
+from pathlib import Path
+
+import casadi as ca
+import pytest
+
+import heavebond as hb
+from heavebond.incidence import DEFINITE, INDEFINITE, NONLINEAR, NUMBER, PARAMETER, UNIT, classify
+from heavebond.reduce import explicit
+
+x, y, p, volume = (ca.SX.sym(name) for name in ("x", "y", "p", "V"))
+
+
+@pytest.mark.parametrize(("residual", "kind"), [
+    (y - x, UNIT), (2 * x + y, NUMBER), (p * x - y, PARAMETER), (volume * x - y, DEFINITE), (y * x, INDEFINITE),
+    (x**2 - y, NONLINEAR), (ca.sign(x) - y, NONLINEAR), (ca.if_else(x > 0, y, 0), NONLINEAR)])
+def test_the_kind_of_an_unknown_in_an_equation(residual: ca.SX, kind: int) -> None:
+    row, = classify(residual, x, {p.element_hash()}, {volume.element_hash(): (0.0, inf)})
+    assert [(entry.column, entry.kind) for entry in row] == [(0, kind)]
+
+
+def test_equations_are_solved_together_as_they_are_alone() -> None:
+    residuals = [p * x - y**2, 3 * volume + y]
+    a, v = explicit(ca.vertcat(*residuals), ca.vertcat(x, volume))
+    for k, (residual, symbol) in enumerate(zip(residuals, (x, volume), strict=True)):
+        alone = explicit(residual, symbol)
+        assert ca.is_equal(a[k], alone[0], 10) and ca.is_equal(v[k], alone[1], 10)
+
+
+RELAY = """
+component: Relay
+summary: Pushes while its input, moved by an offset, is above zero.
+ports:
+  u: {signal: in, unit: m, doc: input}
+  y: {signal: out, unit: N, doc: force}
+parameters:
+  F: {unit: N, doc: force when on}
+variables:
+  w: {unit: m, doc: input moved by the offset}
+equations: |
+  y = if_else(w > 0, F, 0)   # the relay
+  w = u                      # stands behind the line that needs it
+"""
+PUSHED = """
+model: pushed
+components:
+  relay: {is: Relay, F: 1 N, u: "=0.1 m*sin(pi*time/1 s)"}
+  push:  {is: ForceSource}
+  mass:  {is: Mass, m: 1 kg}
+nodes:
+  load:  [mass.a, push.a]
+  force: [relay.y, push.u]
+initial: {load.v: 0 m/s}
+simulate: {until: 2 s}
+"""
+
+
+def test_what_only_a_comparison_needs_is_evaluated_before_it(tmp_path: Path) -> None:
+    (tmp_path / "relay.yaml").write_text(RELAY)
+    result = hb.simulate(hb.loads(PUSHED, tmp_path))
+    assert result["load.v"][-1] == pytest.approx(1.0, rel=1e-6)  # on for one second of two
