@@ -18,11 +18,13 @@ import click
 from heavebond import __version__
 from heavebond.commands.arguments import check_writable
 from heavebond.commands.check import check
+from heavebond.commands.check_gradient import check_gradient
 from heavebond.commands.compare import compare
 from heavebond.commands.demo import demo
 from heavebond.commands.fit import fit
 from heavebond.commands.library import library
 from heavebond.commands.run import run
+from heavebond.commands.sensitivity import sensitivity
 from heavebond.commands.tune import tune
 from heavebond.errors import HeavebondError, Problem, UsageError, suggest
 from heavebond.terminal import PIPE_CLOSED, print_problems
@@ -156,5 +158,5 @@ def main() -> None:
     """
 
 
-for _command in (check, run, compare, fit, tune, library, demo):
+for _command in (check, run, compare, fit, tune, sensitivity, check_gradient, library, demo):
     main.add_command(_command)

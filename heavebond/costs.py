@@ -165,6 +165,16 @@ def _walk(expr: Expr) -> list[Expr]:
     return [expr, *(found for child in children(expr) for found in _walk(child))]
 
 
+@dataclass(frozen=True)
+class CostSlopes:
+    """A cost of a run and its derivatives by each functional's integral (n,), by its last value (n,), by p (n_p,)."""
+
+    value: float
+    by_integral: Array
+    by_final: Array
+    by_p: Array
+
+
 class Evaluator:
     """Quadratures that give the functionals of several costs, from a run whose grid is begin, from, to."""
 
@@ -205,18 +215,40 @@ class Evaluator:
                 slopes[row, final] = np.array(self._finals(*last, *along)[1]).ravel()[final]
         return values, slopes
 
+    def cost_slopes(self, result: Result, references: Array) -> list[CostSlopes]:
+        """Each cost of a run and what it depends on, directly; `references` are the functionals of the reference run."""
+        values, _ = self.functional_values(result)
+        integrals = result.quadratures[:, -1] - result.quadratures[:, -2]
+        slopes = np.array([_from_integral(f.kind, q, self.length, size)[1]
+                           for f, q, size in zip(self.functionals, integrals, self.sizes, strict=True)])
+        final = np.array([f.kind == "final" for f in self.functionals], dtype=bool)
+        found, first = [], 0
+        for cost in self.costs:
+            chosen = slice(first, first + len(cost.functionals))
+            first = chosen.stop
+            value, by_value, by_p = self._at(cost, values[chosen], references[chosen], result.p)
+            by_functional = np.zeros(len(values))
+            by_functional[chosen] = by_value
+            found.append(CostSlopes(value, by_functional * slopes, np.where(final, by_functional, 0.0), by_p))
+        return found
+
+    @staticmethod
+    def _at(cost: Cost, values: Array, references: Array, p: Array) -> tuple[float, Array, Array]:
+        """A cost and its derivatives by its functionals (those of the reference run stand still) and by p."""
+        is_reference = np.array(cost.references, dtype=bool)
+        inner = np.where(is_reference, references, values)
+        by_value, by_p = (np.array(g).ravel() for g in cost.gradient(inner, p))
+        return float(cost.value(inner, p)), np.where(is_reference, 0.0, by_value), by_p
+
     def cost_values(self, values: Array, slopes: Array, references: Array, p: Array, dp: Array) -> list[tuple[float, Array]]:
         """Each cost and its gradient (m,), from the functionals of the run and those of the reference run."""
         found = []
         first = 0
         for cost in self.costs:
             chosen = slice(first, first + len(cost.functionals))
-            first += len(cost.functionals)
-            is_reference = np.array(cost.references, dtype=bool)
-            inner = np.where(is_reference, references[chosen], values[chosen])
-            by_value, by_p = (np.array(g).ravel() for g in cost.gradient(inner, p))
-            gradient = slopes[:, chosen] @ np.where(is_reference, 0.0, by_value) + dp @ by_p
-            found.append((float(cost.value(inner, p)), gradient))
+            first = chosen.stop
+            value, by_value, by_p = self._at(cost, values[chosen], references[chosen], p)
+            found.append((value, slopes[:, chosen] @ by_value + dp @ by_p))
         return found
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 
 from heavebond.errors import Problem, UsageError
 from heavebond.presentation import number, quantity, readable, readable_unit, unit_label
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
     from heavebond.comparison import Channel, Comparison, RecordComparison
     from heavebond.dae import Array
+    from heavebond.influence import Influence, Ranking, Rankings
     from heavebond.result import Result
     from heavebond.tuning import Task, Tuned
 
@@ -34,6 +36,7 @@ DENSE = 500  # from so many samples on a record is drawn as a line, since its do
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
 DASHES = ("-", (0, (5, 2)), (0, (1, 1.2)), (0, (5, 1.5, 1, 1.5)))
 RECORD, MODEL, BAND = "#8c8c8c", COLOURS[1], "#bcd9ea"
+WIDE = 30  # from such a ratio of the largest to the least on, bars are drawn on a logarithmic axis
 STILL = 1e-9  # a span below this is rounding, not motion
 BAND_WIDTH = 2  # the band holds 95 % of white noise
 
@@ -158,6 +161,29 @@ def plot_surface(task: Task, tuned: Tuned, axes: Sequence[Array], costs: Array) 
     return figure
 
 
+def plot_influence(found: Rankings, *, bars: int = 12, courses: int = 4, title: str = "") -> Figure:
+    """A row per signal: the strongest parameters as horizontal bars with their values, and beside them, over time, how far
+    1 % more of each of the first `courses` moves the signal (none are drawn for 0)."""
+    rows = found.rankings
+    longest = max(min(len(row.influences), bars) for row in rows)
+    figure = Figure(figsize=(WIDTH if courses else 0.7 * WIDTH, 1.0 + len(rows) * max(3.0, 0.9 + 0.24 * longest)), dpi=DPI,
+                    layout="constrained")
+    figure.get_layout_engine().set(rect=RECT, hspace=0.04)  # type: ignore[union-attr,call-arg]
+    _title(figure, title)
+    panels = figure.subplots(len(rows), 2 if courses else 1, squeeze=False, width_ratios=(1, 1.15) if courses else None)
+    for row, (panel, *others) in zip(rows, panels, strict=True):
+        _bars(panel, row, [i for i in row.influences if i.relative > 0][:bars] or row.influences[:bars])
+        for other in others:
+            _courses(other, row, found.time, row.influences[:courses])
+    panels[-1][0].set_xlabel("influence: rms(p ∂s/∂p) / rms(s − mean)")
+    if courses:
+        panels[-1][1].set_xlabel("time [s]")
+    marks = [Patch(color=COLOURS[0], label="largest where more of it raises the signal"),
+             Patch(color=COLOURS[1], label="where it lowers the signal")]
+    figure.legend(handles=marks, loc="outside upper right", ncols=2, frameon=False, fontsize=9)
+    return figure
+
+
 def save(figure: Figure, path: str | Path) -> Path:
     """Write a figure as .png, .svg or .pdf, the same bytes for the same figure; UsageError where that cannot be."""
     path = Path(path)
@@ -242,6 +268,52 @@ def _converted(values: Array, unit: str, shown: str) -> Array:
     return np.asarray((values * source.scale + source.offset - target.offset) / target.scale)
 
 
+# -- influences ----------------------------------------------------------------------------------------------------
+def _bars(axes: Axes, row: Ranking, influences: Sequence[Influence]) -> None:
+    """Bars from the strongest down; logarithmic where the weakest would vanish beside it."""
+    values = np.array([i.relative for i in influences])
+    places = np.arange(len(values))
+    axes.barh(places, values, color=[COLOURS[0 if i.peak >= 0 else 1] for i in influences], height=0.7)
+    axes.set_yticks(places, [f"{i.parameter} = {_printed(i.value, i.unit.text, 4)}" for i in influences], fontsize=9)
+    axes.invert_yaxis()
+    most = float(values.max(initial=0.0))
+    least = float(values[values > 0].min(initial=most))
+    if most > WIDE * least > 0:
+        axes.set_xscale("log")
+        axes.set_xlim(max(least / 2, 1e-6 * most), 3 * most)
+    else:
+        axes.set_xlim(0, 1.18 * most if most > 0 else 1.0)
+    for place, value in zip(places, values, strict=True):
+        axes.annotate(number(value, 3), (max(value, axes.get_xlim()[0]), place), (4, 0), textcoords="offset points",
+                      va="center", fontsize=8)
+    size = f"rms {_printed(row.size, row.unit, 3)} " + ("(it stands still)" if row.still else "about its mean")
+    axes.set_title(f"{row.signal}: {size}", loc="left", fontsize=10, fontweight="bold")
+    axes.grid(True, axis="x", color="#e4e4e4", linewidth=0.6)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.set_axisbelow(True)
+
+
+def _courses(axes: Axes, row: Ranking, time: Array, influences: Sequence[Influence]) -> None:
+    """What 1 % more of each parameter does to the signal over time."""
+    shown = readable_unit(row.unit, max((_size(i.course) for i in influences), default=0.0) / 100)
+    scale = read_unit(row.unit).scale / read_unit(shown).scale / 100  # a difference has no offset
+    for k, influence in enumerate(influences):
+        # dashes too: parameters that stand only as a product have the same course
+        axes.plot(time, influence.course * scale, color=COLOURS[k % len(COLOURS)], linewidth=1.3,
+                  linestyle=DASHES[k % len(DASHES)], label=influence.parameter)
+    _finish(axes, "by 1 % more", shown, [i.course * scale for i in influences])
+    axes.set_xlim(*_ends(time))
+    handles, labels = axes.get_legend_handles_labels()
+    axes.legend(handles, labels, loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False, fontsize=8,
+                borderaxespad=0.1, ncols=2, columnspacing=1.2)
+
+
+def _printed(value: float, unit: str, digits: int) -> str:
+    """A value with its unit as on paper: `0.017 m²`."""
+    first, *rest = readable(value, unit, digits).split(" ", 1)
+    return " ".join([first, *map(unit_label, rest)])
+
+
 # -- a channel of a comparison -------------------------------------------------------------------------------------
 def _channel(upper: Axes, lower: Axes, channel: Channel) -> None:
     shown = readable_unit(channel.unit, _size(channel.measured))
@@ -270,9 +342,8 @@ def _style(dense: bool, linewidth: float) -> dict[str, Any]:
 
 
 def _figures(channel: Channel) -> str:
-    error = readable(channel.error, channel.unit, 3).split(" ", 1)
-    said = " ".join([error[0], *(unit_label(unit) for unit in error[1:])])
-    return f"rms error {said}, fit {number(channel.fit, 4)} %, χ² {number(channel.chi2, 3)} a sample"
+    error = _printed(channel.error, channel.unit, 3)
+    return f"rms error {error}, fit {number(channel.fit, 4)} %, χ² {number(channel.chi2, 3)} a sample"
 
 
 def _record_title(record: RecordComparison) -> str:

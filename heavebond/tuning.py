@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from heavebond.adjoint import Adjoint
 from heavebond.costs import Evaluator, Functional, read_cost, read_limit
 from heavebond.dae import Array, Assembly, assemble
 from heavebond.errors import Problem, SimulationError, StartError, UsageError, suggest
@@ -64,7 +67,8 @@ class Step:
 @dataclass(frozen=True)
 class Tuned:
     """The best values in SI, their cost, the cost per case, the limits (below zero where kept, relative), the path of
-    every start, and how much was computed: `simulations` counts a run with k sensitivities as 1 + k plain runs."""
+    every start, and how much was computed: `simulations` counts a run with k sensitivities as 1 + k plain runs, and a
+    gradient of k costs by a run backwards as 2 + k."""
 
     task: Task
     values: dict[str, float]
@@ -95,8 +99,8 @@ def tune(model: Model | Assembly, task: Task, *, explore: int = 10, starts: int 
 
     First the diagram's own values and `explore` points of a Latin hypercube are run without gradients: a gain beyond the
     limit of stability has a cost whose slope leads nowhere. From the best `starts` of these, sequential least squares
-    programming (Kraft 1988, as in SciPy) goes on with gradients from forward sensitivities. UsageError for what is wrong
-    in the task.
+    programming (Kraft 1988, as in SciPy) goes on with gradients from forward sensitivities, or from runs backwards where
+    much is free. UsageError for what is wrong in the task.
     """
     problem = Objective(model if isinstance(model, Assembly) else assemble(model), task)
     say = progress or (lambda text: None)
@@ -144,6 +148,9 @@ class Objective:
                                       "Evaluate from an earlier time, or simulate longer.")])
         self.times = np.unique([0.0, task.begin, end])
         self.costs = [read_cost(assembly, task.cost), *(read_limit(assembly, t) for t in task.limits)]
+        # Measured on the compensator: k costs by a run backwards take as long as forward sensitivities to k + 1
+        # parameters. It begins anew at every break of a measured input, which costs more than it saves.
+        self.backwards = len(self.names) > len(self.costs) + 1 and not assembly.flat.inputs
         self.runs, self.simulations = 0, 0.0
         self.cases = [self._case(case, end) for case in task.cases]
         self._seen: dict[bytes, Evaluation] = {}
@@ -182,10 +189,7 @@ class Objective:
             run = Simulator(reference, times=self.times, tolerances=TOLERANCES, quadratures=evaluator.quadratures).run()
             self._count(1)
             references = evaluator.functional_values(run)[0]
-        simulator = Simulator(assembly, times=self.times, tolerances=TOLERANCES, quadratures=evaluator.quadratures,
-                              sensitivities=self.names)
-        plain = Simulator(assembly, times=self.times, tolerances=TOLERANCES, quadratures=evaluator.quadratures)
-        return _Case(case, simulator, plain, evaluator, references)
+        return _Case(case, assembly, self.times, evaluator, references, self.names, self.backwards)
 
     def _count(self, simulations: float) -> None:
         self.runs += 1
@@ -233,7 +237,7 @@ class Objective:
         for case in self.cases:
             self._count(1)
             try:
-                run = case.plain.run(self.values(y))
+                run = case.run(self.values(y))
             except (SimulationError, StartError):
                 return [float("nan")] * len(self.costs)
             values, slopes = case.evaluator.functional_values(run)
@@ -256,9 +260,9 @@ class Objective:
         weights = weights / weights.sum()
         found = []
         for case in self.cases:
-            self._count(1 + len(self.names))
+            self._count(2 + len(self.costs) if self.backwards else 1 + len(self.names))
             try:
-                found.append(case.costs(self.values(y), self.span))
+                found.append([(value, gradient * self.span) for value, gradient in case.costs(self.values(y))])
             except (SimulationError, StartError) as error:
                 return Evaluation(y, self.broken(), np.zeros(len(y)), dict.fromkeys(self.task.limits, 1.0),
                                   np.zeros((len(self.task.limits), len(y))), {case.case.name: np.inf}, str(error))
@@ -282,21 +286,39 @@ def _key(y: Array) -> bytes:
     return np.round(y, 12).tobytes()
 
 
-@dataclass(frozen=True)
 class _Case:
-    case: Case
-    simulator: Simulator
-    plain: Simulator
-    evaluator: Evaluator
-    references: Array
+    """A case ready to run; keeps its last run, whose gradient is mostly what is wanted next."""
 
-    def costs(self, values: Mapping[str, float], span: Array) -> list[tuple[float, Array]]:
-        """Cost and limits with their gradients per share of the range."""
-        result = self.simulator.run(values)
+    def __init__(self, case: Case, assembly: Assembly, times: Array, evaluator: Evaluator, references: Array,
+                 names: list[str], backwards: bool):
+        self.case, self.evaluator, self.references, self.names = case, evaluator, references, names
+        self.plain = Simulator(assembly, times=times, tolerances=TOLERANCES, quadratures=evaluator.quadratures)
+        self.adjoint = Adjoint(self.plain, evaluator, names) if backwards else None
+        self._last: tuple[dict[str, float], Result] | None = None
+
+    @cached_property
+    def forward(self) -> Simulator:
+        """With the sensitivities to all free parameters."""
+        plain = self.plain
+        return Simulator(plain.assembly, times=plain.time, tolerances=TOLERANCES, quadratures=self.evaluator.quadratures,
+                         sensitivities=self.names)
+
+    def run(self, values: dict[str, float]) -> Result:
+        """The plain run."""
+        if self._last is None or self._last[0] != values:
+            self._last = values, self.plain.run(values)
+        return self._last[1]
+
+    def costs(self, values: dict[str, float]) -> list[tuple[float, Array]]:
+        """Cost and limits with their gradients; forward where the run backwards breaks down."""
+        if self.adjoint is not None:
+            run = self.run(values)
+            with suppress(SimulationError):
+                return self.adjoint.costs(run, self.references)
+        result = self.forward.run(values)
         assert result.along is not None
         numbers, slopes = self.evaluator.functional_values(result)
-        found = self.evaluator.cost_values(numbers, slopes, self.references, result.p, result.along.p)
-        return [(value, gradient * span) for value, gradient in found]
+        return self.evaluator.cost_values(numbers, slopes, self.references, result.p, result.along.p)
 
 
 def _largest(functionals: Sequence[Functional], run: Result, begin: float) -> Array:

@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from heavebond.errors import HeavebondError, Problem, UsageError
+from heavebond.errors import HeavebondError, Problem, Problems, UsageError, suggest
 
 if TYPE_CHECKING:
+    from heavebond.dae import Assembly
+    from heavebond.expression import Expr
     from heavebond.model import Model
 
 Command = TypeVar("Command", bound=Callable[..., Any])
@@ -36,6 +38,23 @@ def picture_option(words: str) -> Callable[[Command], Command]:
     """--output PICTURE."""
     return click.option("--output", metavar="PICTURE", type=click.Path(path_type=Path),
                         help=f"{words} (.png, .svg or .pdf).")
+
+
+def of_option(required: bool) -> Callable[[Command], Command]:
+    """--of SIGNAL, as often as wanted."""
+    return click.option("--of", metavar="SIGNAL", multiple=True, required=required,
+                        help="A variable, an output or a formula of these. May be repeated.")
+
+
+def to_option(more: str) -> Callable[[Command], Command]:
+    """--to PARAMETER[,PARAMETER...]; see `listed`."""
+    return click.option("--to", metavar="PARAMETER[,...]", multiple=True,
+                        help=f"Parameters, separated by commas. {more} May be repeated.")
+
+
+def listed(texts: Iterable[str]) -> list[str]:
+    """The names in texts such as `a.x,b.y`, each once."""
+    return list(dict.fromkeys(name.strip() for text in texts for name in text.split(",") if name.strip()))
 
 
 def with_settings(model: Model, settings: Iterable[str]) -> Model:
@@ -70,6 +89,46 @@ def _about(problem: Problem, settings: Iterable[str]) -> Problem:
         if problem.place.file == f"value of {path}" or problem.place.text == f"{path}: {value}":
             return replace(problem, place=None, message=f"--set {text}: {problem.message}")
     return problem
+
+
+def read_signals(option: str, texts: Sequence[str]) -> dict[str, Expr]:
+    """The signals of an option as formulas; UsageError where one cannot be read."""
+    from heavebond.expression import ExpressionProblem, parse_formula
+
+    found, problems = {}, Problems()
+    for text in texts:
+        try:
+            found[text] = parse_formula(text)
+        except ExpressionProblem as problem:
+            problems.add(problem.code, f"{option} {text}: {problem.message}", hint=problem.hint)
+    problems.raise_as(UsageError)
+    return found
+
+
+def check_signals(assembly: Assembly, option: str, formulas: dict[str, Expr]) -> None:
+    """UsageError for what the diagram does not have; found here and not after the integration."""
+    from heavebond.expression import ExpressionProblem
+
+    problems, shown = Problems(), assembly.model.show
+    for text, formula in formulas.items():
+        try:
+            if text not in shown:
+                assembly.resolver().dimension(formula)
+                assembly.expression(formula)
+        except ExpressionProblem as problem:
+            hint = suggest(text, [*shown, *assembly.flat.names]) or problem.hint
+            problems.add(problem.code, f"{option} {text}: {problem.message}", hint=hint)
+    problems.raise_as(UsageError)
+
+
+def assembled(model: Model, option: str, formulas: dict[str, Expr]) -> Assembly:
+    """The diagram with the positions that only signals of an option ask for; UsageError for a signal that is not there."""
+    from heavebond.dae import assemble
+    from heavebond.expression import names
+
+    assembly = assemble(model, {name.text for formula in formulas.values() for name in names(formula)})
+    check_signals(assembly, option, formulas)
+    return assembly
 
 
 def check_picture(path: Path | None) -> None:

@@ -11,19 +11,19 @@ import click
 
 from heavebond.commands.arguments import (
     TABLES,
+    assembled,
     blamed_on_settings,
     check_picture,
     check_writable,
     json_option,
     picture_option,
+    read_signals,
     set_option,
     with_settings,
 )
-from heavebond.errors import Problem, Problems, UsageError, suggest
+from heavebond.errors import Problem, UsageError
 
 if TYPE_CHECKING:
-    from heavebond.dae import Assembly
-    from heavebond.expression import Expr
     from heavebond.result import Result
 
 
@@ -47,8 +47,6 @@ def run(model: str, settings: tuple[str, ...], until: str | None, every: str | N
     MODEL is a YAML file or the name of a bundled diagram (cmc_ahc, cmc_ahc/passive).
     """
     from heavebond import terminal
-    from heavebond.dae import assemble
-    from heavebond.expression import names as names_in
     from heavebond.model import load
     from heavebond.simulation import simulate
 
@@ -57,13 +55,10 @@ def run(model: str, settings: tuple[str, ...], until: str | None, every: str | N
     check_picture(output)
     for path in saved:
         check_writable(path, TABLES)
-    formulas = _formulas(plotted)
+    formulas = read_signals("--plot", plotted)
     with blamed_on_settings(settings):
         with terminal.working("assembling"):
-            # positions that only a picture asks for are kept too
-            wanted = {name.text for formula in formulas.values() for name in names_in(formula)}
-            assembly = assemble(with_settings(load(model), settings), wanted)
-        _check(assembly, formulas)
+            assembly = assembled(with_settings(load(model), settings), "--plot", formulas)
         with terminal.working("integrating"):
             result = simulate(assembly, until, every=every, rtol=rtol)
     listed = list(assembly.model.show) or assembly.state_names or [u.name for u in assembly.flat.unknowns]
@@ -81,36 +76,6 @@ def run(model: str, settings: tuple[str, ...], until: str | None, every: str | N
     statistics = {k: v for k, v in result.statistics.items() if k != "quadratures"}
     return {"model": assembly.model.name, "until": float(result.time[-1]), "points": len(result.time),
             "outputs": figures, "files": list(map(str, files)), "statistics": statistics}
-
-
-def _formulas(plotted: Sequence[str]) -> dict[str, Expr]:
-    """The signals of --plot as formulas; UsageError where one cannot be read."""
-    from heavebond.expression import ExpressionProblem, parse_formula
-
-    found, problems = {}, Problems()
-    for text in plotted:
-        try:
-            found[text] = parse_formula(text)
-        except ExpressionProblem as problem:
-            problems.add(problem.code, f"--plot {text}: {problem.message}", hint=problem.hint)
-    problems.raise_as(UsageError)
-    return found
-
-
-def _check(assembly: Assembly, formulas: dict[str, Expr]) -> None:
-    """UsageError for what the diagram does not have; found here and not after the integration."""
-    from heavebond.expression import ExpressionProblem
-
-    problems, shown = Problems(), assembly.model.show
-    for text, formula in formulas.items():
-        try:
-            if text not in shown:
-                assembly.resolver().dimension(formula)
-                assembly.expression(formula)
-        except ExpressionProblem as problem:
-            hint = suggest(text, [*shown, *assembly.flat.names]) or problem.hint
-            problems.add(problem.code, f"--plot {text}: {problem.message}", hint=hint)
-    problems.raise_as(UsageError)
 
 
 def _figures(result: Result, names: Sequence[str]) -> dict[str, dict[str, float | str]]:

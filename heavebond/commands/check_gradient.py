@@ -1,0 +1,110 @@
+"""`heavebond check-gradient`: sensitivities beside differences of runs."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import click
+
+from heavebond.commands.arguments import (
+    assembled,
+    blamed_on_settings,
+    json_option,
+    listed,
+    of_option,
+    read_signals,
+    set_option,
+    to_option,
+    with_settings,
+)
+from heavebond.errors import Problem, UsageError
+
+if TYPE_CHECKING:
+    from heavebond.gradient_check import Subject, Verdict
+    from heavebond.simulation import Tolerances
+    from heavebond.study import Study
+
+HEAD = ("of", "to", "error", "at tight rtol", "step", "verdict")
+WORDS = {"agrees": "agrees", "tolerance": "tolerance too loose", "kink": "kink", "disagrees": "DISAGREES",
+         "unsettled": "unsettled"}
+
+
+@click.command("check-gradient", short_help="Compare sensitivities with differences of runs, and say why they differ.")
+@click.argument("file")
+@of_option(required=False)
+@to_option("By default what is free in a study.")
+@set_option
+@click.option("--until", metavar="TIME", help="How long to simulate, e.g. --until '2 min'.")
+@click.option("--rtol", metavar="NUMBER", type=click.FloatRange(0, 0.1, min_open=True),
+              help="Relative tolerance of the sensitivities that are checked [default: as they are computed].")
+@click.option("--backwards", is_flag=True, help="Check the gradients of a study by runs backwards.")
+@json_option
+def check_gradient(file: str, of: tuple[str, ...], to: tuple[str, ...], settings: tuple[str, ...], until: str | None,
+                   rtol: float | None, backwards: bool) -> dict[str, object]:
+    """Compare sensitivities with differences of runs at steps of 1e-2 to 1e-5 of each parameter.
+
+    FILE is a diagram, or a tuning study, whose cost and limits are checked unless signals are named. Where they differ,
+    the reason is told: tolerances that are too loose, a law with a kink between the runs, or a mistake.
+    """
+    from heavebond import terminal
+    from heavebond.gradient_check import check_gradients
+    from heavebond.simulation import Tolerances
+
+    study = _study(file)
+    tolerances = Tolerances(rtol, rtol / 100) if rtol else None
+    parameters = listed(to) or (list(study.task.free) if study else [])
+    if not parameters:
+        raise UsageError([Problem("nothing-to-check", "no parameter is named", None, "Add --to crown.m,controller.K_p.")])
+    with blamed_on_settings(settings), terminal.working("running") as progress:
+        subject = _subject(file, study, of, settings, until, tolerances, backwards)
+        verdicts = check_gradients(subject, parameters, progress=progress)
+    console = terminal.output()
+    console.print(_table(subject, verdicts))
+    for verdict in verdicts:
+        if verdict.why:
+            console.print(f"{verdict.quantity} to {verdict.parameter}: {verdict.why}", soft_wrap=True)
+    return {"model": subject.assembly.model.name, "rtol": subject.tolerances.rtol,
+            "verdicts": [_figures(verdict) for verdict in verdicts]}
+
+
+def _study(file: str) -> Study | None:
+    from heavebond.model import find
+    from heavebond.source import read
+    from heavebond.study import load_study
+
+    return load_study(file) if "study" in read(find(file, "diagram or study")).root.items else None
+
+
+def _subject(file: str, study: Study | None, of: tuple[str, ...], settings: tuple[str, ...], until: str | None,
+             tolerances: Tolerances | None, backwards: bool) -> Subject:
+    from heavebond.gradient_check import costs_of, signals_of
+    from heavebond.model import load
+
+    if not of and study is None:
+        raise UsageError([Problem("nothing-to-check", "no signal is named", None, "Add --of crown.x.")])
+    if backwards and (of or study is None):
+        raise UsageError([Problem("backwards-signal", "only the costs of a study have gradients by runs backwards", None,
+                                  "Leave --backwards out, or name a study without --of.")])
+    formulas = read_signals("--of", of)
+    assembly = assembled(with_settings(study.model if study else load(file), settings), "--of", formulas)
+    if study and not of:
+        return costs_of(assembly, study.task, tolerances=tolerances, backwards=backwards)
+    return signals_of(assembly, list(formulas), until, tolerances=tolerances)
+
+
+def _table(subject: Subject, verdicts: list[Verdict]) -> object:
+    from heavebond import terminal
+
+    rows = []
+    for verdict in verdicts:
+        step = min(verdict.steps, key=lambda h: verdict.steps[h], default=None)
+        rows.append((verdict.quantity, verdict.parameter, f"{verdict.given:.1e}", f"{verdict.best:.1e}",
+                     f"{step:g}" if step else "-", WORDS[verdict.word]))
+    return terminal.table(f"{subject.assembly.model.name}, sensitivities at rtol {subject.tolerances.rtol:g}", HEAD, rows,
+                          text=2)
+
+
+def _figures(verdict: Verdict) -> dict[str, object]:
+    return {"of": verdict.quantity, "to": verdict.parameter, "verdict": verdict.word, "why": verdict.why,
+            "error": verdict.given, "steps": {f"{h:g}": e for h, e in verdict.steps.items()}, "best": verdict.best,
+            "one_sided": verdict.apart, "largest": verdict.largest}

@@ -1,0 +1,96 @@
+"""`heavebond sensitivity`: which parameters move which signals."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from heavebond.commands.arguments import (
+    assembled,
+    blamed_on_settings,
+    check_picture,
+    json_option,
+    listed,
+    of_option,
+    picture_option,
+    read_signals,
+    set_option,
+    to_option,
+    with_settings,
+)
+
+if TYPE_CHECKING:
+    from heavebond.influence import Influence, Ranking, Rankings
+
+HEAD = ("parameter", "value", "influence", "1 % more moves it by", "at")
+
+
+@click.command(short_help="Rank parameters by their influence on signals.")
+@click.argument("model")
+@of_option(required=True)
+@to_option("By default all that are not zero.")
+@set_option
+@click.option("--until", metavar="TIME", help="How long to simulate, e.g. --until '2 min'.")
+@click.option("--every", metavar="TIME", help="Time between output points, e.g. --every '10 ms'.")
+@click.option("--most", metavar="N", type=click.IntRange(1), default=60, show_default=True,
+              help="Try so many parameters where none are named.")
+@click.option("--rows", metavar="N", type=click.IntRange(1), default=15, show_default=True,
+              help="Parameters to list for each signal.")
+@picture_option("Draw bars, and what the strongest do over time")
+@json_option
+def sensitivity(model: str, of: tuple[str, ...], to: tuple[str, ...], settings: tuple[str, ...], until: str | None,
+                every: str | None, most: int, rows: int, output: Path | None) -> dict[str, object]:
+    """Tell which parameters of the diagram MODEL move a signal most, by exact sensitivities.
+
+    The influence of a parameter is what the signal would do if the parameter were doubled, to first order: as rms over
+    time, in proportion to the rms of the signal about its mean. `initial.X` and `scale.X` (of a measured input) are
+    parameters too.
+    """
+    from heavebond import terminal
+    from heavebond.influence import rank
+    from heavebond.model import load
+
+    check_picture(output)
+    formulas = read_signals("--of", of)
+    with blamed_on_settings(settings):
+        with terminal.working("assembling"):
+            assembly = assembled(with_settings(load(model), settings), "--of", formulas)
+        with terminal.working("sensitivities") as progress:
+            found = rank(assembly, list(formulas), listed(to), until, every=every, most=most, progress=progress)
+    console = terminal.output()
+    for ranking in found.rankings:
+        console.print(_table(ranking, rows))
+        console.print()
+    if found.left_out:
+        console.print(f"{len(found.left_out)} more parameters were not tried; add --most "
+                      f"{most + len(found.left_out)}: {', '.join(found.left_out)}", soft_wrap=True)
+    if output is not None:
+        from heavebond.plot import plot_influence, save
+
+        save(plot_influence(found, title=f"{assembly.model.name}: influence of parameters"), output)
+        console.print(f"wrote {output}", soft_wrap=True)
+    return {"model": assembly.model.name, "until": float(found.time[-1]), **_figures(found),
+            "files": [str(output)] if output else []}
+
+
+def _table(ranking: Ranking, rows: int) -> object:
+    from heavebond import terminal
+    from heavebond.presentation import number, readable
+
+    size = f"rms {readable(ranking.size, ranking.unit, 3)} " + ("(it stands still)" if ranking.still else "about its mean")
+    return terminal.table(f"{ranking.signal}: {size}", HEAD, [
+        (i.parameter, readable(i.value, i.unit.text, 4), number(i.relative, 3),
+         readable(i.peak / 100, ranking.unit, 3) if i.peak else "-", f"{number(i.time, 4)} s" if i.peak else "-")
+        for i in ranking.influences[:rows]])
+
+
+def _figures(found: Rankings) -> dict[str, object]:
+    def one(influence: Influence) -> dict[str, object]:
+        return {"parameter": influence.parameter, "value": influence.value, "unit": influence.unit.text,
+                "influence": influence.relative, "peak": influence.peak, "time": influence.time}
+
+    return {"signals": {r.signal: {"unit": r.unit, "rms": r.size, "still": r.still,
+                                   "influences": [one(i) for i in r.influences]} for r in found.rankings},
+            "left_out": list(found.left_out)}

@@ -1,0 +1,183 @@
+"""Gradients by runs backwards against forward sensitivities, which have tests of their own."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_sensitivities import LOOP, MEASURED, PENDULUM, PRELOADED, _bundled, _text
+
+import heavebond as hb
+from heavebond.adjoint import Adjoint
+from heavebond.costs import Evaluator, read_cost
+from heavebond.dae import Array, Assembly
+from heavebond.simulation import Simulator, Tolerances
+from heavebond.tuning import Objective, Task, ranges, tune
+
+TIGHT = Tolerances(1e-10, 1e-12, along=0.1)
+
+# A record that jumps from sample to sample pushes a cart: its scale is a parameter, and every jump a stop.
+PUSHED = MEASURED.replace("PositionSource", "ForceSource").replace("unit: m, between: spline", "unit: kN, between: hold") \
+    .replace("components:", "components:\n  wall:   {is: Fixed}") \
+    .replace("table: [table.a, spring.a, damper.a]", "ground: [wall.a, spring.a, damper.a]") \
+    .replace("load:  [spring.b", "load:  [table.a, spring.b")
+
+TEN = ["controller.K_p", "controller.K_v", "wave.a", "crown.m", "ahc.valve.f_n", "cmc.friction.F_c", "cmc.friction.F_s",
+       "drilling.string.c", "cmc.gas.c", "cmc.gas.d"]
+INDEX = "rms(crown.x)/ref(rms(crown.x)) + rms(crown.v)/ref(rms(crown.v))"
+
+# model, costs, parameters, evaluated from, to
+CASES = {
+    "steady start, solved preload": (_text(PRELOADED), ["rms(spring.F)/1 N + rms(load.v)/1 m*1 s", "final(spring.F)/1 kN"],
+                                     ["weight.m", "spring.c", "cart.m"], 1, 2),
+    "initial values": (_text(MEASURED), ["mean(load.x**2)/1 cm/1 cm"], ["initial.load.x", "initial.load.v"], 0, 2),
+    "spline through a record": (_text(MEASURED), ["rms(load.x)/1 mm", "final(load.v)/1 m*1 s"],
+                                ["spring.c", "damper.d", "scale.table.u"], 1, 2),
+    "record that jumps": (_text(PUSHED), ["rms(load.x)/1 mm", "mean(load.v)/1 m*1 s"],
+                          ["spring.c", "damper.d", "cart.m", "scale.table.u"], 1, 2),
+    "algebraic loop": (_text(LOOP), ["mean(mid.p)/1 bar + final(mid.p)/1 bar"], ["first.q_r", "source.p_0"], 0, 1),
+    "index 3": (_text(PENDULUM), ["mean(bob.x**2)/1 m/1 m + final(bob.s)/1 N*1 m", "peak(bob.v_x)/1 m*1 s"],
+                ["bob.l", "bob.g", "initial.bob.x"], 1, 2),
+    "cylinder": (_bundled("cylinder_rig"), ["rms(load.x)/1 mm"], ["cylinder.beta", "valve.f_n", "load.m"], 1, 3),
+}
+
+
+def _evaluated(assembly: Assembly, costs: list[str], begin: float, end: float, tolerances: Tolerances
+               ) -> tuple[Simulator, Evaluator]:
+    read = [read_cost(assembly, cost) for cost in costs]
+    evaluator = Evaluator(assembly, read, np.ones(sum(len(c.functionals) for c in read)), end - begin)
+    return Simulator(assembly, times=np.unique([0.0, begin, end]), tolerances=tolerances,
+                     quadratures=evaluator.quadratures), evaluator
+
+
+def _forward(plain: Simulator, evaluator: Evaluator, names: list[str], references: Array) -> list[tuple[float, Array]]:
+    run = Simulator(plain.assembly, times=plain.time, tolerances=plain.tolerances, quadratures=evaluator.quadratures,
+                    sensitivities=names).run()
+    assert run.along is not None
+    return evaluator.cost_values(*evaluator.functional_values(run), references, run.p, run.along.p)
+
+
+def _quickest(run: Callable[[], object]) -> float:
+    def seconds() -> float:
+        began = clock.process_time()
+        run()
+        return clock.process_time() - began
+    return min(seconds() for _ in range(4))
+
+
+@pytest.mark.parametrize("case", list(CASES))
+def test_a_run_backwards_agrees_with_forward_sensitivities(case: str, tmp_path: Path) -> None:
+    build, costs, names, begin, end = CASES[case]
+    plain, evaluator = _evaluated(build(tmp_path), costs, begin, end, TIGHT)
+    run = plain.run()
+    references = np.zeros(len(evaluator.functionals))
+    exact = _forward(plain, evaluator, names, references)
+    values = np.abs([plain.assembly.parameter_values[n] or 1.0 for n in names])
+    for (cost, gradient), (wanted, forward) in zip(Adjoint(plain, evaluator, names).costs(run, references), exact,
+                                                   strict=True):
+        assert cost == pytest.approx(wanted, rel=1e-7)
+        assert np.abs((gradient - forward) * values).max() <= 1e-5 * np.abs(forward * values).max()
+
+
+def test_ten_parameters_of_the_compensator() -> None:
+    """Right, and in less time than forward; the ratio to a plain run (2.5 to 3) is told in docs/theory.md."""
+    assembly = hb.assemble(hb.load("cmc_ahc"))
+    plain, evaluator = _evaluated(assembly, [INDEX], 12, 36, Tolerances(1e-8, 1e-10))
+    run = plain.run()
+    references = evaluator.functional_values(run)[0] * 1.3
+    adjoint = Adjoint(plain, evaluator, TEN)
+    (_, gradient), (_, forward) = adjoint.costs(run, references)[0], _forward(plain, evaluator, TEN, references)[0]
+    values = np.abs([assembly.parameter_values[n] for n in TEN])
+    assert np.abs((gradient - forward) * values).max() <= 1e-4 * np.abs(forward * values).max()
+    assert _quickest(lambda: adjoint.costs(run, references)) < 0.7 * _quickest(
+        lambda: _forward(plain, evaluator, TEN, references))
+
+
+def test_there_is_room_for_longer_runs_than_the_first(tmp_path: Path) -> None:
+    """The steps that are kept grow with the run: a stiffer spring swings faster."""
+    assembly = _text(MEASURED)(tmp_path)
+    plain, evaluator = _evaluated(assembly, ["rms(load.x)/1 mm"], 1, 2, TIGHT)
+    adjoint, none = Adjoint(plain, evaluator, ["spring.c"]), np.zeros(1)
+    adjoint.costs(plain.run({"spring.c": 1.0}), none)
+    stiff = {"spring.c": 1e6}
+    gradient = adjoint.costs(plain.run(stiff), none)[0][1]
+    again = _evaluated(assembly.with_parameters(stiff), ["rms(load.x)/1 mm"], 1, 2, TIGHT)
+    assert gradient == pytest.approx(_forward(*again, ["spring.c"], none)[0][1], rel=1e-5)
+
+
+def test_a_cost_without_slope_has_none(tmp_path: Path) -> None:
+    plain, evaluator = _evaluated(_text(PRELOADED)(tmp_path), ["rms(load.x)/ref(rms(load.x))*0 + spring.c/1 kN*1 m"], 1,
+                                  2, TIGHT)
+    cost, gradient = Adjoint(plain, evaluator, ["weight.m", "spring.c"]).costs(plain.run(), np.ones(2))[0]
+    assert cost == 4.0
+    assert gradient.tolist() == [0.0, 1e-3]
+
+
+def test_unknown_parameters_are_said(tmp_path: Path) -> None:
+    plain, evaluator = _evaluated(_text(PRELOADED)(tmp_path), ["rms(load.x)"], 1, 2, TIGHT)
+    with pytest.raises(hb.UsageError, match=r"'spring.k' cannot be set"):
+        Adjoint(plain, evaluator, ["spring.k"])
+
+
+# -- tuning ----------------------------------------------------------------------------------------------------------
+CHAIN = """
+model: chain
+summary: Three carts in a row, shaken by a force; springs and dampers to be tuned.
+components:
+  wall: {is: Fixed}
+  s_1: {is: Spring, c: 1 kN/m}
+  s_2: {is: Spring, c: 1 kN/m}
+  s_3: {is: Spring, c: 1 kN/m}
+  d_1: {is: Damper, d: 20 N*s/m}
+  d_2: {is: Damper, d: 20 N*s/m}
+  d_3: {is: Damper, d: 20 N*s/m}
+  m_1: {is: Mass, m: 10 kg}
+  m_2: {is: Mass, m: 10 kg}
+  m_3: {is: Mass, m: 10 kg}
+  shaker: {is: ForceSource, u: "=20 N*sin(7 rad/s * time)"}
+nodes:
+  ground: [wall.a, s_1.a, d_1.a]
+  one:    [s_1.b, d_1.b, m_1.a, s_2.a, d_2.a]
+  two:    [s_2.b, d_2.b, m_2.a, s_3.a, d_3.a]
+  three:  [s_3.b, d_3.b, m_3.a, shaker.a]
+initial: {one.x: 0 m, one.v: 0 m/s, two.x: 0 m, two.v: 0 m/s, three.x: 0 m, three.v: 0 m/s}
+simulate: {until: 20 s, every: 0.1 s}
+"""
+SIX = Task(ranges({f"s_{k}.c": "0.5 .. 2 kN/m" for k in (1, 2, 3)} | {f"d_{k}.d": "1 .. 100 N*s/m" for k in (1, 2, 3)}),
+           "rms(three.x)/1 mm", ("rms(one.x) < 10 mm",), begin=10.0, end=20.0)
+
+
+@pytest.fixture(scope="module")
+def chain() -> Assembly:
+    return hb.assemble(hb.loads(CHAIN))
+
+
+def test_many_free_parameters_are_tuned_by_runs_backwards(chain: Assembly) -> None:
+    objective = Objective(chain, SIX)
+    assert objective.backwards
+    at = objective.start
+    exact = objective.evaluate(at)
+    for k in range(6):
+        step = np.zeros(6)
+        step[k] = 5e-3
+        costs = np.array([objective.plain(at + n * step) for n in (-2, -1, 1, 2)])
+        differences = (8 * (costs[2] - costs[1]) - (costs[3] - costs[0])) / (12 * 5e-3)
+        assert exact.gradient[k] == pytest.approx(differences[0], abs=2e-3 * np.abs(exact.gradient).max())
+        assert exact.limit_gradients[0][k] == pytest.approx(differences[1],
+                                                            abs=2e-3 * np.abs(exact.limit_gradients).max())
+
+
+def test_both_ways_end_at_one_optimum(chain: Assembly, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where the run backwards always breaks down: then the gradients are taken forward."""
+    backwards = tune(chain, SIX)
+
+    def failing(*_: object) -> None:
+        raise hb.SimulationError("the run backwards stopped")
+
+    monkeypatch.setattr(Adjoint, "costs", failing)
+    forward = tune(chain, SIX)
+    assert backwards.cost == pytest.approx(forward.cost, rel=1e-3)
+    assert max(backwards.limits.values()) < 1e-3
