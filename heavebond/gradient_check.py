@@ -30,9 +30,9 @@ TIGHT = Tolerances(1e-11, 1e-13, along=1.0)
 # Adjoint states jump in slope where a law has a kink, which at TIGHT no step passes.
 TIGHT_BACKWARDS = Tolerances(1e-9, 1e-11)
 AGREE = 1e-4  # of the largest value: differences of runs at the tight tolerances are right to about 1e-6
-TORN = 0.1  # one-sided differences that are further apart at every step have no common limit
 LOOSE = 2e-3  # what sensitivities at the default tolerances keep below
 STILL = 1e-9  # a relative change of a parameter by 1 that changes a quantity by less of its size does not change it
+TORN = 0.1  # one-sided differences that are further apart at every step have no common limit
 TRACED = 2000  # points at which two runs are compared for being on the same side of a kink
 
 Runs = Callable[[Mapping[str, float]], Array]
@@ -163,7 +163,8 @@ def check_gradients(subject: Subject, parameters: Sequence[str], *, progress: Pr
             differences = {h: None if y is None else _Differences.of(middle[j], [v[j] for v in y], h)
                            for h, y in near.items()}
             found.append(judge(quantity, name, middle[j], given[k, j], tight[k, j], differences,
-                               [p for p in passings if p.kink.signal in ("", quantity)], subject.tolerances))
+                               [p for p in passings if p.kink.signal in ("", quantity)],
+                               (subject.tolerances.rtol, subject.tight.rtol)))
     return found
 
 
@@ -199,8 +200,9 @@ class _Differences:
 
 
 def judge(quantity: str, parameter: str, values: Array, given: Array, tight: Array,
-          differences: Mapping[float, _Differences | None], passings: Sequence[Passing], tolerances: Tolerances) -> Verdict:
-    """The verdict on one derivative (N,), all per relative change of the parameter.
+          differences: Mapping[float, _Differences | None], passings: Sequence[Passing], rtol: tuple[float, float]
+          ) -> Verdict:
+    """The verdict on one derivative (N,), all per relative change of the parameter; `rtol` given and tight.
 
     Where the differences settle on another value than the derivative although no kink lies between the runs, or only
     one at which the slope changes and not the value, the derivative is wrong.
@@ -229,8 +231,8 @@ def judge(quantity: str, parameter: str, values: Array, given: Array, tight: Arr
         if error <= LOOSE:
             return verdict("agrees", _with(passings, "the differences at long steps do not: between the runs ")
                            if max(steps.values()) > 0.1 and passings else "")
-        return verdict("tolerance", f"at rtol {tolerances.rtol:g} it is off by {100 * error:.2g} %, at {TIGHT.rtol:g} it "
-                       "agrees with the differences: tighten --rtol")
+        return verdict("tolerance", f"at rtol {rtol[0]:g} it is off by {100 * error:.2g} %, at {rtol[1]:g} it agrees with "
+                       "the differences: tighten the tolerances")
     centrals = [d.central for d in known.values()]
     settled = min((_most(a - b) / scale for a, b in pairwise(centrals)), default=np.inf)
     between = f"the differences change with the step ({_span(steps)})" if settled > 0.3 * best else \

@@ -83,7 +83,7 @@ def test_a_run_backwards_agrees_with_forward_sensitivities(case: str, tmp_path: 
 
 
 def test_ten_parameters_of_the_compensator() -> None:
-    """Right, and in less time than forward; the ratio to a plain run (2.5 to 3) is told in docs/theory.md."""
+    """Right, and in less time than forward."""
     assembly = hb.assemble(hb.load("cmc_ahc"))
     plain, evaluator = _evaluated(assembly, [INDEX], 12, 36, Tolerances(1e-8, 1e-10))
     run = plain.run()
