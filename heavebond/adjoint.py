@@ -26,7 +26,7 @@ from heavebond.dae import Array
 from heavebond.errors import Problem, SimulationError
 from heavebond.initialise import tangent
 from heavebond.result import Result, columns
-from heavebond.simulation import MOST_STEPS, Simulator, _stderr
+from heavebond.simulation import MOST_STEPS, Simulator, caught_errors
 from heavebond.symbols import stack
 
 # The multipliers jump with s and with the inputs, and the error control backward cannot leave them out as it does the
@@ -116,7 +116,7 @@ class Adjoint:
             return np.zeros((n_x, len(slopes))), np.zeros((len(run.p), len(slopes)))
         x0 = np.append(first.x / assembly.x_nominal, np.zeros(n_all - n_x))
         middle = (simulator.stops[:-1] + simulator.stops[1:]) / 2
-        with _stderr() as heard:
+        with caught_errors() as heard:
             try:
                 found = integrator(x0=x0, z0=first.z / assembly.z_nominal, p=p, u=simulator.pieces.at(middle),
                                    adj_xf=seeds, adj_zf=jumps)

@@ -9,7 +9,18 @@ from heavebond import reading
 from heavebond.definition import FileInput, Value
 from heavebond.errors import ModelError, Place, Problem, Problems, suggest
 from heavebond.expression import constant
-from heavebond.model import Condition, Model, Setting, Shown, beside, find, load, read_conditions, read_settings, shown_as
+from heavebond.model import (
+    Condition,
+    Model,
+    Setting,
+    Shown,
+    beside,
+    find,
+    load_beside,
+    read_conditions,
+    read_settings,
+    shown_as,
+)
 from heavebond.source import Mapping, Node, Scalar, Source, read
 from heavebond.units import Range, UnitProblem, check_unit, parse_range, unit
 
@@ -125,12 +136,7 @@ def _model(source: Source, base: Experiment | None, problems: Problems) -> Model
             raise ModelError([Problem("key-missing", "an experiment needs the entry 'model'", source.root.place,
                                       "Add `model: diagram.yaml`.")])
         return base.model
-    target = beside(source.path.parent, reading.text(node, "model", problems))
-    if not target.is_file():
-        near = [p.name for p in sorted(source.path.parent.glob("*.yaml"))]
-        raise ModelError([Problem("file-missing", f"there is no diagram {target.name} beside {source.name}",
-                                  node.place, suggest(target.name, near))])
-    return load(target)
+    return load_beside(source, node, problems)
 
 
 @dataclass

@@ -161,6 +161,16 @@ def beside(folder: Path, name: str) -> Path:
     return inside if not path.exists() and inside.is_file() else path
 
 
+def load_beside(source: Source, node: Node, problems: Problems) -> Model:
+    """The diagram that an experiment or a study names; ModelError with near names where there is none."""
+    target = beside(source.path.parent, reading.text(node, "model", problems))
+    if not target.is_file():
+        near = [p.name for p in sorted(source.path.parent.glob("*.yaml"))]
+        raise ModelError([Problem("file-missing", f"there is no diagram {target.name} beside {source.name}", node.place,
+                                  suggest(target.name, near))])
+    return load(target)
+
+
 def _load(path: Path, chain: tuple[Path, ...]) -> Model:
     return from_source(read(path, shown_path(path)), chain)
 

@@ -138,7 +138,7 @@ class Simulator:
             z = first.z if moved is None else np.concatenate([first.z, moved.z.T.ravel()])
             return x[:, None], z[:, None], np.zeros((self.integrals, 1)), {}
         failed, said = "", ""
-        with _stderr() as heard:
+        with caught_errors() as heard:
             try:
                 found = self.attempt(assembly, first, moved)
                 failed = "" if np.all(np.isfinite(found[0])) else "a value became infinite or not a number"
@@ -261,7 +261,7 @@ def _from_model(value: Value | None) -> float | None:
 
 
 @contextmanager
-def _stderr() -> Iterator[list[str]]:
+def caught_errors() -> Iterator[list[str]]:
     """Catch what is written to standard error: the time and step at which SUNDIALS gave up are said only there, by C
     itself or by CasADi through Python's `sys.stderr`."""
     sys.stderr.flush()

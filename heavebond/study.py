@@ -9,7 +9,7 @@ from heavebond import reading
 from heavebond.definition import FileInput
 from heavebond.errors import ModelError, Problem, Problems, suggest
 from heavebond.expression import constant
-from heavebond.model import Model, beside, find, load, read_settings
+from heavebond.model import Model, find, load_beside, read_settings
 from heavebond.source import Mapping, Node, Source, read
 from heavebond.tuning import Case, Task
 from heavebond.units import Range, UnitProblem, check_unit, parse_range, unit
@@ -37,14 +37,10 @@ def load_study(name: str | Path) -> Study:
                                   suggest("study", root.items) or "A study begins with `study: name`.")])
     reading.known_keys(root, STUDY_KEYS, "a study", problems, required=("model", "free", "cost"))
     problems.raise_as(ModelError)
-    target = beside(source.path.parent, reading.text(root.items["model"], "model", problems))
-    if not target.is_file():
-        near = [p.name for p in sorted(source.path.parent.glob("*.yaml"))]
-        raise ModelError([Problem("file-missing", f"there is no diagram {target.name} beside {source.name}",
-                                  root.items["model"].place, suggest(target.name, near))])
+    model = load_beside(source, root.items["model"], problems)
     task = _task(source, problems)
     problems.raise_as(ModelError)
-    return Study(reading.text(root.items["study"], "study", problems), source.path, load(target), task)
+    return Study(reading.text(root.items["study"], "study", problems), source.path, model, task)
 
 
 def _task(source: Source, problems: Problems) -> Task:
