@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 # installed once, and again when the dependencies change
 READY := $(VENV)/.ready
 
-.PHONY: demo test test-slow lint types bench clean
+.PHONY: demo test test-slow lint types bench false-alarms confusion detectability clean
 
 demo: $(READY)
 	$(BIN)/heavebond demo --output demo
@@ -24,6 +24,11 @@ types: $(READY)
 
 bench: $(READY)
 	$(BIN)/python -m benchmarks
+
+# the study of the diagnosis: hours; each goes on where it was stopped
+false-alarms confusion detectability: $(READY)
+	$(BIN)/python -m benchmarks.diagnosis.$(subst -,_,$@)
+	$(BIN)/python -m benchmarks.diagnosis.page
 
 $(READY): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "heavebond needs Python 3.11 or newer; say which one with: make PYTHON=python3.11 ...")'

@@ -17,7 +17,13 @@ import yaml
 
 import heavebond as hb
 from benchmarks.measuring import PAIRS, Figure, at_most, paired, spoken
+from heavebond.adjoint import Adjoint
+from heavebond.costs import Evaluator, read_cost
+from heavebond.dae import Array
+from heavebond.objective import TOLERANCES
 from heavebond.source import Mapping, Node, Scalar, read
+from heavebond.study import load_study
+from heavebond.tuning import tune
 
 ROOT = Path(__file__).parents[1]
 SENSITIVE = ("controller.K_p", "controller.K_v", "ahc.valve.f_n", "crown.m", "wave.a")
@@ -140,6 +146,47 @@ def sensitivity_figures() -> list[Figure]:
     return found
 
 
+# -- tuning ------------------------------------------------------------------------------------------------------------
+TEN = (*SENSITIVE, "cmc.friction.F_c", "cmc.friction.F_s", "drilling.string.c", "cmc.gas.c", "cmc.gas.d")
+STARTS = 3
+
+
+def adjoint_of(number: int) -> tuple[Adjoint, Array, dict[str, float]]:
+    """The quality index by so many parameters, ready to be differentiated where it was not run yet."""
+    study, assembly = load_study("cmc_ahc/quality_index"), hb.assemble(hb.load("cmc_ahc"))
+    evaluator = Evaluator(assembly, [read_cost(assembly, study.task.cost)], 72.0, 96.0)
+    plain = hb.Simulator(assembly, times=np.array([0.0, 72.0, 96.0]), tolerances=TOLERANCES,
+                         quadratures=evaluator.quadratures, factors=evaluator.factors)
+    references = evaluator.functional_values(plain.run())[0]
+    made = Adjoint(plain, evaluator, TEN[:number])
+    made.at(assembly.parameter_values, references)
+    return made, references, assembly.parameter_values
+
+
+def adjoint_figures() -> list[Figure]:
+    """Cost and gradient from cold against a plain run with the same integrals."""
+    found = []
+    for number in (2, 10):
+        made, references, values = adjoint_of(number)
+        measured = paired(partial(made.at, values, references), partial(made.simulator.run, values))
+        found.append(at_most(f"cmc_ahc: cost and its gradient by {number} parameters, backwards / plain run", measured, 3.5))
+    return found
+
+
+def tuning_figures() -> list[Figure]:
+    """Tuning both gains from starts beyond the limit of stability against runs of the diagram as `heavebond run` makes
+    them."""
+    found, task = [], load_study("cmc_ahc/quality_index").task
+    for name in ("cmc_ahc", "cmc_ahc/active_frictionless"):
+        assembly = hb.assemble(hb.load(name))
+        plain, rng = hb.Simulator(assembly), np.random.default_rng(7)
+        starts = [{"controller.K_p": rng.uniform(4, 8), "controller.K_v": rng.uniform(0, 1.2)} for _ in range(STARTS)]
+        tunings = iter([assembly.with_parameters(starts[k % STARTS]) for k in range(30)])
+        measured = paired(lambda tunings=tunings: tune(next(tunings), task), plain.run, STARTS)  # type: ignore[misc]
+        found.append(at_most(f"{name}: both gains tuned from a bad start / run", measured, 40))
+    return found
+
+
 def figures() -> list[Figure]:
     """All of the above."""
-    return [*assembly_figures(), *process_figures(), *sensitivity_figures()]
+    return [*assembly_figures(), *process_figures(), *sensitivity_figures(), *adjoint_figures(), *tuning_figures()]

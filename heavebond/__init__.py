@@ -20,10 +20,14 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from heavebond.comparison import Comparison, compare
     from heavebond.dae import Assembly, assemble
+    from heavebond.diagnosis import Diagnosis, diagnose
+    from heavebond.drawing import draw
     from heavebond.energy import audit
     from heavebond.errors import DataError, HeavebondError, ModelError, SimulationError, StartError, UsageError
     from heavebond.experiment import Experiment, load_experiment
+    from heavebond.finding import ladder
     from heavebond.fitting import Fit, fit
+    from heavebond.misfit import Where, where
     from heavebond.model import Model, load, loads
     from heavebond.result import Result
     from heavebond.simulation import Simulator, simulate
@@ -35,17 +39,19 @@ __version__ = "0.1.0"
 # name -> module; loaded when first used, so that `import heavebond` and `heavebond --help` stay quick. No name is that of
 # a module: importing the module would put it in the function's place.
 _WHERE = {
+    "Diagnosis": "diagnosis", "diagnose": "diagnosis", "ladder": "finding",
     "audit": "energy", "Fit": "fitting", "fit": "fitting", "Study": "study", "load_study": "study", "tune": "tuning",
-    "Comparison": "comparison", "compare": "comparison", "Experiment": "experiment", "load_experiment": "experiment",
+    "Comparison": "comparison", "compare": "comparison", "draw": "drawing", "Experiment": "experiment",
+    "load_experiment": "experiment",
     "Assembly": "dae", "assemble": "dae", "DataError": "errors", "HeavebondError": "errors", "ModelError": "errors",
     "SimulationError": "errors", "StartError": "errors", "UsageError": "errors",
     "Model": "model", "load": "model", "loads": "model", "Result": "result", "Simulator": "simulation",
-    "simulate": "simulation",
+    "simulate": "simulation", "Where": "misfit", "where": "misfit",
 }
 __all__ = [
-    "Assembly", "Comparison", "DataError", "Experiment", "Fit", "HeavebondError", "Model", "ModelError", "Result",
-    "SimulationError", "Simulator", "StartError", "Study", "UsageError", "assemble", "audit", "compare", "fit", "load",
-    "load_experiment", "load_study", "loads", "simulate", "tune",
+    "Assembly", "Comparison", "DataError", "Diagnosis", "Experiment", "Fit", "HeavebondError", "Model", "ModelError",
+    "Result", "SimulationError", "Simulator", "StartError", "Study", "UsageError", "Where", "assemble", "audit", "compare",
+    "diagnose", "draw", "fit", "ladder", "load", "load_experiment", "load_study", "loads", "simulate", "tune", "where",
 ]
 
 

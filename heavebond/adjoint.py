@@ -15,18 +15,18 @@ sensitivity analysis for differential-algebraic equations, 2003, doi:10.1137/S10
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
 from heavebond.costs import CostSlopes, Evaluator
-from heavebond.dae import Array
-from heavebond.errors import Problem, SimulationError
-from heavebond.initialise import tangent
+from heavebond.dae import Array, Assembly
+from heavebond.errors import Problem, SimulationError, UsageError
+from heavebond.initialise import Start, Tangent, start, tangent
 from heavebond.result import Result, columns
-from heavebond.simulation import MOST_STEPS, Simulator, caught_errors
+from heavebond.simulation import Simulator, caught_errors, integrator_options
 from heavebond.symbols import stack
 
 # The multipliers jump with s and with the inputs, and the error control backward cannot leave them out as it does the
@@ -41,7 +41,9 @@ ROOM = 2
 MOST_NUMBERS = 60_000_000  # kept steps times unknowns: about 1 GB
 # Adjoint states are weighted by so much more than forward sensitivities in the error control: contributions to an integral
 # over p cancel, and what is left of their errors is magnified.
-MORE = 10
+MORE = 4
+# So many integrals are gone back for one by one, where that saves the run before; each costs a fifth of a run.
+MOST_AT_ONCE = 4
 # The share of |integrand| at the ends of the time evaluated that a signed integral is taken to be at least: one over
 # whole periods may be zero, and still has a gradient.
 SIGNED = 1e-3
@@ -62,6 +64,7 @@ class _Made:
     fixed: Array
     room: int
     integrator: ca.Function
+    hoist_transposed: ca.Function
 
 
 class Adjoint:
@@ -69,25 +72,30 @@ class Adjoint:
 
     `names` are the parameters that are differentiated; those under `solve:` follow the start, all others are taken into
     the equations as numbers, so that the gradient is cheap. Each cost is scaled so that its adjoint states count in the
-    error control by ten times `tolerances.along`. UsageError for a name that is no independent parameter.
+    error control by four times `tolerances.along`. UsageError for a name that is no independent parameter and where the
+    diagram has events.
     """
 
     def __init__(self, simulator: Simulator, evaluator: Evaluator, names: Sequence[str]):
         self.simulator, self.evaluator = simulator, evaluator
         assembly = simulator.assembly
         assembly.with_parameters(dict.fromkeys(names, 0.0))  # says what is wrong with a name that cannot be set
+        if assembly.flat.events:
+            raise UsageError([Problem("adjoint-events", "a run backwards does not go through events", None,
+                                      "Take forward sensitivities: simulate(..., sensitivities=[...]).")])
         self._chosen = [assembly.parameter_names.index(name) for name in names]
-        self._made: _Made | None = None
+        self._made: dict[int, _Made] = {}
+        self._steps = 0
+        self._last_sizes = np.zeros(0)
         z, p = assembly.arguments[2:4]
         hoisted = simulator.integrand.hoist(p, ca.SX(p.numel(), 0))
         moving = [*self._chosen, *simulator.start_equations.solved_for]
         depends = np.array(ca.which_depends(hoisted, p[moving], 1, True)) if moving else np.zeros(0, dtype=bool)
         self._kept = np.flatnonzero(depends)
-        pull = ca.SX.sym("l", len(self._kept), len(evaluator.costs))
-        self._hoist_transposed = ca.Function("hoist", [p, pull], [ca.jtimes(hoisted[self._kept.tolist()], p, pull, True)])
         sides = (assembly.ode / ca.SX(ca.DM(assembly.x_nominal)), assembly.alg, evaluator.quadratures)
-        self._by_z = ca.Function("by_z", list(assembly.arguments), [ca.jacobian(side, z) for side in sides])
-        self._rates = ca.Function("rates", list(assembly.arguments), [evaluator.quadratures])
+        given = [*assembly.arguments, evaluator.factors.symbols]
+        self._by_z = ca.Function("by_z", given, [ca.jacobian(side, z) for side in sides])
+        self._rates = ca.Function("rates", given, [evaluator.quadratures])
         self._ends = self._end_function() if any(f.kind == "final" for f in evaluator.functionals) else None
 
     def costs(self, run: Result, references: Array) -> list[tuple[float, Array]]:
@@ -97,30 +105,76 @@ class Adjoint:
         """
         slopes = self.evaluator.cost_slopes(run, references)
         ends = [self._end(run, slope) for slope in slopes]
-        first = run.start
-        u = self.simulator.pieces.at(np.array([first.t]))[:, 0]
-        moved = tangent(self.simulator.start_equations, first, u, np.eye(len(run.p))[:, self._chosen])
+        moved = self._moved(run.start)
         x, p = self._backward(run, slopes, ends)
         return [(slope.value, moved.x.T @ x[:, k] + moved.p.T @ (p[:, k] + slope.by_p + end.p))
                 for k, (slope, end) in enumerate(zip(slopes, ends, strict=True))]
 
+    def at(self, parameters: Mapping[str, float | str], references: Array) -> list[tuple[float, Array]]:
+        """As `costs`, at parameters where no run is known.
+
+        Where costs are made of few integrals, and nothing jumps at the end that only a run could tell, one call integrates
+        forward and then back for every integral, whatever the costs make of them. Raises as a run does.
+        """
+        n_q = len(self.evaluator.integrated)
+        told_by_a_run = self._ends is not None or self.simulator.assembly.z_nominal.size > 0
+        if not self._steps or told_by_a_run or not 0 < n_q <= MOST_AT_ONCE:
+            return self.costs(self.simulator.run(parameters), references)
+        assembly, simulator = self.simulator.assembly.with_parameters(parameters), self.simulator
+        first = start(assembly, float(simulator.time[0]), self._first_inputs(), simulator.start_equations)
+        weights = MORE * simulator.tolerances.along / np.maximum(self._last_sizes, simulator.tolerances.atol)
+        made = self._integrator(self._steps, first.p, n_q)
+        n_all = made.integrator.size1_in("x0")
+        pulls = np.zeros((len(simulator.stops) - 1, n_q, n_all))
+        self._pull(pulls, np.hstack([np.zeros((n_q, n_all - n_q)), np.diag(weights)]))
+        by_x, by_p, found = self._called(made, first, pulls, np.zeros((0, pulls.shape[0] * n_q)))
+        self._steps = max(self._steps, _steps(made.integrator.stats()))
+        run = self._result(assembly, first, np.array(found["xf"]).reshape(n_all, -1))
+        self._last_sizes, moved = self._sizes(run), self._moved(first)
+        along = (moved.x.T @ by_x + moved.p.T @ by_p) / weights
+        return [(slope.value, along @ slope.by_integral + moved.p.T @ slope.by_p)
+                for slope in self.evaluator.cost_slopes(run, references)]
+
+    def _result(self, assembly: Assembly, first: Start, after: Array) -> Result:
+        """The run that an integrator without algebraic unknowns made on its way: states and integrals (n_all, stops)."""
+        simulator, n_x = self.simulator, len(first.x)
+        x = np.column_stack([np.zeros(len(after)), after])
+        x[:n_x, 0] = first.x / assembly.x_nominal
+        x = x[:, np.searchsorted(simulator.stops, simulator.time)]
+        return Result(assembly, simulator.time, x[:n_x] * assembly.x_nominal[:, None], np.zeros((0, x.shape[1])),
+                      simulator.pieces.at(simulator.time), first.p, first, {}, x[len(after) - simulator.integrals:])
+
+    def _first_inputs(self) -> Array:
+        return self.simulator.pieces.at(self.simulator.time[:1])[:, 0]
+
+    def _moved(self, first: Start) -> Tangent:
+        directions = np.eye(len(first.p))[:, self._chosen]
+        return tangent(self.simulator.start_equations, first, self._first_inputs(), directions)
+
     # -- the run back ----------------------------------------------------------------------------------------------
     def _backward(self, run: Result, slopes: list[CostSlopes], ends: list[_Ends]) -> tuple[Array, Array]:
         """d cost / d x(t_0) (n_x, k) with parameters held, d cost / dp (n_p, k) with x(t_0) held and without `ends`."""
-        simulator, assembly = self.simulator, self.simulator.assembly
-        integrator = self._integrator(run)
-        n_x, n_all = len(assembly.x_nominal), integrator.size1_in("x0")
-        first, p = run.start, self._hoisted(run)[self._kept]
-        seeds, jumps, weights = self._seeds(run, slopes, ends, n_all)
+        self._steps = _steps(run.statistics)
+        made = self._integrator(self._steps, run.p, len(slopes))
+        pulls, jumps, weights = self._seeds(run, slopes, ends, made.integrator.size1_in("x0"))
         if not weights.any():
-            return np.zeros((n_x, len(slopes))), np.zeros((len(run.p), len(slopes)))
+            return np.zeros((len(run.x), len(slopes))), np.zeros((len(run.p), len(slopes)))
+        by_x, by_p, _ = self._called(made, run.start, pulls, jumps)
+        back = np.divide(1.0, weights, out=np.zeros_like(weights), where=weights > 0)
+        return by_x * back, by_p * back
+
+    def _called(self, made: _Made, first: Start, pulls: Array, jumps: Array) -> tuple[Array, Array, dict[str, ca.DM]]:
+        """Forward and back from a start with what is added to the adjoint states (stops, k, n_all) and to the multipliers
+        (n_z, stops * k): the adjoint states at the start in SI (n_x, k), by p (n_p, k), and what the call gave."""
+        simulator, assembly = self.simulator, self.simulator.assembly
+        n_x, n_all = len(assembly.x_nominal), pulls.shape[2]
         x0 = np.append(first.x / assembly.x_nominal, np.zeros(n_all - n_x))
         middle = (simulator.stops[:-1] + simulator.stops[1:]) / 2
         with caught_errors() as heard:
             try:
-                found = integrator(x0=x0, z0=first.z / assembly.z_nominal, p=p, u=simulator.pieces.at(middle),
-                                   adj_xf=seeds, adj_zf=jumps)
-                by_x, by_p = np.array(found["adj_x0"]), np.array(self._hoist_transposed(run.p, found["adj_p"]))
+                found = made.integrator(x0=x0, z0=first.z / assembly.z_nominal, p=self._hoisted(first.p)[self._kept],
+                                        u=simulator.inputs(middle), adj_xf=pulls.reshape(-1, n_all).T, adj_zf=jumps)
+                by_x, by_p = np.array(found["adj_x0"]), np.array(made.hoist_transposed(first.p, found["adj_p"]))
                 failed = "" if np.isfinite(by_x).all() and np.isfinite(by_p).all() else "a value is not a number"
             except RuntimeError as error:
                 failed = str(error)
@@ -129,65 +183,68 @@ class Adjoint:
             raise KeyboardInterrupt
         if failed:
             raise _failure(failed, said)
-        back = np.divide(1.0, weights, out=np.zeros_like(weights), where=weights > 0)
-        return by_x[:n_x] / assembly.x_nominal[:, None] * back, by_p * back
+        return by_x[:n_x] / assembly.x_nominal[:, None], by_p, found
 
     def _seeds(self, run: Result, slopes: list[CostSlopes], ends: list[_Ends], n_all: int) -> tuple[Array, Array, Array]:
-        """What is added to the adjoint states (n_all, stops * k) and to the multipliers (n_z, stops * k) at the stops after
+        """What is added to the adjoint states (stops, k, n_all) and to the multipliers (n_z, stops * k) at the stops after
         the first, a column per cost at each stop, and the weight of each cost in it."""
         simulator, k = self.simulator, len(slopes)
         nominal = simulator.assembly.x_nominal
         stops, n_q = len(simulator.stops) - 1, simulator.integrals
         pulls, jumps = np.zeros((stops, k, n_all)), np.zeros((stops, k, len(run.z)))
-        weights = np.zeros(k)
-        begin = int(np.searchsorted(simulator.stops, simulator.time[-2]))
-        sizes = self._sizes(run)
+        weights, by_integral = np.zeros(k), np.zeros((k, n_all))
+        begin = int(np.searchsorted(simulator.stops, self.evaluator.begin))
+        self._last_sizes = sizes = self._sizes(run)
         for j, (slope, end) in enumerate(zip(slopes, ends, strict=True)):
             pull = end.x * nominal
             size = max(float(np.abs(slope.by_integral) @ sizes), float(np.abs(pull).max(initial=0.0)))
             weights[j] = MORE * simulator.tolerances.along / size if size > 0 else 0.0
+            by_integral[j, n_all - n_q:] = weights[j] * slope.by_integral
             pulls[-1, j, : len(nominal)] = weights[j] * pull
-            pulls[-1, j, n_all - n_q:] = weights[j] * slope.by_integral
             jumps[-1, j] = weights[j] * self._multipliers(run, -1, pull, slope.by_integral)
             if begin > 0:
-                pulls[begin - 1, j, n_all - n_q:] = -weights[j] * slope.by_integral
                 jumps[begin - 1, j] = -weights[j] * self._multipliers(run, -2, 0 * pull, slope.by_integral)
-        if simulator.pieces.columns.size:
+        self._pull(pulls, by_integral)
+        return pulls, jumps.reshape(stops * k, -1).T, weights
+
+    def _pull(self, pulls: Array, by_integral: Array) -> None:
+        """Add what integrals pull at (k, n_all): from the begin of the time that is evaluated to its end."""
+        begin = int(np.searchsorted(self.simulator.stops, self.evaluator.begin))
+        pulls[-1] += by_integral
+        if begin > 0:
+            pulls[begin - 1] -= by_integral
+        if self.simulator.pieces.columns.size:
             pulls[:-1, :, -1] += NOTHING
-        return pulls.reshape(stops * k, n_all).T, jumps.reshape(stops * k, -1).T, weights
 
     def _multipliers(self, run: Result, at: int, pull: Array, by_integral: Array) -> Array:
         """The multipliers (n_z,) that go with adjoint states `pull` and with s."""
         if not len(run.z):
             return np.zeros(0)
-        f_z, g_z, r_z = (np.array(a.full()) for a in self._by_z(*_column(run, at)))
+        f_z, g_z, r_z = (np.array(a.full()) for a in self._by_z(*_column(run, at), self.evaluator.factors.values))
         return np.asarray(-np.linalg.solve(g_z.T, f_z.T @ pull + r_z.T @ by_integral) / UNSEEN)
 
     def _sizes(self, run: Result) -> Array:
         """About how large the integral of |integrand| is (n_q,)."""
         evaluator = self.evaluator
-        integrals = np.abs(run.quadratures[:, -1] - run.quadratures[:, -2])
-        rates = np.abs(np.array(self._rates(*columns(run)))).reshape(len(integrals), -1).max(axis=1)
-        signed = np.array([f.kind in ("mean", "integral") for f in evaluator.functionals])
-        least = np.where(signed, np.maximum(SIGNED * rates, self.simulator.tolerances.atol), 0.0)
+        integrals = np.abs(evaluator.integrals(run))
+        rates = np.array(self._rates(*columns(run), evaluator.factors.values)).reshape(len(integrals), -1)
+        signed = np.array([f.kind in ("mean", "integral") for f in evaluator.integrated])
+        least = np.where(signed, np.maximum(SIGNED * np.abs(rates).max(axis=1), self.simulator.tolerances.atol), 0.0)
         return np.asarray(np.maximum(integrals, evaluator.length * least))
 
-    def _hoisted(self, run: Result) -> Array:
-        return np.array(self.simulator.integrand.hoist(run.p, np.zeros((len(run.p), 0)))).ravel()
+    def _hoisted(self, p: Array) -> Array:
+        return np.array(self.simulator.integrand.hoist(p, np.zeros((len(p), 0)))).ravel()
 
-    def _integrator(self, run: Result) -> ca.Function:
-        """The integrator with its way back, with the numbers of the run and room for its steps."""
-        steps = run.statistics.get("nsteps", 0)
-        assert isinstance(steps, int)
-        hoisted = self._hoisted(run)
+    def _integrator(self, steps: int, p: Array, number: int) -> _Made:
+        """The integrator with so many ways back, with the numbers of a run and room for its steps."""
+        hoisted = self._hoisted(p)
         fixed = np.delete(hoisted, self._kept)
-        made = self._made
+        made = self._made.get(number)
         if made is None or 1.5 * steps > made.room or not np.array_equal(made.fixed, fixed):
-            room = ROOM * steps + 1000
-            self._made = made = _Made(fixed, room, self._built(hoisted, room))
-        return made.integrator
+            made = self._made[number] = self._built(hoisted, ROOM * steps + 1000, number)
+        return made
 
-    def _built(self, hoisted: Array, room: int) -> ca.Function:
+    def _built(self, hoisted: Array, room: int, number: int) -> _Made:
         simulator = self.simulator
         dae = dict(simulator.integrand.dae)
         rest = np.setdiff1d(np.arange(len(hoisted)), self._kept)
@@ -197,12 +254,15 @@ class Adjoint:
         size = dae["x"].numel() + dae["z"].numel()
         if room * size > MOST_NUMBERS:
             raise _failure(f"to keep {room} steps of {size} unknowns takes too much memory", "")
-        return ca.integrator("back", "idas", dae, float(simulator.stops[0]), list(simulator.stops[1:]), {
-            "nadj": len(self.evaluator.costs), "steps_per_checkpoint": room, "max_num_steps": MOST_STEPS,
-            "reltol": simulator.tolerances.rtol, "abstol": simulator.tolerances.atol,
+        integrator = ca.integrator("back", "idas", dae, float(simulator.stops[0]), list(simulator.stops[1:]), {
+            **integrator_options(dae, simulator.tolerances), "nadj": number, "steps_per_checkpoint": room,
             # long steps where the adjoint states are quiet would leave the integrals over p inaccurate
-            "quad_err_con": True,
-            "linear_solver": "qr" if size < 100 else "csparse", "suppress_algebraic": bool(dae["z"].numel())})
+            "quad_err_con": True})
+        p = simulator.assembly.arguments[3]
+        kept = simulator.integrand.hoist(p, ca.SX(p.numel(), 0))[self._kept.tolist()]
+        pull = ca.SX.sym("l", len(self._kept), number)
+        transposed = ca.Function("hoist", [p, pull], [ca.jtimes(kept, p, pull, True)])
+        return _Made(hoisted[rest], room, integrator, transposed)
 
     # -- costs of the last values ----------------------------------------------------------------------------------
     def _end_function(self) -> ca.Function:
@@ -223,6 +283,12 @@ class Adjoint:
             multipliers = np.linalg.solve(g_z.T, e_z)
             e_x, e_p = e_x - g_x.T @ multipliers, e_p - g_p.T @ multipliers
         return _Ends(e_x.ravel(), e_p.ravel())
+
+
+def _steps(statistics: Mapping[str, object]) -> int:
+    steps = statistics.get("nsteps", 0)
+    assert isinstance(steps, int)
+    return steps
 
 
 def _column(run: Result, at: int) -> list[Array]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
 from typing import Protocol
 
 from heavebond import reading
@@ -15,7 +15,7 @@ from heavebond.values import add_formula_problem, check_dimension
 
 
 class Resolver(Protocol):
-    """What is needed of the names of a diagram (see `heavebond.flatten.Resolver`)."""
+    """What is needed of the names of a diagram (see `heavebond.resolver.Resolver`)."""
 
     @property
     def names(self) -> Mapping[str, int]:
@@ -25,12 +25,14 @@ class Resolver(Protocol):
         """The dimension of a formula; ExpressionProblem for an unknown name and where units disagree."""
 
 
-def check_asked(model: Model, resolver: Resolver, parameters: Iterable[str], problems: Problems) -> None:
-    """Note what is wrong in `show:` and `initial:`; `parameters` are those that may be solved for."""
+def check_asked(model: Model, resolver: Resolver, parameters: Iterable[str], held: Container[str], problems: Problems
+                ) -> None:
+    """Note what is wrong in `show:` and `initial:`; `parameters` are those that may be solved for, `held` the variables
+    that only events change."""
     for shown in model.show.values():
         _shown(shown, resolver, problems)
     for condition in model.initial.conditions.values():
-        _condition(condition, resolver, problems)
+        _condition(condition, resolver, held, problems)
     known = [p for p in parameters if not p.startswith(("initial.", "scale."))]
     for name, place in model.initial.solve.items():
         if name not in known:
@@ -52,7 +54,7 @@ def _shown(shown: Shown, resolver: Resolver, problems: Problems) -> None:
                      shown.place, hint=f"Write `unit: {unit}`, or a multiple of it.")
 
 
-def _condition(condition: Condition, resolver: Resolver, problems: Problems) -> None:
+def _condition(condition: Condition, resolver: Resolver, held: Container[str], problems: Problems) -> None:
     tree = reading.parsed(parse_formula, condition.name, condition.place, problems)
     if tree is None:
         return
@@ -61,7 +63,7 @@ def _condition(condition: Condition, resolver: Resolver, problems: Problems) -> 
     except ExpressionProblem as problem:
         reading.add_expression_problem(problem, condition.place, problems)
         return
-    if not any(_varies(name, resolver) for name in names(tree)):
+    if condition.name not in held and not any(_varies(name, resolver) for name in names(tree)):
         problems.add("initial-constant", f"'{condition.name}' is constant; an initial value belongs to a variable",
                      condition.place, hint="Set a parameter where its component stands, or under `set:`.")
         return

@@ -17,15 +17,22 @@ import click
 
 from heavebond import __version__
 from heavebond.commands.arguments import check_writable
+from heavebond.commands.candidates import candidates
 from heavebond.commands.check import check
 from heavebond.commands.check_gradient import check_gradient
 from heavebond.commands.compare import compare
 from heavebond.commands.demo import demo
+from heavebond.commands.diagnose import diagnose
+from heavebond.commands.draw import draw
 from heavebond.commands.fit import fit
+from heavebond.commands.ladder import ladder
 from heavebond.commands.library import library
+from heavebond.commands.modes import modes
 from heavebond.commands.run import run
 from heavebond.commands.sensitivity import sensitivity
+from heavebond.commands.try_effect import try_effect
 from heavebond.commands.tune import tune
+from heavebond.commands.where import where
 from heavebond.errors import HeavebondError, Problem, UsageError, suggest
 from heavebond.terminal import PIPE_CLOSED, print_problems
 
@@ -158,5 +165,6 @@ def main() -> None:
     """
 
 
-for _command in (check, run, compare, fit, tune, sensitivity, check_gradient, library, demo):
+for _command in (check, draw, run, compare, fit, where, candidates, try_effect, diagnose, ladder, tune, modes, sensitivity,
+                 check_gradient, library, demo):
     main.add_command(_command)

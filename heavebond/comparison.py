@@ -10,11 +10,14 @@ import numpy as np
 
 from heavebond import metrics, reading
 from heavebond.dae import Array, Assembly, assemble
-from heavebond.errors import DataError, HeavebondError, ModelError, Place, Problem, Problems, suggest
+from heavebond.errors import DataError, ModelError, Place, Problems, suggest
 from heavebond.experiment import Experiment, Output, Record, load_experiment
 from heavebond.expression import ExpressionProblem, names
-from heavebond.measurements import Table, check_time, check_values, column, read_table
+from heavebond.lateness import Lateness, lateness
+from heavebond.presentation import count, number, readable_time
+from heavebond.records import Mask, Measured, Samples, measure, moments
 from heavebond.result import Result
+from heavebond.screening import outliers
 from heavebond.simulation import Simulator, Tolerances
 from heavebond.units import dimension_text, read_unit
 
@@ -24,11 +27,14 @@ TOLERANCES = Tolerances(1e-7, 1e-9)
 
 @dataclass(frozen=True)
 class Channel:
-    """One measured channel beside the model, both (N,) in the channel's unit.
+    """One measured channel beside the model, n samples of its own, both in the channel's unit. All figures are of the
+    samples that `counts` (n,): dropped outliers and the other part of a record that is held out in part do not.
 
     error: rms of model - measured, same unit; normalised: error / rms of measured about its mean;
     relative: error / rms of measured; fit: 100 (1 - normalised) %; chi2: mean of (error/noise)**2, 1 where the model
-    is right; white: p value of the Ljung-Box test that what is left has no memory.
+    is right; white: p value of the Ljung-Box test that what is left has no memory; step: that of a sensor that counts,
+    else 0; outlier (n,): samples far from their neighbours; astray (n,): others whose difference from the model is far from
+    that of their neighbours; late: by how much the channel looks later than the model.
     """
 
     name: str
@@ -45,23 +51,35 @@ class Channel:
     bias: float
     chi2: float
     white: float
+    counts: Mask
+    outlier: Mask
+    astray: Mask
+    step: float
+    late: Lateness | None
 
-    def figures(self) -> dict[str, float | str | bool]:
+    def figures(self) -> dict[str, object]:
         """The figures alone, for tables and machines."""
+        late = self.late and {"seconds": self.late.seconds, "deviation": self.late.deviation, "share": self.late.share,
+                              "noticeable": self.late.noticeable, "explains": self.late.explains(self.noise)}
         return {"unit": self.unit, "error": self.error, "normalised": self.normalised, "relative": self.relative,
                 "fit_percent": self.fit, "bias": self.bias, "noise": self.noise, "noise_given": self.noise_given,
-                "chi2_per_sample": self.chi2, "white_p": self.white}
+                "chi2_per_sample": self.chi2, "white_p": self.white, "samples": int(self.counts.sum()),
+                "outliers": self.time[self.outlier].tolist(),
+                "astray": self.time[self.astray].tolist(), "step": self.step, "late": late}
 
 
 @dataclass(frozen=True)
 class RecordComparison:
-    """All channels of one record."""
+    """All channels of one record. `validate` is the part that is held out of the fit where no record of its own checks
+    it, else None; `notes` say what a reader of the figures must know."""
 
     name: str
     use: str
     file: Path
     channels: dict[str, Channel]
     result: Result
+    validate: RecordComparison | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def normalised(self) -> float:
@@ -73,6 +91,12 @@ class RecordComparison:
         """Mean of the channels' chi-square per sample."""
         return float(np.mean([c.chi2 for c in self.channels.values()]))
 
+    def as_dict(self) -> dict[str, object]:
+        """All figures, for machines."""
+        held_out = {"validate": self.validate.as_dict()} if self.validate else {}
+        return {"use": self.use, "normalised": self.normalised, "chi2_per_sample": self.chi2, "notes": list(self.notes),
+                "channels": {c.name: c.figures() for c in self.channels.values()}, **held_out}
+
 
 @dataclass(frozen=True)
 class Comparison:
@@ -81,11 +105,14 @@ class Comparison:
     experiment: Experiment
     records: dict[str, RecordComparison]
 
+    @property
+    def parts(self) -> list[RecordComparison]:
+        """Every record, and behind it the part of it that is held out where there is one."""
+        return [part for r in self.records.values() for part in (r, r.validate) if part is not None]
+
     def as_dict(self) -> dict[str, object]:
         """All figures, for machines."""
-        return {name: {"use": r.use, "normalised": r.normalised, "chi2_per_sample": r.chi2,
-                       "channels": {c.name: c.figures() for c in r.channels.values()}}
-                for name, r in self.records.items()}
+        return {name: r.as_dict() for name, r in self.records.items()}
 
 
 def compare(experiment: Experiment | str | Path, *, parameters: Mapping[str, float | str] | None = None,
@@ -112,53 +139,56 @@ def compare(experiment: Experiment | str | Path, *, parameters: Mapping[str, flo
 def compare_record(experiment: Experiment, record: Record,
                    parameters: Mapping[str, float | str] | None = None) -> RecordComparison:
     """One record; see `compare`."""
-    table = record_table(experiment, record)
+    measured = measure(experiment, record)
     assembly = assemble_for(experiment, record)
     if parameters:
         assembly = assembly.with_parameters(parameters)
-    time = record_time(experiment, record, table)
-    result = Simulator(assembly, times=time, tolerances=TOLERANCES).run()
+    result = Simulator(assembly, times=measured.grid, tolerances=TOLERANCES).run()
     simulated = result.signals([o.shown.text for o in experiment.outputs.values()])
-    channels = {name: _channel(name, output, table, time, simulated[output.shown.text])
-                for name, output in experiment.outputs.items()}
-    return RecordComparison(record.name, record.use, record.file, channels, result)
+    fitted, checking = {}, {}
+    for name, found in measured.channels.items():
+        unit = read_unit(found.output.shown.unit)
+        model = np.asarray((simulated[found.output.shown.text] - unit.offset) / unit.scale)
+        sound = ~found.outlier
+        late = lateness(found.time[sound] - found.output.shift, found.measured[sound], measured.grid, model)
+        astray = outliers(found.time, found.measured - model[found.index], max(found.noise, found.step)) & sound
+        fitted[name] = _channel(name, found, model[found.index], found.fitted, astray, late)
+        if found.checking.any():
+            checking[name] = _channel(name, found, model[found.index], found.checking, astray, late)
+    held_out = RecordComparison(f"{record.name}, held out", "validate", record.file, checking, result) if checking else None
+    return RecordComparison(record.name, record.use, record.file, fitted, result, held_out, _notes(measured, fitted))
 
 
-def record_table(experiment: Experiment, record: Record) -> Table:
-    """The record's rows between `from` and `to`, checked: times increase, no gaps, no missing values in use."""
-    table = read_table(record.file, place=record.place)
-    problems = Problems()
-    used = {experiment.time_column: record.place}
-    used.update({given.column: given.place for given in {**experiment.inputs, **record.inputs}.values()})
-    used.update({output.column: output.place for output in experiment.outputs.values()})
-    for name, place in used.items():
-        try:
-            column(table, name, place)
-        except HeavebondError as error:
-            problems.extend(error)
-    problems.raise_as(DataError)
-    time = table.columns[experiment.time_column] * read_unit(experiment.time_unit).scale
-    keep = np.ones(len(time), dtype=bool)
-    if record.begin is not None:
-        keep &= ~(time < record.begin)
-    if record.end is not None:
-        keep &= ~(time > record.end)
-    table = table.keep(keep)
-    try:
-        check_time(table, experiment.time_column)
-    except DataError as error:
-        problems.extend(error)
-    try:
-        check_values(table, list(used))
-    except DataError as error:
-        problems.extend(error)
-    problems.raise_as(DataError)
-    return table
+def _notes(measured: Measured, channels: Mapping[str, Channel]) -> tuple[str, ...]:
+    late = [c for c in channels.values() if c.late is not None and c.late.noticeable]
+    sure = {c.name: c for c in late if c.late is not None and c.late.explains(c.noise)}
+    notes = [f"{c.name}: {count(int(c.astray.sum()), 'more sample')} far from the model where those around are not, at "
+             f"{moments(c.time[c.astray])}; `heavebond fit --robust` lets such samples pull less"
+             for c in channels.values() if c.astray.any()]
+    notes += [_late_note(c, measured.channels[c.name].output.shift) for c in sure.values()]
+    # where more is wrong, a delay is only one way to look at it
+    other = ", ".join(f"{c.name} {_late_by(c)}" for c in late if c.name not in sure)
+    if other:
+        notes.append(f"nearer if shifted in time: {other}; but more than a shift is wrong, and missing physics shifts "
+                     "phases too: fit first")
+    return (*measured.notes, *notes)
 
 
-def record_time(experiment: Experiment, record: Record, table: Table) -> Array:
-    """The times (N,) of a record in seconds."""
-    return column(table, experiment.time_column, record.place) * read_unit(experiment.time_unit).scale
+def _late_note(channel: Channel, declared: float) -> str:
+    late = channel.late
+    assert late is not None
+    total = readable_time(declared + late.seconds)[0]
+    instead = f" instead of `shift: {readable_time(declared)[0]}`" if declared else ""
+    intervals = number(abs(late.seconds) / late.interval, 2)
+    return (f"{channel.name} looks {_late_by(channel)} ({intervals} of its sample intervals), and little else is wrong with "
+            f"it; unless the model lacks something that acts like a delay, write `shift: {total}`{instead} at this output")
+
+
+def _late_by(channel: Channel) -> str:
+    late = channel.late
+    assert late is not None
+    size, deviation = readable_time(abs(late.seconds), late.deviation)
+    return f"{'late' if late.seconds > 0 else 'early'} by {size} +- {deviation}"
 
 
 def assemble_for(experiment: Experiment, record: Record) -> Assembly:
@@ -203,28 +233,11 @@ def _check_free(assembly: Assembly, experiment: Experiment, problems: Problems) 
             problems.add("unit-wrong", f"the range of {name} is in {free.range.unit.text}; {unit.text} is needed", place)
 
 
-def channel_noise(output: Output, table: Table, time: Array) -> tuple[float, bool]:
-    """The noise of a channel in its own unit, and whether it was given (else it is estimated from the record).
-
-    DataError for a channel whose noise is not given and cannot be estimated: constant or too short.
-    """
-    if output.noise is not None:
-        return output.noise, True
-    noise = metrics.estimate_noise(table.columns[output.column], time)
-    if not np.isfinite(noise) or noise <= 0:
-        raise DataError([Problem("noise-unknown", f"the noise of column '{output.column}' cannot be estimated from the "
-                                 "record", output.place, f"Give it: `noise: 1 {output.shown.unit}`.")])
-    return noise, False
-
-
-def _channel(name: str, output: Output, table: Table, time: Array, simulated: Array) -> Channel:
-    unit = read_unit(output.shown.unit)
-    measured = table.columns[output.column]
-    model = np.asarray((simulated - unit.offset) / unit.scale)
-    noise, given = channel_noise(output, table, time)
+def _channel(name: str, found: Samples, simulated: Array, counts: Mask, astray: Mask, late: Lateness | None) -> Channel:
+    measured, model, noise = found.measured[counts], simulated[counts], found.noise
     return Channel(
-        name, output.shown.unit, time, measured, model, noise, given,
+        name, found.output.shown.unit, found.time, found.measured, simulated, noise, found.noise_given,
         metrics.rms_error(measured, model), metrics.normalised_rms(measured, model),
         metrics.relative_rms(measured, model), metrics.fit_percent(measured, model), metrics.bias(measured, model),
-        metrics.chi2_per_sample(measured, model, noise), metrics.whiteness(measured - model))
-
+        metrics.chi2_per_sample(measured, model, noise), metrics.whiteness(measured - model), counts, found.outlier,
+        astray, found.step, late)

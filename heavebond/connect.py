@@ -10,7 +10,20 @@ from heavebond.dimensions import dimension
 from heavebond.errors import ModelError, Place, Problems, either
 from heavebond.expand import Bound, Expanded
 from heavebond.expression import ExpressionProblem, Name, Number
-from heavebond.units import ONE, Dimension, Unit, dimension_text, is_generic, solved, times
+from heavebond.units import (
+    ONE,
+    Dimension,
+    Unit,
+    UnitProblem,
+    declared_unit,
+    dimension_text,
+    is_generic,
+    read_unit,
+    solved,
+    times,
+)
+
+SECOND = declared_unit("s").dimension
 
 
 @dataclass(frozen=True)
@@ -195,20 +208,21 @@ def _signal_sources(expanded: Expanded, network: Network, problems: Problems) ->
 
 def _units(expanded: Expanded, network: Network, dimensions: _Dimensions, problems: Problems
            ) -> dict[str, dict[str, Dimension]]:
-    """Solve `$U` of each leaf from parameters with units and from the signals it is joined to."""
+    """Solve `$U` of each leaf from parameters with units, the signals it is joined to and formulas at its inputs."""
     solution: dict[str, dict[str, Dimension]] = {path: {} for path in expanded.leaves}
     constraints = [*_parameter_constraints(expanded, dimensions)]
     signals = [g for g in network.groups if g.domain == "signal"]
+    formulas = _Formulas(expanded, network, dimensions, solution)
     changed = True
     while changed:
         changed = False
         for path, declared, given in constraints:
             changed |= _solve(declared, given, solution[path])
         for group in signals:
-            known = _known_dimension(expanded, group, solution)
+            known = _known_dimension(expanded, group, formulas)
             if known is None:
                 continue
-            for port in group.ports:
+            for port in (*group.ports, *formulas.equal(group)):
                 leaf, _, name = port.rpartition(".")
                 changed |= _solve(expanded.leaves[leaf].component.signals[name].unit.dimension, known, solution[leaf])
     _check_signals(expanded, signals, solution, problems)
@@ -275,17 +289,75 @@ def _solve(declared: Dimension, given: Dimension, known: dict[str, Dimension]) -
     return True
 
 
-def _known_dimension(expanded: Expanded, group: Group, solution: dict[str, dict[str, Dimension]]) -> Dimension | None:
-    for port in group.ports:
-        leaf, _, name = port.rpartition(".")
-        found = solved(expanded.leaves[leaf].component.signals[name].unit.dimension, solution[leaf])
-        if not is_generic(found):
-            return found
-        bound = expanded.leaves[leaf].inputs.get(name)
-        if bound is not None and isinstance(bound.value, Value) and isinstance(bound.value.expr, Number) \
-                and (bound.value.expr.unit is not None or bound.value.expr.value != 0):
-            return bound.value.expr.unit.dimension if bound.value.expr.unit else ONE
-    return None
+class _Formulas:
+    """The dimensions of formulas and records at inputs, as far as the units of signals are solved."""
+
+    def __init__(self, expanded: Expanded, network: Network, dimensions: _Dimensions,
+                 solution: dict[str, dict[str, Dimension]]):
+        self.expanded, self.network, self.dimensions, self.solution = expanded, network, dimensions, solution
+        self.group_of = {alias: group for group in network.groups for alias in group.aliases}
+
+    def equal(self, group: Group) -> list[str]:
+        """Signals elsewhere that an input of the group is set to by their bare name (`u: =lag.y`)."""
+        found = []
+        for _, bound in drivers(self.expanded, group)[1]:
+            name = bound.value.expr if isinstance(bound.value, Value) else None
+            if isinstance(name, Name) and (other := self.group_of.get(bound.scope + name.text)) is not None:
+                found += [port for port in other.ports if other.domain == "signal"]
+        return found
+
+    def of(self, bound: Bound) -> Dimension | None:
+        """That of what an input is given; None where it cannot be told (a bare 0, a name whose unit is open)."""
+        if isinstance(bound.value, FileInput):
+            return read_unit(bound.value.unit).dimension
+        if isinstance(bound.value.expr, Number) and bound.value.expr.unit is None and bound.value.expr.value == 0:
+            return None
+        try:
+            return dimension(bound.value.expr, lambda name: self._named(bound.scope + name.text, name))
+        except (ExpressionProblem, UnitProblem):
+            return None  # the complaint comes with the check of the formula itself
+
+    def _named(self, path: str, name: Name) -> Dimension:
+        found = SECOND if name.text == "time" else ONE if name.text == "pi" else self._member(path)
+        if found is None or is_generic(found):
+            raise ExpressionProblem("unit-open", f"the unit of '{name.text}' is not known", name.column, name.length)
+        return found
+
+    def _member(self, path: str) -> Dimension | None:
+        """The dimension of a parameter, a variable, a signal, or a member of a node or port."""
+        owner, _, name = path.rpartition(".")
+        leaf, group = self.expanded.leaves.get(owner), self.group_of.get(owner)
+        if path in self.dimensions.found:
+            return self.dimensions.found[path]
+        signal = self.group_of.get(path)
+        if signal is not None and signal.domain == "signal":
+            return self.signal(signal)
+        if group is not None and group.domain != "signal":
+            domain = self.expanded.model.library.domains[group.domain]
+            member = domain.members.get(domain.role(name))
+            if member is not None:
+                return member.unit.dimension
+        if leaf is None:
+            return None
+        item = leaf.component.variables.get(name) or leaf.component.parameters.get(name)
+        return None if item is None else solved(item.unit.dimension, self.solution[owner])
+
+    def signal(self, group: Group) -> Dimension | None:
+        """That of a signal, from any of its ports."""
+        for port in group.ports:
+            leaf, _, name = port.rpartition(".")
+            found = solved(self.expanded.leaves[leaf].component.signals[name].unit.dimension, self.solution[leaf])
+            if not is_generic(found):
+                return found
+        return None
+
+
+def _known_dimension(expanded: Expanded, group: Group, formulas: _Formulas) -> Dimension | None:
+    found = formulas.signal(group)
+    if found is not None:
+        return found
+    given = (formulas.of(bound) for _, bound in drivers(expanded, group)[1])
+    return next((g for g in given if g is not None), None)
 
 
 def signal_unit(expanded: Expanded, port: str, solution: dict[str, dict[str, Dimension]]) -> Unit:

@@ -10,11 +10,12 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from heavebond.errors import ModelError, Problem, Problems, UsageError, suggest
+from heavebond.errors import ModelError, Problem, Problems, UsageError, listing, suggest
 from heavebond.expression import Expr, ExpressionProblem
-from heavebond.flatten import Flat, Resolver, flatten
+from heavebond.flatten import Flat, flatten
 from heavebond.model import Model
 from heavebond.reduce import Reduced, reduce
+from heavebond.resolver import Resolver
 from heavebond.symbols import split, stack
 from heavebond.units import UnitProblem, check_unit, parse_quantity
 
@@ -78,8 +79,10 @@ class Assembly:
         index = {q.name: k for k, q in enumerate(self.flat.parameters)}
         for name, given in values.items():
             if name not in index:
+                held = any(name == h.name for h in self.flat.held)
                 dependent = name in self.flat.constants
-                hint = "It follows from other parameters by a formula." if dependent else suggest(name, index)
+                hint = f"What it starts at is called 'initial.{name}'." if held else \
+                    "It follows from other parameters by a formula." if dependent else suggest(name, index)
                 raise UsageError([Problem("parameter-unknown", f"'{name}' cannot be set", None, hint)])
             p[index[name]] = self._number(name, given, index[name])
         return replace(self, p=p)
@@ -146,6 +149,7 @@ def build(reduced: Reduced) -> Assembly:
     def with_inputs(expression: ca.SX) -> ca.SX:
         return substitute_inputs(expression, flat, flat.time, u)
 
+    _check_events(reduced)
     _check_smoothness(reduced, [reduced.ode, reduced.alg, values])
     ode, alg, values = (with_inputs(e) for e in (reduced.ode, reduced.alg, values))
     pivots = with_inputs(stack([q.coefficient for q in reduced.pivots]))
@@ -155,6 +159,24 @@ def build(reduced: Reduced) -> Assembly:
         np.array([flat.unknowns[j].nominal for j, _ in reduced.algebraic]),
         arguments, ode, alg, ca.Function("rates", list(arguments), [ode, alg]),
         ca.Function("values", list(arguments), [values]), ca.Function("pivots", list(arguments), [pivots]))
+
+
+def _check_events(reduced: Reduced) -> None:
+    """What events set are states, and periods are above zero; ModelError otherwise."""
+    flat, problems = reduced.flat, Problems()
+    states = {j for j, order in reduced.states if order == 0}
+    for event in flat.events:
+        for reset in (r for r in event.resets if r.unknown is not None and r.unknown not in states):
+            names = listing([reduced.name(c) for c in reduced.states] or ["none"], 20)
+            problems.add("reset-no-state", f"'{event.name}' sets '{reset.name}', which is no state: it follows from the "
+                         "states", reset.place, hint=f"States of this diagram: {names}.")
+        if event.period is not None:
+            p = [q.value for q in flat.parameters]
+            period = float(ca.Function("period", [flat.p], [event.period])(p))
+            if not period > 0:
+                problems.add("every-not-positive", f"'{event.name}' would happen every {period:g} s", event.place,
+                             hint="Give a time above 0.")
+    problems.raise_as(ModelError)
 
 
 def _check_smoothness(reduced: Reduced, expressions: list[ca.SX]) -> None:
@@ -182,6 +204,14 @@ def substitute_inputs(expression: ca.SX, flat: Flat, t: ca.SX, u: ca.SX) -> ca.S
         symbols.append(known.symbols)
         pieces += [c0 + s * (c1 + s * (c2 + s * c3)), c1 + s * (2 * c2 + s * 3 * c3), 2 * c2 + 6 * s * c3, 6 * c3]
     return ca.substitute(expression, stack(symbols), stack(pieces))
+
+
+@dataclass(frozen=True)
+class Factors:
+    """Factors in quadratures that may be other numbers in every run: symbols and their values (k,)."""
+
+    symbols: ca.SX
+    values: Array
 
 
 @dataclass(frozen=True)

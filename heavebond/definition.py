@@ -7,7 +7,7 @@ from pathlib import Path
 
 from heavebond.errors import Place
 from heavebond.expression import Equation, Expr
-from heavebond.units import Unit
+from heavebond.units import Range, Unit
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,8 @@ class Member:
 
 @dataclass(frozen=True)
 class Domain:
-    """What a wire of one kind carries: `across` is shared at a node, `through` sums to zero."""
+    """What a wire of one kind carries: `across` is shared at a node, `through` sums to zero. `reference` is the component
+    that stands for the surroundings: the ground, a tank."""
 
     name: str
     members: dict[str, Member]
@@ -32,6 +33,7 @@ class Domain:
     flow: str | None
     position: str | None
     power: str | None
+    reference: str | None = None
 
     def role(self, member: str) -> str:
         """The member's own name for `effort` and `flow` as generic ports write them."""
@@ -74,7 +76,10 @@ class Value:
 
 @dataclass(frozen=True)
 class FileInput:
-    """A signal given by a column of a measured file; `between` is spline, linear or hold."""
+    """A signal given by a column of a measured file; `between` is spline, linear or hold.
+
+    `file` is `Path()` where the experiment's record is meant. `bridge`: gaps may be gone across.
+    """
 
     file: Path
     column: str
@@ -83,11 +88,54 @@ class FileInput:
     place: Place
     time_column: str | None = None
     time_unit: str = "s"
+    bridge: bool = False
+
+
+@dataclass(frozen=True)
+class Sought:
+    """Where a number of an effect is sought: within a range, or within that in which the component's own variable
+    `seen` moves while a record is simulated; or it is not sought but `held` at the middle of that motion, at half its span
+    or at its peak (see HELD)."""
+
+    range: Range | None
+    seen: str
+    place: Place
+    held: str = ""
+
+
+HELD = ("middle", "half", "peak")
+
+
+@dataclass(frozen=True)
+class Effect:
+    """What a component would be if it were missing from a diagram: an entry of the catalogue.
+
+    kind: what a finding is called, the same for all laws of a kind; attaches: where it may stand (see ATTACHES);
+    amplitude: parameters that are zero where the effect is absent (None), or that have no such value and are sought
+    within a range; shapes: the other parameters that are sought; also: further ports and the domain on whose nodes they
+    are tried; replaces: the component whose place it takes, `start` giving its parameters by those of the `old` one.
+    """
+
+    kind: str
+    says: str
+    attaches: tuple[str, ...]
+    amplitude: dict[str, Sought | None]
+    shapes: dict[str, Sought]
+    also: dict[str, str]
+    replaces: str
+    start: dict[str, Formula]
+    place: Place
+
+
+# between two nodes; on a node; between a port and its node; before a signal input; behind a measured output
+ATTACHES = ("across", "at", "in series", "input", "channel")
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """A constant of a component; bounds and default in SI. `neutral` is the value at which an effect is absent."""
+    """A constant of a component; bounds and default in SI. `neutral` is the value at which an effect is absent: such a
+    parameter is a dormant effect, called `kind`, `sought` within a range when it wakes and with it those it `wakes_with`.
+    """
 
     name: str
     unit: Unit
@@ -98,11 +146,17 @@ class Parameter:
     default: Value | None = None
     neutral: float | None = None
     integer: bool = False
+    kind: str = ""
+    sought: Sought | None = None
+    wakes_with: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Variable:
-    """An inner unknown of a component; `start` is the guess where nothing else is known."""
+    """An inner unknown of a component; `start` is the guess where nothing else is known.
+
+    With `held`, the value that it starts at, it is no unknown: it is constant between events, which alone change it.
+    """
 
     name: str
     unit: Unit
@@ -111,6 +165,7 @@ class Variable:
     low: float | None = None
     high: float | None = None
     start: float | None = None
+    held: float | None = None
 
 
 @dataclass(frozen=True)
@@ -130,6 +185,27 @@ class Formula:
 
     tree: Expr
     text: str
+    place: Place
+
+
+@dataclass(frozen=True)
+class Reset:
+    """What an event sets: a held variable or a state, `target` with its place in the file, to a new value."""
+
+    target: Formula
+    value: Formula
+
+
+@dataclass(frozen=True)
+class When:
+    """An event of a component: it happens as `condition` becomes true, at the instant `at`, or `every` so often from
+    `first` on (None: from 0). `key` is the one of these words that it is written with."""
+
+    name: str
+    key: str
+    formula: Formula
+    first: Formula | None
+    resets: tuple[Reset, ...]
     place: Place
 
 
@@ -173,7 +249,10 @@ class Body:
 
 @dataclass(frozen=True)
 class Component:
-    """A component file: ports, parameters, variables, equations and, for a block, what it is composed of."""
+    """A component file: ports, parameters, variables, equations and, for a block, what it is composed of.
+
+    `symbol` names the picture that stands for it in drawings; without one it is drawn as a box.
+    """
 
     name: str
     summary: str
@@ -184,6 +263,7 @@ class Component:
     parameters: dict[str, Parameter] = field(default_factory=dict)
     variables: dict[str, Variable] = field(default_factory=dict)
     equations: tuple[EquationLine, ...] = ()
+    when: tuple[When, ...] = ()
     body: Body = field(default_factory=Body)
     stores: Formula | None = None
     dissipates: Formula | None = None
@@ -193,6 +273,18 @@ class Component:
     requires: tuple[Formula, ...] = ()
     restrictions: str = ""
     source: str = ""
+    symbol: str = ""
+    effect: Effect | None = None
+
+    @property
+    def unknowns(self) -> dict[str, Variable]:
+        """The variables that its equations decide."""
+        return {name: variable for name, variable in self.variables.items() if variable.held is None}
+
+    @property
+    def held(self) -> dict[str, Variable]:
+        """The variables that only events change."""
+        return {name: variable for name, variable in self.variables.items() if variable.held is not None}
 
     @property
     def composite(self) -> bool:

@@ -2,11 +2,12 @@
 
 Over a run, for each component
 
-    energy in over its ports + supplied by a source = change of the stored energy + dissipated + unbalanced
+    energy in over its ports + supplied by a source + set by events
+        = change of the stored energy + dissipated + unbalanced
 
-The stored energy is taken from its formula at both ends, the others are integrals, so an error of the integration shows
-as an energy that is missing, and a component whose own law is wrong shows by name. At the nodes no power is lost
-(Tellegen's theorem): the powers of all ports sum to zero at every instant.
+The stored energy is taken from its formula at both ends and at both sides of every event, the others are integrals, so
+an error of the integration shows as an energy that is missing, and a component whose own law is wrong shows by name. At
+the nodes no power is lost (Tellegen's theorem): the powers of all ports sum to zero at every instant.
 
 B. D. H. Tellegen, A general network theorem, with applications, Philips Res. Rep. 7 (1952) 259-269.
 """
@@ -38,8 +39,9 @@ QUADRATURES = 3  # energy in, dissipated, unbalanced
 
 @dataclass(frozen=True)
 class EnergyLine:
-    """The energies of one component over the run in J; `supplied` is what a source or a controlled law adds,
-    `imbalance` what is missing, `why` the reason of the unbalanced power, `kind` what stands under `power:`."""
+    """The energies of one component over the run in J; `supplied` is what a source or a controlled law adds, `events` what
+    the store gains where events set states, `imbalance` what is missing, `why` the reason of the unbalanced power, `kind`
+    what stands under `power:`."""
 
     component: str
     energy_in: float
@@ -47,6 +49,7 @@ class EnergyLine:
     dissipated: float
     unbalanced: float
     supplied: float
+    events: float
     imbalance: float
     kind: str = ""
     why: str = ""
@@ -87,6 +90,11 @@ class EnergyAudit:
         return sum(line.dissipated for line in self.lines)
 
     @property
+    def events(self) -> float:
+        """What events add to the stores, in J (an impact takes away)."""
+        return sum(line.events for line in self.lines)
+
+    @property
     def unbalanced(self) -> float:
         """What laws that do not conserve exactly leave over, in J."""
         return sum(line.unbalanced for line in self.lines)
@@ -96,7 +104,7 @@ class EnergyAudit:
         """The largest share of the largest energy that is missing, in a component or in the whole."""
         if not self.largest:
             return 0.0
-        whole = self.supplied + self.taken - self.stored - self.dissipated - self.unbalanced
+        whole = self.supplied + self.taken + self.events - self.stored - self.dissipated - self.unbalanced
         return max(abs(whole), *(abs(line.imbalance) for line in self.lines)) / self.largest
 
     def closes(self, tolerance: float = TOLERANCE) -> bool:
@@ -144,22 +152,33 @@ def audit(model: Model | Assembly, until: Time | None = None, *, every: Time | N
     if chosen:
         integrals[chosen] = size * result.quadratures
     energies = _along(result, energy)
-    stored = energies - energies[:, :1]
+    stored, jumps = energies - energies[:, :1], _jumps(result, energy)
     ports = rates[::QUADRATURES]
     total = np.abs(ports).sum(axis=0).max(initial=0.0)
     return EnergyAudit(
-        tuple(_line(e, integrals[QUADRATURES * k:QUADRATURES * (k + 1), -1], float(stored[k, -1]))
+        tuple(_line(e, integrals[QUADRATURES * k:QUADRATURES * (k + 1), -1], float(stored[k, -1]), float(jumps[k]))
               for k, e in enumerate(parts)),
         max(float(np.abs(values).max(initial=0.0)) for values in (integrals, stored, energies)),
         float(np.abs(ports.sum(axis=0)).max(initial=0.0) / total) if total else 0.0, result)
 
 
-def _line(part: Energetics, integrals: Array, stored: float) -> EnergyLine:
+def _line(part: Energetics, integrals: Array, stored: float, jumps: float) -> EnergyLine:
     energy_in, dissipated, unbalanced = integrals.tolist()
-    left = energy_in - stored - dissipated - unbalanced
+    left = energy_in + jumps - stored - dissipated - unbalanced
     exempt = bool(part.kind)
-    return EnergyLine(part.owner, energy_in, stored, dissipated, unbalanced, -left if exempt else 0.0,
+    return EnergyLine(part.owner, energy_in, stored, dissipated, unbalanced, -left if exempt else 0.0, jumps,
                       0.0 if exempt else left, part.kind, part.why)
+
+
+def _jumps(result: Result, energy: ca.SX) -> Array:
+    """What each of the stored energies (m,) gains at all events of a run after its start."""
+    function = ca.Function("energy", list(result.assembly.arguments), [energy])
+    total = np.zeros(energy.numel())
+    for instant in result.instants:
+        if instant.time > result.time[0]:
+            before, after = (np.array(function(*point.values())).ravel() for point in (instant.before, instant.after))
+            total += after - before
+    return total
 
 
 def _along(result: Result, expression: ca.SX) -> Array:
@@ -175,15 +194,19 @@ def table(found: EnergyAudit) -> Table:
     shown = Table("component", "", title=f"energy over {found.result.time[-1] - found.result.time[0]:.6g} s in kJ",
                   caption=f"missing: {found.imbalance:.1e} of {found.largest / 1e3:.4g} kJ; at the nodes "
                   f"{found.nodes:.1e}")
-    for name in ("supplied", "in", "stored", "dissipated", "unbalanced", "missing"):
+    events = ("at events",) if found.result.assembly.flat.events else ()
+    for name in ("supplied", "in", *events, "stored", "dissipated", "unbalanced", "missing"):
         shown.add_column(name, justify="right")
+
+    def row(name: str, what: str, given: tuple[float, float], at_events: float, rest: tuple[float, ...]) -> None:
+        shown.add_row(name, what, *map(_kilojoules, (*given, *((at_events,) if events else ()), *rest)))
+
     for line in sorted(found.lines, key=lambda line: not line.kind):
-        shown.add_row(line.component, line.kind.partition(",")[0] or line.why, *(_kilojoules(value) for value in (
-            line.supplied, line.energy_in, line.stored, line.dissipated, line.unbalanced, line.imbalance)))
+        row(line.component, line.kind.partition(",")[0] or line.why, (line.supplied, line.energy_in), line.events,
+            (line.stored, line.dissipated, line.unbalanced, line.imbalance))
     shown.add_section()
-    shown.add_row("all", "", *(_kilojoules(value) for value in (
-        found.supplied + found.taken, sum(line.energy_in for line in found.lines), found.stored, found.dissipated,
-        found.unbalanced, sum(line.imbalance for line in found.lines))))
+    row("all", "", (found.supplied + found.taken, sum(line.energy_in for line in found.lines)), found.events,
+        (found.stored, found.dissipated, found.unbalanced, sum(line.imbalance for line in found.lines)))
     return shown
 
 

@@ -6,7 +6,8 @@ from collections.abc import Iterable, Sequence
 
 from heavebond.definition import Domain
 from heavebond.errors import ModelError, Place, Problem, either, listing
-from heavebond.flatten import Flat, FlatEquation, Unknown
+from heavebond.flatten import Flat, FlatEquation
+from heavebond.resolver import Unknown
 from heavebond.structure import Block, dulmage_mendelsohn, maximum_matching
 
 SHARED = ("across", "position")

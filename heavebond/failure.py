@@ -11,6 +11,7 @@ import numpy as np
 from heavebond.dae import Array, Assembly
 from heavebond.errors import Problem, SimulationError, listing
 from heavebond.initialise import Start
+from heavebond.start_equations import Point
 
 if TYPE_CHECKING:
     from heavebond.simulation import Simulator
@@ -22,12 +23,16 @@ def explain_failure(simulator: Simulator, assembly: Assembly, first: Start, said
     """The error for a run that stopped; looks at the state shortly before it did."""
     times = [float(t) for t in _TIME.findall(said)]
     stopped = max(times) if times else float("nan")
-    last = _state_before(simulator, assembly, first, stopped)
+    if simulator.switching is not None and simulator.switching.last is not None:
+        stretch = simulator.switching.last
+        stopped = stretch.time(times[-1]) if times else stretch.begin.t
+        last: Point | None = simulator.switching.before(stretch, stopped)
+    else:
+        last = _state_before(simulator, assembly, first, stopped)
     notes: list[str] = []
     hint = "Check the parameters of these components, or loosen the tolerances (--rtol 1e-6)."
     if last is not None:
-        t, x, z, u = last
-        cause, notes = _cause(assembly, t, x, z, first.p, u)
+        cause, notes = _cause(assembly, last.t, last.x, last.z, last.p, last.u)
         hint = cause or hint
     words = [line for line in said.splitlines() if "IDA" in line or "SUNDIALS" in line.upper()]
     solver = re.findall(r"IDA_[A-Z_]+", said)
@@ -36,21 +41,21 @@ def explain_failure(simulator: Simulator, assembly: Assembly, first: Start, said
     return SimulationError([Problem("integration-failed", f"the integration stopped{when}", None, hint, tuple(notes))])
 
 
-def _state_before(simulator: Simulator, assembly: Assembly, first: Start, stopped: float
-                  ) -> tuple[float, Array, Array, Array] | None:
+def _state_before(simulator: Simulator, assembly: Assembly, first: Start, stopped: float) -> Point | None:
     """The state a little before the end, found by integrating again up to there."""
     begin = float(simulator.time[0])
     if not np.isfinite(stopped) or stopped <= begin:
         u = simulator.pieces.at(np.array([begin]))[:, 0]
-        return begin, first.x, first.z, u
+        return Point(begin, first.x, first.z, first.p, u, 1.0)
     for share in (1 - 1e-6, 1 - 1e-3, 0.9):
         times = np.array([begin, begin + (stopped - begin) * share])
         again = type(simulator)(assembly, times=times, tolerances=simulator.tolerances)
         try:
-            x, z, _, _ = again.attempt(assembly, first)
+            found = again.attempt(first)
         except RuntimeError:
             continue
-        return float(times[-1]), x[:, -1], z[:, -1], again.pieces.at(times[-1:])[:, 0]
+        u = again.pieces.at(times[-1:])[:, 0]
+        return Point(float(times[-1]), found.x[:, -1], found.z[:, -1], first.p, u, 1.0)
     return None
 
 

@@ -1,12 +1,14 @@
 """Parameters from records: weighted nonlinear least squares with exact sensitivities.
 
-With y_i the samples of all channels of all records used for fitting, s_i their noise and f_i the model,
+With y_i the samples of all channels of all records used for fitting (but for blocks held out, see `heavebond.records`), s_i
+their noise and f_i the model,
 
     minimise  sum_i ((y_i - f_i(p)) / s_i)**2 + sum_k ((p_k - p0_k) / sigma_k)**2   within the bounds,
 
 where the second sum holds the parameters whose range is given as `value +- tolerance`: the tolerance is two standard
 deviations of a normal prior, and the bounds of the range besides. A parameter whose range is above zero is sought as its
-logarithm. The minimiser is SciPy's trust region reflective method (Branch, Coleman, Li 1999, doi:10.1137/S1064827595289108).
+logarithm. The minimiser is SciPy's dogleg in rectangular trust regions, which meets optima at the ends of ranges (C. Voglis,
+I. E. Lagaris, WSEAS 2004).
 """
 
 from __future__ import annotations
@@ -18,12 +20,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from heavebond.comparison import Comparison, RecordComparison, compare_record, record_table, record_time
+from heavebond.comparison import Comparison, RecordComparison, compare_record
 from heavebond.dae import Array
 from heavebond.errors import HeavebondError, Problem, SimulationError, UsageError, suggest
 from heavebond.experiment import Experiment, Free, Record, load_experiment
 from heavebond.identifiability import Identifiability, identifiability
-from heavebond.residuals import BROKEN, Column, Progress, Residuals
+from heavebond.progress import Progress, numbered
+from heavebond.records import measure
+from heavebond.residuals import BROKEN, Column, Residuals
 from heavebond.shooting import Shooting
 
 if TYPE_CHECKING:
@@ -53,7 +57,8 @@ class Fit:
     """What a fit found. `cost` is the sum of squares per start; `history` the cost after each step of the best start.
 
     `before` and `after` compare the model with every record; on a record that was not fitted only the initial values
-    declared `each: record` were refitted.
+    declared `each: record` were refitted. Where no record was left to check the fit, each holds the figures of the blocks
+    held out as its `validate` part.
     """
 
     experiment: Experiment
@@ -98,11 +103,14 @@ def fit(experiment: Experiment | str | Path, *, starts: int = 1, segments: int =
     experiment = experiment if isinstance(experiment, Experiment) else load_experiment(experiment)
     if free is not None:
         experiment = replace(experiment, free=dict(free))
+    if not experiment.free:
+        raise UsageError([Problem("free-empty", "nothing is free to be fitted", None,
+                                  "List parameters and ranges: `free: {gas.c: 42 kN/m +- 20 %}`.")])
     problem = Residuals(experiment)
     say = progress or (lambda text: None)
     runs, costs = [], []
     for number, start in enumerate(problem.starting_points(starts, seed), 1):
-        tell = _numbered(say, number, starts)
+        tell = numbered(say, "start", number, starts)
         run = problem.minimise(_shot(problem, start, segments, tell), robust, tell)
         runs.append(run)
         costs.append(float(2 * run.cost))
@@ -118,10 +126,6 @@ def _shot(problem: Residuals, start: Array, segments: int, progress: Progress) -
     return Shooting(problem, segments).solve(start, progress) if segments > 1 else start
 
 
-def _numbered(say: Progress, number: int, starts: int) -> Progress:
-    return lambda text: say(f"start {number} of {starts}: {text}" if starts > 1 else text)
-
-
 def _finished(problem: Residuals, best: OptimizeResult, costs: list[float]) -> Fit:
     """The fit with its intervals, correlations, verdict on identifiability and comparisons."""
     residuals, jacobian = problem.evaluate(best.x)
@@ -130,8 +134,11 @@ def _finished(problem: Residuals, best: OptimizeResult, costs: list[float]) -> F
     # a model that misses the data by more than the noise is no surer of its parameters than its misfit allows
     inflation = max(1.0, chi2)
     information = jacobian.T @ jacobian / inflation + prior_jacobian.T @ prior_jacobian
-    covariance = np.linalg.pinv(information, rcond=1e-14, hermitian=True)
-    deviation = np.sqrt(np.maximum(np.diag(covariance), 0))
+    # in units of each unknown's own uncertainty: SI values differ by twenty orders, which a cut-off would take for rank
+    size = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    covariance = np.linalg.pinv(information / size[:, None] / size, rcond=1e-14, hermitian=True) / size[:, None] / size
+    # what moves no channel at all has no row in the pseudo-inverse: it is not known, rather than known exactly
+    deviation = np.where(np.diag(information) > 0, np.sqrt(np.maximum(np.diag(covariance), 0)), np.inf)
     correlation = covariance / np.maximum(np.outer(deviation, deviation), 1e-300)
     parameters = tuple(_fitted(c, x, d) for c, x, d in zip(problem.columns, best.x, deviation, strict=True))
     labels = [c.free.name + (f" ({c.record})" if c.record else "") for c in problem.columns]
@@ -165,28 +172,30 @@ def _compared(problem: Residuals, inner: Array) -> Comparison:
     """Every record with the fitted values; on the others, initial values of their own are refitted first."""
     records: dict[str, RecordComparison] = {}
     fitted = {run.record.name for run in problem.runs}
-    own = {n: f for n, f in problem.experiment.free.items() if f.each}
     for record in problem.experiment.records.values():
         values = problem.values_of(inner, record.name)
-        if record.name not in fitted and own:
-            values = {**values, **_own_start(problem.experiment, record, own, values)}
+        if record.name not in fitted:
+            values = {**values, **own_start(problem.experiment, record, values)}
         records[record.name] = compare_record(problem.experiment, record, values)
     return Comparison(problem.experiment, records)
 
 
-def _own_start(experiment: Experiment, record: Record, own: dict[str, Free], values: dict[str, float]
-               ) -> dict[str, float]:
-    """Initial values of a held-out record, from the first tenth of its samples, all other values given."""
-    table = record_table(experiment, record)
-    time = record_time(experiment, record, table)
-    short = replace(record, end=float(time[max(10, len(time) // 10)]))
+def own_start(experiment: Experiment, record: Record, values: Mapping[str, float]) -> dict[str, float]:
+    """Initial values of a held-out record that are its own (`each: record`), from its first tenth (from ten samples of each
+    channel where that is longer), all other values given."""
+    own = {n: f for n, f in experiment.free.items() if f.each}
+    if not own:
+        return {}
+    found = measure(experiment, record)
+    ends = [found.grid[len(found.grid) // 10], *(c.time[:11][-1] for c in found.channels.values())]
+    short = replace(record, end=float(max(ends)))
     pinned = experiment.model.with_parameters({k: v for k, v in values.items() if not k.startswith("initial.")})
-    problem = Residuals(replace(experiment, model=pinned, free=own), [short])
     try:
-        found = problem.minimise(problem.start, False, lambda text: None)
+        problem = Residuals(replace(experiment, model=pinned, free=own), [short])
+        best = problem.minimise(problem.start, False, lambda text: None)
     except HeavebondError:
         return {}
-    return problem.values_of(found.x, record.name)
+    return problem.values_of(best.x, record.name)
 
 
 def profile(result: Fit, name: str, *, progress: Progress | None = None) -> tuple[float, float]:

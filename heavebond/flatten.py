@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from math import inf
 
@@ -11,10 +11,10 @@ import casadi as ca
 from heavebond.asked import check_asked
 from heavebond.connect import Group, Network, connect, drivers, signal_unit
 from heavebond.definition import Domain, FileInput, Member, Value
-from heavebond.dimensions import dimension
-from heavebond.errors import ModelError, Place, Problems, suggest
+from heavebond.errors import ModelError, Place, Problems
 from heavebond.expand import Bound, Expanded, Leaf, expand
-from heavebond.expression import Expr, ExpressionProblem, Name, constant, names, parse_formula
+from heavebond.expression import Expr, ExpressionProblem, constant, names, parse_formula
+from heavebond.happening import FlatEvent, Held, held_bounds, leaf_events, with_held
 from heavebond.incidence import Interval, classify
 from heavebond.model import Model
 from heavebond.parameters import (
@@ -26,31 +26,14 @@ from heavebond.parameters import (
     parameter_bounds,
     solved_unit,
 )
-from heavebond.symbols import Context, evaluate, nonsmooth, split, stack
+from heavebond.resolver import Resolver, Unknown
+from heavebond.symbols import nonsmooth, split, stack
 from heavebond.template import LEVELS, Template, template
 from heavebond.units import DIMENSIONLESS, ONE, Dimension, Unit, declared_unit, dimension_text, read_unit
 from heavebond.values import add_formula_problem, check_dimension
 
 KELVIN, SECOND = declared_unit("K").dimension, declared_unit("s").dimension
 Entries = list[tuple[int, int]]  # (column, kind); column = level * len(unknowns) + unknown
-
-
-@dataclass(frozen=True)
-class Unknown:
-    """One scalar unknown: unit, usual size, bounds and first guess in SI; `role` tells across, position, through,
-    own or signal."""
-
-    name: str
-    unit: Unit
-    nominal: float
-    role: str
-    place: Place
-    doc: str = ""
-    low: float = -inf
-    high: float = inf
-    start: float | None = None
-    # a velocity (a mechanical across variable): what `start: rest` sets to zero
-    motion: bool = False
 
 
 @dataclass(frozen=True)
@@ -109,6 +92,14 @@ class Flat:
     units: dict[str, Unit] = field(default_factory=dict)
     energetics: tuple[Energetics, ...] = ()
     bounds: dict[int, Interval] = field(default_factory=dict)
+    held: tuple[Held, ...] = ()
+    events: tuple[FlatEvent, ...] = ()
+
+    @property
+    def constant_hashes(self) -> set[int]:
+        """The hashes of the symbols that never change during a run: the parameters without what is held."""
+        held = {h.index for h in self.held}
+        return {s.element_hash() for k, s in enumerate(split(self.p)) if k not in held}
 
 
 def flatten(model: Model, also: Iterable[str] = ()) -> Flat:
@@ -133,6 +124,8 @@ class _Builder:
         self.residuals: list[ca.SX] = []
         self.entries: list[Entries] = []
         self.energetics: list[Energetics] = []
+        self.held: tuple[Held, ...] = ()
+        self.events: list[FlatEvent] = []
         self.templates: dict[str, Template] = {}
         self.nominal_of: dict[Dimension, float] = {}
         for domain in self.domains.values():
@@ -147,17 +140,19 @@ class _Builder:
         self.levels = [[ca.SX.sym("d" * k + u.name) for u in self.unknowns] for k in range(LEVELS)]
         self.columns = [stack(level) for level in self.levels]
         self._numbers_of_a_run()
-        check_asked(self.expanded.model, self._resolver(), (q.name for q in self.parameters.independent), self.problems)
+        check_asked(self.expanded.model, self._resolver(), (q.name for q in self.parameters.independent),
+                    {h.name for h in self.held}, self.problems)
         self._node_equations()
         self._leaf_equations()
         self._given_inputs()
         self.problems.raise_as(ModelError)
         bounds = {s.element_hash(): (u.low, u.high) for s, u in zip(self.levels[0], self.unknowns, strict=True)}
         bounds.update(parameter_bounds(self.expanded, self.parameters))
+        bounds.update(held_bounds(self.expanded, self.constants))
         return Flat(self.expanded, tuple(self.unknowns), tuple(tuple(level) for level in self.levels),
                     self.parameters.independent, self.parameters.p, self.time, self.rate, tuple(self.inputs),
                     tuple(self.equations), tuple(self.residuals), tuple(self.entries), self.names, self.constants,
-                    self.parameters.units, tuple(self.energetics), bounds)
+                    self.parameters.units, tuple(self.energetics), bounds, self.held, tuple(self.events))
 
     def _numbers_of_a_run(self) -> None:
         """Initial values (`initial.crown.x`) and the scales of measured inputs (`scale.heave.u`, 1) as parameters, so
@@ -165,10 +160,13 @@ class _Builder:
         numbers = [FlatParameter(f"scale.{path}.{name}", 1.0, DIMENSIONLESS, bound.place)
                    for path, leaf in self.expanded.leaves.items() for name, bound in leaf.inputs.items()
                    if isinstance(bound.value, FileInput)]
-        resolver = self._resolver()
+        self.parameters, self.held = with_held(
+            self.parameters.joined(numbers), self.expanded,
+            lambda leaf, unit: solved_unit(unit, leaf, self.expanded, self.network), self.problems)
+        resolver, held, numbers = self._resolver(), {h.name for h in self.held}, []
         for name, condition in self.expanded.model.initial.conditions.items():
             number = constant(condition.value.expr)
-            if condition.guess or number is None:
+            if condition.guess or number is None or name in held:
                 continue
             try:
                 found = resolver.dimension(parse_formula(name)) or ONE
@@ -189,7 +187,8 @@ class _Builder:
         for path, leaf in self.expanded.leaves.items():
             inner = {e.path for w in leaf.component.body.wires.values() for e in w.ends}
             component = leaf.component
-            if component.composite and not component.equations and not component.variables and not component.requires \
+            if component.composite and not component.equations and not component.variables and not component.when \
+                    and not component.requires \
                     and {*component.ports, *component.signals} <= inner:
                 continue
             self.templates[path] = template(component, self.domains, self.network.domains[path], leaf.integers)
@@ -204,7 +203,7 @@ class _Builder:
         for path, leaf in self.expanded.leaves.items():
             for port, domain_name in self.network.domains[path].items():
                 self._through_unknowns(path, port, self.domains[domain_name], leaf)
-            for name, variable in leaf.component.variables.items():
+            for name, variable in leaf.component.unknowns.items():
                 unit = solved_unit(variable.unit, leaf, self.expanded, self.network)
                 self._unknown(Unknown(
                     f"{path}.{name}", unit, self._nominal(unit, variable.start), "own", variable.place, variable.doc,
@@ -290,7 +289,8 @@ class _Builder:
         ends: list[list[tuple[int, int]]] = []
         for junction in self.expanded.junctions.values():
             group = self.network.groups[self.network.group_of["node " + junction.path]]
-            if group.domain == "signal" or not junction.ends:
+            # a node whose only end takes a record instead is left with nothing
+            if group.domain not in self.domains or not junction.ends:
                 continue
             for member in self.domains[group.domain].through:
                 ends.append([(e.sign, self.names[f"{e.name}.{member}"]) for e in junction.ends])
@@ -308,11 +308,13 @@ class _Builder:
     def _leaf_equations(self) -> None:
         """The templates in the diagram's symbols, in the order of the diagram."""
         found = self._evaluated_templates()
+        held = {h.name: h for h in self.held}
         for path, leaf in self.expanded.leaves.items():
             made = self.templates.get(path)
             if made is None:
                 continue
-            residuals, energy = found[path]
+            residuals, energy, happenings = found[path]
+            self.events += leaf_events(path, made, happenings, self.names, held)
             own = [self.names[f"{path}.{slot}"] for slot in made.slots]
             size = len(own)
             for line, residual, row in zip(made.lines, residuals, made.entries, strict=True):
@@ -323,24 +325,26 @@ class _Builder:
                 self.energetics.append(Energetics(path, power, stored, dissipated, unbalanced, stores,
                                                   leaf.component.power, leaf.component.unbalanced_why))
 
-    def _evaluated_templates(self) -> dict[str, tuple[list[ca.SX], list[ca.SX]]]:
-        """Residuals and energy of each leaf; a template is called once for all its leaves, a column for each."""
+    def _evaluated_templates(self) -> dict[str, tuple[list[ca.SX], list[ca.SX], list[ca.SX]]]:
+        """Residuals, energy and events of each leaf; a template is called once for all its leaves, a column for each."""
         users: dict[Template, list[str]] = {}
         for path, made in self.templates.items():
             users.setdefault(made, []).append(path)
         found = {}
         for made, paths in users.items():
             slots = [self.names[f"{path}.{slot}"] for path in paths for slot in made.slots]
-            own = [self.constants[f"{path}.{name}"] for path in paths for name in made.parameters]
+            own = [self.constants[f"{path}.{name}"] for path in paths for name in made.given]
             inputs = [*(ca.reshape(column[slots], len(made.slots), len(paths)) for column in self.columns),
-                      ca.reshape(stack(own), len(made.parameters), len(paths)), self.time, self.rate]
+                      ca.reshape(stack(own), len(made.given), len(paths)), self.time, self.rate]
             residuals, energy = made.residuals(*inputs), made.energy(*inputs)
+            happenings = made.happenings(*inputs) if made.happenings else ca.SX(0, len(paths))
             for k, path in enumerate(paths):
-                found[path] = split(residuals[:, k]), split(energy[:, k])
+                found[path] = split(residuals[:, k]), split(energy[:, k]), split(happenings[:, k])
         return found
 
     def _given_inputs(self) -> None:
-        resolver, parameters = self._resolver(), {s.element_hash() for s in split(self.parameters.p)}
+        held = {self.constants[h.name].element_hash() for h in self.held}
+        resolver, parameters = self._resolver(), {s.element_hash() for s in split(self.parameters.p)} - held
         for group in self.network.groups:
             if group.domain != "signal":
                 continue
@@ -394,57 +398,3 @@ def _merged(entries: Entries) -> Entries:
         # two unit coefficients may cancel or add up; what they give is found when the equation is solved
         kinds[column] = kind if column not in kinds else max(kinds[column], kind, 4)
     return list(kinds.items())
-
-
-@dataclass(frozen=True)
-class Resolver:
-    """Names of a diagram to SX and units: for formulas in place, outputs, conditions and costs."""
-
-    names: dict[str, int]
-    constants: dict[str, ca.SX]
-    units: dict[str, Unit]
-    unknowns: tuple[Unknown, ...]
-    levels: tuple[tuple[ca.SX, ...], ...]
-    time: ca.SX
-    rate: ca.SX
-
-    def evaluate(self, expr: Expr, scope: str = "", extra: Mapping[str, ca.SX] | None = None) -> ca.SX:
-        """The SX of a formula (`extra` names more than the diagram does); ExpressionProblem for an unknown name."""
-        more = extra or {}
-        return evaluate(expr, Context(
-            lambda text, name: more[text] if text in more else self._value(scope, text, name), self._der))
-
-    def dimension(self, expr: Expr, scope: str = "", extra: Mapping[str, Dimension] | None = None) -> Dimension | None:
-        """The dimension of a formula; ExpressionProblem where its units disagree."""
-        more = extra or {}
-        return dimension(expr, lambda name: more[name.text] if name.text in more else self._dimension(scope, name))
-
-    def _value(self, scope: str, text: str, name: Name) -> ca.SX:
-        if text == "time":
-            return self.time
-        path = scope + text
-        if path in self.names:
-            return self.levels[0][self.names[path]]
-        if path in self.constants:
-            return self.constants[path]
-        raise self._unknown(path, name)
-
-    def _dimension(self, scope: str, name: Name) -> Dimension:
-        path = scope + name.text
-        if name.text in ("time", "pi"):
-            return SECOND if name.text == "time" else ONE
-        if path in self.names:
-            return self.unknowns[self.names[path]].unit.dimension
-        if path in self.units:
-            return self.units[path].dimension
-        raise self._unknown(path, name)
-
-    def _unknown(self, path: str, name: Name) -> ExpressionProblem:
-        hint = suggest(path, [*self.names, *self.constants]) or "`heavebond check --names` lists them all."
-        return ExpressionProblem("name-unknown", f"nothing here is called '{name.text}'", name.column, name.length,
-                                 hint)
-
-    def _der(self, expression: ca.SX) -> ca.SX:
-        low = stack([s for level in self.levels[:-1] for s in level])
-        high = stack([s for level in self.levels[1:] for s in level])
-        return ca.jtimes(expression, low, high) + ca.jtimes(expression, self.time, self.rate)

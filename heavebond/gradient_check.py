@@ -14,17 +14,18 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from heavebond.adjoint import Adjoint
 from heavebond.dae import Array, Assembly
 from heavebond.errors import HeavebondError, Problem, UsageError
 from heavebond.influence import in_chunks
 from heavebond.kinks import Kinks, Passing
+from heavebond.objective import TOLERANCES, Objective, Task
+from heavebond.progress import Progress
 from heavebond.result import Probe, Result
 from heavebond.simulation import Simulator, Time, Tolerances
-from heavebond.tuning import TOLERANCES, Objective, Task
 
-Progress = Callable[[str], None]
 STEPS = (1e-2, 1e-3, 1e-4, 1e-5)  # relative to the parameter, or to 1 in its base unit where it is zero
 TIGHT = Tolerances(1e-11, 1e-13, along=1.0)
 # Adjoint states jump in slope where a law has a kink, which at TIGHT no step passes.
@@ -35,14 +36,25 @@ STILL = 1e-9  # a relative change of a parameter by 1 that changes a quantity by
 TORN = 0.1  # one-sided differences that are further apart at every step have no common limit
 TRACED = 2000  # points at which two runs are compared for being on the same side of a kink
 
-Runs = Callable[[Mapping[str, float]], Array]
+
+
+@dataclass(frozen=True)
+class Ran:
+    """Values (n, N) of a run at times (N,), none where they are no series, and the times of its events."""
+
+    values: Array
+    times: Array
+    events: tuple[float, ...] = ()
+
+
+Runs = Callable[[Mapping[str, float]], Ran]
 
 
 @dataclass(frozen=True)
 class Subject:
     """What is differentiated: n quantities of a diagram at N times.
 
-    `runs(tolerances)` gives a function of settings to values (n, N); `exact(tolerances, names)` the derivatives
+    `runs(tolerances)` gives a function of settings to a run; `exact(tolerances, names)` the derivatives
     (m, n, N), at the tolerances asked for or `tight`; `trace(settings)` a run to look for kinks in.
     """
 
@@ -90,7 +102,12 @@ def signals_of(assembly: Assembly, signals: Iterable[str], until: Time | None = 
 
     def runs(given: Tolerances) -> Runs:
         simulator = Simulator(assembly, until, every=every, tolerances=given)
-        return lambda settings: probe.values(simulator.run(settings))
+
+        def ran(settings: Mapping[str, float]) -> Ran:
+            run = simulator.run(settings)
+            return Ran(probe.values(run), run.time, tuple(time for time, _ in run.events))
+
+        return ran
 
     def exact(given: Tolerances, parameters: Sequence[str]) -> Array:
         return np.concatenate([probe.sensitivities(Simulator(assembly, until, every=every, tolerances=given,
@@ -110,11 +127,13 @@ def costs_of(assembly: Assembly, task: Task, *, tolerances: Tolerances | None = 
     evaluator, references = case.evaluator, case.references
 
     def simulator(given: Tolerances, names: Sequence[str] = ()) -> Simulator:
-        return Simulator(assembly, times=time, tolerances=given, quadratures=evaluator.quadratures, sensitivities=names)
+        return Simulator(assembly, times=time, tolerances=given, quadratures=evaluator.quadratures,
+                         factors=evaluator.factors, sensitivities=names)
 
     def runs(given: Tolerances) -> Runs:
         plain = simulator(given)
-        return lambda settings: np.array([[slope.value] for slope in evaluator.cost_slopes(plain.run(settings), references)])
+        return lambda settings: Ran(np.array(
+            [[slope.value] for slope in evaluator.cost_slopes(plain.run(settings), references)]), np.zeros(0))
 
     def exact(given: Tolerances, names: Sequence[str]) -> Array:
         if backwards:
@@ -160,16 +179,37 @@ def check_gradients(subject: Subject, parameters: Sequence[str], *, progress: Pr
         near = {h: _around(runs, name, values[name], h * sizes[k]) for h in STEPS}
         passings = _passings(subject, name, values[name], STEPS[0] * sizes[k])
         for j, quantity in enumerate(subject.names):
-            differences = {h: None if y is None else _Differences.of(middle[j], [v[j] for v in y], h)
-                           for h, y in near.items()}
-            found.append(judge(quantity, name, middle[j], given[k, j], tight[k, j], differences,
+            differences = {h: None if y is None else _differences(middle, y, j, h, tight[k, j]) for h, y in near.items()}
+            found.append(judge(quantity, name, middle.values[j], given[k, j], tight[k, j], differences,
                                [p for p in passings if p.kink.signal in ("", quantity)],
                                (subject.tolerances.rtol, subject.tight.rtol)))
     return found
 
 
-def _around(runs: Runs, name: str, value: float, step: float) -> list[Array] | None:
-    """Values at -2, -1, 1, 2 steps; None where a run cannot be made (a mass below zero)."""
+def _differences(middle: Ran, around: Sequence[Ran], j: int, h: float, exact: Array) -> _Differences | None:
+    """Those of the j-th quantity at a step h, the `exact` derivative (N,) where no difference can tell it; None where that
+    is so at most of the times."""
+    found = _Differences.of(middle.values[j], [run.values[j] for run in around], h)
+    out = _between(middle, around)
+    if 2 * np.count_nonzero(out) > len(exact):
+        return None
+    return found if not out.any() else _Differences(
+        *(np.where(out, exact, side) for side in (found.central, found.up, found.down)))
+
+
+def _between(middle: Ran, around: Sequence[Ran]) -> NDArray[np.bool_]:
+    """The times (N,) that lie before an event in some of the runs and behind it in others: a difference over a jump is no
+    derivative. Where the runs differ in how many events they have, nothing behind the first that is missing counts."""
+    runs = [middle, *around]
+    inside = np.zeros(len(middle.times), dtype=bool)
+    for k in range(max(len(run.events) for run in runs)):
+        times = [run.events[k] if k < len(run.events) else np.inf for run in runs]
+        inside |= (middle.times >= min(times)) & (middle.times <= max(times)) & (min(times) < max(times))
+    return inside
+
+
+def _around(runs: Runs, name: str, value: float, step: float) -> list[Ran] | None:
+    """Runs at -2, -1, 1, 2 steps; None where a run cannot be made (a mass below zero)."""
     try:
         return [runs({name: value + n * step}) for n in (-2, -1, 1, 2)]
     except HeavebondError:

@@ -11,18 +11,18 @@ ranks parameters of any unit. Parameters that are zero have none: nothing is in 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from heavebond.dae import Array, Assembly
 from heavebond.errors import Problem, UsageError, listing
+from heavebond.progress import Progress
 from heavebond.result import Probe
 from heavebond.simulation import Simulator, Time, Tolerances
 from heavebond.units import Unit
 
-Progress = Callable[[str], None]
 MOST = 60  # parameters, where none are named
 AT_ONCE = 6  # sensitivities a run: beyond it the Jacobian grows faster than runs are saved
 STILL = 1e-9  # a signal that moves by less than this share of its size stands still

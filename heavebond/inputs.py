@@ -10,7 +10,7 @@ from heavebond.dae import Array
 from heavebond.definition import FileInput
 from heavebond.errors import DataError, Problem, Problems
 from heavebond.flatten import Flat, KnownInput
-from heavebond.measurements import check_time, check_values, column, read_table
+from heavebond.measurements import Table, check_gaps, check_time, column, read_table, samples
 from heavebond.signals import Pieces, align, pieces
 from heavebond.units import read_unit
 
@@ -42,7 +42,7 @@ def pieced(flat: Flat, begin: float, end: float) -> Pieced:
     found: list[Pieces] = []
     for known in flat.inputs:
         try:
-            found.append(read_input(known))
+            found.append(read_input(known, begin, end))
         except DataError as error:
             problems.extend(error)
     problems.raise_as(DataError)
@@ -52,17 +52,27 @@ def pieced(flat: Flat, begin: float, end: float) -> Pieced:
     return Pieced(breaks, columns)
 
 
-def read_input(known: KnownInput) -> Pieces:
-    """One measured signal in SI."""
+def read_input(known: KnownInput, begin: float = -np.inf, end: float = np.inf) -> Pieces:
+    """One measured signal in SI, of which the time from `begin` to `end` is wanted."""
     given: FileInput = known.source
     unit = read_unit(given.unit)
     if unit.dimension != known.unit.dimension:
         raise DataError([Problem("unit-wrong", f"{known.name} is in {known.unit.text}; the record gives it in "
                                  f"{given.unit}", given.place)])
-    table = read_table(given.file, place=given.place)
-    time_name = given.time_column or table.header[0]
-    check_time(table, time_name)
-    values = column(table, given.column, given.place)
-    check_values(table, [given.column])
-    time = column(table, time_name, given.place) * read_unit(given.time_unit).scale
+    time, values = input_samples(given, begin, end)
     return pieces(time, np.asarray(unit.to_si(values)), given.between)  # type: ignore[arg-type]
+
+
+def input_samples(given: FileInput, begin: float = -np.inf, end: float = np.inf, *, table: Table | None = None
+                  ) -> tuple[Array, Array]:
+    """The times (n,) in s at which an input was sampled and its values (n,) in its own unit; rows without a value are
+    passed over. `table` is its file where that has been read. DataError for a gap between `begin` and `end` (see
+    `check_gaps`) that may not be bridged."""
+    table = table or read_table(given.file, place=given.place, beside=given.time_column)
+    name = given.time_column or table.header[0]
+    check_time(table, name)
+    rows = samples(table, name, given.column, given.place, least=2)
+    scale = read_unit(given.time_unit).scale
+    if not given.bridge:
+        check_gaps(table, name, given.column, rows, begin=begin / scale, end=end / scale)
+    return table.columns[name][rows] * scale, column(table, given.column)[rows]

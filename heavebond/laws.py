@@ -21,6 +21,7 @@ from heavebond.definition import (
 )
 from heavebond.dimensions import SECOND, TRUTH, Lookup, check_equation, dimension
 from heavebond.errors import ModelError, Problems, listing, suggest
+from heavebond.event_laws import check_events
 from heavebond.expression import Binary, Expr, ExpressionProblem, Name, constant, names
 from heavebond.units import ONE, Dimension, declared_unit, dimension_text
 
@@ -118,6 +119,7 @@ def _units(component: Component, domains: Domains, problems: Problems) -> None:
             _formula(formula, wanted, what, wanted_text, scope, problems)
     for requirement in component.requires:
         _formula(requirement, TRUTH, "requires", "a comparison, as in `x_max > x_min`", scope, problems)
+    check_events(component, scope, problems)
 
 
 def _with_index(scope: Scope, line: EquationLine) -> Lookup:
@@ -175,7 +177,7 @@ def _own_unknowns(component: Component, domains: Domains) -> list[str]:
         through = ("flow",) if port.domain.startswith("$") else domains[port.domain].through
         unknowns += [f"{port.name}{index}.{member}" for index in indices for member in through]
     unknowns += [s.name for s in component.signals.values() if s.direction == "out" and s.name not in inner]
-    return unknowns + list(component.variables)
+    return unknowns + list(component.unknowns)
 
 
 def _repetitions(line: EquationLine, component: Component) -> int:

@@ -24,15 +24,17 @@ from heavebond.definition import (
     Value,
     Variable,
 )
+from heavebond.effects import EffectReader, sought
 from heavebond.errors import ModelError, Place, Problem, Problems, either, suggest
 from heavebond.expression import Expr, Number, constant, parse_equation, parse_formula
 from heavebond.source import Mapping, Node, Scalar, Source, read, read_text, short_path
 from heavebond.units import DIMENSIONLESS, ONE, Unit, UnitProblem, check_unit, generic_unit, is_generic
+from heavebond.when import when_entries
 
 T = TypeVar("T")
 COMPONENT_KEYS = (
-    "component", "summary", "restrictions", "source", "ports", "parameters", "variables", "equations", "components",
-    "nodes", "stores", "dissipates", "unbalanced", "power", "requires", "effect", "domain", "symbol")
+    "component", "summary", "restrictions", "source", "ports", "parameters", "variables", "equations", "when",
+    "components", "nodes", "stores", "dissipates", "unbalanced", "power", "requires", "effect", "domain", "symbol")
 _HEAD = re.compile(r"""^component:[ \t]+["']?([^"'#\n]+?)["']?[ \t]*(?:#.*)?$""", re.MULTILINE)
 _EQUALS = re.compile(r"(?<![<>=!])=(?!=)")
 _EACH = re.compile(r"each\s+([A-Za-z_]\w*)\s+in\s+(.+?)\.\.(.+?):\s*")
@@ -118,7 +120,7 @@ def _domains() -> dict[str, Domain]:
 
 
 def _domain(name: str, node: Mapping, problems: Problems) -> Domain:
-    keys = ("effort", "flow", "across", "through", "position", "power", "members", "doc")
+    keys = ("effort", "flow", "across", "through", "position", "power", "members", "doc", "reference")
     reading.known_keys(node, keys, f"domain '{name}'", problems, required=("across", "through", "members"))
     members = {}
     entries = reading.mapping(node.items.get("members"), "members", problems)
@@ -138,7 +140,7 @@ def _domain(name: str, node: Mapping, problems: Problems) -> Domain:
         return reading.text(node.items.get(key), key, problems) or None
 
     return Domain(name, members, listed("across"), listed("through"), single("effort"), single("flow"),
-                  single("position"), single("power"))
+                  single("position"), single("power"), single("reference"))
 
 
 @lru_cache(maxsize=1024)
@@ -186,13 +188,18 @@ class _Parser:
             reading.identifier(name, "a component", problems)
         ports, signals = self._ports(root.items.get("ports"))
         unbalanced, why = self._unbalanced(root.items.get("unbalanced"))
+        variables = self._each(root.items.get("variables"), "variables", self._variable)
+        parameters = self._each(root.items.get("parameters"), "parameters",
+                                lambda key, entry: self._parameter(key, entry, variables))
+        effects = EffectReader(ports, signals, parameters, variables, problems)
+        effects.dormant()
         return Component(
             name=reading.text(name, "component", problems),
             summary=reading.text(root.items.get("summary"), "summary", problems),
             place=place, path=self.source.path, ports=ports, signals=signals,
-            parameters=self._each(root.items.get("parameters"), "parameters", self._parameter),
-            variables=self._each(root.items.get("variables"), "variables", self._variable),
+            parameters=parameters, variables=variables,
             equations=self._equations(root.items.get("equations")),
+            when=when_entries(root.items.get("when"), problems),
             body=reading.body(root, self.source, problems) if "components" in root.items else Body(),
             stores=self._formula(root, "stores"), dissipates=self._formula(root, "dissipates"),
             unbalanced=unbalanced, unbalanced_why=why,
@@ -200,6 +207,8 @@ class _Parser:
             requires=self._requires(root.items.get("requires")),
             restrictions=reading.text(root.items.get("restrictions"), "restrictions", problems),
             source=reading.text(root.items.get("source"), "source", problems),
+            symbol=reading.text(root.items.get("symbol"), "symbol", problems),
+            effect=effects.effect(root.items.get("effect")),
         )
 
     def _power(self, node: Node | None) -> str:
@@ -269,8 +278,8 @@ class _Parser:
         return SignalPort(key.text, direction, unit, key.place,
                           reading.text(node.items.get("doc"), "doc", self.problems))
 
-    def _parameter(self, key: Scalar, node: Mapping) -> Parameter:
-        keys = ("unit", "doc", "min", "max", "default", "neutral", "integer", "wakes_with")
+    def _parameter(self, key: Scalar, node: Mapping, variables: Dictionary[str, Variable]) -> Parameter:
+        keys = ("unit", "doc", "min", "max", "default", "neutral", "integer", "class", "try", "wakes_with")
         integer = "integer" in node.items
         reading.known_keys(node, keys, f"parameter '{key.text}'", self.problems, () if integer else ("unit",))
         unit = DIMENSIONLESS if integer else _unit(node.items.get("unit"), self.problems)
@@ -283,16 +292,21 @@ class _Parser:
         bounds = {name: self._bound(node, name, unit, key) for name in ("min", "max", "neutral")}
         return Parameter(key.text, unit or DIMENSIONLESS, key.place,
                          reading.text(node.items.get("doc"), "doc", self.problems), bounds["min"], bounds["max"],
-                         default, bounds["neutral"], integer)
+                         default, bounds["neutral"], integer, reading.text(node.items.get("class"), "class", self.problems),
+                         sought(node.items.get("try"), unit or DIMENSIONLESS, variables, key.text, self.problems),
+                         tuple(w.text for w in reading.words(node.items.get("wakes_with"), "wakes_with", self.problems)))
 
     def _variable(self, key: Scalar, node: Mapping) -> Variable:
-        reading.known_keys(node, ("unit", "doc", "min", "max", "start"), f"variable '{key.text}'", self.problems,
+        reading.known_keys(node, ("unit", "doc", "min", "max", "start", "held"), f"variable '{key.text}'", self.problems,
                            ("unit",))
         unit = _unit(node.items.get("unit"), self.problems)
-        bounds = {name: self._bound(node, name, unit, key) for name in ("min", "max", "start")}
+        bounds = {name: self._bound(node, name, unit, key) for name in ("min", "max", "start", "held")}
+        if "start" in node.items and "held" in node.items:
+            self.problems.add("held-start", f"'{key.text}' has `start:` and `held:`", node.keys["start"].place,
+                              hint="`held:` is the value that it starts at; leave `start:` out.")
         return Variable(key.text, unit or DIMENSIONLESS, key.place,
                         reading.text(node.items.get("doc"), "doc", self.problems), bounds["min"], bounds["max"],
-                        bounds["start"])
+                        bounds["start"], bounds["held"])
 
     def _bound(self, node: Mapping, name: str, unit: Unit | None, key: Scalar) -> float | None:
         """A bound or default in SI; its unit may be left out where the declared one is dimensionless or it is 0.

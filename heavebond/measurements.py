@@ -1,4 +1,4 @@
-"""Measured records: tables with named columns from CSV text or Parquet, and the checks a record must pass.
+"""Measured records: tables with named columns from CSV text, Parquet or MAT, and the checks a record must pass.
 
 A table knows which line of the file each row came from, so that every complaint about it names the line.
 """
@@ -7,21 +7,25 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from heavebond.errors import DataError, Place, Problem, Problems, UsageError, listing, suggest
+from heavebond.matlab import read_matlab
 
 Array = NDArray[np.float64]
-Rows = list[tuple[int, list[str]]]
+Rows = NDArray[np.int64]
+Cells = list[tuple[int, list[str]]]
 TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".dat")
 PARQUET_SUFFIXES = (".parquet", ".pq")
+MATLAB_SUFFIXES = (".mat",)
 SEPARATORS = {"\t": "tabs", ";": "semicolons", ",": "commas"}
 GAP_FACTOR = 1.5
+BRIDGED = 3  # so many missing samples of an input in a row are interpolated without a word in the file
 SHOWN = 5
 _MISSING = {"", "nan", "na", "n/a", "null", "none", "-", "?"}
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
@@ -32,8 +36,8 @@ class Table:
     """A record as it stands in its file: n rows, units not yet applied.
 
     `header` names all columns; `columns` holds those that are numbers, (n,) each, NaN where a cell is empty.
-    `lines` (n,) is the line of each row in the file, or its row number where the file has no lines (Parquet,
-    `text` is None then).
+    `lines` (n,) is the line of each row in the file, or its row number where the file has no lines (Parquet, MAT;
+    `text` is None then). `aside` says of names that are no columns why, and what to do.
     """
 
     path: Path
@@ -42,6 +46,7 @@ class Table:
     columns: dict[str, Array]
     text: str | None = None
     separator: str = ","
+    aside: dict[str, tuple[str, str]] = field(default_factory=dict)
 
     def place(self, row: int, name: str) -> Place:
         """Where the cell of column `name` in `row` (from 0) stands."""
@@ -62,13 +67,13 @@ class Table:
         return replace(self, lines=self.lines[mask], columns=columns)
 
 
-def read_table(path: Path | str, *, place: Place | None = None) -> Table:
-    """Read a record; the file's suffix says how (.csv, .tsv, .txt, .dat: text; .parquet, .pq).
+def read_table(path: Path | str, *, place: Place | None = None, beside: str | None = None) -> Table:
+    """Read a record; the file's suffix says how (.csv, .tsv, .txt, .dat: text; .parquet, .pq; .mat).
 
     Text is UTF-8 with one row of names, columns separated by commas, semicolons or tabs, decimal points and
-    lines of comment behind `#`. `place` is where the file is asked for. Raises DataError with all that is
-    wrong in the file (a column without any number is left aside until it is used), UsageError for another
-    suffix.
+    lines of comment behind `#`. Of a MAT file the table holds the vectors as long as the variable `beside`.
+    `place` is where the file is asked for. Raises DataError with all that is wrong in the file (a column without
+    any number is left aside until it is used), UsageError for another suffix.
     """
     path = Path(path)
     _must_exist(path, place)
@@ -77,10 +82,12 @@ def read_table(path: Path | str, *, place: Place | None = None) -> Table:
         return _read_text(path)
     if suffix in PARQUET_SUFFIXES:
         return _read_parquet(path)
+    if suffix in MATLAB_SUFFIXES:
+        return _read_matlab(path, place, beside)
     raise UsageError([Problem(
         "record-suffix", f"'{path.name}' is not a kind of record that is read here", place,
         "Export it as CSV (comma, semicolon or tab).",
-        (f"read are {', '.join(TEXT_SUFFIXES)} (text) and {', '.join(PARQUET_SUFFIXES)} (Parquet)",))])
+        (f"read are {', '.join(TEXT_SUFFIXES)} (text), {', '.join(PARQUET_SUFFIXES)} (Parquet) and .mat (MATLAB)",))])
 
 
 def column(table: Table, name: str, place: Place | None = None) -> Array:
@@ -91,26 +98,28 @@ def column(table: Table, name: str, place: Place | None = None) -> Array:
     if name not in table.header:
         raise DataError([Problem("record-column-unknown", f"'{file}' has no column '{name}'", place,
                                  suggest(name, table.header), (f"its columns are {listing(table.header)}",))])
+    if name in table.aside:
+        why, hint = table.aside[name]
+        raise DataError([Problem("record-column-kind", f"'{name}' of '{file}' {why}", place, hint)])
     notes = () if table.text is None else (f"for example {table.path}:{table.lines[0]}",)
     raise DataError([Problem(
         "record-column-text", f"column '{name}' of '{file}' holds text or dates, not numbers", place,
         "A date becomes a number as seconds since the start.", notes)])
 
 
-def check_time(table: Table, name: str, *, max_gap: float | None = None, gaps_ok: bool = False) -> None:
-    """Raise DataError unless the times of column `name` are numbers that increase without gaps.
-
-    A gap is a step longer than `max_gap` (in the column's own unit; 1.5 times the median step where None).
-    """
+def check_time(table: Table, name: str) -> None:
+    """Raise DataError unless the times of column `name` increase, at least two of them; rows without a time are passed
+    over here (see `samples`)."""
     time = column(table, name)
-    if len(time) < 2:
-        number = "1 sample" if len(time) == 1 else f"{len(time)} samples"
+    finite = np.flatnonzero(np.isfinite(time))
+    if len(finite) < 2:
+        number = "1 sample" if len(finite) == 1 else f"{len(finite)} samples"
         raise DataError([Problem(
             "record-short", f"the record '{table.path.name}' has {number}, it needs at least 2",
-            Place(str(table.path), int(table.lines[0])) if len(time) else None)])
+            Place(str(table.path), int(table.lines[0])) if len(time) else None,
+            "Check `from:` and `to:`, and the unit of the time." if not len(finite) else "")])
     problems = Problems()
-    finite = np.flatnonzero(np.isfinite(time))
-    _report_missing(table, name, problems)
+    _report_infinite(table, name, problems)
     steps = np.diff(time[finite])
     where = finite[1:]
     for wrong, code, saying in ((steps == 0, "record-time-repeated", "stands twice"),
@@ -120,46 +129,73 @@ def check_time(table: Table, name: str, *, max_gap: float | None = None, gaps_ok
             problems.add(code, f"the time {time[rows[0]]:.7g} in '{name}' {saying} ({table.lines_of(rows)})",
                          table.place(rows[0], name),
                          hint="A record has one row per instant, in order; two runs are two records.")
-    forward = steps[steps > 0]
-    if len(forward) and not gaps_ok:
-        usual = float(np.median(forward))
-        limit = max_gap if max_gap is not None else GAP_FACTOR * usual
-        # the margin keeps times that were rounded when written
-        _report_gaps(table, name, np.flatnonzero(steps > limit * (1 + 1e-6)), finite, usual, problems)
     problems.raise_as(DataError)
 
 
-def _report_gaps(table: Table, name: str, gaps: NDArray[np.int64], finite: NDArray[np.int64], usual: float,
-                 problems: Problems) -> None:
-    """Note the gaps after the `finite` rows of number `gaps`."""
-    time = table.columns[name]
-    found = []
-    for gap in gaps[:SHOWN].tolist():
-        before, after = int(finite[gap]), int(finite[gap + 1])
-        message = (f"a gap: '{name}' goes from {time[before]:.7g} ({table.lines_of([before])}) to "
-                   f"{time[after]:.7g} ({table.lines_of([after])}), where a step is {usual:.4g}")
-        found.append((message, table.place(after, name)))
-    _add_few(problems, "record-gap", found, len(gaps), "gaps",
-             "Write `gaps: ok` to go straight across it, or keep one side with `from:` or `to:`.")
+def samples(table: Table, time_name: str, name: str, place: Place | None = None, *, least: int = 1, why: str = "") -> Rows:
+    """The rows (n,) in which column `name` was sampled; where its cell is empty or NaN it was not.
 
-
-def check_values(table: Table, names: Iterable[str]) -> None:
-    """Raise DataError that names the lines where one of the columns `names` is empty, NaN or infinite."""
+    Raises DataError for a column with fewer than `least` numbers (`why` says what for), an infinite one, or one without a
+    time.
+    """
+    time, values = column(table, time_name, place), column(table, name, place)
     problems = Problems()
-    for name in names:
-        column(table, name)
-        _report_missing(table, name, problems)
+    _report_infinite(table, name, problems)
+    rows = np.flatnonzero(np.isfinite(values))
+    timeless = rows[np.isnan(time[rows])].tolist()
+    if timeless:
+        problems.add("record-time-missing", f"'{name}' has a value where '{time_name}' has none "
+                     f"({table.lines_of(timeless)})", table.place(timeless[0], time_name),
+                     hint="Write the time, or delete the row.")
+    problems.raise_as(DataError)
+    if not len(rows):
+        raise DataError([Problem(
+            "record-channel-empty", f"column '{name}' of '{table.path.name}' has no number in any of its {len(time)} rows",
+            place, "Check the column's name, and `from:` and `to:`.")])
+    if len(rows) < least:
+        raise DataError([Problem(
+            "record-channel-short", f"column '{name}' of '{table.path.name}' has {_count(rows)}, at least {least} are "
+            f"needed{why}", place, "Give its `noise:`, or check `from:` and `to:`." if why else
+            "Check `from:` and `to:`; a channel that was hardly measured is left out of the experiment.")])
+    return rows
+
+
+def gaps(time: Array, missing: int = 0) -> Rows:
+    """Where more than `missing` samples in a row are left out of increasing times (n,): the k for which the step from k to
+    k + 1 is longer than missing + 1.5 median steps."""
+    steps = np.diff(time)
+    # the margin keeps times that were rounded when written
+    return np.flatnonzero(steps > (missing + GAP_FACTOR) * float(np.median(steps)) * (1 + 1e-6)) if len(steps) else \
+        np.zeros(0, dtype=np.int64)
+
+
+def check_gaps(table: Table, time_name: str, name: str, rows: Rows, *, begin: float = -np.inf, end: float = np.inf) -> None:
+    """Raise DataError where more than 3 samples of column `name`, sampled in `rows` (n,), are left out between the times
+    `begin` and `end` (in the unit of the time column)."""
+    time = table.columns[time_name][rows]
+    found = [k for k in gaps(time, BRIDGED).tolist() if time[k + 1] > begin and time[k] < end]
+    steps = np.diff(time)
+    problems = Problems()
+    usual = float(np.median(steps)) if len(steps) else 0.0
+    said = [(f"a gap: '{name}' has no value between the times {time[k]:.7g} ({table.lines_of([rows[k]])}) and "
+             f"{time[k + 1]:.7g} ({table.lines_of([rows[k + 1]])}); elsewhere it has one every {usual:.4g}",
+             table.place(int(rows[k + 1]), name)) for k in found[:SHOWN]]
+    _add_few(problems, "record-gap", said, len(found), "gaps",
+             "Keep one side with `from:` or `to:`, or write `gaps: bridge` at this input to go across.")
     problems.raise_as(DataError)
 
 
-def _report_missing(table: Table, name: str, problems: Problems) -> None:
+def _count(rows: Rows) -> str:
+    return "1 number" if len(rows) == 1 else f"{len(rows)} numbers"
+
+
+def _report_infinite(table: Table, name: str, problems: Problems) -> None:
     values = table.columns[name]
-    for wrong, what in ((np.isnan(values), "no value"), (np.isinf(values), "an infinite value")):
-        rows = np.flatnonzero(wrong).tolist()
-        if rows:
-            problems.add("record-value", f"'{name}' has {what} in {len(rows)} of {len(values)} rows "
-                         f"({table.lines_of(rows)})", table.place(rows[0], name),
-                         hint="Delete these rows, or cut the record with `from:` and `to:`.")
+    rows = np.flatnonzero(np.isinf(values)).tolist()
+    if rows:
+        problems.add("record-value", f"'{name}' has an infinite value in {len(rows)} of {len(values)} rows "
+                     f"({table.lines_of(rows)})", table.place(rows[0], name),
+                     hint="Empty these cells: an empty cell is a sample that was not taken.")
 
 
 def _must_exist(path: Path, place: Place | None) -> None:
@@ -184,7 +220,7 @@ class _Sheet:
     lines: list[str]
     separator: str
     header: tuple[int, list[str]]
-    rows: Rows
+    rows: Cells
 
     def place(self, line: int, cell: int) -> Place:
         return _cell_place(self.file, line, self.lines[line - 1], self.separator, cell)
@@ -279,7 +315,7 @@ def _check_header(sheet: _Sheet, problems: Problems) -> None:
                          sheet.place(line, k), hint="Give each column a name of its own.")
 
 
-def _without_units_row(sheet: _Sheet, problems: Problems) -> Rows:
+def _without_units_row(sheet: _Sheet, problems: Problems) -> Cells:
     if len(sheet.rows) < 2:
         return sheet.rows
     (line, first), (_, second) = sheet.rows[:2]
@@ -291,7 +327,7 @@ def _without_units_row(sheet: _Sheet, problems: Problems) -> Rows:
     return sheet.rows[1:]
 
 
-def _full_rows(sheet: _Sheet, rows: Rows, problems: Problems) -> Rows:
+def _full_rows(sheet: _Sheet, rows: Cells, problems: Problems) -> Cells:
     width = len(sheet.header[1])
     ragged = [row for row in rows if len(row[1]) != width]
     hint = f"The columns are taken to be separated by {SEPARATORS[sheet.separator]}, as in the row of names."
@@ -333,7 +369,7 @@ def _numbers(cells: list[str]) -> tuple[Array | None, list[int]]:
     return values, bad
 
 
-def _report_cells(sheet: _Sheet, rows: Rows, bad: list[list[int]], problems: Problems) -> None:
+def _report_cells(sheet: _Sheet, rows: Cells, bad: list[list[int]], problems: Problems) -> None:
     cells = sorted((row, k) for k, column_rows in enumerate(bad) for row in column_rows)
     commas = [c for c in cells if _DECIMAL_COMMA.fullmatch(rows[c[0]][1][c[1]])]
     words = [c for c in cells if not _DECIMAL_COMMA.fullmatch(rows[c[0]][1][c[1]])]
@@ -372,3 +408,13 @@ def _read_parquet(path: Path) -> Table:
     numbers = {str(name): frame[name].to_numpy(dtype=np.float64, na_value=np.nan) for name in frame.columns
                if pd.api.types.is_numeric_dtype(frame[name])}
     return Table(path, tuple(map(str, frame.columns)), np.arange(1, len(frame) + 1), numbers)
+
+
+def _read_matlab(path: Path, place: Place | None, beside: str | None) -> Table:
+    found = read_matlab(path, place).beside(beside)
+    if not found.columns:
+        notes = [f"{name} {why}" for name, (why, _) in list(found.aside.items())[:SHOWN]]
+        hint = next((hint for _, hint in found.aside.values()), "Save the time and the channels as vectors.")
+        raise DataError([Problem("record-empty", f"'{path.name}' has no vector of numbers", place, hint, tuple(notes))])
+    n = len(next(iter(found.columns.values())))
+    return Table(path, (*found.columns, *found.aside), np.arange(1, n + 1), found.columns, aside=found.aside)

@@ -81,12 +81,17 @@ class Model:
     files: tuple[Path, ...] = ()
 
     def with_parameters(self, values: Dictionary[str, float | str]) -> Model:
-        """A model with other values: `{"gas.c": "40 kN/m"}`, or a plain number in the parameter's base unit."""
-        settings = dict(self.settings)
+        """A model with other values: `{"gas.c": "40 kN/m"}`, or a plain number in the parameter's base unit; and with other
+        values at the start: `{"initial.crown.x": 0.02}`."""
+        settings, conditions = dict(self.settings), dict(self.initial.conditions)
         for path, given in values.items():
             place = Place("with_parameters", 1, 1, f"{path}: {given}")
-            settings[path] = Setting(path, _python_value(path, given), place)
-        return replace(self, settings=settings)
+            value, name = _python_value(path, given), path.removeprefix("initial.")
+            if path == name:
+                settings[path] = Setting(path, value, place)
+            else:
+                conditions[name] = Condition(name, value, False, place)
+        return replace(self, settings=settings, initial=replace(self.initial, conditions=conditions))
 
     def with_component(self, name: str, kind: str, wires: Dictionary[str, str],
                        settings: Dictionary[str, float | str] | None = None) -> Model:
@@ -177,13 +182,17 @@ def _load(path: Path, chain: tuple[Path, ...]) -> Model:
 
 def from_source(source: Source, chain: tuple[Path, ...] = ()) -> Model:
     """A diagram from its source; `chain` holds the files that led here through `extends`."""
-    problems = Problems()
     root = source.root
     if "model" not in root.items or "experiment" in root.items:
         message, hint = _other_kind(source)
         raise ModelError([Problem("not-a-model", message, root.place, hint)])
-    reading.known_keys(root, MODEL_KEYS, "a diagram", problems)
-    base = _base(source, chain, problems)
+    return extended(_base(source, chain), source)
+
+
+def extended(base: Model, source: Source) -> Model:
+    """The diagram that a source which `extends` the diagram `base` describes; ModelError with what is wrong."""
+    problems = Problems()
+    reading.known_keys(source.root, MODEL_KEYS, "a diagram", problems)
     model = _changed(base, source, problems)
     problems.raise_as(ModelError)
     return model
@@ -202,7 +211,8 @@ def _other_kind(source: Source) -> tuple[str, str]:
     return f"{source.name} is no diagram", suggest("model", items) or "A diagram begins with `model: name`."
 
 
-def _base(source: Source, chain: tuple[Path, ...], problems: Problems) -> Model:
+def _base(source: Source, chain: tuple[Path, ...]) -> Model:
+    problems = Problems()
     node = source.root.items.get("extends")
     here = source.path.resolve()
     if node is None:

@@ -12,6 +12,7 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
+from numpy.typing import NDArray
 
 from heavebond.errors import Problem, UsageError
 from heavebond.presentation import number, quantity, readable, readable_unit, unit_label
@@ -22,9 +23,12 @@ if TYPE_CHECKING:
 
     from heavebond.comparison import Channel, Comparison, RecordComparison
     from heavebond.dae import Array
+    from heavebond.finding import Rung
     from heavebond.influence import Influence, Ranking, Rankings
+    from heavebond.objective import Task
     from heavebond.result import Result
-    from heavebond.tuning import Task, Tuned
+    from heavebond.robustness import Ellipse
+    from heavebond.tuning import Tuned
 
 SUFFIXES = (".png", ".svg", ".pdf")
 DPI = 100
@@ -115,6 +119,8 @@ def plot_comparison(comparison: Comparison) -> Figure:
             upper = figure.add_subplot(grid[2 * row, k], sharex=column[0] if column else None)
             lower = figure.add_subplot(grid[2 * row + 1, k], sharex=upper)
             _channel(upper, lower, record.channels[name])
+            if record.validate is not None:
+                _shade(upper, lower, record.channels[name].time, record.validate.channels[name].counts)
             column += [upper, lower]
         # above the figures of its first channel, which stand on the right
         # the empty line keeps it above the figures of its first channel, which stand on the right
@@ -125,14 +131,15 @@ def plot_comparison(comparison: Comparison) -> Figure:
         column[0].set_xlim(*_ends(next(iter(record.channels.values())).time))
     handles, labels = figure.axes[0].get_legend_handles_labels()
     more, words = figure.axes[1].get_legend_handles_labels()
-    figure.legend(handles + more, labels + words, loc="outside upper right", ncols=4, frameon=False)
+    figure.legend(handles + more, labels + words, loc="outside upper right", ncols=6, frameon=False)
     _title(figure, comparison.experiment.name)
     figure.align_ylabels()
     return figure
 
 
-def plot_surface(task: Task, tuned: Tuned, axes: Sequence[Array], costs: Array) -> Figure:
-    """The cost over two free parameters from a sweep, with the ways of the search and the best point.
+def plot_surface(task: Task, tuned: Tuned, axes: Sequence[Array], costs: Array, ellipse: Ellipse | None = None) -> Figure:
+    """The cost over two free parameters from a sweep, with the ways of the search, the best point, and where the cost rises
+    by less than 1 %.
 
     The colours are logarithmic where the costs span more than a factor of ten: beyond the limit of stability they do.
     """
@@ -152,12 +159,16 @@ def plot_surface(task: Task, tuned: Tuned, axes: Sequence[Array], costs: Array) 
         panel.plot(points[:, 0], points[:, 1], "o-", color="white", markersize=4, linewidth=1, markeredgecolor="black",
                    label="search" if k == 0 else None)
     best = [unit.from_si(tuned.values[name]) for name, unit in zip(task.free, units, strict=True)]
+    if ellipse is not None:
+        turn = np.linspace(0, 2 * np.pi, 100)
+        around = ellipse.axes @ np.array([np.cos(turn), np.sin(turn)]) / np.array([[unit.scale] for unit in units])
+        panel.plot(best[0] + around[0], best[1] + around[1], color=COLOURS[1], linewidth=1.5, label="1 % more")
     panel.plot(*best, "*", color=COLOURS[1], markersize=16, markeredgecolor="black", label=f"best, {tuned.cost:.4g}")
     for name, unit, label in ((first, units[0], panel.set_xlabel), (second, units[1], panel.set_ylabel)):
         label(f"{name} [{unit_label(unit.text)}]")
     panel.set_xlim(x[0], x[-1])
     panel.set_ylim(y[0], y[-1])
-    figure.legend(loc="outside upper right", ncols=2, frameon=False)
+    figure.legend(loc="outside upper right", ncols=3, frameon=False)
     return figure
 
 
@@ -181,6 +192,42 @@ def plot_influence(found: Rankings, *, bars: int = 12, courses: int = 4, title: 
     marks = [Patch(color=COLOURS[0], label="largest where more of it raises the signal"),
              Patch(color=COLOURS[1], label="where it lowers the signal")]
     figure.legend(handles=marks, loc="outside upper right", ncols=2, frameon=False, fontsize=9)
+    return figure
+
+
+def plot_ladder(rungs: Sequence[Rung], *, title: str = "The error on the ladder") -> Figure:
+    """The falling error: root mean square over that of what was measured, on the fitted samples and on those that were not,
+    and where noise alone would be (measured error divided by the root of chi-square per sample)."""
+    figure = Figure(figsize=(WIDTH, 2.2 + 0.62 * len(rungs)), dpi=DPI)
+    axes = figure.add_subplot()
+    _title(figure, title)
+    places = np.arange(len(rungs))[::-1]
+    for offset, colour, label, errors in (
+            (0.19, COLOURS[0], "fitted", [r.error_fit for r in rungs]),
+            (-0.19, COLOURS[1], "not fitted", [r.error_held_out for r in rungs])):
+        values = 100 * np.array(errors)
+        axes.barh(places + offset, values, height=0.36, color=colour, label=label)
+        for place, value in zip(places + offset, values, strict=True):
+            if np.isfinite(value):
+                axes.annotate(f"{number(float(value), 3)} %", (value, place), (4, 0), textcoords="offset points",
+                              va="center", fontsize=9)
+    last = rungs[-1]
+    noise = 100 * last.error_held_out / math.sqrt(last.chi2_held_out) if last.chi2_held_out > 0 else math.nan
+    if np.isfinite(noise):
+        axes.axvline(noise, color=RECORD, linestyle=DASHES[1], label="noise")
+    largest = float(np.nanmax([100 * max(r.error_fit, r.error_held_out if np.isfinite(r.error_held_out) else 0.0)
+                               for r in rungs]))
+    smallest = float(np.nanmin([100 * r.error_fit for r in rungs]))
+    if largest > WIDE * smallest > 0:
+        axes.set_xscale("log")
+        axes.set_xlim(min(smallest, noise if np.isfinite(noise) else smallest) / 2, 3 * largest)
+    else:
+        axes.set_xlim(0, 1.12 * largest)
+    axes.set_yticks(places, ["\n".join(textwrap.wrap(r.name, 34)) for r in rungs])
+    axes.set_xlabel("error / measured [%]")
+    axes.grid(axis="x", alpha=0.3)
+    axes.legend(loc="lower right", frameon=True)
+    figure.tight_layout(rect=RECT)
     return figure
 
 
@@ -322,6 +369,9 @@ def _channel(upper: Axes, lower: Axes, channel: Channel) -> None:
     dense = len(measured) > DENSE
     upper.plot(channel.time, measured, color=RECORD, label="record", **_style(dense, 2.4))
     upper.plot(channel.time, model, color=MODEL, linewidth=1.2, label="model")
+    if channel.outlier.any():
+        upper.plot(channel.time[channel.outlier], measured[channel.outlier], "x", color=COLOURS[0],
+                   label="far from neighbours")
     _finish(upper, channel.name, shown, [measured, model])
     upper.set_title(_figures(channel), loc="right", fontsize=9, color="#333333")
     left = channel.measured - channel.model
@@ -337,6 +387,15 @@ def _channel(upper: Axes, lower: Axes, channel: Channel) -> None:
         lower.set_ylim(-1.08 * reach, 1.08 * reach)
 
 
+def _shade(upper: Axes, lower: Axes, time: Array, held_out: NDArray[np.bool_]) -> None:
+    """The stretches that are held out of the fit in grey."""
+    ends = np.flatnonzero(np.diff(held_out.astype(int), prepend=0, append=0)).reshape(-1, 2)
+    for k, (first, last) in enumerate(ends):
+        for axes in (upper, lower):
+            axes.axvspan(time[first], time[last - 1], color="#ededed", zorder=0, linewidth=0,
+                         label="held out of the fit" if k == 0 and axes is upper else None)
+
+
 def _style(dense: bool, linewidth: float) -> dict[str, Any]:
     return {"linewidth": linewidth} if dense else {"linestyle": "none", "marker": ".", "markersize": 4}
 
@@ -347,4 +406,5 @@ def _figures(channel: Channel) -> str:
 
 
 def _record_title(record: RecordComparison) -> str:
-    return f"{record.name} ({record.use}): normalised error {100 * record.normalised:.3g} %"
+    held_out = f", held out {100 * record.validate.normalised:.3g} %" if record.validate is not None else ""
+    return f"{record.name} ({record.use}): normalised error {100 * record.normalised:.3g} %{held_out}"

@@ -169,7 +169,7 @@ class _Trial:
         """Residuals (m,) with their Jacobian, and the powers, of a jet y = (slots, d slots, d2 slots)."""
         n = len(self.made.slots)
         levels = [ca.SX.sym(f"level{k}", n) for k in range(LEVELS)]
-        p, t = ca.SX.sym("p", len(self.made.parameters)), ca.SX.sym("t")
+        p, t = ca.SX.sym("p", len(self.made.given)), ca.SX.sym("t")
         y = stack(levels)
         given = [*levels, p, t, ca.SX(1)]
         residuals = split(self.made.residuals(*given)) if self.made.lines else []
@@ -254,11 +254,15 @@ class _Trial:
         return float(self._spread(*np.array([[size], [low], [high]]))[0])
 
     def _parameters(self) -> Array | None:
-        """Values for all parameters that meet `requires:`, None where thirty draws did not."""
+        """Values for all parameters that meet `requires:`, None where thirty draws did not; then for what is held."""
         for _ in range(30):
             p = np.array([self._parameter(self.component.parameters[n]) for n in self.made.parameters])
             if not self.component.requires or np.all(np.array(self.made.requirements(p))):
-                return p
+                held = [self.component.held[n] for n in self.made.held]
+                sizes = np.array([max(self._usual(v.unit), abs(v.held or 0.0)) for v in held])
+                low, high = (np.array([limit if value is None else value for value in values]) for limit, values in (
+                    (-inf, [v.low for v in held]), (inf, [v.high for v in held])))
+                return np.append(p, self._spread(sizes, low, high))
         return None
 
     # -- a motion --------------------------------------------------------------------------------------------------
@@ -348,7 +352,7 @@ class _Trial:
         negative = min(0.0, dissipated / size) if size else 0.0
         if max(imbalance, -negative) < max(worst.imbalance, -worst.dissipation):
             return worst
-        values = [f"{n} = {v:.4g}" for n, v in zip((*self.made.parameters, *self.made.slots), (*p, *y), strict=False)]
+        values = [f"{n} = {v:.4g}" for n, v in zip((*self.made.given, *self.made.slots), (*p, *y), strict=False)]
         notes = (f"power in {power:.4g} W, d(stores)/dt {stored:.4g} W, dissipates {dissipated:.4g} W, "
                  f"unbalanced {unbalanced:.4g} W", "at " + ", ".join(values) + " (SI)")
         return PowerReport(self.component.name, 0, max(imbalance, worst.imbalance), min(negative, worst.dissipation),

@@ -61,6 +61,12 @@ def readable(value: float, unit: str, digits: int = 5) -> str:
     return f"{number(value, digits)} {shown}" if shown != "1" else number(value, digits)
 
 
+def readable_time(seconds: float, *others: float) -> list[str]:
+    """A stretch of time and others in the unit that suits it, to three digits: `21.3 ms`."""
+    unit, scale = next(((u, k) for u, k in (("s", 1.0), ("ms", 1e-3)) if abs(seconds) >= k), ("us", 1e-6))
+    return [f"{number(value / scale, 3)} {unit}" for value in (seconds, *others)]
+
+
 def number(value: float, digits: int = 5) -> str:
     """A number to `digits` significant digits, without an exponent where that is short."""
     if not math.isfinite(value):

@@ -5,13 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from pathlib import Path
 from typing import TypeVar
 
 from heavebond.definition import Body, End, FileInput, Formula, Instance, Value, Wire
 from heavebond.errors import Place, Problems, nearest, suggest
-from heavebond.expression import KEYWORDS, Equation, Expr, ExpressionProblem, Number, names, parse_formula
+from heavebond.expression import KEYWORDS, Equation, Expr, ExpressionProblem, Number, constant, names, parse_formula
 from heavebond.source import Mapping, Node, Scalar, Sequence, Source
-from heavebond.units import UnitProblem, parse_quantity, read_unit
+from heavebond.units import UnitProblem, check_unit, parse_quantity, read_unit
 
 T = TypeVar("T", Expr, Equation)
 IDENTIFIER = re.compile(r"[A-Za-z_]\w*")
@@ -52,6 +53,16 @@ def text(node: Node | None, what: str, problems: Problems, default: str = "") ->
         return " ".join(node.text.split())
     problems.add("not-text", f"{what} is {node.kind}; text is expected", node.place, hint="Write a plain text.")
     return default
+
+
+def choice(node: Node | None, what: str, allowed: tuple[str, ...], problems: Problems) -> str:
+    """The node as one of the words allowed; empty where it is absent or, with a problem, another word."""
+    found = text(node, what, problems)
+    if node is None or not found or found in allowed:
+        return found
+    problems.add(f"{what}-unknown", f"`{what}: {found}` is not known", node.place,
+                 hint=suggest(found, allowed) or "Write " + " or ".join(f"`{what}: {word}`" for word in allowed) + ".")
+    return ""
 
 
 def words(node: Node | None, what: str, problems: Problems) -> list[Scalar]:
@@ -117,6 +128,19 @@ def value(node: Node, what: str, problems: Problems) -> Value | None:
         return _arithmetic(content, start, what, problem, problems)
 
 
+def seconds(node: Node | None, what: str, problems: Problems) -> float | None:
+    """A time (`72 s`, `2 min`) in s; None where there is none."""
+    read = value(node, what, problems) if node is not None else None
+    number = constant(read.expr) if read is not None else None
+    if read is None or number is None:
+        return None
+    try:
+        check_unit(getattr(read.expr, "unit", None), read_unit("s"), number, read.text)
+    except UnitProblem as problem:
+        problems.add(problem.code, f"{what}: {problem.message}", read.place, hint=problem.hint)
+    return number
+
+
 def _arithmetic(content: str, place: Place, what: str, problem: UnitProblem, problems: Problems) -> Value | None:
     """Arithmetic of quantities; where that cannot be read either, the complaint about the quantity stands."""
     complaint = (problem.code, f"{what}: {problem.message}", problem.hint)
@@ -149,7 +173,7 @@ def _unmarked(content: str, what: str) -> tuple[str, str, str]:
 
 def file_input(node: Mapping, source: Source, problems: Problems, *, file: bool = True) -> FileInput | None:
     """`{file: heave.csv, column: z, unit: m, between: spline}`; the file is beside the file that names it."""
-    known_keys(node, ["file", "column", "unit", "between", "time"], "an input from a record", problems,
+    known_keys(node, ["file", "column", "unit", "between", "time", "gaps"], "an input from a record", problems,
                required=[*(["file"] if file else []), "column", "unit", "between"])
     between = node.items.get("between")
     if isinstance(between, Scalar) and between.text not in BETWEEN:
@@ -164,8 +188,9 @@ def file_input(node: Mapping, source: Source, problems: Problems, *, file: bool 
     entry = {name: text(item, name, problems) for name, item in node.items.items() if name != "time"}
     time_node = node.items.get("time")
     time_column, time_unit = time_axis(time_node, problems) if time_node is not None else (None, "s")
-    return FileInput(source.path.parent / entry.get("file", ""), entry["column"], entry["unit"], entry["between"],
-                     node.place, time_column, time_unit)
+    return FileInput(source.path.parent / entry["file"] if "file" in entry else Path(), entry["column"], entry["unit"],
+                     entry["between"], node.place, time_column, time_unit,
+                     choice(node.items.get("gaps"), "gaps", ("bridge",), problems) == "bridge")
 
 
 def time_axis(node: Node, problems: Problems) -> tuple[str | None, str]:

@@ -159,7 +159,7 @@ class _System:
         while len(self.levels) <= top + 1:
             k = len(self.levels)
             self.levels.append([ca.SX.sym("d" * k + u.name) for u in flat.unknowns])
-        self.constants = {s.element_hash() for s in split(flat.p)}
+        self.constants = flat.constant_hashes
         self.p_values = np.array([q.value for q in flat.parameters])
         self.residual: dict[Row, ca.SX] = {(i, 0): r for i, r in enumerate(flat.residuals)}
         self._differentiate()

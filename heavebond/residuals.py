@@ -5,24 +5,27 @@ See `heavebond.fitting` for the sum that is minimised.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from heavebond.comparison import TOLERANCES, assemble_for, channel_noise, record_table, record_time
+from heavebond.comparison import TOLERANCES, assemble_for
 from heavebond.dae import Array
 from heavebond.errors import Problem, SimulationError, StartError, UsageError
 from heavebond.experiment import Experiment, Free, Record
+from heavebond.expression import Compare, Name
+from heavebond.progress import Progress
+from heavebond.records import Measured, measure
 from heavebond.result import Probe
-from heavebond.simulation import Simulator
+from heavebond.simulation import Simulator, Tolerances
 from heavebond.units import read_unit
 
 if TYPE_CHECKING:
     from scipy.optimize import OptimizeResult
 
-Progress = Callable[[str], None]
 # A run that breaks down counts as this many standard deviations at every sample: far worse than any run that ends.
 BROKEN = 1e4
 
@@ -52,44 +55,65 @@ class Column:
 
 
 class Run:
-    """One record, ready to be simulated with many values."""
+    """One record, ready to be simulated with many values.
 
-    def __init__(self, experiment: Experiment, record: Record, names: list[str]):
+    measured: (channels, N) in SI at the times of the simulator, NaN where a channel was not sampled; counts: (channels, N),
+    which of them are fitted (sampled, not held out, not dropped as outliers), checking: which are held out; noise:
+    (channels,) in SI.
+    """
+
+    def __init__(self, experiment: Experiment, record: Record, names: list[str], tolerances: Tolerances = TOLERANCES, *,
+                 kind: type[Simulator] = Simulator, like: Run | None = None):
+        """`kind` of simulator to use; `like` is a run of the same record with another diagram, which is not read again."""
         self.record, self.names = record, names
-        table = record_table(experiment, record)
+        self.found: Measured = like.found if like is not None else measure(experiment, record)
         self.assembly = assemble_for(experiment, record)
-        time = record_time(experiment, record, table)
         self.probe = Probe(self.assembly, [o.shown.text for o in experiment.outputs.values()])
         units = [read_unit(o.shown.unit) for o in experiment.outputs.values()]
         self.scale = np.array([u.scale for u in units])
-        measured = np.array([table.columns[o.column] * u.scale + u.offset
-                             for u, o in zip(units, experiment.outputs.values(), strict=True)])
-        noise = np.array([channel_noise(o, table, time)[0] for o in experiment.outputs.values()]) * self.scale
-        self.measured, self.noise = measured, noise
-        self.simulator = Simulator(self.assembly, times=time, tolerances=TOLERANCES, sensitivities=names)
+        self.measured, self.counts, self.checking = self.found.on_grid()
+        self.noise = np.array([channel.noise for channel in self.found.channels.values()]) * self.scale
+        self.simulator: Simulator = kind(self.assembly, times=self.found.grid, tolerances=tolerances, sensitivities=names,
+                              like=None if like is None else like.simulator)
+
+    def again(self, names: list[str], values: Mapping[str, float], kind: type[Simulator]) -> Run:
+        """The same diagram on the same record with these values from the start, other sensitivities, another simulator."""
+        other = copy(self)
+        other.names, other.assembly = names, self.assembly.with_parameters(values)
+        other.simulator = kind(other.assembly, times=self.found.grid, tolerances=self.simulator.tolerances,
+                               sensitivities=names, like=self.simulator)
+        return other
 
     def residuals(self, values: Mapping[str, float]) -> tuple[Array, Array]:
-        """(model - measured)/noise (channels * N,) and its derivatives (m, channels * N)."""
+        """(model - measured)/noise (n,) of the n samples that count, channel after channel, and derivatives (m, n)."""
         result = self.simulator.run(values)
         wrong = (self.probe.values(result) - self.measured) / self.noise[:, None]
+        if not self.names:
+            return wrong[self.counts], np.zeros((0, int(self.counts.sum())))
         moved = self.probe.sensitivities(result) / self.noise[None, :, None]
-        return wrong.ravel(), moved.reshape(len(self.names), -1)
+        return wrong[self.counts], moved[:, self.counts]
+
+    def held_out(self, values: Mapping[str, float]) -> Array:
+        """(model - measured)/noise of the samples that check a fit: the whole of a record that is not fitted, the blocks
+        held out of one that is."""
+        checking = self.counts if self.record.use != "fit" else self.checking
+        wrong = (self.probe.values(self.simulator.run(values)) - self.measured) / self.noise[:, None]
+        return np.asarray(wrong[checking])
 
 
 class Residuals:
     """The least squares problem of an experiment in its inner unknowns (logarithms where a range is above zero)."""
 
-    def __init__(self, experiment: Experiment, records: list[Record] | None = None):
+    def __init__(self, experiment: Experiment, records: list[Record] | None = None, tolerances: Tolerances = TOLERANCES,
+                 runs: Sequence[Run] | None = None):
+        """`runs` of all records to be fitted, with sensitivities to everything that is free, where there are such."""
         self.experiment = experiment
-        if not experiment.free:
-            raise UsageError([Problem("free-empty", "nothing is free to be fitted", None,
-                                      "List parameters and ranges: `free: {gas.c: 42 kN/m +- 20 %}`.")])
         chosen = records if records is not None else [r for r in experiment.records.values() if r.use == "fit"]
         if not chosen:
             raise UsageError([Problem("fit-no-record", "no record is to be fitted", None,
                                       "Mark at least one record with `use: fit`.")])
         names = list(experiment.free)
-        self.runs = [Run(experiment, record, names) for record in chosen]
+        self.runs = list(runs) if runs is not None else [Run(experiment, record, names, tolerances) for record in chosen]
         first = self.runs[0].assembly
         units = {q.name: q.unit.text for q in first.flat.parameters}
         self.columns: list[Column] = []
@@ -98,14 +122,41 @@ class Residuals:
                 self.columns.append(Column(free, record, first.parameter_values[free.name], units[free.name]))
         self.low = np.array([c.inner(c.free.range.low) for c in self.columns])
         self.high = np.array([c.inner(c.free.range.high) for c in self.columns])
+        self.orders = self._orders()
         self.evaluations = 0
         self._last: tuple[bytes, Array, Array] | None = None
         self._check_start()
 
+    def _orders(self) -> list[tuple[int, int]]:
+        """Columns of which the first must not be below the second (`requires: [F_s >= F_c]`, both free)."""
+        at = {(c.free.name, c.record): k for k, c in enumerate(self.columns)}
+        found = []
+        for leaf in self.runs[0].assembly.flat.expanded.leaves.values():
+            for formula in leaf.component.requires:
+                tree = formula.tree
+                if isinstance(tree, Compare) and isinstance(tree.left, Name) and isinstance(tree.right, Name):
+                    ends = (tree.left, tree.right) if tree.op in (">", ">=") else (tree.right, tree.left)
+                    high, low = (f"{leaf.path}.{e.text}" for e in ends)
+                    found += [(k, at.get((low, record), at.get((low, ""), -1))) for (name, record), k in at.items()
+                              if name == high]
+        return [(high, low) for high, low in found if low >= 0]
+
+    def allowed(self, inner: Array) -> Array:
+        """The point with what must not be below another value raised to that."""
+        inner = inner.copy()
+        for high, low in self.orders:
+            bounds = self.columns[high].free.range
+            # a hair above it: some laws divide by the distance
+            least = self.columns[low].outer(inner[low]) + 1e-6 * (bounds.high - bounds.low)
+            if self.columns[high].outer(inner[high]) < least:
+                inner[high] = self.columns[high].inner(least)
+        return inner
+
     def _check_start(self) -> None:
         for column in self.columns:
             bounds = column.free.range
-            if not bounds.low <= column.before <= bounds.high:
+            rounding = 1e-9 * (bounds.high - bounds.low)  # a value that a fit left at the end of its range is inside
+            if not bounds.low - rounding <= column.before <= bounds.high + rounding:
                 scale = bounds.unit
                 raise UsageError([Problem(
                     "free-start-outside", f"{column.free.name} is {scale.from_si(column.before):.6g} {scale.text} in the "
@@ -136,6 +187,7 @@ class Residuals:
         key = inner.tobytes()
         if self._last is not None and self._last[0] == key:
             return self._last[1], self._last[2]
+        asked, inner = inner, self.allowed(inner)
         parts, blocks = [], []
         for run in self.runs:
             wrong, moved = self._one(run, inner)
@@ -146,12 +198,18 @@ class Residuals:
             parts.append(wrong)
             blocks.append(block)
         self.evaluations += 1
-        self._last = (key, np.concatenate(parts), np.vstack(blocks))
+        jacobian = np.vstack(blocks)
+        for high, low in self.orders:
+            if inner[high] != asked[high]:  # it rides on the lower one
+                ratio = self.columns[low].slope(inner[low]) / self.columns[high].slope(inner[high])
+                # its own column stays: the way up from there is open
+                jacobian[:, low] += jacobian[:, high] * ratio
+        self._last = (key, np.concatenate(parts), jacobian)
         return self._last[1], self._last[2]
 
     def _one(self, run: Run, inner: Array) -> tuple[Array, Array]:
         """A record's residuals; a run that breaks down is a large residual, not an end."""
-        size = run.measured.size
+        size = int(run.counts.sum())
         try:
             wrong, moved = run.residuals(self.values_of(inner, run.record.name))
         except (SimulationError, StartError):
@@ -173,8 +231,22 @@ class Residuals:
                 gradients.append(gradient)
         return np.array(rows), np.array(gradients).reshape(len(rows), len(self.columns))
 
-    def minimise(self, start: Array, robust: bool, progress: Progress, fixed: tuple[int, ...] = ()) -> OptimizeResult:
-        """Trust region least squares from `start`; the columns in `fixed` stay where they are."""
+    def minimise(self, start: Array, robust: bool, progress: Progress, fixed: tuple[int, ...] = (), *, most: int = 60,
+                 tolerance: float = 1e-8) -> OptimizeResult:
+        """Least squares from `start`; the columns in `fixed` stay where they are. It ends after `most` runs (twice), or
+        where a step changes the sum of squares or the unknowns by less than `tolerance`.
+
+        First SciPy's reflective method, which keeps away from the ends of ranges and finds its way from afar; then, from
+        where that ends, its dogleg in boxes, which meets an optimum that lies at an end or along a narrow valley.
+        """
+        first = self.descend(start, robust, progress, fixed, most=most, tolerance=tolerance, method="trf")
+        last = self.descend(first.x, robust, progress, fixed, most=most, tolerance=tolerance, method="dogbox")
+        last["history"] = [*first["history"], *last["history"]]
+        return last if last.cost <= first.cost else first
+
+    def descend(self, start: Array, robust: bool, progress: Progress, fixed: tuple[int, ...] = (), *, most: int,
+                tolerance: float, method: Literal["trf", "dogbox"]) -> OptimizeResult:
+        """One of the two methods of `minimise` alone."""
         from scipy.optimize import least_squares
 
         moving = [k for k in range(len(self.columns)) if k not in fixed]
@@ -200,8 +272,8 @@ class Residuals:
 
         inside = np.clip(start, self.low + 1e-6 * span, self.high - 1e-6 * span)[moving]
         found = least_squares(values, inside, jac=jacobian, bounds=(self.low[moving], self.high[moving]),
-                              x_scale=span[moving], loss="soft_l1" if robust else "linear", xtol=1e-8, ftol=1e-8,
-                              gtol=1e-8, max_nfev=60)
-        found.x = whole(found.x)
+                              x_scale=span[moving], method=method, loss="soft_l1" if robust else "linear",
+                              xtol=tolerance, ftol=tolerance, gtol=1e-8, max_nfev=most)
+        found.x = self.allowed(whole(found.x))
         found["history"] = history
         return found

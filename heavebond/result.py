@@ -14,29 +14,34 @@ from heavebond.dae import Array, Assembly
 from heavebond.errors import Problem, UsageError, suggest
 from heavebond.expression import ExpressionProblem, parse_formula
 from heavebond.initialise import Start
-from heavebond.symbols import stack
+from heavebond.symbols import split, stack
 from heavebond.units import dimension_text, read_unit
 
 if TYPE_CHECKING:
     import pandas as pd
 
+    from heavebond.switching import Instant
+
 
 @dataclass(frozen=True)
 class Along:
     """Forward sensitivities in SI: d x / d p_k (m, n_x, N), d z / d p_k (m, n_z, N), how all parameters move with the
-    k-th (m, n_p): itself by 1, those under `solve:` as the start requires; and d quadratures / d p_k (m, n_q, N)."""
+    k-th (m, n_p): itself by 1, those under `solve:` as the start requires; d quadratures / d p_k (m, n_q, N); and how the
+    held variables do (m, n_h, N)."""
 
     names: tuple[str, ...]
     x: Array
     z: Array
     p: Array
     quadratures: Array
+    held: Array
 
 
 @dataclass(frozen=True)
 class Result:
     """A run: `time` (N,), states x (n_x, N) and algebraic unknowns z (n_z, N) in SI, and every variable by name;
-    `quadratures` (n_q, N) are the integrals that the caller asked for.
+    `quadratures` (n_q, N) are the integrals that the caller asked for. `p` (n_p,) holds at the start, `held` (n_h, N) are
+    the held variables, and `instants` what happened when; at an instant the values are those after it.
 
     `result["crown.x"]` is in SI; an output under `show:` (`result["pull"]`) is in the unit declared there.
     Any formula of names may be asked for: `result["crown.x - platform.x"]`.
@@ -52,10 +57,18 @@ class Result:
     statistics: Mapping[str, object] = field(default_factory=dict)
     quadratures: Array = field(default_factory=lambda: np.zeros((0, 0)))
     along: Along | None = None
+    held: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    instants: tuple[Instant, ...] = ()
+
+    @property
+    def events(self) -> list[tuple[float, str]]:
+        """What happened: time in s and the name of the event, in order."""
+        return [(instant.time, name) for instant in self.instants for name in instant.names]
 
     def names(self) -> list[str]:
         """Every variable of the diagram and its named outputs."""
-        return [*self.assembly.model.show, *self.assembly.flat.names]
+        flat = self.assembly.flat
+        return [*self.assembly.model.show, *flat.names, *(h.name for h in flat.held)]
 
     def unit(self, name: str) -> str:
         """The unit in which `result[name]` is given."""
@@ -94,7 +107,8 @@ class Result:
         import pandas as pd
 
         chosen = list(names) if names is not None else \
-            [*self.assembly.model.show, *(u.name for u in self.assembly.flat.unknowns)]
+            [*self.assembly.model.show, *(u.name for u in self.assembly.flat.unknowns),
+             *(h.name for h in self.assembly.flat.held)]
         columns = {f"{name} [{self.unit(name)}]": values for name, values in self.signals(chosen).items()}
         return pd.DataFrame(columns, index=pd.Index(self.time, name="time [s]"))
 
@@ -118,15 +132,12 @@ class Probe:
 
     def __init__(self, assembly: Assembly, names: Iterable[str]):
         self.names = tuple(names)
-        t, x, z, p, u, rate = assembly.arguments
+        _, x, z, p, _, _ = assembly.arguments
         signals = stack([self._signal(assembly, name) for name in self.names])
-        dx, dz, dp = (ca.SX.sym("d", a.numel()) for a in (x, z, p))
-        moved = ca.SX(len(self.names), 1)
-        for argument, direction in ((x, dx), (z, dz), (p, dp)):
-            if argument.numel():
-                moved += ca.jtimes(signals, argument, direction)
-        self._values = ca.Function("signals", list(assembly.arguments), [signals])
-        self._along = ca.Function("along", [t, x, z, p, u, rate, dx, dz, dp], [moved])
+        self._values = _Course(assembly, signals)
+        slopes = ca.jacobian(signals, stack([x, z, p]))
+        self._moving = sorted(set(slopes.sparsity().get_col()))  # which of (x, z, p) the signals contain
+        self._slopes = _Course(assembly, ca.vec(ca.densify(slopes[:, self._moving])))
 
     @staticmethod
     def _signal(assembly: Assembly, name: str) -> ca.SX:
@@ -141,21 +152,70 @@ class Probe:
 
     def values(self, result: Result) -> Array:
         """The signals of a run (n_signals, N)."""
-        return np.array(self._values(*columns(result))).reshape(len(self.names), len(result.time))
+        return self._values.of(result)
 
     def sensitivities(self, result: Result) -> Array:
         """Their derivatives with respect to the parameters of `result.along` (m, n_signals, N)."""
         assert result.along is not None
-        n, given = len(result.time), columns(result)
-        return np.array([
-            np.array(self._along(*given, x, z, np.tile(p[:, None], (1, n)))).reshape(len(self.names), n)
-            for x, z, p in zip(result.along.x, result.along.z, result.along.p, strict=True)])
+        along, n_x, n = result.along, len(result.x), len(result.time)
+        n_xz = n_x + len(result.z)
+        held = {h.index: k for k, h in enumerate(result.assembly.flat.held)}
+        moved = np.zeros((len(along.names), len(self._moving), n))
+        for k, j in enumerate(self._moving):
+            moved[:, k] = along.x[:, j] if j < n_x else along.z[:, j - n_x] if j < n_xz else \
+                along.held[:, held[j - n_xz]] if j - n_xz in held else along.p[:, j - n_xz, None]
+        slopes = self._slopes.of(result).reshape(len(self._moving), len(self.names), n)
+        return np.asarray(np.einsum("ksn,mkn->msn", slopes, moved))
+
+
+class _Course:
+    """An expression in an assembly's arguments along runs; only what it contains is handed over to its function."""
+
+    def __init__(self, assembly: Assembly, expression: ca.SX):
+        known = {s.element_hash() for s in ca.symvar(expression)}
+        self._rows = [[k for k, s in enumerate(split(a)) if s.element_hash() in known] for a in assembly.arguments]
+        used = [a[k] for a, rows in zip(assembly.arguments, self._rows, strict=True) for k in rows]
+        self._function = ca.Function("course", [stack(used)], [ca.densify(expression)])
+        self._many: tuple[int, ca.Function] | None = None
+
+    def of(self, result: Result) -> Array:
+        """Its values (numel, N)."""
+        n, (t, x, z, p, u, rate) = len(result.time), self._rows
+        held = [(p.index(h.index), k) for k, h in enumerate(result.assembly.flat.held) if h.index in p]
+        if not (t or x or z or u or held):
+            return np.tile(self._function([*result.p[p], *np.ones(len(rate))]).full(), (1, n))
+        given = np.tile(result.p[p, None], (1, n))
+        for row, k in held:
+            given[row] = result.held[k]
+        return self._evaluated(np.vstack([
+            result.time[None, :][t], result.x[x], result.z[z], given, result.u[u], np.ones((len(rate), n))]))
+
+    def _evaluated(self, given: Array) -> Array:
+        """The function at columns (k, N), through buffers: as matrices of CasADi they would take longer to hand over than
+        to evaluate."""
+        n = given.shape[1]
+        if self._many is None or self._many[0] != n:
+            self._many = (n, self._function.map(n))
+        columns, found = np.ascontiguousarray(given.T), np.empty((n, self._function.numel_out(0)))
+        buffer, evaluate = self._many[1].buffer()
+        buffer.set_arg(0, memoryview(columns))  # type: ignore[call-arg, arg-type]
+        buffer.set_res(0, memoryview(found))  # type: ignore[call-arg, arg-type]
+        evaluate()
+        return np.ascontiguousarray(found.T)
 
 
 def columns(result: Result) -> tuple[Array, ...]:
     """The arguments of an assembly's functions along a run, one column per time."""
     n = len(result.time)
-    return (result.time[None, :], result.x, result.z, np.tile(result.p[:, None], (1, n)), result.u, np.ones((1, n)))
+    return (result.time[None, :], result.x, result.z, with_held(result, result.p, result.held), result.u, np.ones((1, n)))
+
+
+def with_held(result: Result, p: Array, held: Array) -> Array:
+    """Parameters (n_p,), or how they move, at each time of a run (n_p, N), with the held variables (n_h, N) among them."""
+    found = np.tile(p[:, None], (1, len(result.time)))
+    if result.assembly.flat.held:
+        found[[h.index for h in result.assembly.flat.held]] = held
+    return found
 
 
 def unknown_signal(assembly: Assembly, name: str, problem: ExpressionProblem) -> UsageError:

@@ -19,7 +19,8 @@ import numpy as np
 from heavebond.comparison import TOLERANCES
 from heavebond.dae import Array
 from heavebond.errors import SimulationError, StartError
-from heavebond.residuals import BROKEN, Progress, Residuals, Run
+from heavebond.progress import Progress
+from heavebond.residuals import BROKEN, Residuals, Run
 from heavebond.simulation import Simulator
 
 # The gaps, in nominal sizes of the states, count as much as data of this noise; one stage for each.
@@ -95,7 +96,8 @@ class Shooting:
         joined = k + 1 < len(self.segments) and not self.segments[k + 1].first
         # the last sample belongs to the next segment, but for the record's own last
         samples = slice(segment.begin, segment.end if joined else segment.end + 1)
-        n_data, n_gap = run.measured[:, samples].size, len(nominal) if joined else 0
+        counts = run.counts[:, samples]
+        n_data, n_gap = int(counts.sum()), len(nominal) if joined else 0
         slopes, gap_slopes = np.zeros((n_data, len(y))), np.zeros((n_gap, len(y)))
         values = self.problem.values_of(inner, run.record.name)
         try:
@@ -108,18 +110,18 @@ class Shooting:
         assert result.along is not None
         ends = result.along.x[:, :, -1] / nominal
         for column, position in self._columns(run, inner):
-            slopes[:, column] = moved[position[0]].ravel() * position[1]
+            slopes[:, column] = moved[position[0]][counts] * position[1]
             gap_slopes[:, column] = (ends[position[0]] * position[1])[:n_gap]
         m = len(run.names)
         if not segment.first:
-            slopes[:, own] = (moved[m:].reshape(len(nominal), -1) * nominal[:, None]).T
+            slopes[:, own] = (moved[m:][:, counts] * nominal[:, None]).T
             gap_slopes[:, own] = (ends[m:] * nominal[:, None]).T[:n_gap]
         gap = np.zeros(0)
         if joined:
             following = slice(self.offsets[k + 1], self.offsets[k + 2])
             gap = result.x[:, -1] / nominal - y[following]
             gap_slopes[:, following] = -np.eye(n_gap)
-        return wrong.ravel(), gap, slopes, gap_slopes
+        return wrong[counts], gap, slopes, gap_slopes
 
     def _columns(self, run: Run, inner: Array) -> list[tuple[int, tuple[int, float]]]:
         """(column in y, (position among the run's parameters, slope of the inner unknown))."""

@@ -15,15 +15,17 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from heavebond.dae import Array, Assembly, Integrand, assemble, integrand
+from heavebond.dae import Array, Assembly, Factors, Integrand, assemble, integrand
 from heavebond.definition import Value
-from heavebond.errors import Problem, UsageError
+from heavebond.errors import Problem, SimulationError, UsageError
 from heavebond.expression import constant
 from heavebond.initialise import Start, Tangent, start, tangent
-from heavebond.inputs import pieced
+from heavebond.inputs import Pieced, pieced
+from heavebond.jumps import EventEquations
 from heavebond.model import Model
 from heavebond.result import Along, Result
 from heavebond.start_equations import StartEquations
+from heavebond.switching import Switching, Trace
 from heavebond.symbols import stack
 from heavebond.units import UnitProblem, check_unit, parse_quantity, unit
 
@@ -67,8 +69,11 @@ class Simulator:
 
     def __init__(self, assembly: Assembly, until: Time | None = None, *, every: Time | None = None,
                  times: Array | None = None, tolerances: Tolerances | None = None,
-                 quadratures: ca.SX | None = None, sensitivities: Iterable[str] = (), free_start: bool = False):
-        """`free_start` adds the states at the first time to the sensitivities (see `run_from`)."""
+                 quadratures: ca.SX | None = None, factors: Factors | None = None, sensitivities: Iterable[str] = (),
+                 free_start: bool = False, like: Simulator | None = None, driven: Pieced | None = None):
+        """`factors` stand in the quadratures; `free_start` adds the states at the first time to the sensitivities (see
+        `run_from`); what can be taken from another simulator (`like`) is not made again; `driven` are inputs to be taken
+        instead of the records'."""
         self.assembly = assembly
         self.tolerances = tolerances or Tolerances()
         self.parameters = tuple(sensitivities)
@@ -76,13 +81,41 @@ class Simulator:
         self.along = _directions(assembly, self.parameters, self.tolerances.along)
         self.along = np.pad(self.along, ((0, 0), (0, len(self.sensitivities) - len(self.parameters))))
         self.time = grid(assembly.model, until, every) if times is None else np.asarray(times, float)
-        self.pieces = pieced(assembly.flat, float(self.time[0]), float(self.time[-1]))
-        self.integrand = _with_integrals(integrand(assembly, quadratures, len(self.sensitivities)))
+        self.pieces: Pieced = driven or (like.pieces if like is not None and self._driven_as(like) else
+                                         pieced(assembly.flat, float(self.time[0]), float(self.time[-1])))
+        self.factors = factors
+        self.integrand = _with_integrals(integrand(assembly, quadratures, len(self.sensitivities)), factors)
         self.integrals = 0 if quadratures is None else quadratures.numel() * (1 + len(self.sensitivities))
         self.stops = np.union1d(self.time, self.pieces.inner_breaks(self.time[0], self.time[-1]))
-        self.integrator = _integrator(self.integrand, self.stops, self.tolerances)
+        self.integrator = self._integrator()
         self.loops = _loops(self.integrand)
-        self.start_equations = StartEquations(assembly)
+        self.start_equations: StartEquations = like.start_equations \
+            if like is not None and like.assembly.reduced is assembly.reduced else StartEquations(assembly)
+        self.switching = self._switching(quadratures) if assembly.flat.events else None
+
+    def _switching(self, quadratures: ca.SX | None) -> Switching:
+        equations = EventEquations(self.assembly, ca.SX(0, 1) if quadratures is None else quadratures,
+                                   ca.SX(0, 1) if self.factors is None else self.factors.symbols)
+        return Switching(equations, self.integrand, self.integrals, len(self.sensitivities), self.stops, self.inputs,
+                         lambda made, grid: _integrator(made, grid, self.tolerances), self._settled)
+
+    def _driven_as(self, like: Simulator) -> bool:
+        """Whether another simulator has the same measured inputs over the same time."""
+        own, others = ([(k.source, k.unit.text) for k in s.assembly.flat.inputs] for s in (self, like))
+        return own == others and self.time[0] == like.time[0] and self.time[-1] == like.time[-1]
+
+    def _integrator(self) -> ca.Function:
+        """From the first stop to the others."""
+        return _integrator(self.integrand, self.stops, self.tolerances)
+
+    def _driven(self, times: Array) -> dict[str, Array]:
+        """What drives the integrator between its stops, at times between them."""
+        return {"u": self.inputs(times)}
+
+    def inputs(self, times: Array) -> Array:
+        """What the integrator takes as inputs at times: the pieces of the measured ones, the factors of quadratures."""
+        pieces = self.pieces.at(times)
+        return pieces if self.factors is None else np.vstack([pieces, np.outer(self.factors.values, np.ones(len(times)))])
 
     def run(self, parameters: Mapping[str, float | str] | None = None) -> Result:
         """One run; `parameters` overrides values by name."""
@@ -97,6 +130,9 @@ class Simulator:
         """One run from given states x (n_x,) in SI instead of the diagram's start; after the parameters, the
         sensitivities are with respect to these states (needs `free_start`)."""
         assembly = self.assembly.with_parameters(parameters) if parameters else self.assembly
+        if self.switching is not None:
+            raise UsageError([Problem("events-midway", "a run cannot begin midway where a diagram has events: what is held "
+                                      "there is not known", None, "Run it from its start.")])
         n_x, n_z = len(assembly.x_nominal), len(assembly.z_nominal)
         steps = np.pad(self.tolerances.along * np.eye(n_x), ((0, 0), (len(self.parameters), 0)))  # of scaled states
         assert steps.shape == (n_x, len(self.sensitivities))
@@ -111,17 +147,19 @@ class Simulator:
 
     def _result(self, assembly: Assembly, first: Start, moved: Tangent | None, began: float) -> Result:
         started = clock.perf_counter()
-        x, z, quadratures, statistics = self._integrate(assembly, first, moved)
+        found = self._integrate(assembly, first, moved)
         seconds = {"start": started - began, "integration": clock.perf_counter() - started}
         keep = np.searchsorted(self.stops, self.time)
         n_x, n_z = len(assembly.x_nominal), len(assembly.z_nominal)
         n_q = self.integrals // (1 + len(self.sensitivities))
-        return Result(assembly, self.time, x[:n_x, keep], z[:n_z, keep], self.pieces.at(self.time), first.p, first,
-                      {"solver": "idas", "seconds": seconds, "start_steps": first.steps, **statistics},
-                      quadratures[:n_q, keep],
-                      self._along(x[n_x:, keep], z[n_z:, keep], quadratures[n_q:, keep], moved))
+        x, z, quadratures = (values[:, keep] for values in (found.x, found.z, found.quadratures))
+        return Result(assembly, self.time, x[:n_x], z[:n_z], self.pieces.at(self.time), first.p, first,
+                      {"solver": "idas", "seconds": seconds, "start_steps": first.steps, **found.statistics},
+                      quadratures[:n_q],
+                      self._along(x[n_x:], z[n_z:], quadratures[n_q:], found.held_along[..., keep], moved),
+                      found.held[:, keep], found.instants)
 
-    def _along(self, x: Array, z: Array, q: Array, moved: Tangent | None) -> Along | None:
+    def _along(self, x: Array, z: Array, q: Array, held: Array, moved: Tangent | None) -> Along | None:
         """The sensitivities of the states per unit of each parameter (or of each state at the first time)."""
         if moved is None:
             return None
@@ -129,33 +167,41 @@ class Simulator:
         of_parameters = np.abs(self.along).max(axis=0, initial=0.0)
         sizes = np.where(of_parameters > 0, of_parameters, np.abs(moved.x).max(axis=0, initial=0.0))
         x, z, q = (block.reshape(m, len(block) // m, n) / sizes[:, None, None] for block in (x, z, q))
-        return Along(self.sensitivities, x, z, (moved.p / sizes).T, q)
+        return Along(self.sensitivities, x, z, (moved.p / sizes).T, q, held / sizes[:, None, None])
 
-    def _integrate(self, assembly: Assembly, first: Start, moved: Tangent | None
-                   ) -> tuple[Array, Array, Array, dict[str, object]]:
-        if len(self.stops) == 1:
+    def _integrate(self, assembly: Assembly, first: Start, moved: Tangent | None) -> Trace:
+        if len(self.stops) == 1 and self.switching is None:
             x = first.x if moved is None else np.concatenate([first.x, moved.x.T.ravel()])
             z = first.z if moved is None else np.concatenate([first.z, moved.z.T.ravel()])
-            return x[:, None], z[:, None], np.zeros((self.integrals, 1)), {}
+            return self._trace(x[:, None], z[:, None], np.zeros((self.integrals, 1)), {})
+        attempt = self.attempt if self.switching is None else self.switching.run
         failed, said = "", ""
         with caught_errors() as heard:
             try:
-                found = self.attempt(assembly, first, moved)
-                failed = "" if np.all(np.isfinite(found[0])) else "a value became infinite or not a number"
+                found = attempt(first, moved)
+                failed = "" if np.all(np.isfinite(found.x)) else "a value became infinite or not a number"
             except RuntimeError as error:
                 failed = str(error)
         if failed:
             said = "".join(heard)
             if "KeyboardInterrupt" in said:  # CasADi makes it a failure of the right side
                 raise KeyboardInterrupt
-            from heavebond.failure import explain_failure
-
-            raise explain_failure(self, assembly, first, failed + "\n" + said)
+            raise self._failure(assembly, first, failed + "\n" + said)
         return found
 
-    def attempt(self, assembly: Assembly, first: Start, moved: Tangent | None = None
-                ) -> tuple[Array, Array, Array, dict[str, object]]:
-        """x, z, quadratures at the stops and statistics; the integrator's own RuntimeError where it fails."""
+    def _failure(self, assembly: Assembly, first: Start, said: str) -> SimulationError:
+        from heavebond.failure import explain_failure
+
+        return explain_failure(self, assembly, first, said)
+
+    def _trace(self, x: Array, z: Array, quadratures: Array, statistics: dict[str, object]) -> Trace:
+        """A run without events."""
+        m, n = len(self.sensitivities), x.shape[1]
+        return Trace(x, z, quadratures, np.zeros((0, n)), np.zeros((m, 0, n)), (), statistics)
+
+    def attempt(self, first: Start, moved: Tangent | None = None) -> Trace:
+        """A run at the stops; the integrator's own RuntimeError where it fails."""
+        assembly = self.assembly
         x0, z0, dp, blocks = first.x / assembly.x_nominal, first.z / assembly.z_nominal, self.along, 1
         if moved is not None:
             dp, blocks = moved.p, 1 + len(self.sensitivities)
@@ -166,20 +212,20 @@ class Simulator:
         x_size, z_size = np.tile(assembly.x_nominal, blocks), np.tile(assembly.z_nominal, blocks)
         middle = (self.stops[:-1] + self.stops[1:]) / 2
         p = self.integrand.hoist(first.p, dp)
-        found = self.integrator(x0=x0, z0=z0, p=p, u=self.pieces.at(middle))
+        found = self.integrator(x0=x0, z0=z0, p=p, **self._driven(middle))
         x = np.column_stack([x0, np.array(found["xf"]).reshape(n_all, n)])
         z = self._settled(x, np.column_stack([z0, np.array(found["zf"]).reshape(len(z0), n)]), p, self.stops)
         z = z * z_size[:, None]
         x, q = x[:n_x] * x_size[:, None], x[n_all - self.integrals:]
         statistics = {k: v for k, v in self.integrator.stats().items() if k in ("nsteps", "nfevals", "netfails")}
-        return x, z, q, statistics
+        return self._trace(x, z, q, statistics)
 
     def _settled(self, x: Array, z: Array, p: ca.DM, times: Array) -> Array:
         """Algebraic unknowns solved anew at every stop: between its steps IDAS only interpolates them, and where the
         states are quiet its steps are long (and at a jump of an input they belong to the time before it)."""
         if self.loops is None:
             return z
-        given = np.vstack([times[None, :], x, np.tile(np.array(p), (1, len(times))), self.pieces.at(times)])
+        given = np.vstack([times[None, :], x, np.tile(np.array(p), (1, len(times))), self.inputs(times)])
         settled = np.array(self.loops(z, given))
         return np.where(np.isfinite(settled).all(axis=0), settled, z)
 
@@ -205,26 +251,32 @@ def _directions(assembly: Assembly, names: tuple[str, ...], weight: float) -> Ar
     return along
 
 
-def _with_integrals(made: Integrand) -> Integrand:
+def _with_integrals(made: Integrand, factors: Factors | None) -> Integrand:
     """Quadratures as states after the others: those of IDAS are left out of its choice of order, so that a run whose
     states are straight lines would take its quadratures by first-order steps."""
     dae = dict(made.dae)
     if "quad" not in dae:
         return made
+    if factors is not None:
+        dae["u"] = stack([dae["u"], factors.symbols])
     rates = dae.pop("quad")
     dae["x"], dae["ode"] = stack([dae["x"], ca.SX.sym("integral", rates.numel())]), stack([dae["ode"], rates])
     return Integrand(dae, made.hoist)
 
 
 def _integrator(made: Integrand, stops: Array, tolerances: Tolerances) -> ca.Function:
-    options: dict[str, Any] = {
+    outputs = list(stops[1:]) if len(stops) > 1 else [stops[0] + 1.0]
+    return ca.integrator("run", "idas", made.dae, float(stops[0]), outputs, integrator_options(made.dae, tolerances))
+
+
+def integrator_options(dae: Mapping[str, ca.SX], tolerances: Tolerances) -> dict[str, Any]:
+    """What IDAS is told of a DAE."""
+    return {
         "reltol": tolerances.rtol, "abstol": tolerances.atol, "max_num_steps": MOST_STEPS, "print_time": False,
         # small models factorise fastest by sparse QR; large ones by CSparse
-        "linear_solver": "qr" if made.dae["x"].numel() + made.dae["z"].numel() < 100 else "csparse",
-        "suppress_algebraic": bool(made.dae["z"].numel()),
+        "linear_solver": "qr" if dae["x"].numel() + dae["z"].numel() < 100 else "csparse",
+        "suppress_algebraic": bool(dae["z"].numel()),
     }
-    outputs = list(stops[1:]) if len(stops) > 1 else [stops[0] + 1.0]
-    return ca.integrator("run", "idas", made.dae, float(stops[0]), outputs, options)
 
 
 def grid(model: Model, until: Time | None, every: Time | None) -> Array:

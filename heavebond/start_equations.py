@@ -79,7 +79,8 @@ class StartEquations:
         self.steady = self.initial.mode == "steady"
         self.loops = [StartRow(g, e.label or e.text, e.place) for g, e in zip(
             split(assembly.alg), assembly.reduced.alg_equations, strict=True)]
-        conditions = self.initial.conditions.values()
+        held = {h.name for h in assembly.flat.held}  # what these start at stands among the parameters
+        conditions = [c for c in self.initial.conditions.values() if c.name not in held]
         self.rows = [*self.loops, *(self._condition(c) for c in conditions if not c.guess), *self._mode()]
         self.guesses = [self._condition(c) for c in conditions if c.guess]
         self.guess = Guess(assembly.flat)

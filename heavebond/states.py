@@ -8,7 +8,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from heavebond.flatten import Flat, Resolver
+from heavebond.flatten import Flat
+from heavebond.resolver import Resolver
 from heavebond.structure import components_of
 from heavebond.symbols import split, stack, uniform
 
@@ -79,6 +80,7 @@ class _Jacobian:
         self.flat = flat
         conditions = flat.expanded.model.initial.conditions
         self.asked = {flat.names[n] for n, c in conditions.items() if n in flat.names and not c.guess}
+        self.asked |= {reset.unknown for event in flat.events for reset in event.resets if reset.unknown is not None}
         n = len(flat.unknowns)
         # d(r^(k))/d(v^(l+k)) = dr/d(v^(l)): the derivative's Jacobian is read off the equation itself
         self.entries: dict[int, list[tuple[int, float]]] = {}

@@ -10,11 +10,12 @@ from heavebond.definition import FileInput
 from heavebond.errors import ModelError, Problem, Problems, suggest
 from heavebond.expression import constant
 from heavebond.model import Model, find, load_beside, read_settings
+from heavebond.objective import Case, Task
 from heavebond.source import Mapping, Node, Source, read
-from heavebond.tuning import Case, Task
-from heavebond.units import Range, UnitProblem, check_unit, parse_range, unit
+from heavebond.units import Range, UnitProblem, parse_quantity, parse_range
 
-STUDY_KEYS = ("study", "summary", "model", "free", "evaluate", "reference", "cost", "limits", "cases", "notes")
+STUDY_KEYS = ("study", "summary", "model", "free", "evaluate", "reference", "cost", "limits", "modes", "cases", "uncertain",
+              "notes")
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,8 @@ def _task(source: Source, problems: Problems) -> Task:
     limits = tuple(s.text for s in reading.words(root.items.get("limits"), "limits", problems))
     cases = _cases(root.items.get("cases"), source, problems)
     return Task(_free(root.items.get("free"), problems), reading.text(root.items.get("cost"), "cost", problems), limits,
-                begin, end, _values(root.items.get("reference"), source, problems), cases or (Case("diagram", {}),))
+                begin, end, _values(root.items.get("reference"), source, problems), cases or (Case("diagram", {}),),
+                _values(root.items.get("modes"), source, problems), _widths(root.items.get("uncertain"), problems))
 
 
 def _free(node: Node | None, problems: Problems) -> dict[str, Range]:
@@ -68,20 +70,26 @@ def _window(node: Node | None, problems: Problems) -> tuple[float, float | None]
     if entries is None:
         return 0.0, None
     reading.known_keys(entries, ("from", "to"), "evaluate", problems)
-    times = {name: _seconds(item, name, problems) for name, item in entries.items.items()}
+    times = {name: reading.seconds(item, name, problems) for name, item in entries.items.items()}
     return times.get("from") or 0.0, times.get("to")
 
 
-def _seconds(node: Node, what: str, problems: Problems) -> float | None:
-    value = reading.value(node, what, problems)
-    number = constant(value.expr) if value is not None else None
-    if value is None or number is None:
-        return None
-    try:
-        check_unit(getattr(value.expr, "unit", None), unit("s"), number, value.text)
-    except UnitProblem as problem:
-        problems.add(problem.code, f"{what}: {problem.message}", value.place, hint=problem.hint)
-    return number
+def _widths(node: Node | None, problems: Problems) -> dict[str, str]:
+    """Uncertainties as written; they are compared with the parameters where these are known."""
+    entries = reading.mapping(node, "uncertain", problems)
+    found: dict[str, str] = {}
+    for name, item in (entries.items if entries else {}).items():
+        text = reading.text(item, name, problems)
+        try:
+            width, _ = parse_quantity(text)
+        except UnitProblem as problem:
+            problems.add(problem.code, f"{name}: {problem.message}", item.place, hint="Write `20 %` or `3 kN`.")
+            continue
+        if width <= 0:
+            problems.add("uncertainty-not-positive", f"{name}: an uncertainty is above 0", item.place,
+                         hint="Write `20 %` or `3 kN`.")
+        found[name] = text
+    return found
 
 
 def _values(node: Node | None, source: Source, problems: Problems) -> dict[str, float | str]:

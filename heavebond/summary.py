@@ -58,6 +58,7 @@ class Summary:
     equations: int
     unknowns: int
     inputs: tuple[str, ...]
+    events: tuple[str, ...]
     index: int
     differentiated: tuple[Differentiation, ...]
     states: tuple[ChosenState, ...]
@@ -89,6 +90,8 @@ class Summary:
         rows.append(("nodes", f"{len(self.nodes)}: {listing(self.nodes, SHOWN_NAMES)}"))
         if self.inputs:
             rows.append(("measured", ", ".join(self.inputs)))
+        if self.events:
+            rows.append(("events", f"{len(self.events)}: {listing(self.events, SHOWN_NAMES)}"))
         return [f"Diagram {self.model}", *columns(rows, width)]
 
     def _equations(self, width: int) -> list[str]:
@@ -136,7 +139,7 @@ def summary(assembly: Assembly, start: Start | None) -> Summary:
         components=_by_kind(assembly, composite=False), blocks=_by_kind(assembly, composite=True),
         nodes=tuple(expanded.junctions), equations=len(flat.equations), unknowns=len(flat.unknowns),
         inputs=tuple(f"{k.name} ({k.source.column} in {k.source.file.name})" for k in flat.inputs),
-        index=reduced.index,
+        events=tuple(f"{event.name} ({event.text})" for event in flat.events), index=reduced.index,
         differentiated=tuple(_differentiation(flat.equations[i], times) for i, times in reduced.differentiated),
         states=tuple(ChosenState(assembly.state_names[k], _rate_unit(flat.unknowns[j].unit.text, order),
                                  _why(assembly, (j, order))) for k, (j, order) in enumerate(reduced.states)),

@@ -83,6 +83,26 @@ def evaluate(expr: Expr, context: Context) -> ca.SX:
     return ca.logic_not(evaluate(expr.operand, context))
 
 
+def indicator(expr: Expr, context: Context) -> ca.SX:
+    """A condition as a number: above zero where it is true, below where it is not, and zero where it changes.
+
+    That of `a > b` is a - b; of `and` the lesser, of `or` the greater one. The unit is that of the sides compared.
+    """
+    if isinstance(expr, Compare):
+        left, right = evaluate(expr.left, context), evaluate(expr.right, context)
+        if expr.op in ("<", "<="):
+            return right - left
+        if expr.op in (">", ">="):
+            return left - right
+        equal = ca.if_else(left == right, ca.SX(1), ca.SX(-1))
+        return equal if expr.op == "==" else -equal
+    if isinstance(expr, Logic):
+        both = indicator(expr.left, context), indicator(expr.right, context)
+        return ca.fmin(*both) if expr.op == "and" else ca.fmax(*both)
+    assert isinstance(expr, Not)
+    return -indicator(expr.operand, context)
+
+
 def _name(expr: Name, context: Context) -> ca.SX:
     words: list[str] = []
     for part in expr.parts:

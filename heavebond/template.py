@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from math import inf
 
 import casadi as ca
 
-from heavebond.definition import Component, Domain, Formula
+from heavebond.definition import Component, Domain, Formula, Variable, When
 from heavebond.errors import ModelError, Place, Problem
 from heavebond.expression import Expr, ExpressionProblem, Name, names
 from heavebond.incidence import Entry, Interval, classify
-from heavebond.symbols import Context, evaluate, nonsmooth, stack
+from heavebond.symbols import Context, evaluate, indicator, nonsmooth, stack
 
 # der(der(x)) is as far as a component's own text goes; index reduction differentiates on the flat model
 LEVELS = 3
+BEYOND = 1e-9
 
 
 @dataclass(frozen=True)
@@ -29,23 +30,40 @@ class Line:
     kink: str | None
 
 
+@dataclass(frozen=True)
+class EventLine:
+    """An event of a template, and the local name of what each of its resets sets."""
+
+    when: When
+    targets: tuple[str, ...]
+
+
 @dataclass(frozen=True, eq=False)
 class Template:
-    """Residuals r(slots, d slots, d2 slots, parameters, time, time rate) of a component; all residuals in SI.
+    """Residuals r(slots, d slots, d2 slots, given, time, time rate) of a component; all residuals in SI.
 
-    `slots` are the local names (`a.v`, `F`, `u`) in the order of the arguments; `residuals` is a CasADi function
-    with one output per equation, `entries[i]` the incidence of equation i with columns level * len(slots) + slot.
-    `energy` gives (power into the ports, d stores/dt, dissipates, unbalanced, stores), `requirements` the truth of
-    each.
+    `slots` are the local names (`a.v`, `F`, `u`) in the order of the arguments, `given` the parameters and then the held
+    variables; `residuals` is a CasADi function with one output per equation, `entries[i]` the incidence of equation i with
+    columns level * len(slots) + slot. `energy` gives (power into the ports, d stores/dt, dissipates, unbalanced, stores),
+    `requirements` the truth of each. `happenings` gives for each event (indicator of the condition, first instant, period,
+    new value of each target).
     """
 
     slots: tuple[str, ...]
     parameters: tuple[str, ...]
+    held: tuple[str, ...]
     lines: tuple[Line, ...]
     residuals: ca.Function
     entries: tuple[tuple[Entry, ...], ...]
     energy: ca.Function
     requirements: ca.Function
+    events: tuple[EventLine, ...]
+    happenings: ca.Function | None
+
+    @property
+    def given(self) -> tuple[str, ...]:
+        """The names of what is constant between events."""
+        return (*self.parameters, *self.held)
 
 
 def template(component: Component, domains: Mapping[str, Domain], bound: Mapping[str, str],
@@ -79,6 +97,7 @@ class _Builder:
         self.component, self.domains, self.bound, self.integers = component, domains, bound, integers
         self.time, self.rate = ca.SX.sym("time"), ca.SX.sym("time_rate")
         self.parameters = {n: ca.SX.sym(n) for n, p in component.parameters.items() if not p.integer}
+        self.held = {n: ca.SX.sym(n) for n in component.held}
         self.arrays = {n: self._count(p.count) for n, p in component.ports.items() if p.count is not None}
         self.levels: list[dict[str, ca.SX]] = [{} for _ in range(LEVELS)]
         for slot in self._slots():
@@ -107,17 +126,21 @@ class _Builder:
             if port in positions and domain.position:
                 members.append(domain.position)
             slots += [f"{copy}.{member}" for copy in copies for member in members]
-        return [*slots, *self.component.signals, *self.component.variables]
+        return [*slots, *self.component.signals, *self.component.unknowns]
 
     def _trees(self) -> list[Expr]:
         component = self.component
-        formulas = (component.stores, component.dissipates, component.unbalanced)
+        formulas = [component.stores, component.dissipates, component.unbalanced]
+        for event in component.when:
+            formulas += [event.formula, *(f for reset in event.resets for f in (reset.target, reset.value))]
         return [side for line in component.equations for side in (line.tree.left, line.tree.right)] + \
             [f.tree for f in formulas if f is not None]
 
     def _lookup(self, text: str, name: Name) -> ca.SX:
         if text in self.parameters:
             return self.parameters[text]
+        if text in self.held:
+            return self.held[text]
         if text == "time":
             return self.time
         head, _, member = text.partition(".")
@@ -135,16 +158,16 @@ class _Builder:
         high = stack([s for level in self.levels[1:] for s in level.values()])
         return ca.jtimes(expression, low, high) + ca.jtimes(expression, self.time, self.rate)
 
-    def _evaluated(self, tree: Expr, place: Place) -> ca.SX:
+    def _evaluated(self, tree: Expr, place: Place, build: Callable[[Expr, Context], ca.SX] = evaluate) -> ca.SX:
         try:
-            return evaluate(tree, self.context)
+            return build(tree, self.context)
         except ExpressionProblem as problem:
             where = place.moved(problem.column, problem.length)
             raise ModelError([Problem(problem.code, problem.message, where, problem.hint)]) from None
 
     def _lines(self) -> tuple[list[Line], list[ca.SX]]:
         lines, residuals = [], []
-        constant = {*self.parameters, *self.integers, "pi"}.__contains__
+        constant = {*self.parameters, *self.held, *self.integers, "pi"}.__contains__
         for equation in self.component.equations:
             for index in self._indices(equation.each, equation.place):
                 self.context = Context(self._lookup, self._der, {**self.integers, **index}, self.arrays)
@@ -165,25 +188,47 @@ class _Builder:
     def template(self) -> Template:
         lines, residuals = self._lines()
         arguments = [stack(level.values()) for level in self.levels]
-        parameters = stack(self.parameters.values())
-        inputs = [*arguments, parameters, self.time, self.rate]
+        parameters, given = stack(self.parameters.values()), stack([*self.parameters.values(), *self.held.values()])
+        inputs = [*arguments, given, self.time, self.rate]
         stacked = stack(residuals)
         entries = classify(stacked, stack(arguments), {s.element_hash() for s in self.parameters.values()},
                            self._bounds())
         truths = [self._evaluated(r.tree, r.place) for r in self.component.requires]
+        events, happenings = self._events()
         return Template(
-            tuple(self.levels[0]), tuple(self.parameters), tuple(lines),
+            tuple(self.levels[0]), tuple(self.parameters), tuple(self.held), tuple(lines),
             ca.Function("residuals", inputs, [stacked]), tuple(tuple(row) for row in entries),
             ca.Function("energy", inputs, [stack(self._energy())]),
-            ca.Function("requirements", [parameters], [stack(truths)]))
+            ca.Function("requirements", [parameters], [stack(truths)]), events,
+            ca.Function("happenings", inputs, [stack(happenings)]) if events else None)
+
+    def _events(self) -> tuple[tuple[EventLine, ...], list[ca.SX]]:
+        local = {s.element_hash(): name for group in (self.levels[0], self.held) for name, s in group.items()}
+        lines, happenings = [], []
+        for when in self.component.when:
+            condition, first, period = ca.SX(0), ca.SX(0), ca.SX(0)
+            if when.key == "condition":
+                condition = self._evaluated(when.formula.tree, when.formula.place, indicator)
+            elif when.key == "at":
+                first = self._evaluated(when.formula.tree, when.formula.place)
+            else:
+                period = self._evaluated(when.formula.tree, when.formula.place)
+                first = self._optional(when.first)
+            targets = [self._evaluated(r.target.tree, r.target.place) for r in when.resets]
+            lines.append(EventLine(when, tuple(local[target.element_hash()] for target in targets)))
+            happenings += [condition, first, period,
+                           *(self._evaluated(r.value.tree, r.value.place) for r in when.resets)]
+        return tuple(lines), happenings
 
     def _bounds(self) -> dict[int, Interval]:
         bounds: dict[int, Interval] = {}
         for name, parameter in self.component.parameters.items():
             if name in self.parameters:
                 bounds[self.parameters[name].element_hash()] = _interval(parameter.low, parameter.high)
-        for name, variable in self.component.variables.items():
+        for name, variable in self.component.unknowns.items():
             bounds[self.levels[0][name].element_hash()] = _interval(variable.low, variable.high)
+        for name, variable in self.component.held.items():
+            bounds[self.held[name].element_hash()] = held_interval(variable)
         return bounds
 
     def _energy(self) -> list[ca.SX]:
@@ -203,6 +248,12 @@ class _Builder:
 
     def _optional(self, formula: Formula | None) -> ca.SX:
         return ca.SX(0) if formula is None else self._evaluated(formula.tree, formula.place)
+
+
+def held_interval(variable: Variable) -> Interval:
+    """Its bounds, those at zero moved a little beyond: it may well be zero, and is not divided by then."""
+    low, high = _interval(variable.low, variable.high)
+    return -BEYOND if low == 0 else low, BEYOND if high == 0 else high
 
 
 def _interval(low: float | None, high: float | None) -> Interval:

@@ -96,7 +96,10 @@ def test_several_starts_reach_the_same_optimum(tmp_path: Path) -> None:
     experiment = _swing(tmp_path, {"one": 0.05})
     found = fit(experiment, starts=3)
     assert len(found.cost) == 3
-    assert found.chi2 == pytest.approx(1.0, abs=0.2)
+    # two thirds of 400 samples are fitted, the third that is held out shows noise: 3.5 sigma of sqrt(2/266), sqrt(2/134)
+    assert found.chi2 == pytest.approx(1.0, abs=0.3)
+    held_out = found.after.records["one"].validate
+    assert held_out is not None and held_out.chi2 == pytest.approx(1.0, abs=0.43)
 
 
 def test_outliers_are_tolerated_by_a_robust_loss(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,10 +15,10 @@ from test_tuning import ABSORBER
 
 import heavebond as hb
 from heavebond import cli
-from heavebond.gradient_check import Subject, Verdict, check_gradients, costs_of, signals_of
+from heavebond.gradient_check import Ran, Subject, Verdict, check_gradients, costs_of, signals_of
 from heavebond.kinks import Kinks
+from heavebond.objective import Task, ranges
 from heavebond.simulation import Simulator, Tolerances
-from heavebond.tuning import Task, ranges
 
 # A force of 10 N at most, and cut at 10 N: more amplitude is cut, a higher limit cuts nothing.
 LIMITED = """
@@ -168,10 +169,41 @@ def test_noise_is_called_unsettled(tmp_path: Path) -> None:
 
     def noisy(tolerances: Tolerances) -> object:
         plain = subject.runs(tolerances)
-        return lambda settings: plain(settings) * (1 + 0.1 * generator.standard_normal())
+
+        def ran(settings: Mapping[str, float]) -> Ran:
+            found = plain(settings)
+            return replace(found, values=found.values * (1 + 0.1 * generator.standard_normal()))
+
+        return ran
 
     verdict = check_gradients(replace(subject, runs=noisy), ["spring.c"])[0]  # type: ignore[arg-type]
     assert verdict.word == "unsettled"
+
+
+def test_differences_over_an_event_are_left_out(tmp_path: Path) -> None:
+    """A body that jumps back: its speed jumps at an instant that moves with the parameter."""
+    (tmp_path / "floor.yaml").write_text("""
+component: Floor
+summary: Throws back what falls on it.
+ports: {a: translational}
+parameters:
+  e: {unit: 1, doc: restitution}
+equations: |
+  a.f = 0   # free flight
+when:
+  impact: {condition: a.x < 0, then: {a.v: -e * a.v}}
+power: controlled, impacts
+""", encoding="utf-8")
+    assembly = hb.assemble(hb.loads("""
+model: ball
+components: {body: {is: Mass, m: 2 kg}, weight: {is: Weight, m: 2 kg}, floor: {is: Floor, e: 0.8}}
+nodes: {ball: [body.a, weight.a, floor.a]}
+initial: {ball.x: 1 m, ball.v: 0 m/s}
+simulate: {until: 2 s, every: 10 ms}
+""", tmp_path))
+    subject = signals_of(assembly, ["ball.v"])
+    assert check_gradients(subject, ["floor.e"])[0].word == "agrees"
+    assert check_gradients(_wrong(subject, 1.01), ["floor.e"])[0].word == "disagrees"
 
 
 def test_values_near_which_no_run_can_be_made(tmp_path: Path) -> None:

@@ -1,12 +1,13 @@
 """Reading records: what is accepted, and that each complaint names file, line and what to do."""
 
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from heavebond.errors import DataError, HeavebondError, Place, UsageError
-from heavebond.measurements import Table, check_time, check_values, column, read_table
+from heavebond.measurements import Table, check_gaps, check_time, column, gaps, read_table, samples
 
 
 def write(folder: Path, text: str, name: str = "train.csv") -> Path:
@@ -129,9 +130,9 @@ def test_missing_file_lists_the_folder(tmp_path: Path) -> None:
 
 
 def test_unknown_suffix_lists_what_is_read(tmp_path: Path) -> None:
-    wanted = r"'train\.mat'(.|\n)*\.csv, \.tsv(.|\n)*\.parquet(.|\n)*Export it as CSV"
+    wanted = r"'train\.xlsx'(.|\n)*\.csv, \.tsv(.|\n)*\.parquet(.|\n)*\.mat(.|\n)*Export it as CSV"
     with pytest.raises(UsageError, match=wanted):
-        read_table(write(tmp_path, "", "train.mat"))
+        read_table(write(tmp_path, "", "train.xlsx"))
 
 
 def test_unknown_column_and_text_column(tmp_path: Path) -> None:
@@ -164,31 +165,36 @@ def test_repeated_and_decreasing_times(tmp_path: Path) -> None:
     assert "two runs are two records" in str(caught.value)
 
 
-def test_missing_time_is_no_gap(tmp_path: Path) -> None:
-    table = read_table(write(tmp_path, "t,z\n0,1\n1,1\nnan,1\n2,1\n3,1\n"))
+def test_rows_without_time_or_value(tmp_path: Path) -> None:
+    """Two tables side by side, one longer than the other, leave empty cells at the end; that is no mistake."""
+    table = read_table(write(tmp_path, "t,z,t_2,w\n0,1,0,5\n1,1,0.1,6\n2,1,,\n3,,,\n4,1,,\n"))
+    check_time(table, "t_2")
+    assert samples(table, "t", "z").tolist() == [0, 1, 2, 4]
+    assert samples(table, "t_2", "w").tolist() == [0, 1]
     with pytest.raises(DataError) as caught:
-        check_time(table, "t")
-    assert where(caught.value) == [("record-value", 4, 1)]
+        samples(table, "t_2", "z")
+    assert where(caught.value) == [("record-time-missing", 4, 5)]
+    assert "'z' has a value where 't_2' has none (lines 4, 6)" in str(caught.value)
 
 
 def test_gaps(tmp_path: Path) -> None:
-    table = read_table(write(tmp_path, "t,z\n0,1\n1,1\n2,1\n4,1\n5,1\n6.5,1\n7.5,1\n"))
+    times = np.array([0, 1, 2, 4, 5, 6.5, 7.5])
+    assert gaps(times).tolist() == [2]  # 1.5 steps are still none
+    assert gaps(times, 3).tolist() == [] and gaps(times[:1]).tolist() == []
+    text = "t,z\n" + "".join(f"{k},{'' if 3 <= k <= 7 else 1}\n" for k in range(20) if k not in (12, 13, 14, 15, 16))
+    table = read_table(write(tmp_path, text))
+    rows = samples(table, "t", "z")
     with pytest.raises(DataError) as caught:
-        check_time(table, "t")
-    assert where(caught.value) == [("record-gap", 5, 1)]  # 1.5 steps are still none
-    text = str(caught.value)
-    assert "'t' goes from 2 (line 4) to 4 (line 5), where a step is 1" in text
-    assert "`gaps: ok`" in text and "`from:`" in text
-    check_time(table, "t", gaps_ok=True)
-    check_time(table, "t", max_gap=2)
+        check_gaps(table, "t", "z", rows)
+    assert where(caught.value) == [("record-gap", 10, 3), ("record-gap", 14, 4)]
+    assert "'z' has no value between the times 2 (line 4) and 8 (line 10); elsewhere it has one every 1" in str(caught.value)
+    assert "`gaps: bridge`" in str(caught.value) and "`from:`" in str(caught.value)
+    check_gaps(table, "t", "z", rows, begin=8, end=11)
+    many = read_table(write(tmp_path, "t,z\n" + "".join(f"{k},1\n" for k in range(300) if k % 20 > 6)))
     with pytest.raises(DataError) as caught:
-        check_time(table, "t", max_gap=1)
-    assert [line for _, line, _ in where(caught.value)] == [5, 7]
-    many = read_table(write(tmp_path, "t\n" + "".join(f"{k}\n" for k in range(60) if k % 7 or k > 55)))
-    with pytest.raises(DataError) as caught:
-        check_time(many, "t")
+        check_gaps(many, "t", "z", samples(many, "t", "z"))
     assert len(caught.value.problems) == 5
-    assert caught.value.problems[-1].notes == ("and 2 more such gaps in this file",)
+    assert caught.value.problems[-1].notes == ("and 9 more such gaps in this file",)
 
 
 def test_too_short(tmp_path: Path) -> None:
@@ -200,23 +206,23 @@ def test_too_short(tmp_path: Path) -> None:
 
 
 def test_missing_and_infinite_values(tmp_path: Path) -> None:
-    z = ["1", "", "nan", "inf", "NA", "-", "", "n/a", "null", "0"]
-    table = read_table(write(tmp_path, "t,z,w\n" + "".join(f"{k},{cell},\n" for k, cell in enumerate(z))))
-    with pytest.raises(DataError) as caught:
-        check_values(table, ["t", "z"])
-    assert where(caught.value) == [("record-value", 3, 3), ("record-value", 5, 3)]
-    text = str(caught.value)
-    assert "'z' has no value in 7 of 10 rows (lines 3, 4, 6, 7, 8 and 2 more)" in text
-    assert "'z' has an infinite value in 1 of 10 rows (line 5)" in text
-    assert "`from:` and `to:`" in text
-    check_values(table, ["t"])  # what is not used may be empty
+    z = ["1", "", "nan", "2", "NA", "-", "", "n/a", "null", "0"]
+    table = read_table(write(tmp_path, "t,z,w,i\n" + "".join(f"{k},{cell},,{'inf' if k == 3 else k}\n"
+                                                            for k, cell in enumerate(z))))
+    assert samples(table, "t", "z").tolist() == [0, 3, 9]
+    with pytest.raises(DataError, match=r"'i' has an infinite value in 1 of 10 rows \(line 5\)(.|\n)*Empty these cells"):
+        samples(table, "t", "i")
+    with pytest.raises(DataError, match=r"column 'w' of 'train.csv' has no number in any of its 10 rows"):
+        samples(table, "t", "w")
+    with pytest.raises(DataError, match=r"column 'z' of 'train.csv' has 3 numbers, at least 4 are needed"):
+        samples(table, "t", "z", least=4)
 
 
 def test_cut_keeps_line_numbers(tmp_path: Path) -> None:
     table = read_table(write(tmp_path, "t,z\n0,\n1,2\n2,3\n"))
     late = table.keep(column(table, "t") >= 1)
     assert late.lines.tolist() == [3, 4] and column(late, "z").tolist() == [2, 3]
-    check_values(late, ["z"])
+    assert samples(late, "t", "z").tolist() == [0, 1]
     assert late.place(1, "z").line == 4
 
 
@@ -230,8 +236,7 @@ def test_parquet(tmp_path: Path) -> None:
     table = read_table(path)
     assert isinstance(table, Table) and table.header == ("t", "n", "who") and "who" not in table.columns
     np.testing.assert_array_equal(column(table, "n"), [1.0, np.nan, 3.0])
-    with pytest.raises(DataError, match=r"train\.parquet:2: 'n' has no value in 1 of 3 rows \(row 2\)"):
-        check_values(table, ["n"])
+    assert samples(table, "t", "n").tolist() == [0, 2]
     frame.set_index("t").to_parquet(path)
     assert column(read_table(path), "t").tolist() == [0.0, 1.0, 2.0]
     with pytest.raises(DataError, match=r"other\.parquet' is not a Parquet file"):
@@ -247,3 +252,89 @@ def test_parquet_without_its_library(tmp_path: Path, monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(pd, "read_parquet", absent)
     with pytest.raises(DataError, match=r"'train\.parquet' needs a library(.|\n)*pip install pyarrow"):
         read_table(write(tmp_path, "", "train.parquet"))
+
+
+# -- MAT files -----------------------------------------------------------------------------------------------------
+def mat(path: Path, content: dict[str, object], version: str = "5") -> Path:
+    savemat = pytest.importorskip("scipy.io").savemat
+    savemat(path, content, format=version, do_compression=version == "5")
+    return path
+
+
+@pytest.mark.parametrize("version", ["4", "5"])
+def test_mat_variables_are_columns(tmp_path: Path, version: str) -> None:
+    t = np.arange(5) / 10
+    table = read_table(mat(tmp_path / "train.mat", {"t": t, "z": t[:, None] ** 2, "F": (3 * t)[None, :]}, version))
+    assert table.header == ("t", "z", "F")
+    np.testing.assert_array_equal(column(table, "z"), t**2)
+    np.testing.assert_array_equal(column(table, "F"), 3 * t)
+    assert table.lines_of([1, 2]) == "rows 2, 3" and table.place(1, "z").line == 2
+
+
+def test_mat_structs_matrices_and_kinds_of_numbers(tmp_path: Path) -> None:
+    n = np.arange(4)
+    log = {"time": n / 2.0, "signals": {"values": np.stack([n, 2 * n], axis=1).astype(np.int16), "label": "foot"}}
+    table = read_table(mat(tmp_path / "train.mat", {"log": log, "on": n > 1, "note": "sea state 4", "gain": 2.5}),
+                       beside="log.time")
+    assert column(table, "log.signals.values.2").tolist() == [0, 2, 4, 6]
+    assert column(table, "on").tolist() == [0, 0, 1, 1]
+    for name, said in (("note", "holds text, not numbers"), ("gain", "is a single number; a column is a vector"),
+                       ("log.signals.label", "holds text")):
+        with pytest.raises(DataError, match=f"'{name}' of 'train.mat' {said}"):
+            column(table, name)
+
+
+def test_mat_vectors_of_other_lengths_have_their_own_time(tmp_path: Path) -> None:
+    path = mat(tmp_path / "train.mat", {"t": np.arange(8.0), "z": np.arange(8.0), "t_2": np.arange(3.0), "w": np.ones(3)})
+    assert read_table(path).columns.keys() == {"t", "z"}
+    assert read_table(path, beside="t_2").columns.keys() == {"t_2", "w"}
+    with pytest.raises(DataError, match=r"'w' of 'train.mat' has 3 values, 't' has 8(.|\n)*Name its own time"):
+        column(read_table(path, beside="t"), "w")
+
+
+def test_mat_objects_are_told_and_not_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An object of MATLAB (timeseries, timetable) as the reader hands it out: name, kind and class, no numbers."""
+    import scipy.io
+    from scipy.io.matlab import MatlabOpaque
+
+    kinds = [("s0", "O"), ("s1", "O"), ("s2", "O"), ("arr", "O")]
+    opaque = MatlabOpaque(np.array([(b"heave", b"MCOS", b"timeseries", np.zeros(6))], dtype=kinds))
+    monkeypatch.setattr(scipy.io, "loadmat", lambda *_, **__: {"__globals__": [], "t": np.arange(3.0), "None": opaque})
+    table = read_table(write(tmp_path, "", "train.mat"))
+    with pytest.raises(DataError, match=r"'heave' of 'train.mat' is a MATLAB timeseries(.|\n)*t = heave.Time;"):
+        column(table, "heave")
+
+
+def test_mat_that_cannot_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(DataError, match=r"'train.mat' is not a MAT file that can be read"):
+        read_table(write(tmp_path, "t,z\n0,1\n", "train.mat"))
+    whole = mat(tmp_path / "cut.mat", {"t": np.random.default_rng(0).random(1000)}).read_bytes()
+    (tmp_path / "cut.mat").write_bytes(whole[:len(whole) // 2])
+    with pytest.raises(DataError, match=r"'cut.mat' is not a MAT file that can be read"):
+        read_table(tmp_path / "cut.mat")
+    with pytest.raises(DataError, match=r"'words.mat' has no vector of numbers(.|\n)*note holds text"):
+        read_table(mat(tmp_path / "words.mat", {"note": "nothing"}))
+    # version 7.3 is another kind of file altogether
+    (tmp_path / "new.mat").write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM" + bytes(600))
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    with pytest.raises(DataError, match=r"'new.mat' is a MAT file of version 7.3(.|\n)*pip install h5py(.|\n)*-v7"):
+        read_table(tmp_path / "new.mat")
+
+
+def test_mat_of_version_7_3(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    path = tmp_path / "train.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, values, kind in (("t", np.arange(4.0)[None, :], "double"), ("log/z", np.arange(4)[None, :], "int32"),
+                                   ("note", np.array([[72], [105]], dtype=np.uint16), "char"),
+                                   ("heave", np.zeros((1, 6), dtype=np.uint32), "timeseries")):
+            file[name] = values
+            file[name].attrs["MATLAB_class"] = np.bytes_(kind)
+        file["log"].attrs["MATLAB_class"] = np.bytes_("struct")
+        file["elsewhere"] = h5py.ExternalLink(str(tmp_path / "other.mat"), "/t")
+    path.write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM" + path.read_bytes()[128:])
+    table = read_table(path, beside="t")
+    assert table.columns.keys() == {"t", "log.z"} and column(table, "log.z").tolist() == [0, 1, 2, 3]
+    assert "elsewhere" not in table.header
+    with pytest.raises(DataError, match=r"'heave' of 'train.mat' is a MATLAB timeseries"):
+        column(table, "heave")

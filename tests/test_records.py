@@ -77,8 +77,8 @@ def test_measured_drive_in_closed_loop() -> None:
     experiment = load_experiment("emps/drive")
     moved = {name: replace(r, file=DRIVE / r.file.name) for name, r in experiment.records.items()}
     records = compare(replace(experiment, records=moved)).records
-    assert records["train"].channels["motor.F"].relative == pytest.approx(0.183, abs=0.005)
-    assert records["pulses"].channels["motor.F"].relative == pytest.approx(0.18, abs=0.01)
+    assert records["train"].channels["force"].relative == pytest.approx(0.1826, abs=0.001)
+    assert records["pulses"].channels["force"].relative == pytest.approx(0.1758, abs=0.002)
 
 
 def test_missing_record_says_where_it_should_be(tmp_path: Path) -> None:
@@ -87,3 +87,30 @@ def test_missing_record_says_where_it_should_be(tmp_path: Path) -> None:
     (tmp_path / "train.csv").write_text("time_s\n0\n", encoding="utf-8")
     with pytest.raises(hb.DataError, match=r"train\.csv"):
         compare(replace(experiment, records=moved))
+
+
+def test_a_record_takes_the_place_of_a_source_that_is_removed(tmp_path: Path) -> None:
+    """The node that joined the source and the input is left with nothing that counts."""
+    (tmp_path / "full.yaml").write_text("""model: full
+components:
+  wave:   {is: Sine, a: 0.1 m, T: 10 s}
+  vessel: {is: PositionSource}
+  spring: {is: Spring, c: 10 N/m}
+  mass:   {is: Mass, m: 1 kg}
+nodes:
+  heave:    [wave.y, vessel.u]
+  platform: [vessel.a, spring.a]
+  load:     [spring.b, mass.a]
+initial: {load.x: 0 m, load.v: 0 m/s}
+""", encoding="utf-8")
+    (tmp_path / "bare.yaml").write_text("model: bare\nextends: full.yaml\nremove: [wave]\n", encoding="utf-8")
+    (tmp_path / "record.csv").write_text("time_s,heave_m,x_m\n" + "".join(
+        f"{t / 10:.1f},0.000,{0.001 * (-1) ** k}\n" for k, t in enumerate(range(40))), encoding="utf-8")
+    (tmp_path / "rig.yaml").write_text("""experiment: rig
+model: bare.yaml
+records: {one: {file: record.csv, use: validate}}
+time: {column: time_s, unit: s}
+inputs: {vessel.u: {column: heave_m, unit: m, between: spline}}
+outputs: {load.x: {column: x_m, unit: m, noise: 1 mm}}
+""", encoding="utf-8")
+    assert compare(tmp_path / "rig.yaml").records["one"].channels["load.x"].chi2 == pytest.approx(1.0, abs=1e-6)

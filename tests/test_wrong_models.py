@@ -54,7 +54,10 @@ WITHOUT_PLACE = {"closed_valve", "no_tank", "undetermined_start", "record_too_sh
 
 
 def attempt(path: Path) -> None:
-    """Everything that is checked before a run: the file, the diagram, its records, its start."""
+    """Everything that is checked before a run: the file, the diagram, its records, its start; for an experiment
+    (`experiment_NAME`) what is checked before its records are compared."""
+    if path.stem.startswith("experiment_"):
+        hb.compare(path)
     assembly = hb.assemble(hb.load(path))
     u = None
     if assembly.flat.inputs:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import heavebond as hb
 from heavebond import plot
+from heavebond.plot_where import plot_place
 
 
 def weight_on_bit(folder: Path) -> Path:
@@ -22,7 +23,18 @@ def friction(folder: Path) -> Path:
     return plot.save(plot.plot_comparison(hb.compare("passive_rig/friction")), folder / "friction.png")
 
 
+def choked(folder: Path) -> Path:
+    """The receiver without choked flow beside its records."""
+    return plot.save(plot.plot_comparison(hb.compare("receiver_rig/choked")), folder / "choked.png")
+
+
+def implied_friction(folder: Path) -> Path:
+    """The force that the passive rig lacks between platform and crown, over the motion there."""
+    found = hb.where("passive_rig/friction")
+    return plot.save(plot_place(found, found.suspects[0].place.name), folder / "implied_friction.png")
+
+
 if __name__ == "__main__":
     target = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent
-    for path in (weight_on_bit(target), friction(target)):
-        print(f"wrote {path}")
+    for draw in (weight_on_bit, friction, choked, implied_friction):
+        print(f"wrote {draw(target)}")

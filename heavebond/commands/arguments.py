@@ -59,14 +59,20 @@ def listed(texts: Iterable[str]) -> list[str]:
 
 def with_settings(model: Model, settings: Iterable[str]) -> Model:
     """The model with every `PATH=VALUE` set; UsageError for a text of another form."""
+    values = settings_of("--set", settings)
+    return model.with_parameters(values) if values else model
+
+
+def settings_of(option: str, settings: Iterable[str]) -> dict[str, str]:
+    """`PATH=VALUE` of an option as a mapping; UsageError for a text of another form."""
     values = {}
     for text in settings:
         path, sign, value = (part.strip() for part in text.partition("="))
         if not sign or not path or not value:
-            raise UsageError([Problem("set-form", f"--set {text}: this is not PATH=VALUE", None,
-                                      "Write for example --set gas.c='40 kN/m'.")])
+            raise UsageError([Problem("set-form", f"{option} {text}: this is not PATH=VALUE", None,
+                                      f"Write for example {option} gas.c='40 kN/m'.")])
         values[path] = value
-    return model.with_parameters(values) if values else model
+    return values
 
 
 @contextmanager

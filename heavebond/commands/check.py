@@ -57,6 +57,7 @@ def _names(assembly: Assembly) -> object:
 
     flat = assembly.flat
     rows = [(name, flat.unknowns[j].unit.text, "", flat.unknowns[j].doc) for name, j in flat.names.items()]
+    rows += [(h.name, h.unit.text, "", h.doc) for h in flat.held]
     rows += [(q.name, q.unit.text, readable(q.value, q.unit.text), "") for q in flat.parameters]
     return table("Names", ("name", "unit", "value", "what"), rows, text=4)
 

@@ -44,9 +44,11 @@ def compare(experiment: str, settings: tuple[str, ...], output: Path | None) -> 
         comparison = compared(_with_settings(load_experiment(experiment), settings))
     console = terminal.output()
     console.print(_table(comparison))
-    for record in comparison.records.values():
-        console.print(f"{record.name} ({record.use}): normalised error {100 * record.normalised:.3g} %, "
-                      f"chi-square {number(record.chi2, 3)} a sample", soft_wrap=True)
+    for part in comparison.parts:
+        console.print(f"{part.name} ({part.use}): normalised error {100 * part.normalised:.3g} %, "
+                      f"chi-square {number(part.chi2, 3)} a sample", soft_wrap=True)
+    for line in noticed(comparison, console.width):
+        console.print(line)
     files = []
     if output is not None:
         from heavebond.plot import plot_comparison, save
@@ -54,6 +56,15 @@ def compare(experiment: str, settings: tuple[str, ...], output: Path | None) -> 
         files.append(save(plot_comparison(comparison), output))
         console.print(f"wrote {output}", soft_wrap=True)
     return {"experiment": comparison.experiment.name, "records": comparison.as_dict(), "files": list(map(str, files))}
+
+
+def noticed(comparison: Comparison, width: int) -> list[str]:
+    """The notes on all records as lines of a terminal."""
+    from heavebond.presentation import columns
+
+    rows = [(name if k == 0 else "", note) for name, record in comparison.records.items()
+            for k, note in enumerate(record.notes)]
+    return ["noticed", *columns(rows, width)] if rows else []
 
 
 def _with_settings(experiment: Experiment, settings: tuple[str, ...]) -> Experiment:
@@ -67,8 +78,8 @@ def _with_settings(experiment: Experiment, settings: tuple[str, ...]) -> Experim
 def _table(comparison: Comparison) -> object:
     from heavebond import terminal
 
-    rows = [(record.name if k == 0 else "", *_row(channel)) for record in comparison.records.values()
-            for k, channel in enumerate(record.channels.values())]
+    rows = [(part.name if k == 0 else "", *_row(channel)) for part in comparison.parts
+            for k, channel in enumerate(part.channels.values())]
     return terminal.table(comparison.experiment.name, HEAD, rows, text=2)
 
 

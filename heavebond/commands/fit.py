@@ -32,9 +32,11 @@ def fit(experiment: str, starts: int, segments: int, robust: bool, profiled: tup
         output: Path | None) -> dict[str, object]:
     """Find the values of the parameters under `free:` of EXPERIMENT that fit its records best.
 
-    Records with `use: fit` are fitted; the others are compared with what comes out.
+    Records with `use: fit` are fitted; the others are compared with what comes out. Where there are no others, every
+    third stretch of the records is held out of the fit to check it.
     """
     from heavebond import terminal
+    from heavebond.commands.compare import noticed
     from heavebond.experiment import load_experiment
     from heavebond.fitting import fit as fitted
     from heavebond.fitting import profile
@@ -48,8 +50,10 @@ def fit(experiment: str, starts: int, segments: int, robust: bool, profiled: tup
                        progress=progress)
         profiles = {name: profile(found, name, progress=progress) for name in profiled}
     console = terminal.output()
-    console.print(_parameters(found))
+    console.print(parameters(found))
     console.print(_records(found))
+    for line in noticed(found.after, console.width):
+        console.print(line)
     for words in found.identifiability.words:
         console.print(words, soft_wrap=True)
     for name, (low, high) in profiles.items():
@@ -73,7 +77,8 @@ def fit(experiment: str, starts: int, segments: int, robust: bool, profiled: tup
             "profiles": {name: list(ends) for name, ends in profiles.items()}, "files": list(map(str, files))}
 
 
-def _parameters(found: Fit) -> object:
+def parameters(found: Fit) -> object:
+    """The fitted parameters with their intervals, as a table."""
     from heavebond import terminal
 
     rows = []
@@ -98,10 +103,10 @@ def _records(found: Fit) -> object:
     from heavebond.presentation import readable
 
     rows = []
-    for name, record in found.after.records.items():
-        for k, channel in enumerate(record.channels.values()):
-            before = found.before.records[name].channels[channel.name]
-            rows.append((f"{name} ({record.use})" if k == 0 else "", channel.name,
+    for before_fit, part in zip(found.before.parts, found.after.parts, strict=True):
+        for k, channel in enumerate(part.channels.values()):
+            before = before_fit.channels[channel.name]
+            rows.append((f"{part.name} ({part.use})" if k == 0 else "", channel.name,
                          readable(before.error, channel.unit, 3), readable(channel.error, channel.unit, 3),
                          readable(channel.noise, channel.unit, 3), f"{channel.chi2:.3g}"))
     return terminal.table("", ("record", "channel", "error before", "after", "noise", "chi-square a sample"), rows,

@@ -75,7 +75,8 @@ def run(model: str, settings: tuple[str, ...], until: str | None, every: str | N
     console.print(_statistics(result), soft_wrap=True)
     statistics = {k: v for k, v in result.statistics.items() if k != "quadratures"}
     return {"model": assembly.model.name, "until": float(result.time[-1]), "points": len(result.time),
-            "outputs": figures, "files": list(map(str, files)), "statistics": statistics}
+            "outputs": figures, "events": [{"time": time, "name": name} for time, name in result.events],
+            "files": list(map(str, files)), "statistics": statistics}
 
 
 def _figures(result: Result, names: Sequence[str]) -> dict[str, dict[str, float | str]]:
@@ -119,6 +120,7 @@ def _statistics(result: Result) -> str:
     assert isinstance(seconds, dict)
     reduced = result.assembly.reduced
     parts = [f"{count(len(reduced.states), 'state')}, {count(len(reduced.algebraic), 'algebraic unknown')}",
+             *([count(len(result.events), "event")] if result.assembly.flat.events else []),
              f"{len(result.time)} points", f"start {seconds['start']:.2g} s",
              f"integration {seconds['integration']:.2g} s"]
     if "nsteps" in said:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,100 +17,156 @@ from heavebond.commands.arguments import (
     json_option,
     picture_option,
     set_option,
+    settings_of,
     with_settings,
 )
-from heavebond.errors import UsageError
+from heavebond.errors import ModelError, Problem, UsageError
 
 if TYPE_CHECKING:
     from heavebond.dae import Array, Assembly
-    from heavebond.tuning import Objective, Progress, Task, Tuned
+    from heavebond.objective import Task
+    from heavebond.robustness import Robustness
+    from heavebond.study import Study
+    from heavebond.tuning import Tuned
+    from heavebond.units import Range
+
+TIMES = 3  # a free parameter without a range may grow to so many times its value
 
 
 @click.command(short_help="Tune parameters of a diagram by exact gradients.")
-@click.argument("study")
+@click.argument("study", metavar="STUDY|DIAGRAM")
+@click.option("--free", metavar="PARAMETER[=RANGE][,...]", multiple=True,
+              help="What may move: controller.K_p='0 .. 8 1/m'. Without a range 0 to three times its value. May repeat.")
+@click.option("--cost", metavar="FORMULA", help="What is to be small, e.g. 'rms(crown.x)/ref(rms(crown.x))'.")
+@click.option("--limit", "limits", metavar="FORMULA", multiple=True,
+              help="What must be kept, e.g. 'peak(extension) < 3.8 m' or 'damping(least) > 0.1'. May be repeated.")
+@click.option("--evaluate", metavar="'FROM .. TO'", help="The time that counts, e.g. '72 .. 96 s'; else the whole run.")
+@click.option("--reference", metavar="PATH=VALUE", multiple=True,
+              help="A value of the run that ref(...) is taken from. May be repeated.")
 @set_option
-@click.option("--explore", type=click.IntRange(0), default=10, show_default=True,
+@click.option("--method", default="trust", show_default=True, help="trust, slsqp or ipopt.")
+@click.option("--explore", type=click.IntRange(0), default=5, show_default=True,
               help="Plain runs at points spread over the ranges before the search.")
 @click.option("--starts", type=click.IntRange(1), default=1, show_default=True,
               help="Search from so many of the best of these.")
+@click.option("--robustness/--no-robustness", default=True, show_default=True,
+              help="Tell what moves the cost around the best, and how far the limit of stability is.")
 @click.option("--sweep", "grid", metavar="N", type=click.IntRange(2), help="Compare with a sweep of N x N points.")
 @click.option("--write", "written", metavar="DIAGRAM", type=click.Path(path_type=Path),
               help="Write a diagram that extends the model with the tuned values (.yaml, must be new).")
 @picture_option("Draw the cost surface and the way of the search (two free parameters, with --sweep)")
 @json_option
-def tune(study: str, settings: tuple[str, ...], explore: int, starts: int, grid: int | None, written: Path | None,
-         output: Path | None) -> dict[str, object]:
-    """Minimise the cost of STUDY, a YAML file or a bundled one (cmc_ahc/quality_index)."""
+def tune(study: str, free: tuple[str, ...], cost: str | None, limits: tuple[str, ...], evaluate: str | None,
+         reference: tuple[str, ...], settings: tuple[str, ...], method: str, explore: int, starts: int, robustness: bool,
+         grid: int | None, written: Path | None, output: Path | None) -> dict[str, object]:
+    """Minimise the cost of STUDY, a YAML file or a bundled one (cmc_ahc/quality_index), or of a DIAGRAM by --free and
+    --cost."""
     from heavebond import terminal
     from heavebond.dae import assemble
-    from heavebond.study import load_study
-    from heavebond.tuning import Objective
+    from heavebond.objective import Objective
+    from heavebond.robustness import robustness as around
+    from heavebond.tuning import sweep
     from heavebond.tuning import tune as tuned
-    from heavebond.writing import tuned_diagram, write
 
     check_picture(output)
     if written is not None:
         check_writable(written, (".yaml",))
-    found_study = load_study(study)
-    task = found_study.task
-    if output is not None and (grid is None or len(task.free) != 2):
-        raise UsageError("a cost surface needs two free parameters and --sweep", hint="Add --sweep 12.")
+    asked = _asked(study, cost, limits, evaluate, reference)
     with blamed_on_settings(settings), terminal.working("tuning") as progress:
-        assembly = assemble(with_settings(found_study.model, settings))
-        result = tuned(assembly, task, explore=explore, starts=starts, progress=progress)
-        robust = _robustness(assembly, task, result)
-        swept = _swept(Objective(assembly, task), grid, progress) if grid else None
-    console = terminal.output()
-    console.print(_table(found_study.name, assembly, task, result))
-    console.print(f"cost {result.cost:.5g} (before {result.before:.5g}), {result.runs} runs that cost "
-                  f"{result.simulations:.0f} simulations: {result.message}", soft_wrap=True)
-    for text, cost in robust.items():
-        console.print(f"{text}: cost {cost:.5g}", soft_wrap=True)
-    files = []
-    if swept is not None:
-        best = min(cost for cost in swept[1].ravel().tolist() if math.isfinite(cost))
-        console.print(f"best of the sweep of {swept[1].size} runs: {best:.5g}", soft_wrap=True)
-    if output is not None and swept is not None:
-        from heavebond.plot import plot_surface, save
-
-        files.append(save(plot_surface(task, result, *swept), output))
-    if written is not None:
-        write(written, tuned_diagram(found_study.model, task, result, written))
-        files.append(written)
-    for path in files:
-        console.print(f"wrote {path}", soft_wrap=True)
-    return {"study": found_study.name, "values": result.values, "cost": result.cost, "before": result.before,
-            "cases": result.cost_of_cases, "limits": result.limits, "runs": result.runs,
-            "simulations": result.simulations, "robustness": robust, "message": result.message,
-            "paths": [[{"values": s.values, "cost": s.cost} for s in path] for path in result.paths],
-            "files": list(map(str, files))}
+        assembly = assemble(with_settings(asked.model, settings))
+        task = replace(asked.task, free={**asked.task.free, **_free(assembly, free)}) if free else asked.task
+        if output is not None and (grid is None or len(task.free) != 2):
+            raise UsageError("a cost surface needs two free parameters and --sweep", hint="Add --sweep 12.")
+        objective = Objective(assembly, task)
+        result = tuned(objective, task, explore=explore, starts=starts, method=method, progress=progress)
+        swept = sweep(objective, [grid] * len(task.free), progress=progress) if grid else None
+        robust = around(objective, result, progress=progress) if robustness else None
+    _tell(asked.name, assembly, result, robust, swept)
+    files = _files(asked, result, robust, swept, output, written)
+    return {**_figures(asked.name, result), "robustness": _robust_figures(robust), "files": list(map(str, files))}
 
 
-def _robustness(assembly: Assembly, task: Task, result: Tuned) -> dict[str, float]:
-    """The cost where each value is 10 % lower or higher than the best: how sharp the optimum is."""
-    from heavebond.tuning import Objective
+# -- what is asked -----------------------------------------------------------------------------------------------------
+def _asked(name: str, cost: str | None, limits: tuple[str, ...], evaluate: str | None, reference: tuple[str, ...]) -> Study:
+    """The study, with what the options say instead; for a diagram the options alone."""
+    from heavebond.model import load
+    from heavebond.objective import Task
+    from heavebond.study import Study, load_study
 
-    objective = Objective(assembly, task)
-    best = (_array(result, objective) - objective.low) / objective.span
-    found = {}
-    for k, name in enumerate(objective.names):
-        for word, share in (("lower", 0.9), ("higher", 1.1)):
-            at = best.copy()
-            at[k] = (share * result.values[name] - objective.low[k]) / objective.span[k]
-            found[f"{name} 10 % {word}"] = objective.cost(at)
+    try:
+        study = load_study(name)
+    except ModelError as error:
+        if cost is None or error.problems[0].code != "not-a-study":
+            raise
+        model = load(name)
+        study = Study(model.name, model.path, model, Task({}, cost))
+    task = replace(study.task, cost=cost or study.task.cost, limits=(*study.task.limits, *limits))
+    if reference:
+        task = replace(task, reference=settings_of("--reference", reference))
+    if evaluate is not None:
+        begin, end = _seconds(evaluate)
+        task = replace(task, begin=begin, end=end)
+    return replace(study, task=task)
+
+
+def _seconds(text: str) -> tuple[float, float]:
+    from heavebond.units import UnitProblem, parse_range, unit
+
+    try:
+        found = parse_range(text)
+        if found.unit.dimension != unit("s").dimension:
+            raise UnitProblem("unit-wrong", f"'{text}' is no time", "Write for example --evaluate '72 .. 96 s'.")
+    except UnitProblem as problem:
+        raise UsageError([Problem(problem.code, f"--evaluate: {problem.message}", None, problem.hint)]) from None
+    return found.low, found.high
+
+
+def _free(assembly: Assembly, texts: tuple[str, ...]) -> dict[str, Range]:
+    """Ranges by name; a parameter without one may go from 0 to three times its value."""
+    from heavebond.objective import ranges
+    from heavebond.units import Range
+
+    found: dict[str, Range] = {}
+    units = {q.name: q.unit for q in assembly.flat.parameters}
+    for part in (part.strip() for text in texts for part in text.split(",") if part.strip()):
+        name, sign, text = (piece.strip() for piece in part.partition("="))
+        if sign:
+            found |= ranges({name: text})
+            continue
+        assembly.with_parameters({name: 0.0})  # says what is wrong with a name that cannot be set
+        value = assembly.parameter_values[name]
+        if not value:
+            raise UsageError([Problem("range-missing", f"{name} is 0, which says nothing about its range", None,
+                                      f"Write for example --free {name}='0 .. 10 {units[name].text}'.")])
+        found[name] = Range(min(0.0, TIMES * value), max(0.0, TIMES * value), units[name])
     return found
 
 
-def _array(result: Tuned, objective: Objective) -> Array:
-    import numpy as np
+# -- what is told ------------------------------------------------------------------------------------------------------
+def _tell(name: str, assembly: Assembly, result: Tuned, robust: Robustness | None, swept: tuple[list[Array], Array] | None
+          ) -> None:
+    from heavebond import terminal
 
-    return np.array([result.values[name] for name in objective.names])
-
-
-def _swept(objective: Objective, grid: int, progress: Progress) -> tuple[list[Array], Array]:
-    from heavebond.tuning import sweep
-
-    return sweep(objective, [grid] * len(objective.names), progress=progress)
+    console = terminal.output()
+    console.print(_table(name, assembly, result.task, result))
+    before = f"before {result.before:.5g}" if math.isfinite(result.before) else "before: beyond the limit of stability"
+    console.print(f"cost {result.cost:.5g} ({before}), {result.runs} runs that cost {result.simulations:.0f} simulations: "
+                  f"{result.message}", soft_wrap=True)
+    for text, value in result.limits.items():
+        console.print(f"limit {text}: " + (f"exceeded by {100 * value:.3g} %" if value > 1e-4 else
+                                           f"kept, {100 * -value:.3g} % to spare" if value < -1e-3 else "just kept"),
+                      soft_wrap=True)
+    if len(result.cost_of_cases) > 1:
+        rows = [(case, f"{cost:.5g}") for case, cost in result.cost_of_cases.items()]
+        console.print(terminal.table("", ("case", "cost"), rows))
+    if robust is not None:
+        console.print()
+        console.print(_changes(assembly, result, robust))
+        for line in _words(result, robust):
+            console.print(line, soft_wrap=True)
+    if swept is not None:
+        best = min(cost for cost in swept[1].ravel().tolist() if math.isfinite(cost))
+        console.print(f"best of the sweep of {swept[1].size} runs: {best:.5g}", soft_wrap=True)
 
 
 def _table(name: str, assembly: Assembly, task: Task, result: Tuned) -> object:
@@ -120,3 +178,74 @@ def _table(name: str, assembly: Assembly, task: Task, result: Tuned) -> object:
              f"{quantity(wanted.low, wanted.unit)} .. {quantity(wanted.high, wanted.unit)}")
             for parameter, wanted in task.free.items()]
     return terminal.table(name, ("parameter", "before", "tuned", "range"), rows)
+
+
+def _changes(assembly: Assembly, result: Tuned, robust: Robustness) -> object:
+    from heavebond import terminal
+    from heavebond.writing import quantity
+
+    units = {q.name: q.unit for q in assembly.flat.parameters}
+    rows = []
+    for change in robust.changes:
+        unit = result.task.free[change.name].unit if change.name in result.task.free else units[change.name]
+        share = f" ({100 * change.share:+.0f} %)" if math.isfinite(change.share) else ""
+        risen = f"{change.cost:.5g}" if math.isfinite(change.cost) else "breaks down"
+        times = f"{100 * (change.cost / result.cost - 1):+.3g} %" if math.isfinite(change.cost) and result.cost else ""
+        limits = ", ".join(f"{text} exceeded" for text in change.exceeded) or ("kept" if change.limits else "")
+        rows.append((f"{change.name} = {quantity(change.value, unit)}{share}", risen, times, limits))
+    return terminal.table("around the best", ("one at a time", "cost", "change", "limits"), rows)
+
+
+def _words(result: Tuned, robust: Robustness) -> Iterator[str]:
+    from heavebond.writing import quantity
+
+    if math.isfinite(robust.damping):
+        yield f"linearised at its start, the machine has a least damping ratio of {robust.damping:.3g}" + \
+            (": at rest it is not stable by itself, in motion its friction decides" if robust.damping < 0 else "")
+    turns = "stable" if robust.damping < 0 else "unstable"
+    for margin in robust.margins:
+        ends = " and ".join(f"at {factor:.3g}" for factor in (margin.down, margin.up) if factor is not None)
+        yield f"{margin.name}: " + (f"{ends} of its value the linearised machine turns {turns}" if ends else
+                                    "no limit of stability within a factor of 100")
+    if len(result.cost_of_cases) > 1:
+        yield f"the worst case is {robust.worst[0]}, cost {robust.worst[1]:.5g}"
+    if robust.ellipse is not None:
+        widths = ", ".join(f"{name} +-{quantity(width, result.task.free[name].unit)}"
+                           for name, width in robust.ellipse.widths.items())
+        yield f"the cost rises by less than 1 % within {widths}"
+
+
+def _files(asked: Study, result: Tuned, robust: Robustness | None, swept: tuple[list[Array], Array] | None,
+           output: Path | None, written: Path | None) -> list[Path]:
+    from heavebond import terminal
+
+    files = []
+    if output is not None and swept is not None:
+        from heavebond.plot import plot_surface, save
+
+        files.append(save(plot_surface(result.task, result, *swept, robust.ellipse if robust else None), output))
+    if written is not None:
+        from heavebond.writing import tuned_diagram, write
+
+        write(written, tuned_diagram(asked.model, result.task, result, written))
+        files.append(written)
+    for path in files:
+        terminal.output().print(f"wrote {path}", soft_wrap=True)
+    return files
+
+
+def _figures(name: str, result: Tuned) -> dict[str, object]:
+    return {"study": name, "values": result.values, "cost": result.cost, "before": result.before,
+            "cases": result.cost_of_cases, "limits": result.limits, "runs": result.runs,
+            "simulations": result.simulations, "message": result.message,
+            "paths": [[{"values": s.values, "cost": s.cost} for s in path] for path in result.paths]}
+
+
+def _robust_figures(robust: Robustness | None) -> Mapping[str, object] | None:
+    if robust is None:
+        return None
+    return {"changes": [{"parameter": c.name, "value": c.value, "share": c.share, "cost": c.cost, "limits": dict(c.limits)}
+                        for c in robust.changes],
+            "damping": robust.damping, "margins": {m.name: {"down": m.down, "up": m.up} for m in robust.margins},
+            "worst": {"case": robust.worst[0], "cost": robust.worst[1]},
+            "ellipse": robust.ellipse.widths if robust.ellipse else None}

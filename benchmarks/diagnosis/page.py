@@ -1,0 +1,131 @@
+"""The tables of docs/diagnosis_study.md from the results on disk: `python -m benchmarks.diagnosis.page`."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from benchmarks.diagnosis import confusion, detectability, false_alarms, keeping
+from benchmarks.diagnosis.rigs import RIGS
+
+PAGE = Path(__file__).parents[2] / "docs" / "diagnosis_study.md"
+BEGIN, END = "<!-- written by `python -m benchmarks.diagnosis.page` -->", "<!-- end of what it writes -->"
+OUTCOMES = {"right": "named", "cluster": "among those said to be alike", "shape": "a shape, no name", "missed": "missed",
+            "weak": "too weak", "wrong": "named wrong", "broken": "broken"}
+Row = Mapping[str, Any]
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """A table in Markdown."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join("| " + " | ".join(str(cell) for cell in line) + " |" for line in lines)
+
+
+def figure(value: float, digits: int = 3) -> str:
+    """So many digits, without an exponent where that is short."""
+    return f"{value:.{digits}g}"
+
+
+def alarms(rows: Sequence[Row]) -> str:
+    """Verdicts where nothing is hidden."""
+    groups: dict[tuple[str, bool], Counter[str]] = {}
+    for row in rows:
+        groups.setdefault((row["rig"], row["share"] > 0), Counter())[row["verdict"]] += 1
+    lines = [(rig, "drawn from the tolerance" if drawn else "as in the data sheet", sum(found.values()),
+              found["nothing"], found["parameters"], sum(found.values()) - found["nothing"] - found["parameters"])
+             for (rig, drawn), found in sorted(groups.items())]
+    told = sum(line[-1] for line in lines)
+    return f"{told} of {len(rows)} records without anything hidden were told otherwise.\n\n" + table(
+        ["rig", "parameters", "records", "nothing", "parameters", "told otherwise"], lines)
+
+
+def outcomes(rows: Sequence[Row]) -> str:
+    """How many of each outcome on each rig."""
+    single = [r for r in rows if len(r["truth"]) == 1 and all(r["label"])]
+    lines = []
+    for rig in RIGS:
+        found = Counter(r["outcome"] for r in single if r["rig"] == rig)
+        if found:
+            lines.append((rig, sum(found.values()), *(found[o] for o in OUTCOMES)))
+    total = Counter(r["outcome"] for r in single)
+    lines.append(("all", len(single), *(total[o] for o in OUTCOMES)))
+    return table(["rig", "effects", *OUTCOMES.values()], lines)
+
+
+def said(row: Row) -> str:
+    """What was answered, in short."""
+    if row["outcome"] == "broken":
+        return "-"
+    named = "; ".join(" or ".join([f"**{f['kind']}** {f['place']}", *f["one_of"][1:5]]) for f in row["named"])
+    if row["verdict"] in ("effect", "one_of"):
+        return named
+    return f"{row['verdict']} ({row['shape']})" if row.get("shape") else str(row["verdict"])
+
+
+def cases(rows: Sequence[Row]) -> str:
+    """Every case."""
+    lines = []
+    for row in rows:
+        ladder = row.get("ladder") or []
+        before = ladder[min(1, len(ladder) - 1)][2] if ladder else float("nan")
+        after = ladder[-1][2] if ladder else float("nan")
+        hidden = " and ".join(label or f"{name} (not in the catalogue)"
+                              for name, label in zip(row["truth"], row["label"], strict=True)) or "nothing, hardly moved"
+        outcome = OUTCOMES.get(row["outcome"], row["outcome"])
+        lines.append((row["rig"], hidden, figure(row.get("misfit", float("nan"))), outcome, said(row),
+                      f"{figure(before)} to {figure(after)}", f"{row.get('seconds', 0):.0f}"))
+    return table(["rig", "hidden", "misfit", "outcome", "said", "chi-square held out", "s"], lines)
+
+
+def matrix(rows: Sequence[Row]) -> str:
+    """Classes hidden against classes said, the first named."""
+    counts: dict[str, Counter[str]] = {}
+    for row in rows:
+        if len(row["truth"]) == 1 and row["outcome"] != "broken" and row["label"][0]:
+            kind, named = row["kinds"][0], row["verdict"] in ("effect", "one_of")
+            told = kind if row["outcome"] in ("right", "cluster") else row["named"][0]["kind"] if named else row["verdict"]
+            counts.setdefault(kind, Counter())[told] += 1
+    lines = [(kind, sum(found.values()), found[kind], ", ".join(f"{k} ({n})" for k, n in found.items() if k != kind) or "-")
+             for kind, found in sorted(counts.items())]
+    return table(["class hidden", "cases", "named, or among those alike", "else"], lines)
+
+
+def sizes(rows: Sequence[Row], checks: Sequence[Row]) -> str:
+    """How large effects must be, and what was said of ten of them."""
+    best: dict[tuple[str, str], Row] = {}
+    for row in rows:
+        key = (row["rig"], row["label"])
+        if key not in best or row["misfit_named"] < best[key]["misfit_named"]:
+            best[key] = row
+    lines = [(r["rig"], r["label"], *(f"{figure(r[k])} {next(iter(r['numbers'].values()))}" for k in ("seen", "named")),
+              figure(r["misfit_seen"]), figure(r["misfit_named"]), r["rival"], f"{r['cosine']:.4f}") for r in best.values()]
+    told = [(r["rig"], r["label"], f"{r['factor']:g}", r["verdict"], OUTCOMES.get(r["outcome"], r["outcome"]),
+             "; ".join(f"{f['kind']} {f['place']}" for f in r["named"]) or "-") for r in checks]
+    return "\n\n".join([
+        table(["rig", "effect", "seen from", "named from", "misfit seen", "misfit named",
+               "nearest of another class or place", "cosine"], lines),
+        "Checked by simulation, at half and at twice the amplitude from which it is named:",
+        table(["rig", "effect", "times", "verdict", "outcome", "named"], told)])
+
+
+def main() -> None:
+    """All tables into the page."""
+    found = {study: list(keeping.read(study).values()) for study in
+             (confusion.STUDY, false_alarms.STUDY, detectability.STUDY, detectability.CHECKS)}
+    rows = found[confusion.STUDY]
+    parts = ["## False alarms", alarms(found[false_alarms.STUDY]), "## Confusion", outcomes(rows), matrix(rows),
+             "### Every case", cases(rows), "## How large an effect must be",
+             sizes(found[detectability.STUDY], found[detectability.CHECKS])]
+    text = PAGE.read_text(encoding="utf-8")
+    head, _, rest = text.partition(BEGIN)
+    PAGE.write_text("\n\n".join([head.rstrip(), BEGIN, *parts, END]) + rest.partition(END)[2], encoding="utf-8")
+    summary = {study: Counter(r["outcome"] for r in rows if "outcome" in r) for study, rows in found.items()}
+    (keeping.RESULTS / "summary.json").write_text(json.dumps(summary, indent=1), encoding="utf-8")
+    print(f"wrote {PAGE.name}: {summary}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,44 @@
+"""`heavebond candidates`: what the catalogue could add to a diagram, and where."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import click
+
+from heavebond.commands.arguments import json_option
+
+if TYPE_CHECKING:
+    from heavebond.catalogue import Candidate
+
+HEAD = ("class", "effect", "place", "what is fitted")
+
+
+@click.command(short_help="List the effects that could be missing from a diagram.")
+@click.argument("experiment")
+@json_option
+def candidates(experiment: str) -> dict[str, object]:
+    """List every effect of the catalogue at every place of EXPERIMENT's diagram where it fits.
+
+    A component of your own with an `effect:` entry, beside the diagram or in its `components` folder, takes part.
+    """
+    from heavebond import terminal
+    from heavebond.catalogue import candidates as found_in
+    from heavebond.experiment import load_experiment
+
+    found = found_in(load_experiment(experiment))
+    ordered = sorted(found, key=lambda c: c.kind)
+    rows = [(c.kind if k == 0 or ordered[k - 1].kind != c.kind else "", typed(c), c.place,
+             ", ".join(n.name.rpartition(".")[2] for n in c.numbers)) for k, c in enumerate(ordered)]
+    console = terminal.output()
+    console.print(terminal.table("", HEAD, rows, text=4))
+    console.print(f"{len(found)} candidates of {len({c.kind for c in found})} classes. Try one by hand: heavebond try "
+                  f"{experiment} EFFECT, with --at PLACE or --between NODE NODE where it fits at several places.",
+                  soft_wrap=True)
+    return {"candidates": [{"component": c.component, "class": c.kind, "place": c.place, "where": list(c.where),
+                            "says": c.says, "numbers": [n.name for n in c.numbers]} for c in found]}
+
+
+def typed(candidate: Candidate) -> str:
+    """What `heavebond try` calls an effect: the parameter that wakes (`cylinder.leakage`), else the component."""
+    return candidate.name if candidate.attaches == "in" else candidate.component

@@ -1,0 +1,144 @@
+"""`heavebond diagnose`: which physical effect a diagram lacks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from heavebond.commands.arguments import check_writable, json_option
+
+if TYPE_CHECKING:
+    from heavebond.diagnosis import Diagnosis
+    from heavebond.experiment import Experiment
+    from heavebond.finding import Finding
+    from heavebond.misfit import Where
+    from heavebond.rung import Step
+
+RANKED = 12  # candidates that are shown
+
+
+@click.command(short_help="Find out which physical effect a diagram lacks.")
+@click.argument("experiment")
+@click.option("--auto", is_flag=True, help="Add effect after effect until nothing more earns its place.")
+@click.option("--only", "classes", metavar="CLASS", multiple=True, help="Try effects of this class only. May be repeated.")
+@click.option("--seconds", type=click.FloatRange(0, min_open=True), default=300.0, show_default=True,
+              help="Begin no refit after so long in a step.")
+@click.option("--processes", type=click.IntRange(1), help="Processes that search side by side [default: all processors].")
+@click.option("--folder", metavar="FOLDER", type=click.Path(path_type=Path, file_okay=False),
+              help="Where the files go [default: beside EXPERIMENT].")
+@click.option("--report", "report_file", metavar="FILE", type=click.Path(path_type=Path),
+              help="The report [default: report.html in the folder].")
+@json_option
+def diagnose(experiment: str, auto: bool, classes: tuple[str, ...], seconds: float, processes: int | None,
+             folder: Path | None, report_file: Path | None) -> dict[str, object]:
+    """Find out which physical effect the diagram of EXPERIMENT lacks, where, and how sure that is.
+
+    Writes a diagram that extends the model with what was found, the experiment on it (NAME_2.yaml) and a report.
+    Figures count on records that were not fitted; where there are none, on stretches that are held out. Ctrl-C ends the
+    search with what was found so far.
+    """
+    from heavebond import terminal
+    from heavebond.diagnosis import diagnose as diagnosed
+    from heavebond.experiment import load_experiment
+    from heavebond.report import report
+    from heavebond.writing import Targets, write_findings, write_proposal
+
+    given = load_experiment(experiment)
+    check_classes(given, classes)
+    targets = Targets.beside(given, folder)
+    page = report_file or targets.folder / "report.html"
+    check_writable(page, (".html",))
+    with terminal.working("diagnosing") as progress:
+        found = diagnosed(given, auto=auto, number=processes, seconds=seconds, classes=classes, progress=progress)
+    _show(found)
+    added = [*found.findings, *([found.shape] if found.shape is not None else [])]
+    files = write_findings(given, added, targets)
+    proposed = write_proposal(found.separation, targets.proposal) if found.separation is not None else []
+    page.write_text(report(found, _where(found), written=files), encoding="utf-8")
+    console = terminal.output()
+    for path in (*files, *proposed, page):
+        console.print(f"wrote {path}", soft_wrap=True)
+    if files:
+        console.print(f"go on: heavebond compare {files[-1]}; heavebond diagnose {files[-1]}", soft_wrap=True)
+    elif found.verdict == "parameters":
+        console.print(f"go on: heavebond fit {experiment} --write fitted.yaml", soft_wrap=True)
+    return {"experiment": given.name, **found.as_dict(), "files": [str(f) for f in (*files, *proposed, page)]}
+
+
+def _where(found: Diagnosis) -> Where | None:
+    """What the places of the first diagram ask for; None where that cannot be told, or the user ends it."""
+    from heavebond import terminal
+    from heavebond.errors import HeavebondError
+    from heavebond.misfit import where
+
+    try:
+        with terminal.working("looking where it fails"):
+            return where(found.experiment, values=found.fitted)
+    except (HeavebondError, KeyboardInterrupt):
+        return None
+
+
+def check_classes(experiment: Experiment, classes: tuple[str, ...]) -> None:
+    """UsageError for a class that the catalogue does not have for this diagram."""
+    from heavebond.catalogue import candidates
+    from heavebond.errors import Problem, UsageError, listing, suggest
+
+    known = sorted({c.kind for c in candidates(experiment)}) if classes else []
+    for name in classes:
+        if name not in known:
+            raise UsageError([Problem("class-unknown", f"no effect of class '{name}' fits in this diagram", None,
+                                      suggest(name, known) or f"Classes: {listing(known, 40)}.")])
+
+
+def _show(found: Diagnosis) -> None:
+    from heavebond import terminal
+    from heavebond.commands import fit
+    from heavebond.commands.ladder import table
+
+    console = terminal.output()
+    console.print(table(found.ladder, "model"))
+    for k, step in enumerate(found.steps, 1):
+        if step.trials:
+            console.print(_ranking(step, f"Step {k}: " if len(found.steps) > 1 else ""))
+    if found.verdict == "parameters" and found.fitted is not None:
+        console.print(fit.parameters(found.fitted))
+    for finding in (*found.findings, *([found.shape] if found.shape is not None else [])):
+        console.print(parameters(finding))
+    for line in found.words:
+        console.print(line, soft_wrap=True)
+
+
+def _ranking(step: Step, which: str) -> object:
+    from heavebond import terminal
+    from heavebond.commands.candidates import typed
+    from heavebond.presentation import count, number
+
+    cluster = {t.candidate.label for t in step.cluster}
+    rows = [("*" if t.candidate.label in cluster else "", t.candidate.kind, typed(t.candidate), t.candidate.place,
+             number(t.chi2_fit, 3), number(t.chi2_held_out, 3), number(t.bic - step.bic, 4)) for t in step.trials[:RANKED]]
+    more = f", the {RANKED} best shown" if len(step.trials) > RANKED else ""
+    alike = {0: "none is better than by chance", 1: "* chosen"}.get(len(cluster), "* cannot be told apart")
+    title = f"{which}{count(len(step.scores), 'candidate')} scored, {len(step.trials)} fitted{more} ({alike})"
+    head = ("", "class", "effect", "place", "chi-square, fitted", "not fitted", "BIC change")
+    return terminal.table(title, head, rows, text=4)
+
+
+def parameters(finding: Finding) -> object:
+    """The numbers of an effect with their intervals, as a table."""
+    from heavebond import terminal
+    from heavebond.presentation import number, readable_unit
+    from heavebond.units import read_unit
+
+    rows = []
+    for p in finding.parameters:
+        unit = read_unit(readable_unit(p.unit, p.value))
+        name = "" if unit.text in ("1", "") else f" {unit.text}"
+        fitted, *ends, low, high = (number(unit.from_si(v), 4) for v in (p.value, *p.interval, p.low, p.high))
+        # at an end of its range a value has no interval
+        known = "-" if p.at_bound else f"{' .. '.join(ends)}{name}"
+        end = f", at its {p.at_bound} end" if p.at_bound else ""
+        rows.append((p.name, f"{fitted}{name}", known, f"{low} .. {high}{name}{end}"))
+    return terminal.table(f"{finding.candidate.kind} {finding.candidate.place}",
+                          ("parameter", "fitted", "95 % interval", "sought in"), rows)

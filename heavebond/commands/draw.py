@@ -1,0 +1,55 @@
+"""`heavebond draw`: a diagram as a picture."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from heavebond.commands.arguments import (
+    blamed_on_settings,
+    check_writable,
+    json_option,
+    set_option,
+    with_settings,
+)
+from heavebond.errors import Problem, UsageError
+
+
+@click.command(short_help="Draw a diagram with symbols, wires and names.")
+@click.argument("model")
+@click.option("-o", "--output", metavar="FILE", type=click.Path(path_type=Path),
+              help="Where to draw (.svg); without it MODEL.svg in the current folder.")
+@click.option("--open", "opened", metavar="BLOCK", multiple=True,
+              help="Draw a block with what is inside, e.g. --open ahc. May be repeated.")
+@click.option("--open-all", is_flag=True, help="Draw every block with what is inside.")
+@click.option("--values", is_flag=True, help="Write the values set on each component below its name.")
+@click.option("--highlight", "marked", metavar="NAME[=LABEL]", multiple=True,
+              help="Mark a component, a node or a port, e.g. --highlight cmc.gas='stiffer than given'. May be repeated.")
+@set_option
+@json_option
+def draw(model: str, output: Path | None, opened: tuple[str, ...], open_all: bool, values: bool, marked: tuple[str, ...],
+         settings: tuple[str, ...]) -> dict[str, object]:
+    """Draw the diagram MODEL as an SVG picture.
+
+    MODEL is a YAML file or the name of a bundled diagram (cmc_ahc, cmc_ahc/passive). Parts stand where `at: [column, row]`
+    puts them, the others beside what they are joined to. Blocks are drawn as boxes unless they are opened.
+    """
+    from heavebond import drawing, terminal
+    from heavebond.model import load
+
+    path = output or Path(f"{Path(model).stem}.svg")
+    check_writable(path, (".svg",))
+    highlight = {}
+    for text in marked:
+        name, _, label = text.partition("=")
+        highlight[name.strip()] = label.strip()
+    with blamed_on_settings(settings):
+        picture = drawing.draw(with_settings(load(model), settings), open=opened, open_all=open_all, values=values,
+                               highlight=highlight)
+    try:
+        path.write_text(picture, encoding="utf-8", newline="\n")
+    except OSError as error:
+        raise UsageError([Problem("file-unwritable", f"'{path}' cannot be written: {error.strerror or error}")]) from None
+    terminal.output().print(f"wrote {path}", soft_wrap=True)
+    return {"files": [str(path)]}

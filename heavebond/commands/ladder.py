@@ -1,0 +1,53 @@
+"""`heavebond ladder`: the falling error of models with more and more in them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from heavebond.commands.arguments import check_picture, json_option, picture_option
+
+if TYPE_CHECKING:
+    from heavebond.finding import Rung
+
+HEAD = ("error, fitted", "not fitted", "chi-square, fitted", "not fitted")
+
+
+@click.command(short_help="Show the falling error of a chain of experiments.")
+@click.argument("experiments", nargs=-1, required=True)
+@picture_option("Draw the errors, fitted and not fitted, beside the noise")
+@json_option
+def ladder(experiments: tuple[str, ...], output: Path | None) -> dict[str, object]:
+    """Compare several EXPERIMENTS on the same records, each model with the values of its diagram.
+
+    The error is that of the model over the size of what was measured; chi-square per sample is 1 where only noise is left.
+    """
+    from heavebond import terminal
+    from heavebond.finding import ladder as climbed
+
+    check_picture(output)
+    with terminal.working("comparing") as progress:
+        rungs = climbed(experiments, progress=progress)
+    console = terminal.output()
+    console.print(table(rungs, "experiment"))
+    files = []
+    if output is not None:
+        from heavebond.plot import plot_ladder, save
+
+        files.append(save(plot_ladder(rungs), output))
+        console.print(f"wrote {output}", soft_wrap=True)
+    return {"ladder": [r.as_dict() for r in rungs], "files": list(map(str, files))}
+
+
+def table(rungs: Sequence[Rung], first: str) -> object:
+    """The ladder as a table; `first` says what stands in its rows."""
+    from heavebond import terminal
+    from heavebond.presentation import number
+
+    rows = [(r.name, *(f"{number(100 * e, 3)} %" for e in (r.error_fit, r.error_held_out)),
+             *(number(c, 3) for c in (r.chi2_fit, r.chi2_held_out))) for r in rungs]
+    return terminal.table("Error in % of what was measured; chi-square a sample (1 is noise)",
+                          (first, *HEAD), rows)

@@ -1,0 +1,83 @@
+"""`heavebond where`: when, in what state of motion and at which place of its diagram a model fails its records."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from heavebond.commands.arguments import check_picture, json_option, picture_option
+
+if TYPE_CHECKING:
+    from heavebond.misfit import Suspect, Where
+
+HEAD = ("place", "explains", "behind", "rms", "follows", "R2", "shape")
+
+
+@click.command(short_help="Find where in its diagram a model fails its records.")
+@click.argument("experiment")
+@click.option("--fitted", is_flag=True, help="Begin with a fit of the free parameters instead of the diagram's values.")
+@picture_option("Draw what acts at the best place of each kind, and the misfit over time")
+@json_option
+def where(experiment: str, fitted: bool, output: Path | None) -> dict[str, object]:
+    """Tell when and in what state of motion the diagram of EXPERIMENT misses its records, and where in it a force or a flow
+    is missing.
+
+    With --output name.png the pictures are name.png (the best place), name_2.png and so on, and name_misfit.png.
+    """
+    from heavebond import terminal
+    from heavebond.experiment import load_experiment
+    from heavebond.fitting import fit
+    from heavebond.misfit import summary
+    from heavebond.misfit import where as found_where
+
+    check_picture(output)
+    loaded = load_experiment(experiment)
+    with terminal.working("looking where it fails") as progress:
+        values = fit(loaded, progress=progress) if fitted else None
+        found = found_where(loaded, values=values, progress=progress)
+    console = terminal.output()
+    for line in summary(found):
+        console.print(line, soft_wrap=True)
+    if found.missing:
+        console.print(_table(found))
+    if found.unseen:
+        console.print(f"Not seen in these records: {', '.join(found.unseen)}.", soft_wrap=True)
+    for words in found.words:
+        console.print(words, soft_wrap=True)
+    files = _drawn(found, output) if output is not None else []
+    for path in files:
+        console.print(f"wrote {path}", soft_wrap=True)
+    return {"experiment": found.experiment.name, **found.as_dict(), "files": list(map(str, files))}
+
+
+def _table(found: Where) -> object:
+    from heavebond import terminal
+
+    return terminal.table("", HEAD, [_row(s) for s in found.suspects], text=1)
+
+
+def _row(suspect: Suspect) -> tuple[str, ...]:
+    from heavebond.presentation import number, readable
+
+    curve = suspect.curve
+    told = ("-", "-", "-")
+    if curve is not None:
+        times = f" * {curve.times}" if curve.times else ""
+        told = (curve.variable.formula + times, f"{max(curve.r2, 0.0):.2f}", curve.shape)
+    return (suspect.place.name, f"{100 * suspect.explained:.4g} %", number(suspect.behind, 3),
+            readable(suspect.rms, suspect.place.unit.text, 3), *told)
+
+
+def _drawn(found: Where, output: Path) -> list[Path]:
+    from heavebond.misfit import shown
+    from heavebond.plot import save
+    from heavebond.plot_where import plot_misfit, plot_place
+
+    files = [save(plot_place(found, s.place.name), _numbered(output, k)) for k, s in enumerate(shown(found), 1)]
+    return [*files, save(plot_misfit(found), output.with_stem(output.stem + "_misfit"))]
+
+
+def _numbered(output: Path, number: int) -> Path:
+    return output if number == 1 else output.with_stem(f"{output.stem}_{number}")

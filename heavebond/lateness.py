@@ -1,0 +1,119 @@
+"""The constant delay between a model and a measured channel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+BLOCKS = 16  # left out one after the other for the standard error
+STEPS = 30
+SURE = 4.0  # standard errors
+WORTH = 0.1  # of a sample interval
+EXPLAINS = 0.02  # of the squared error
+
+
+@dataclass(frozen=True)
+class Lateness:
+    """seconds: by how much the channel comes later than the model; deviation: its standard error; share: the part of the
+    squared error that is gone when the model is taken so much later; rest: the rms error left then, in the channel's unit
+    (gain and offset free in both); interval: the channel's median sample interval, s."""
+
+    seconds: float
+    deviation: float
+    share: float
+    rest: float
+    interval: float
+
+    @property
+    def noticeable(self) -> bool:
+        """Beyond chance, longer than a tenth of a sample interval, and not without effect."""
+        return abs(self.seconds) > max(SURE * self.deviation, WORTH * self.interval) and self.share > EXPLAINS
+
+    def explains(self, noise: float) -> bool:
+        """Whether a delay is nearly all that is wrong: what it leaves is near the noise, or a twentieth of the squares."""
+        return self.noticeable and (self.rest < 1.5 * noise or self.share > 0.95)
+
+
+def lateness(time: Array, measured: Array, grid: Array, model: Array) -> Lateness | None:
+    """The delay s that makes the model m, known at the times `grid` (N,), most like `measured` (n,) at `time` (n,):
+
+        measured(t) = a + b m(t - s) + rest,   by Gauss-Newton steps of the regression on 1, m(t - s), -m'(t - s)
+
+    with m a cubic spline. Offset a and gain b are free so that they do not pass for a delay. The standard error leaves out
+    one of 16 stretches after the other (jackknife), since what a wrong model leaves is no white noise. None where the
+    model does not move, is nothing like the channel, or no delay is found within half the model's own time scale.
+
+    Physics that is missing shifts phases too: a delay found is a likeness, not a fact.
+    J. Shao, D. Tu, The Jackknife and Bootstrap, Springer, 1995, section 9.1 (blocks of dependent data).
+    """
+    from scipy.interpolate import CubicSpline
+
+    size, span = float(np.std(model)), float(grid[-1] - grid[0])
+    if len(time) < 3 * BLOCKS or size <= 1e-9 * float(np.max(np.abs(model))):
+        return None
+    curve = CubicSpline(grid, model)
+    slope = curve.derivative()
+    scale = size / max(float(np.sqrt(np.mean(slope(grid) ** 2))), 1e-300)  # 1/omega of the model's motion
+    delay = 0.0
+    for _ in range(STEPS):
+        found = _regression(time, measured, curve, slope, delay)
+        if found is None:
+            return None
+        step = float(np.clip(found[0], -scale / 2, scale / 2))
+        delay += step
+        if abs(delay) > min(2 * scale, span / 4):
+            return None
+        if abs(step) < 1e-3 * found[1] + 1e-9 * scale:
+            before = _rest(time, measured, curve, 0.0, delay)
+            after = _rest(time, measured, curve, delay, delay)
+            return Lateness(delay, found[1], 1 - (after / before) ** 2 if before else 0.0, after,
+                            float(np.median(np.diff(time))))
+    return None
+
+
+def _inside(time: Array, curve: object, *delays: float) -> NDArray[np.bool_]:
+    first, last = curve.x[0], curve.x[-1]  # type: ignore[attr-defined]
+    inside = np.ones(len(time), dtype=bool)
+    for delay in delays:
+        inside &= (time - delay >= first) & (time - delay <= last)
+    return inside
+
+
+def _regression(time: Array, measured: Array, curve: object, slope: object, delay: float) -> tuple[float, float] | None:
+    """How much later still, and the standard error of that."""
+    inside = _inside(time, curve, delay)
+    t, y = time[inside] - delay, measured[inside]
+    if len(t) < 3 * BLOCKS:
+        return None
+    columns = np.column_stack([np.ones(len(t)), curve(t), -slope(t)])  # type: ignore[operator]
+    sizes = np.maximum(np.sqrt(np.mean(columns**2, axis=0)), 1e-300)
+    columns = columns / sizes
+    edges = np.linspace(0, len(t), BLOCKS + 1).astype(int)
+    squares = [columns[a:b].T @ columns[a:b] for a, b in pairwise(edges)]
+    products = [columns[a:b].T @ y[a:b] for a, b in pairwise(edges)]
+    whole, right = np.sum(squares, axis=0), np.sum(products, axis=0)
+    if np.linalg.cond(whole) > 1e12:
+        return None
+
+    def seconds(square: Array, product: Array) -> float:
+        _, gain, late = np.linalg.lstsq(square, product, rcond=None)[0] / sizes
+        return float(late / gain) if gain > 0.1 else np.nan
+
+    found = seconds(whole, right)
+    parts = np.array([seconds(whole - s, right - p) for s, p in zip(squares, products, strict=True)])
+    if not np.isfinite(found) or not np.all(np.isfinite(parts)):
+        return None
+    return found, float(np.sqrt((BLOCKS - 1) / BLOCKS * np.sum((parts - np.mean(parts)) ** 2)))
+
+
+def _rest(time: Array, measured: Array, curve: object, delay: float, other: float) -> float:
+    """The rms error that offset and gain leave at a delay, over the samples that both delays reach."""
+    inside = _inside(time, curve, delay, other)
+    columns = np.column_stack([np.ones(int(inside.sum())), curve(time[inside] - delay)])  # type: ignore[operator]
+    y = measured[inside]
+    left = y - columns @ np.linalg.lstsq(columns, y, rcond=None)[0]
+    return float(np.sqrt(np.mean(left**2)))

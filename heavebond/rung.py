@@ -1,0 +1,253 @@
+"""One rung of the ladder from a misfit to what is missing.
+
+Fit what is free; ask whether more than noise is left; score every candidate of the catalogue; refit those that can matter;
+take the one that leaves least on what was not fitted, if it earns its place there.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from heavebond.catalogue import Candidate, candidates
+from heavebond.experiment import Experiment
+from heavebond.leftover import Leftover, leftover
+from heavebond.scoring import Base, Score, searched
+from heavebond.trial import Trial, bic, held_out
+from heavebond.workers import Workers
+
+Progress = Callable[[str], None]
+UNKNOWN = "unknown law"  # the class of learnt curves: a shape, no name
+REFITS = 24  # at least so many candidates are refitted, those with the largest scores
+PROMISING = 0.02  # and all whose gain is this share of the largest
+RIVALS = 0.25  # share of what the best misses the noise by that a rival may miss more
+CLOSELY = 6  # trials at most are followed to the very end before they are compared,
+NEAR = 0.05  # those within this share of the logarithm of chi-square of the best
+TWINS = 1 - 1e-6  # candidates whose directions agree to this are the same machine
+SECONDS = 300.0  # after which no refit is begun
+# A candidate earns its place where chi-square on what was not fitted falls by this, in units of what is left: normal
+# deviations of some 3 squared would come by chance once in a thousand tries.
+EARNED = 12.0
+
+
+@dataclass(frozen=True)
+class Step:
+    """One rung: the experiment that was diagnosed, its best fit of what was free (chi-square per sample on what was and was
+    not fitted), the tests on what that leaves, all scores and refits, best first, what was chosen, and those that the
+    records cannot tell from it (the chosen one first). `partial`: not all that was planned was refitted."""
+
+    experiment: Experiment
+    values: dict[str, float]
+    cost: float
+    samples: int
+    chi2_fit: float
+    chi2_held_out: float
+    samples_held_out: int
+    at_end: tuple[str, ...]
+    left: Leftover
+    scores: tuple[Score, ...]
+    trials: tuple[Trial, ...]
+    chosen: Trial | None
+    cluster: tuple[Trial, ...]
+    twins: dict[str, tuple[str, ...]]
+    unseen: tuple[Candidate, ...]
+    partial: bool
+    seconds: float
+
+    @property
+    def bic(self) -> float:
+        """The information criterion of the model without any of the candidates."""
+        return bic(self.cost, self.samples, len(self.values))
+
+
+def step(experiment: Experiment, *, number: int | None = None, seconds: float = SECONDS, classes: Sequence[str] = (),
+         progress: Progress | None = None) -> Step:
+    """One rung of the ladder. `classes` narrows the catalogue to candidates of these classes."""
+    found = [c for c in candidates(experiment) if c.kind != UNKNOWN and (not classes or c.kind in classes)]
+    return _step(experiment, found, number, seconds, progress or (lambda text: None))
+
+
+def learnt(experiment: Experiment, *, number: int | None = None, seconds: float = SECONDS,
+           progress: Progress | None = None) -> Step:
+    """A rung with learnt curves only: effects without a name."""
+    found = [c for c in candidates(experiment) if c.kind == UNKNOWN]
+    return _step(experiment, found, number, seconds, progress or (lambda text: None))
+
+
+def single(experiment: Experiment, candidate: Candidate, progress: Progress) -> Step:
+    """A rung with one candidate, chosen by hand: it is refitted whatever its score."""
+    return _step(experiment, [candidate], 1, SECONDS, progress, always=True)
+
+
+def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None, seconds: float, say: Progress,
+          always: bool = False) -> Step:
+    began = clock.perf_counter()
+    say("fitting what is free")
+    base = fitted_base(experiment)
+    held, n_held = held_out(base.problem, base.inner, base.exact)
+    trials: list[Trial] = []
+    scores: list[Score] = []
+    partial = False
+    with Workers(base, number) as workers:
+        try:
+            for k, (candidate, got) in enumerate(workers.score(found), 1):
+                say(f"scoring {k} of {len(found)}: {candidate.label}")
+                scores += got
+            left = leftover(base, scores)
+            jobs, twins = _planned(scores) if left.significant or always else ([], {})
+            for k, (candidate, trial) in enumerate(workers.refit(jobs, began + seconds), 1):
+                trials += [trial] if trial is not None else []
+                say(f"refitting {k} of {len(jobs)}: {candidate.label}"
+                    + (f" leaves {trial.chi2_held_out:.4g}" if trial else " cannot be simulated"))
+            partial = k < len(jobs) if jobs else False
+            say("comparing the best closely")
+            trials = _polished(workers, trials, {c.label: g for c, g in jobs})
+        except KeyboardInterrupt:
+            partial, left = True, leftover(base, scores)
+            jobs, twins = _planned(scores)
+    return _judged(base, (held, n_held), left, scores, trials, twins, partial, clock.perf_counter() - began)
+
+
+def _polished(workers: Workers, trials: Sequence[Trial], guesses: Mapping[str, Sequence[Score]]) -> list[Trial]:
+    """The trials, those that are near the best followed to the end of their valleys."""
+    order = sorted(trials, key=merit)
+    if not order:
+        return []
+    near = [t for t in order[:CLOSELY] if merit(t) - merit(order[0]) < indistinct(order[0])
+            + NEAR * (order[0].samples + order[0].samples_held_out)]
+    better = {c.label: t for c, t in workers.polish([(t, guesses[t.candidate.label]) for t in near])}
+    return [better.get(t.candidate.label, t) for t in order]
+
+
+def fitted_base(experiment: Experiment) -> Base:
+    """The experiment with what is free fitted, from the diagram's values."""
+    problem = searched(experiment)
+    inner = problem.start
+    if len(inner):
+        inner = np.asarray(problem.minimise(inner, False, lambda text: None, tolerance=1e-6).x)
+    return Base.at(problem, inner)
+
+
+def _planned(scores: Sequence[Score]) -> tuple[list[tuple[Candidate, list[Score]]], dict[str, tuple[str, ...]]]:
+    """What is refitted, and which candidates are the same as one of them. After a strong misfit a score names class and
+    place rather than the law: all laws of one class at one place come together, the largest gain of any of them first."""
+    families: dict[object, float] = {}
+    for score in scores:
+        families[_family(score)] = max(score.gain, families.get(_family(score), 0.0))
+    by_label: dict[str, list[Score]] = {}
+    for score in sorted(scores, key=lambda s: (-families[_family(s)], -s.gain)):
+        if score.told_apart:
+            by_label.setdefault(score.candidate.label, []).append(score)
+    kept: list[list[Score]] = []
+    twins: dict[str, tuple[str, ...]] = {}
+    for label, group in by_label.items():
+        twin = next((k for k in kept if _same(k[0], group[0])), None)
+        if twin is not None:
+            twins[twin[0].candidate.label] = (*twins.get(twin[0].candidate.label, ()), label)
+        else:
+            kept.append(group)
+    largest = kept[0][0].gain if kept else 0.0
+    chosen = [g for k, g in enumerate(kept) if k < REFITS or g[0].gain >= PROMISING * largest]
+    return [(g[0].candidate, g) for g in chosen], twins
+
+
+def _family(score: Score) -> tuple[str, frozenset[str]]:
+    """Class and place."""
+    return score.candidate.kind, frozenset(score.candidate.where)
+
+
+def _same(one: Score, other: Score) -> bool:
+    """Whether two candidates move all channels in the same proportion: one law at places that act alike."""
+    if one.candidate.vanishes != other.candidate.vanishes or len(one.candidate.numbers) != len(other.candidate.numbers):
+        return False
+    # one of them may be allowed in the other direction only
+    alike = abs(one.gain - other.gain) < 1e-3 * max(one.gain, other.gain)
+    return alike and len(one.shapes) == len(other.shapes) == 0 and abs(float(one.direction @ other.direction)) > TWINS
+
+
+def _judged(base: Base, held: tuple[float, int], left: Leftover, scores: Sequence[Score], trials: Sequence[Trial],
+            twins: dict[str, tuple[str, ...]], partial: bool, seconds: float) -> Step:
+    problem = base.problem
+    r, prior = base.r, problem.priors(base.inner)[0]
+    cost = float(r @ r + prior @ prior)
+    order = sorted(trials, key=merit)
+    before = _merit(cost, len(r), len(base.inner), *held)
+    good = [t for t in order if merit(t) < before - EARNED and _earned(t, held)]
+    close = [t for t in good if merit(t) - merit(good[0]) < indistinct(good[0])]
+    cluster = (*close, *_twins_of(close, twins, scores))
+    ends = zip(problem.columns, base.inner, problem.low, problem.high, strict=True)
+    return Step(
+        problem.experiment, problem.values_of(base.inner, problem.runs[0].record.name), cost, len(r),
+        float(r @ r) / len(r), *held, tuple(c.free.name for c, v, low, high in ends
+                                            if min(v - low, high - v) < 1e-3 * (high - low)),
+        left, tuple(_best_of_each(scores)), tuple(order), good[0] if good else None, cluster, twins,
+        tuple(_unseen(scores)), partial, seconds)
+
+
+def _twins_of(close: Sequence[Trial], twins: Mapping[str, Sequence[str]], scores: Sequence[Score]) -> list[Trial]:
+    """Candidates of another class that are the same machine as one that was refitted. (Of the same class it is one law at
+    places that act alike; `leakage` between the chambers is `internal leakage` of the piston.)"""
+    by_label = {s.candidate.label: s.candidate for s in scores}
+    found = []
+    for trial in close:
+        for label in twins.get(trial.candidate.label, ()):
+            kinds = (trial.candidate.kind, by_label[label].kind)
+            if not kinds[0].endswith(kinds[1]) and not kinds[1].endswith(kinds[0]):
+                found.append(replace(trial, candidate=by_label[label]))
+    return found
+
+
+def _best_of_each(scores: Sequence[Score]) -> list[Score]:
+    best: dict[str, Score] = {}
+    for score in sorted(scores, key=lambda s: -s.gain):
+        best.setdefault(score.candidate.label, score)
+    return list(best.values())
+
+
+def _unseen(scores: Sequence[Score]) -> list[Candidate]:
+    """Candidates that the records cannot see apart from what is free already, at no choice of their shapes."""
+    told = {s.candidate.label for s in scores if s.told_apart}
+    return [s.candidate for s in _best_of_each(scores) if s.candidate.label not in told]
+
+
+def merit(trial: Trial) -> float:
+    """What ranks the refits: BIC of the fitted samples and n ln(chi-square) of the others; smaller is better."""
+    return _merit(trial.cost, trial.samples, trial.unknowns, trial.chi2_held_out, trial.samples_held_out)
+
+
+def _merit(cost: float, samples: int, unknowns: int, chi2: float, held: int) -> float:
+    return bic(cost, samples, unknowns) + (held * float(np.log(max(chi2, 1e-300))) if held else 0.0)
+
+
+def _earned(trial: Trial, held: tuple[float, int]) -> bool:
+    """Whether chi-square on what was not fitted falls by more than chance allows."""
+    if not held[1]:
+        return True
+    scale = max(1.0, trial.chi2_held_out)
+    return (held[0] - trial.chi2_held_out) * held[1] / scale > EARNED
+
+
+def indistinct(best: Trial) -> float:
+    """Refits whose merit is no more than this behind the best are not told from it: strong evidence in BIC is 10 (R. E.
+    Kass, A. E. Raftery, 1995, doi:10.1080/01621459.1995.10476572); and as no law is exact, 0.3 % of chi-square besides.
+    Where the noise is given and the best misses it, a rival that misses it by a quarter more is not excluded: both are then
+    laws that are not exact."""
+    exact = 10.0 + 0.003 * (best.samples + best.samples_held_out)
+    if not all(o.noise is not None for o in best.experiment.outputs.values()):
+        return exact
+    missed = sum(n * max(0.0, float(np.log(max(c, 1e-300)))) for n, c in
+                 ((best.samples, best.chi2_fit), (best.samples_held_out, best.chi2_held_out)) if n)
+    return exact + RIVALS * missed
+
+
+def following(before: Step) -> Experiment:
+    """The experiment with the chosen effect in its diagram, everything at its fitted values and free as it was sought."""
+    assert before.chosen is not None
+    trial = before.chosen
+    values = {n: v for n, v in trial.values.items() if n in trial.experiment.free}
+    return replace(trial.experiment, model=trial.experiment.model.with_parameters(values))
+
+

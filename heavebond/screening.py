@@ -1,0 +1,116 @@
+"""What the samples of one channel tell by themselves: outliers, and the step of a sensor that counts."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+HALF = 4  # sound samples asked on each side of suspects
+BEYOND = 6.0  # standard deviations
+WIDE = 51  # samples over which the scale is taken
+LONGEST = 8  # suspects in a row: four outliers and what they make suspect
+SPARSE = 8
+LEAST = 20
+PASSES = 4
+NORMAL = 1.4826022185056018  # standard deviation over median absolute deviation of a normal distribution
+
+
+def outliers(time: Array, y: Array, scatter: float) -> NDArray[np.bool_]:
+    """Which samples (n,) at increasing times (n,) stand far from what their neighbours tell.
+
+    1. A cubic through the two neighbours on each side predicts a sample; the difference, over its own standard deviation
+       for white noise of 1, is e_i. Suspect is |e_i| > 6 s_i with s_i the larger of `scatter` (noise or step of the sensor,
+       in the unit of y) and 1.48 median |e| of the 51 samples around.
+    2. One outlier makes its neighbours suspect too. Of up to 8 suspects in a row those are outliers that differ from a
+       cubic through the samples on both sides by more than 6 s, than half of what the worst of them differs, and than three
+       times any step between the four sound samples on each side: a bend is none. Nor is an edge: suspects that lead
+       steadily from one side to the other.
+    3. Once more without those found, up to four times.
+
+    A longer burst is an event, not an outlier; a true peak of 1 to 4 samples out of rest is flagged. Nothing is judged next
+    to a gap, nor in fewer than 20 samples. The scale is that of F. R. Hampel, J. Amer. Statist. Assoc. 69 (1974) 383-393,
+    doi 10.1080/01621459.1974.10482962.
+    """
+    found = np.zeros(len(y), dtype=bool)
+    for _ in range(PASSES):
+        rest = np.flatnonzero(~found)
+        if len(rest) < LEAST:
+            break
+        new = _one_pass(time[rest], y[rest], scatter)
+        if not len(new):
+            break
+        found[rest[new]] = True
+    return found
+
+
+def _one_pass(t: Array, y: Array, scatter: float) -> NDArray[np.int64]:
+    e = _surprise(t, y)
+    width = min(WIDE, len(e))
+    # every eighth window is enough, and a long record fits into memory
+    some = np.median(np.lib.stride_tricks.sliding_window_view(np.abs(e), width)[::SPARSE], axis=1)
+    nearest = np.round((np.arange(len(e)) - width // 2) / SPARSE).astype(int)
+    spread = NORMAL * some[np.clip(nearest, 0, len(some) - 1)]
+    scale = np.maximum(spread, max(scatter, 1e-9 * float(np.ptp(y))))
+    suspects = np.flatnonzero(np.abs(e) > BEYOND * scale)
+    runs = np.split(suspects, np.flatnonzero(np.diff(suspects) > 2) + 1) if len(suspects) else []
+    found = [_worst(t, y, np.arange(run[0], run[-1] + 1), float(scale[run].max())) for run in runs
+             if run[-1] - run[0] < LONGEST]
+    return np.concatenate([np.zeros(0, dtype=np.int64), *found])
+
+
+def _surprise(t: Array, y: Array) -> Array:
+    """Each sample less the cubic through its four neighbours, in standard deviations of white noise of 1; 0 beside gaps."""
+    n = len(y)
+    first = np.clip(np.arange(n) - 2, 0, n - 5)
+    others = first[:, None] + np.arange(5)
+    others = np.sort(np.where(others == np.arange(n)[:, None], n, others), axis=1)[:, :4]  # the four that are not itself
+    weights = _cubic(t[others], t)
+    e = (y - np.sum(weights * y[others], axis=1)) / np.sqrt(1 + np.sum(weights**2, axis=1))
+    span = t[others[:, -1]] - t[others[:, 0]]
+    return np.asarray(np.where(span > 2.5 * np.median(span), 0.0, e))
+
+
+def _cubic(nodes: Array, at: Array) -> Array:
+    """Lagrange's weights (m, 4) of the cubics through four nodes (m, 4), at one time each (m,)."""
+    weights = np.ones_like(nodes)
+    for k in range(4):
+        for j in range(4):
+            if j != k:
+                weights[:, k] *= (at - nodes[:, j]) / (nodes[:, k] - nodes[:, j])
+    return weights
+
+
+def _worst(t: Array, y: Array, run: NDArray[np.int64], scale: float) -> NDArray[np.int64]:
+    """The outliers among suspects in a row, seen from the sound samples on both sides."""
+    before, after = np.arange(max(0, run[0] - HALF), run[0]), np.arange(run[-1] + 1, min(len(y), run[-1] + 1 + HALF))
+    if len(before) + len(after) < HALF:
+        return run[:0]
+    # two on each side; at the ends of a record all from one
+    left = min(len(before), max(2, 4 - len(after)))
+    nodes = np.concatenate([before[len(before) - left:], after[:4 - left]])
+    tiled = np.tile(t[nodes], (len(run), 1))
+    apart = np.abs(y[run] - _cubic(tiled, t[run]) @ y[nodes])
+    steps = np.abs(np.concatenate([np.diff(y[before]), np.diff(y[after])]))
+    across = np.diff(y[np.concatenate([before[-1:], run, after[:1]])])
+    if np.all(across > -BEYOND * scale) or np.all(across < BEYOND * scale):
+        return run[:0]
+    far = max(BEYOND * scale, 3 * float(steps.max()), float(apart.max()) / 2)
+    return np.asarray(run[apart > far], dtype=np.int64)
+
+
+def step_of(y: Array) -> float:
+    """The step of a sensor whose readings y (n,) are all multiples of one, in the unit of y; 0 where they are not.
+
+    Asked are at least three different readings, each met three times on average, whose distances up to ten steps are
+    whole within 5 %.
+    """
+    readings = np.unique(y)
+    if not 3 <= len(readings) <= len(y) / 3:
+        return 0.0
+    apart = np.diff(readings)
+    apart = apart[apart > 1e-6 * (readings[-1] - readings[0])]  # closer ones differ by rounding
+    least = float(apart.min())
+    step = float(np.mean(apart[apart < 1.5 * least]))
+    near = apart[apart < 10.5 * step] / step
+    return step if np.all(np.abs(near - np.round(near)) < 0.05) else 0.0

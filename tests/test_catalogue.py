@@ -1,0 +1,94 @@
+"""The catalogue of what may be missing: which places are found in the bundled rigs, and components of the user's own."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from heavebond.catalogue import Candidate, candidates
+from heavebond.comparison import assemble_for
+from heavebond.experiment import load_experiment
+
+OWN = """
+component: SquareDrag
+summary: A drag that nobody else has.
+restrictions: None.
+source: our own
+symbol: damper
+ports: {a: translational, b: translational}
+parameters:
+  k: {unit: N*s**2/m**2, min: 0, doc: force per speed squared}
+variables:
+  v: {unit: m/s, doc: speed of b against a}
+  F: {unit: N, doc: drag}
+equations: |
+  v   = b.v - a.v
+  F   = k * v * abs(v)
+  b.f = F
+  a.f = -F
+dissipates: F * v
+effect:
+  class: drag of our own
+  attaches: across
+  amplitude: [k]
+  says: what our own drag does
+"""
+
+
+@pytest.fixture(scope="module")
+def found() -> dict[str, list[Candidate]]:
+    return {name: candidates(load_experiment(name)) for name in ("receiver_rig/choked", "passive_rig/friction",
+                                                                "cylinder_rig/leakage")}
+
+
+@pytest.mark.parametrize(("rig", "label", "attaches"), [
+    ("cylinder_rig/leakage", "Cylinder in cylinder (leakage)", "in"),
+    ("cylinder_rig/leakage", "LaminarLeakage between chamber_a and chamber_b", "across"),
+    ("cylinder_rig/leakage", "LineVolume on chamber_a", "at"),
+    ("cylinder_rig/leakage", "LineInertance between supply and pump.a", "in series"),
+    ("cylinder_rig/leakage", "Saturation before valve.u", "input"),
+    ("cylinder_rig/leakage", "SensorOffset in the channel load.x", "channel"),
+    ("cylinder_rig/leakage", "BilinearSpring in place of load_spring", "replaces"),
+    ("passive_rig/friction", "LuGreFriction between platform and crown", "across"),
+    ("receiver_rig/choked", "PneumaticValve in inlet (b_cr)", "in")])
+def test_places(found: dict[str, list[Candidate]], rig: str, label: str, attaches: str) -> None:
+    assert [c.attaches for c in found[rig] if c.label == label] == [attaches]
+
+
+def test_nothing_is_offered_twice_and_names_are_free(found: dict[str, list[Candidate]]) -> None:
+    for name, catalogue in found.items():
+        experiment = load_experiment(name)
+        assert len({c.label for c in catalogue}) == len(catalogue)
+        for c in catalogue:
+            replaced = {c.name} if c.attaches == "replaces" else set()
+            assert not (set(c.change.components) - replaced) & set(experiment.model.body.instances)
+
+
+def test_each_way_of_attaching_makes_a_diagram_that_assembles(found: dict[str, list[Candidate]]) -> None:
+    experiment = load_experiment("cylinder_rig/leakage")
+    record = experiment.records["train"]
+    for way in ("in", "across", "at", "in series", "input", "channel", "replaces"):
+        candidate = next(c for c in found["cylinder_rig/leakage"] if c.attaches == way)
+        changed = candidate.change.on_experiment(experiment)
+        values = assemble_for(changed, record).parameter_values
+        assert all(n.name in values for n in candidate.numbers), candidate.label
+
+
+def test_a_dormant_parameter_that_is_awake_is_not_offered() -> None:
+    experiment = load_experiment("cylinder_rig/leakage")
+    labels = {c.label for c in candidates(experiment)}
+    awake = experiment.model.with_parameters({"cylinder.leakage": 1e-11})
+    left = {c.label for c in candidates(replace(experiment, model=awake))}
+    assert labels - left == {"Cylinder in cylinder (leakage)"}
+
+
+def test_a_component_beside_the_diagram_takes_part(tmp_path: Path) -> None:
+    source = Path(load_experiment("passive_rig/friction").path).parent
+    shutil.copytree(source, tmp_path / "rig")
+    (tmp_path / "rig" / "square_drag.yaml").write_text(OWN.lstrip(), encoding="utf-8")
+    own = [c for c in candidates(load_experiment(tmp_path / "rig" / "friction.yaml")) if c.component == "SquareDrag"]
+    assert "SquareDrag between platform and crown" in {c.label for c in own}
+    assert {(c.kind, c.vanishes) for c in own} == {("drag of our own", True)}

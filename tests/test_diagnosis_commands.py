@@ -1,0 +1,155 @@
+"""`heavebond candidates`, `try`, `diagnose` and `ladder` used wrongly: what is wrong, and what to type instead.
+
+Nothing here may reach the search: every mistake is told before it.
+"""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from heavebond import cli
+from heavebond.library import bundled
+
+# a spring that is to take the place of another one; %s is what the test gets wrong
+OWN = """\
+component: FirmSpring
+summary: A spring that stiffens.
+ports: {a: translational, b: translational}
+parameters:
+  c: {unit: N/m, min: 0, doc: stiffness}
+  k: {unit: N/m**3, min: 0, default: 0 N/m**3, doc: stiffening}
+variables:
+  s: {unit: m, doc: elongation}
+equations: |
+  s   = b.x - a.x           # elongation
+  b.f = c * s + k * s**3    # law
+  a.f = -c * s - k * s**3   # reaction
+stores: c * s**2/2 + k * s**4/4
+effect:
+  class: nonlinear stiffness
+  says: a spring that stiffens
+  amplitude: [k]
+  replaces: %s
+  start: {c: %s}
+"""
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Every test runs in a folder of its own."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("COLUMNS", raising=False)
+    return tmp_path
+
+
+def call(*words: str) -> Result:
+    return CliRunner().invoke(cli.main, words)
+
+
+@pytest.mark.parametrize(("words", "said"), [
+    (("try", "receiver_rig/choked", "PneumaticOrfice"), """\
+no effect 'PneumaticOrfice' fits anywhere in this diagram [try-unknown]
+  Did you mean 'PneumaticOrifice' or 'PneumaticLine'?
+"""),
+    (("try", "receiver_rig/choked", "inlet.b"), """\
+no effect 'inlet.b' fits anywhere in this diagram [try-unknown]
+  Did you mean 'inlet.b_cr'?
+"""),
+    (("try", "passive_rig/friction", "Accumulator"), """\
+no effect 'Accumulator' fits anywhere in this diagram [try-unknown]
+  `heavebond candidates` lists what does.
+"""),
+    (("try", "passive_rig/friction", "CoulombFriction"), """\
+CoulombFriction fits at several places [try-places]
+  Say which, with --between NODE NODE or --at NAME: between platform and crown, between seabed and crown, \
+between platform and seabed.
+"""),
+    (("try", "passive_rig/friction", "CoulombFriction", "--between", "platform", "crwn"), """\
+CoulombFriction does not fit at platform, crwn [try-place]
+  It fits between platform and crown, between seabed and crown, between platform and seabed.
+"""),
+    (("try", "passive_rig/friction", "CoulombFriction", "--at", "gas.c"), """\
+CoulombFriction does not fit at gas.c [try-place]
+  It fits between platform and crown, between seabed and crown, between platform and seabed.
+"""),
+    (("diagnose", "passive_rig/friction", "--only", "dry fricton"), """\
+no effect of class 'dry fricton' fits in this diagram [class-unknown]
+  Did you mean 'dry friction'?
+"""),
+    (("diagnose", "receiver_rig/choked", "--only", "dry friction"), """\
+no effect of class 'dry friction' fits in this diagram [class-unknown]
+  Classes: choked flow, dead band, delay, heat exchange, lag, leakage, line resistance, polytropic exponent, rate limit, \
+saturation, sensor gain, sensor offset, unknown law.
+"""),
+    (("diagnose", "receiver_rig/choked", "--folder", "nowhere"), """\
+there is no folder 'nowhere' [file-unwritable]
+  Make it first, or give another one.
+"""),
+    (("diagnose", "receiver_rig/choked", "--report", "found.txt"), """\
+'found.txt' does not end in .html [file-suffix]
+  Write for example found.html.
+"""),
+    (("ladder", "passive_rig/friction", "receiver_rig/choked"), """\
+choked.yaml and friction.yaml have different records or channels, so their errors cannot be compared [ladder-records]
+  Let the later experiments `extends:` the first one.
+"""),
+])
+def test_what_is_said_of_a_mistake(words: tuple[str, ...], said: str, folder: Path) -> None:
+    answer = call(*words)
+    assert answer.exit_code == 2
+    assert answer.stderr == said
+    assert not list(folder.iterdir())
+
+
+@pytest.mark.parametrize("words", [("try", "receiver_rig/choked", "inlet.b_cr", "--write", "."),
+                                   ("diagnose", "receiver_rig/choked")])
+@pytest.mark.parametrize("there", ["choked_2.yaml", "receiver_rig_2.yaml"])
+def test_nothing_is_written_over(words: tuple[str, ...], there: str, folder: Path) -> None:
+    (folder / there).write_text("mine")
+    answer = call(*words)
+    assert answer.exit_code == 2
+    assert answer.stderr == (f"{there} exists already [file-exists]\n"
+                             "  Move it away, or give another folder.\n")
+    assert [(path.name, path.read_text()) for path in folder.iterdir()] == [(there, "mine")]
+
+
+@pytest.mark.parametrize(("replaces", "start", "said"), [
+    ("Sprng", "old.c", """\
+rig/firm_spring.yaml:15: there is no component 'Sprng' [component-unknown]
+   15 |   class: nonlinear stiffness
+      |   ^
+  Did you mean 'Spring' or 'GasSpring'?
+"""),
+    ("Spring", "2*old.k", """\
+rig/firm_spring.yaml:19: 'old.k' is no parameter of Spring [effect-start]
+   19 |   start: {c: 2*old.k}
+      |              ^^^^^^^
+  Did you mean 'old.c' or 'old.l0'?
+"""),
+    ("Fixed", "1", """\
+rig/firm_spring.yaml:15: FirmSpring cannot take the place of Fixed: their ports have other names [effect-ports]
+   15 |   class: nonlinear stiffness
+      |   ^
+  Fixed has a.
+"""),
+])
+def test_an_effect_that_cannot_take_anothers_place(replaces: str, start: str, said: str, folder: Path) -> None:
+    shutil.copytree(bundled("models") / "passive_rig", folder / "rig")
+    (folder / "rig" / "firm_spring.yaml").write_text(OWN % (replaces, start))
+    answer = call("candidates", "rig/friction.yaml")
+    assert answer.exit_code == 1
+    assert answer.stderr == said
+
+
+def test_what_candidates_lists_can_be_typed(folder: Path) -> None:
+    listed = call("candidates", "cylinder_rig/leakage").stdout
+    assert "cylinder.leakage" in listed
+    # one of several places of the same two nodes is told by the node that presses
+    several = call("try", "cylinder_rig/leakage", "SealFriction", "--between", "frame", "load")
+    assert "pressed by chamber_a" in several.stderr
+    told = call("try", "cylinder_rig/leakage", "SealFriction", "--between", "frame", "load", "--at", "chamber_x")
+    assert "does not fit" in told.stderr

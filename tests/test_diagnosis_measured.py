@@ -1,0 +1,40 @@
+"""The ladder on measured records: what others reached there is reached by the diagnosis, on what was not fitted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+import heavebond as hb
+
+DRIVE = Path(__file__).parents[2] / "shared" / "data" / "real" / "emps"
+
+
+@pytest.mark.slow
+def test_tanks_get_their_outlet_law_and_their_overflow() -> None:
+    """Linear outlets leave 1.05 V on the test record, a square root 0.65 V, and with the overflow 0.46 V are left."""
+    found = hb.diagnose("cascaded_tanks/tanks", auto=True)
+    errors = [r.comparison.records["test"].channels["sensor.y"].error for r in found.ladder]
+    assert errors[0] == pytest.approx(1.05, abs=0.01)
+    assert found.findings[0].candidate.kind == "orifice law"
+    assert any(t.candidate.kind == "tank overflow" for t in found.findings[1].alternatives)
+    assert errors[3] <= 0.46
+    assert all(later < earlier for earlier, later in pairwise(errors[1:]))
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not DRIVE.is_dir(), reason="the measured drive's records are not bundled: they state no licence")
+def test_drive_gets_its_dry_friction() -> None:
+    """Viscous damping alone leaves 17.6 % of the force on the pulses, Coulomb friction and a constant force 6.4 %."""
+    experiment = hb.load_experiment("emps/drive")
+    moved = {n: replace(r, file=DRIVE / r.file.name) for n, r in experiment.records.items()}
+    found = hb.diagnose(replace(experiment, records=moved), classes=["dry friction", "viscous damping", "constant force"])
+    finding = found.findings[0]
+    assert finding.candidate.kind == "dry friction"
+    assert set(finding.candidate.where) == {"load", "frame"}
+    errors = [r.comparison.records["pulses"].channels["force"].relative for r in found.ladder]
+    assert errors[0] == pytest.approx(0.176, abs=0.002)
+    assert errors[-1] <= 0.064

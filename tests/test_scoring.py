@@ -1,0 +1,84 @@
+"""Scores: the direction beside differences of runs, z of noise, the amplitude that a small effect is said to have."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from heavebond import scoring
+from heavebond.catalogue import Candidate, candidates
+from heavebond.dae import Array
+from heavebond.experiment import load_experiment
+from heavebond.residuals import Residuals
+from heavebond.scoring import Base, scored, searched
+from heavebond.simulation import Tolerances
+
+EFFECT = "PneumaticValve in inlet (b_cr)"
+OTHERS = ("PneumaticLine between receiver and inlet.b", "SensorGain in the channel receiver.p")
+
+
+@pytest.fixture
+def problem(monkeypatch: pytest.MonkeyPatch) -> Residuals:
+    """The receiver at tolerances that leave nothing of the integrator's error beside differences and a small effect."""
+    monkeypatch.setattr(scoring, "SEARCH", Tolerances(1e-8, 1e-10))
+    return searched(load_experiment("receiver_rig/choked"))
+
+
+def _candidate(problem: Residuals, label: str) -> Candidate:
+    return next(c for c in candidates(problem.experiment) if c.label == label)
+
+
+def _residuals(base: Base, candidate: Candidate, amplitude: float) -> Array:
+    run, = base.runs(candidate.change.on_experiment(base.problem.experiment), [])
+    values = base.problem.values_of(base.inner, run.record.name)
+    return run.residuals({**values, candidate.numbers[0].name: amplitude})[0]
+
+
+def _measured(problem: Residuals, base: Base, wrong: Array) -> Base:
+    """The base model fitted to records that lie `wrong` (n,) noises above what it says at its start."""
+    run, = problem.runs
+    measured = run.measured.copy()
+    measured[run.counts] += ((base.r + wrong).reshape(-1, 1) * run.noise).ravel()
+    run.measured = measured
+    problem._last = None
+    inner = np.asarray(problem.minimise(problem.start, False, lambda text: None, tolerance=1e-8).x)
+    run.measured, fitted = measured, Base.at(problem, inner)
+    return fitted
+
+
+def test_the_direction_is_that_of_differences(problem: Residuals) -> None:
+    base = Base.at(problem, problem.start)
+    for label, step in ((EFFECT, 5e-3), (OTHERS[1], 1e-3)):
+        candidate = _candidate(problem, label)
+        score, = scored(base, candidate)
+        r = [_residuals(base, candidate, k * step) for k in range(3)]
+        s = (-3 * r[0] + 4 * r[1] - r[2]) / (2 * step)  # one-sided, of second order
+        assert np.linalg.norm(s) == pytest.approx(score.size, rel=2e-3)  # errs as step**2, and the runs by 1e-8
+        left = base.split(s)[0]
+        assert np.linalg.norm(left - score.share * score.size * score.direction) < 2e-3 * score.size
+        assert np.abs(base.J.T @ score.direction).max() < 2e-2 * np.linalg.norm(base.J, axis=0).max()
+
+
+def test_z_of_noise_is_standard_normal() -> None:
+    problem = searched(load_experiment("receiver_rig/choked"))
+    base, random, found = Base.at(problem, problem.start), np.random.default_rng(1), []
+    run, = problem.runs
+    original = run.measured
+    chosen = [_candidate(problem, label) for label in (EFFECT, *OTHERS)]
+    directions = np.array([scored(base, c)[0].direction for c in chosen])
+    for _ in range(40):
+        run.measured = original
+        found.append(-directions @ _measured(problem, base, random.standard_normal(len(base.r))).quick)
+    z = np.array(found)
+    # four standard deviations of the mean and of the deviation of 40 draws
+    assert np.abs(z.mean(axis=0)).max() < 4 / np.sqrt(40)
+    assert np.abs(z.std(axis=0) - 1).max() < 4 / np.sqrt(80)
+
+
+def test_a_small_effect_is_said_to_be_as_large_as_it_is(problem: Residuals) -> None:
+    base, true = Base.at(problem, problem.start), 0.1
+    candidate = _candidate(problem, EFFECT)
+    fitted = _measured(problem, base, _residuals(base, candidate, true) - base.quick)
+    score, = scored(fitted, candidate)
+    assert score.z > 1
+    assert score.amplitude == pytest.approx(true, rel=0.25)  # it is not quite linear in b_cr

@@ -1,0 +1,72 @@
+"""Candidates in one and two processes, and what Ctrl-C leaves."""
+
+from __future__ import annotations
+
+import multiprocessing
+import signal
+import time as clock
+
+import numpy as np
+import pytest
+
+from heavebond.catalogue import Candidate, candidates
+from heavebond.experiment import load_experiment
+from heavebond.rung import fitted_base, step
+from heavebond.scoring import Base
+from heavebond.workers import Workers
+
+CHOSEN = ("PneumaticValve in inlet (b_cr)", "SensorGain in the channel receiver.p", "DeadBand before inlet.u")
+
+
+@pytest.fixture(scope="module")
+def base() -> Base:
+    return fitted_base(load_experiment("receiver_rig/choked"))
+
+
+@pytest.fixture(scope="module")
+def chosen(base: Base) -> list[Candidate]:
+    return [c for c in candidates(base.problem.experiment) if c.label in CHOSEN]
+
+
+def test_two_processes_find_what_one_finds(base: Base, chosen: list[Candidate]) -> None:
+    found = []
+    for number in (1, 2):
+        with Workers(base, number) as workers:
+            scores = {c.label: got for c, got in workers.score(chosen)}
+            trials = {c.label: trial for c, trial in workers.refit([(c, scores[c.label]) for c in chosen])}
+        found.append((scores, trials))
+    (one, alone), (two, beside) = found
+    assert set(one) == set(two) == set(alone) == set(beside) == set(CHOSEN)
+    for label in CHOSEN:
+        assert [s.z for s in one[label]] == pytest.approx([s.z for s in two[label]], rel=1e-9)
+        first, second = alone[label], beside[label]
+        assert first is not None and second is not None
+        assert first.cost == pytest.approx(second.cost, rel=1e-9)
+        assert first.values == pytest.approx(second.values, rel=1e-9)
+
+
+def test_the_truth_wins(base: Base, chosen: list[Candidate]) -> None:
+    with Workers(base, 1) as workers:
+        trials = [trial for _, trial in workers.refit([(c, []) for c in chosen]) if trial is not None]
+    best = min(trials, key=lambda t: t.chi2_held_out)
+    assert best.candidate.label == CHOSEN[0]
+    assert best.chi2_held_out < 1.1 and np.isfinite(best.bic)
+
+
+@pytest.mark.parametrize("number", [1, 2])
+@pytest.mark.parametrize("at", ["scoring 3", "refitting 1"])
+def test_ctrl_c_ends_at_once_with_what_was_done(number: int, at: str) -> None:
+    pressed: list[float] = []
+
+    def say(text: str) -> None:
+        if text.startswith(at) and not pressed:
+            pressed.append(clock.perf_counter())
+            signal.raise_signal(signal.SIGINT)
+
+    made = step(load_experiment("receiver_rig/choked"), number=number, progress=say, classes=("choked flow", "sensor gain"))
+    assert clock.perf_counter() - pressed[0] < 5  # a busy machine; it takes some tenths of a second
+    assert made.partial
+    assert len(made.scores) == 2 if at.startswith("scoring") else len(made.trials) == 1
+    for process in multiprocessing.active_children():
+        process.join(5)
+    assert not multiprocessing.active_children()
