@@ -18,9 +18,10 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from heavebond.catalogue import candidates
     from heavebond.comparison import Comparison, compare
     from heavebond.dae import Assembly, assemble
-    from heavebond.diagnosis import Diagnosis, diagnose
+    from heavebond.diagnosis import Diagnosis, attempt, diagnose
     from heavebond.drawing import draw
     from heavebond.energy import audit
     from heavebond.errors import DataError, HeavebondError, ModelError, SimulationError, StartError, UsageError
@@ -39,7 +40,8 @@ __version__ = "0.1.0"
 # name -> module; loaded when first used, so that `import heavebond` and `heavebond --help` stay quick. No name is that of
 # a module: importing the module would put it in the function's place.
 _WHERE = {
-    "Diagnosis": "diagnosis", "diagnose": "diagnosis", "ladder": "finding",
+    "Diagnosis": "diagnosis", "diagnose": "diagnosis", "attempt": "diagnosis", "candidates": "catalogue",
+    "ladder": "finding",
     "audit": "energy", "Fit": "fitting", "fit": "fitting", "Study": "study", "load_study": "study", "tune": "tuning",
     "Comparison": "comparison", "compare": "comparison", "draw": "drawing", "Experiment": "experiment",
     "load_experiment": "experiment",
@@ -50,8 +52,9 @@ _WHERE = {
 }
 __all__ = [
     "Assembly", "Comparison", "DataError", "Diagnosis", "Experiment", "Fit", "HeavebondError", "Model", "ModelError",
-    "Result", "SimulationError", "Simulator", "StartError", "Study", "UsageError", "Where", "assemble", "audit", "compare",
-    "diagnose", "draw", "fit", "ladder", "load", "load_experiment", "load_study", "loads", "simulate", "tune", "where",
+    "Result", "SimulationError", "Simulator", "StartError", "Study", "UsageError", "Where", "assemble", "attempt",
+    "audit", "candidates", "compare", "diagnose", "draw", "fit", "ladder", "load", "load_experiment", "load_study",
+    "loads", "simulate", "tune", "where",
 ]
 
 
