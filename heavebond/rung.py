@@ -22,7 +22,7 @@ from heavebond.workers import Workers
 Progress = Callable[[str], None]
 UNKNOWN = "unknown law"  # the class of learnt curves: a shape, no name
 REFITS = 24  # at least so many candidates are refitted, those with the largest scores
-PROMISING = 0.02  # and all whose gain is this share of the largest
+PROMISING = 0.1  # and all whose gain is this share of the largest
 RIVALS = 0.25  # share of what the best misses the noise by that a rival may miss more
 CLOSELY = 6  # trials at most are followed to the very end before they are compared,
 NEAR = 0.05  # those within this share of the logarithm of chi-square of the best
@@ -96,6 +96,9 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
             for k, (candidate, got) in enumerate(workers.score(found), 1):
                 say(f"scoring {k} of {len(found)}: {candidate.label}")
                 scores += got
+            # in the order of the catalogue, whichever process was done first
+            place = {c.label: k for k, c in enumerate(found)}
+            scores.sort(key=lambda s: place[s.candidate.label])
             left = leftover(base, scores)
             jobs, twins = _planned(scores) if left.significant or always else ([], {})
             for k, (candidate, trial) in enumerate(workers.refit(jobs, began + seconds), 1):
@@ -141,14 +144,19 @@ def _planned(scores: Sequence[Score]) -> tuple[list[tuple[Candidate, list[Score]
     for score in sorted(scores, key=lambda s: (-families[_family(s)], -s.gain)):
         if score.told_apart:
             by_label.setdefault(score.candidate.label, []).append(score)
+    place = {label: k for k, label in enumerate(dict.fromkeys(s.candidate.label for s in scores))}
     kept: list[list[Score]] = []
     twins: dict[str, tuple[str, ...]] = {}
     for label, group in by_label.items():
-        twin = next((k for k in kept if _same(k[0], group[0])), None)
-        if twin is not None:
-            twins[twin[0].candidate.label] = (*twins.get(twin[0].candidate.label, ()), label)
-        else:
+        k = next((k for k, other in enumerate(kept) if _same(other[0], group[0])), None)
+        if k is None:
             kept.append(group)
+            continue
+        # of the same machine twice the one stands that comes first in the catalogue: a part's own dormant effect
+        other = kept[k][0].candidate.label
+        first, second = sorted((other, label), key=place.__getitem__)
+        kept[k] = group if first == label else kept[k]
+        twins[first] = (*twins.pop(other, ()), second)
     largest = kept[0][0].gain if kept else 0.0
     chosen = [g for k, g in enumerate(kept) if k < REFITS or g[0].gain >= PROMISING * largest]
     return [(g[0].candidate, g) for g in chosen], twins
