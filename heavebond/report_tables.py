@@ -77,7 +77,7 @@ def _judgement(trial: Trial, step: Step) -> Html:
         return joined(["worse on what was not fitted"])
     if step.samples_held_out and fall <= EARNED:
         return joined(["no gain beyond chance on what was not fitted"])
-    if step.chosen is not None and merit(trial) - merit(step.chosen) >= indistinct(step.chosen):
+    if step.chosen is not None and merit(trial) - merit(step.chosen) >= indistinct(step.chosen, step.merit):
         return joined(["leaves more than the chosen one"])
     return joined(["earns no place"])
 

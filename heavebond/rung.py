@@ -23,6 +23,7 @@ Progress = Callable[[str], None]
 UNKNOWN = "unknown law"  # the class of learnt curves: a shape, no name
 REFITS = 24  # at least so many candidates are refitted, those with the largest scores
 PROMISING = 0.1  # and all whose gain is this share of the largest
+NEARLY = 0.1  # share of what the best takes away that a rival may leave, where the noise is not given,
 RIVALS = 0.25  # share of what the best misses the noise by that a rival may miss more
 CLOSELY = 6  # trials at most are followed to the very end before they are compared,
 NEAR = 0.05  # those within this share of the logarithm of chi-square of the best
@@ -61,6 +62,11 @@ class Step:
     def bic(self) -> float:
         """The information criterion of the model without any of the candidates."""
         return bic(self.cost, self.samples, len(self.values))
+
+    @property
+    def merit(self) -> float:
+        """That of the model without any of the candidates; see `merit`."""
+        return _merit(self.cost, self.samples, len(self.values), self.chi2_held_out, self.samples_held_out)
 
 
 def step(experiment: Experiment, *, number: int | None = None, seconds: float = SECONDS, classes: Sequence[str] = (),
@@ -119,7 +125,7 @@ def _polished(workers: Workers, trials: Sequence[Trial], guesses: Mapping[str, S
     order = sorted(trials, key=merit)
     if not order:
         return []
-    near = [t for t in order[:CLOSELY] if merit(t) - merit(order[0]) < indistinct(order[0])
+    near = [t for t in order[:CLOSELY] if merit(t) - merit(order[0]) < indistinct(order[0], merit(order[0]))
             + NEAR * (order[0].samples + order[0].samples_held_out)]
     better = {c.label: t for c, t in workers.polish([(t, guesses[t.candidate.label]) for t in near])}
     return [better.get(t.candidate.label, t) for t in order]
@@ -184,7 +190,7 @@ def _judged(base: Base, held: tuple[float, int], left: Leftover, scores: Sequenc
     order = sorted(trials, key=merit)
     before = _merit(cost, len(r), len(base.inner), *held)
     good = [t for t in order if merit(t) < before - EARNED and _earned(t, held)]
-    close = [t for t in good if merit(t) - merit(good[0]) < indistinct(good[0])]
+    close = [t for t in good if merit(t) - merit(good[0]) < indistinct(good[0], before)]
     cluster = (*close, *_twins_of(close, twins, scores))
     ends = zip(problem.columns, base.inner, problem.low, problem.high, strict=True)
     return Step(
@@ -238,14 +244,15 @@ def _earned(trial: Trial, held: tuple[float, int]) -> bool:
     return (held[0] - trial.chi2_held_out) * held[1] / scale > EARNED
 
 
-def indistinct(best: Trial) -> float:
+def indistinct(best: Trial, before: float) -> float:
     """Refits whose merit is no more than this behind the best are not told from it: strong evidence in BIC is 10 (R. E.
     Kass, A. E. Raftery, 1995, doi:10.1080/01621459.1995.10476572); and as no law is exact, 0.3 % of chi-square besides.
     Where the noise is given and the best misses it, a rival that misses it by a quarter more is not excluded: both are then
-    laws that are not exact."""
+    laws that are not exact. Where it is estimated it says little of how exact a law could be: a rival that takes away nine
+    tenths of what the best does (from the merit `before`) is not excluded."""
     exact = 10.0 + 0.003 * (best.samples + best.samples_held_out)
     if not all(o.noise is not None for o in best.experiment.outputs.values()):
-        return exact
+        return exact + NEARLY * (before - merit(best)) * (best.chi2_held_out > 2)
     missed = sum(n * max(0.0, float(np.log(max(c, 1e-300)))) for n, c in
                  ((best.samples, best.chi2_fit), (best.samples_held_out, best.chi2_held_out)) if n)
     return exact + RIVALS * missed
