@@ -32,7 +32,7 @@ def within(t: Array, begin: float, end: float) -> Array:
 
 
 def chirp(t: Array) -> Array:
-    """Phase as the integral of the frequency, by the trapezium rule on a grid of its own (the frequency is piecewise linear)."""
+    """Phase as the integral of the frequency, which is piecewise linear: the trapezium rule is exact."""
     grid = np.union1d(t, [2.0])
     f = np.minimum(1 + 2*grid, 5)
     cycles = np.concatenate(([0], np.cumsum(np.diff(grid)*(f[1:] + f[:-1])/2)))
@@ -167,7 +167,8 @@ def test_the_integral_of_a_controller_is_led_back_from_the_limit() -> None:
     """An error of 1 V for 10 s would wind an integral of 10 V up; led back it stays within T_t*K_i above the limit."""
     text = """model: windup
 components:
-  part: {is: PID, K_p: 0.1, K_i: 1 1/s, y_min: -1 V, y_max: 1 V, T_t: 0.5 s, r: "=if_else(time < 10.0005 s, 1 V, -1 V)", u: 0 V}
+  error: {is: Step, t_s: 10.0005 s, before: 1 V, after: -1 V}
+  part:  {is: PID, K_p: 0.1, K_i: 1 1/s, y_min: -1 V, y_max: 1 V, T_t: 0.5 s, r: =error.y, u: 0 V}
 simulate: {until: 12 s, every: 1 ms}
 """
     result = hb.simulate(hb.loads(text))
