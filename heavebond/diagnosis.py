@@ -8,7 +8,7 @@ place and a curve. Where the records cannot tell candidates apart, all are named
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -20,13 +20,13 @@ from heavebond.errors import HeavebondError, Problem, UsageError, listing, sugge
 from heavebond.experiment import Experiment, load_experiment
 from heavebond.finding import Finding, Rung, rung
 from heavebond.fitting import Fit, fit
+from heavebond.progress import Progress
 from heavebond.rivals import Alternative
 from heavebond.rung import EARNED, Step, following, learnt, single, step
 from heavebond.separation import Separation, separate
 from heavebond.trial import Trial
 from heavebond.verdict import is_noise, misses, verdict, words, worth_it
 
-Progress = Callable[[str], None]
 MOST_STEPS = 5
 
 
@@ -140,8 +140,8 @@ def _looked_back(findings: Sequence[Finding], say: Progress) -> list[Finding]:
             without = rung("", fit(replace(last.fit.experiment, model=model, free=free)).after)
         except (HeavebondError, KeyboardInterrupt):
             continue
-        samples = sum(int(c.counts.sum()) for p in without.comparison.parts if p.use != "fit" for c in p.channels.values())
-        risen = (without.chi2_held_out - last.rung.chi2_held_out) * samples / max(1.0, last.rung.chi2_held_out)
+        left = last.rung.chi2_held_out
+        risen = (without.chi2_held_out - left) * without.samples_held_out / max(1.0, left)
         kept[k] = replace(finding, needed=risen > EARNED)
     return kept
 

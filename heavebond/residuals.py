@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from heavebond.comparison import TOLERANCES, assemble_for
 from heavebond.dae import Array
 from heavebond.errors import Problem, SimulationError, StartError, UsageError
 from heavebond.experiment import Experiment, Free, Record
-from heavebond.expression import Compare, Name
 from heavebond.progress import Progress
 from heavebond.records import Measured, measure
 from heavebond.result import Probe
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 # A run that breaks down counts as this many standard deviations at every sample: far worse than any run that ends.
 BROKEN = 1e4
+# A parameter within this share of its range from an end of it stands there.
+AT_END = 1e-3
 
 
 @dataclass(frozen=True)
@@ -132,13 +134,10 @@ class Residuals:
         at = {(c.free.name, c.record): k for k, c in enumerate(self.columns)}
         found = []
         for leaf in self.runs[0].assembly.flat.expanded.leaves.values():
-            for formula in leaf.component.requires:
-                tree = formula.tree
-                if isinstance(tree, Compare) and isinstance(tree.left, Name) and isinstance(tree.right, Name):
-                    ends = (tree.left, tree.right) if tree.op in (">", ">=") else (tree.right, tree.left)
-                    high, low = (f"{leaf.path}.{e.text}" for e in ends)
-                    found += [(k, at.get((low, record), at.get((low, ""), -1))) for (name, record), k in at.items()
-                              if name == high]
+            for ends in leaf.component.orders:
+                high, low = (f"{leaf.path}.{end}" for end in ends)
+                found += [(k, at.get((low, record), at.get((low, ""), -1)))
+                          for (name, record), k in at.items() if name == high]
         return [(high, low) for high, low in found if low >= 0]
 
     def allowed(self, inner: Array) -> Array:
@@ -162,6 +161,10 @@ class Residuals:
                     "free-start-outside", f"{column.free.name} is {scale.from_si(column.before):.6g} {scale.text} in the "
                     f"diagram, outside its range {scale.from_si(bounds.low):.6g} .. {scale.from_si(bounds.high):.6g} "
                     f"{scale.text}", column.free.place, "Widen the range, or change the value in the diagram.")])
+
+    def at_end(self, inner: Array) -> NDArray[np.bool_]:
+        """Which of the unknowns stand at an end of their range."""
+        return np.asarray(np.minimum(inner - self.low, self.high - inner) < AT_END * (self.high - self.low))
 
     @property
     def start(self) -> Array:

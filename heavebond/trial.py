@@ -6,7 +6,7 @@ that the score asks for, and at the data sheet, for the choices of the shape par
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from time import process_time
 from typing import TYPE_CHECKING
@@ -18,6 +18,7 @@ from heavebond.dae import Array
 from heavebond.errors import HeavebondError, SimulationError, StartError
 from heavebond.experiment import Experiment, Free
 from heavebond.fitting import own_start
+from heavebond.progress import Progress
 from heavebond.quick import QuickSimulator
 from heavebond.residuals import BROKEN, Residuals, Run
 from heavebond.scoring import Base, Score, between, exact_runs, shape_ranges
@@ -26,7 +27,6 @@ from heavebond.units import Range
 if TYPE_CHECKING:
     from scipy.optimize import OptimizeResult
 
-Progress = Callable[[str], None]
 FIRST, LAST = 8, 40  # least squares steps: to compare starts, and to end
 # A refit is not followed to its end where its first steps leave all but this share of a chi-square per sample above LARGE.
 NOTHING, LARGE = 0.02, 10.0
@@ -241,11 +241,10 @@ class _Refit:
         r, prior = self._residuals(inner, [exact[run.record.name] for run in self.runs]), problem.priors(inner)[0]
         values = [problem.values_of(inner, run.record.name) for run in problem.runs]
         held = held_out(problem, inner, exact)
-        columns = problem.columns
-        at_end = tuple(c.free.name for c, v, low, high in zip(columns, inner, problem.low, problem.high, strict=True)
-                       if c.free.name not in self.ranges and min(v - low, high - v) < 1e-3 * (high - low))
+        at_end = tuple(c.free.name for c, end in zip(problem.columns, problem.at_end(inner), strict=True)
+                       if end and c.free.name not in self.ranges)
         return Trial(self.candidate, problem.experiment, values[0], float(r @ r + prior @ prior), float(r @ r) / len(r),
-                     held[0], len(r), held[1], len(columns), at_end,
+                     held[0], len(r), held[1], len(inner), at_end,
                      max((g.gain for g in self.guesses), default=float("nan")),
                      problem.evaluations)
 

@@ -239,15 +239,6 @@ def _number(text: str, whole: str) -> float:
     return number
 
 
-def parse_number(text: str) -> float:
-    """A plain number (`1e6`, `010` is ten); raises UnitProblem otherwise."""
-    if _DECIMAL_COMMA.search(text):
-        raise UnitProblem("decimal-comma", f"'{text}' has a decimal comma", f"Write {text.replace(',', '.')}.")
-    if not re.fullmatch(NUMBER, text.strip()):
-        raise UnitProblem("not-a-number", f"'{text}' is not a number")
-    return float(text)
-
-
 def parse_quantity(text: str) -> tuple[float, Unit | None]:
     """`42 kN/m` to (42000.0, unit); the unit is None where none is written. Raises UnitProblem."""
     if len(text) > LONGEST_QUANTITY:
