@@ -34,6 +34,7 @@ SECONDS = 60.0  # of this process, after which a refit that has not come far is 
 WIDE = 30.0  # an amplitude is sought up to this many times what would move the channels by their whole misfit
 STARTS = (0.15, 0.5, 0.85)  # shares of the ranges of shapes
 APART = 1.5  # where an amplitude begins that must be above another one
+SMALL = 0.02  # share of the amplitude that a score asks for with which a refit begins besides
 INSIDE = 0.4  # share of its range at which an amplitude begins besides, where the range has an end
 CLOSE = 1e-8  # changes of the sum of squares at which a refit that is compared closely ends
 MOST_SHAPES = 3  # choices of the shapes from which a refit begins
@@ -144,6 +145,8 @@ class _Refit:
             numbers.update({high: APART * numbers[low] for high, low in self.candidate.orders
                             if high in vanishing and low in vanishing})
             plans += [_Plan(numbers, point), _Plan(numbers, problem.start)]
+            if vanishing:  # next to the base model a refit cannot end above it
+                plans.append(_Plan({**numbers, **{name: neutral[name] + SMALL * size for name in vanishing}}, inside))
         ended = {n.name: n.neutral + INSIDE * (n.high - n.neutral) for n in self.candidate.numbers
                  if n.name in vanishing and n.high is not None}
         if plans and ended:  # at the end of a range a law may have no slope any more
