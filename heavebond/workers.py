@@ -9,16 +9,23 @@ import signal
 import time as clock
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from multiprocessing.synchronize import Event
 from typing import Any, TypeVar
 
 from heavebond.catalogue import Candidate
 from heavebond.dae import Array
 from heavebond.experiment import Experiment
 from heavebond.scoring import Base, Score, scored, searched
+from heavebond.threads import single
 from heavebond.trial import Trial, polished, tried
 
 T = TypeVar("T")
 _base: Base | None = None  # of this worker process
+_stop: Event | None = None  # set where what it does is not wanted any more
+
+
+class _Stopped(Exception):
+    """What a worker was doing is not wanted any more."""
 
 
 def processors() -> int:
@@ -33,23 +40,23 @@ class Workers:
         self.base = base
         self.number = number or processors()
         self.pool: ProcessPoolExecutor | None = None
+        self.stop: Event | None = None
 
     def __enter__(self) -> Workers:
         if self.number > 1:
             # forked workers have the base model already; where there is no fork they make it
-            if "fork" in multiprocessing.get_all_start_methods():
-                self.pool = ProcessPoolExecutor(self.number, multiprocessing.get_context("fork"), _forked, (self.base,))
-            else:
-                self.pool = ProcessPoolExecutor(self.number, multiprocessing.get_context("spawn"), _spawned,
-                                                (self.base.problem.experiment, self.base.inner))
+            fork = "fork" in multiprocessing.get_all_start_methods()
+            context = multiprocessing.get_context("fork" if fork else "spawn")
+            self.stop = context.Event()
+            start, given = (_forked, (self.base,)) if fork else (_spawned, (self.base.problem.experiment, self.base.inner))
+            self.pool = ProcessPoolExecutor(self.number, context, start, (self.stop, *given))
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self.pool is not None:
-            processes = list((self.pool._processes or {}).values())
-            self.pool.shutdown(wait=False, cancel_futures=True)
-            for process in processes:  # what still runs is not wanted any more
-                process.terminate()
+        if self.pool is not None and self.stop is not None:
+            # a process that is killed while it hands over a result leaves the pool waiting for the rest of it for ever
+            self.stop.set()
+            self.pool.shutdown(wait=True, cancel_futures=True)
 
     def score(self, candidates: Sequence[Candidate], until: float = float("inf")) -> Iterator[tuple[Candidate, list[Score]]]:
         """The scores of each candidate, in the order in which they are done; those not begun at `until` are left out."""
@@ -84,14 +91,21 @@ class Workers:
                 yield running.pop(done), done.result()
 
 
-def _forked(base: Base) -> None:
-    global _base
+def _forked(stop: Event, base: Base) -> None:
+    global _base, _stop
+    single()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that collects
-    _base = base
+    _base, _stop = base, stop
 
 
-def _spawned(experiment: Experiment, inner: Array) -> None:
-    _forked(Base.at(searched(experiment), inner))
+def _spawned(stop: Event, experiment: Experiment, inner: Array) -> None:
+    _forked(stop, Base.at(searched(experiment), inner))
+
+
+def _heed(text: str) -> None:
+    """Between two runs: whether to go on."""
+    if _stop is not None and _stop.is_set():
+        raise _Stopped(text)
 
 
 def _score(candidate: Candidate) -> list[Score]:
@@ -101,9 +115,9 @@ def _score(candidate: Candidate) -> list[Score]:
 
 def _refit(candidate: Candidate, guesses: Sequence[Score]) -> Trial | None:
     assert _base is not None
-    return tried(_base, candidate, guesses)
+    return tried(_base, candidate, guesses, _heed)
 
 
 def _polish(trial: Trial, guesses: Sequence[Score]) -> Trial:
     assert _base is not None
-    return polished(_base, trial, guesses)
+    return polished(_base, trial, guesses, _heed)
