@@ -20,7 +20,7 @@ def sampled_value(kind: str, time: Array, signal: Array, moved: Array) -> tuple[
     """
     still = np.zeros(len(moved))
     if kind == "times":
-        return float(np.count_nonzero(np.diff(signal > 0.5, prepend=False) & (signal > 0.5))), still
+        return float(np.count_nonzero(np.diff(signal > 0.5) & (signal[1:] > 0.5))), still
     if kind == "share":
         return float(np.trapezoid(signal, time) / (time[-1] - time[0])), still
     at = int({"highest": np.argmax, "lowest": np.argmin}.get(kind, lambda s: np.argmax(np.abs(s)))(signal))
