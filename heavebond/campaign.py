@@ -10,11 +10,13 @@ import time as clock
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from heavebond import __version__
 from heavebond.axes import StudyCase
+from heavebond.calibration import Calibrated, calibrate
 from heavebond.casework import Outcome, checked, worked
 from heavebond.definition import FileInput
 from heavebond.errors import Problem, UsageError
@@ -23,7 +25,8 @@ from heavebond.progress import Progress
 from heavebond.study import Procedure, Study, load_study
 from heavebond.units import Unit
 
-KEPT = "cases"
+KEPT = "done"
+CALIBRATION = "calibration"
 
 
 @dataclass(frozen=True)
@@ -35,6 +38,7 @@ class StudyResult:
     outcomes: tuple[Outcome, ...]
     units: Mapping[str, Unit]
     jobs: int
+    calibrated: Calibrated | None = None
 
     @property
     def complete(self) -> bool:
@@ -79,33 +83,59 @@ def run_study(study: Study | str | Path, *, folder: Path | None = None, processe
     """
     study = study if isinstance(study, Study) else load_study(study)
     units = checked(study)
-    jobs = [(number, procedure) for number in range(len(study.cases)) for procedure in study.procedures or (None,)]
-    kept = Kept(folder, fingerprint(study)) if folder is not None else None
+    say = progress or (lambda text: None)
+    jobs = len(study.cases) * max(1, len(study.procedures))
     found: dict[int, Outcome] = {}
-    if kept is not None and not fresh:
-        found = {k: outcome for k, job in enumerate(jobs) if (outcome := kept.read(*job)) is not None}
-    left = [(k, (study, *job)) for k, job in enumerate(jobs) if k not in found]
-    told = _Told(progress or (lambda text: None), len(jobs), len(found))
-    try:
-        with ExitStack() as stack:
-            number = min(processes or processors(), max(1, len(left)))
-            if executor is None and number > 1:
-                executor = stack.enter_context(Processes(number))
-            for k, outcome in _outcomes(executor, left, number, told):
+    calibrated: Calibrated | None = None
+    with ExitStack() as stack:
+        number = min(processes or processors(), jobs)
+        if executor is None and number > 1:
+            executor = stack.enter_context(Processes(number))
+        try:
+            study, calibrated = _calibrated(study, folder, fresh, executor, number, say)
+            for k, outcome in _outcomes(study, Kept.at(folder, study), fresh, executor, number, say):
                 found[k] = outcome
-                told.one_more(len(found))
-                if kept is not None and not outcome.problem:
-                    kept.write(*jobs[k], outcome)
-    except KeyboardInterrupt:
-        told.say("interrupted")
-    return StudyResult(study, tuple(found[k] for k in sorted(found)), units, len(jobs))
+        except KeyboardInterrupt:
+            say("interrupted")
+    return StudyResult(study, tuple(found[k] for k in sorted(found)), units, jobs, calibrated)
 
 
-def _outcomes(executor: Executor | None, left: Sequence[tuple[int, tuple[Study, int, Procedure | None]]], number: int,
-              told: _Told) -> Iterator[tuple[int, Outcome]]:
-    if executor is not None:
-        yield from as_done(executor, worked, left, number + 1)
-        return
+def _calibrated(study: Study, folder: Path | None, fresh: bool, executor: Executor | None, number: int, say: Progress
+                ) -> tuple[Study, Calibrated | None]:
+    """The study with its calibrated values, where it asks for such."""
+    if study.calibration is None:
+        return study, None
+    kept = Kept.at(folder, study)
+    told = kept.read(CALIBRATION) if kept is not None and not fresh else None
+    found = Calibrated.from_dict(told) if told is not None else calibrate(study, executor, number + 1, say)
+    if kept is not None and told is None:
+        kept.write(CALIBRATION, found.as_dict())
+    return replace(study, calibrated=found.values), found
+
+
+def _outcomes(study: Study, kept: Kept | None, fresh: bool, executor: Executor | None, number: int, say: Progress
+              ) -> Iterator[tuple[int, Outcome]]:
+    """Each job's number and what came out of it: first those done already, then the others as they are done."""
+    jobs = [(k, procedure) for k in range(len(study.cases)) for procedure in study.procedures or (None,)]
+    names = [f"{k:04}_{procedure.name}" if procedure is not None else f"{k:04}" for k, procedure in jobs]
+    done = 0
+    left = []
+    for k, (name, job) in enumerate(zip(names, jobs, strict=True)):
+        told = kept.read(name) if kept is not None and not fresh else None
+        if told is not None:
+            done += 1
+            yield k, Outcome(**told)
+        else:
+            left.append((k, (study, *job)))
+    told_so_far = _Told(say, len(jobs), done)
+    for k, outcome in as_done(executor, worked, left, number + 1) if executor is not None else _here(left, told_so_far):
+        if kept is not None and not outcome.problem:
+            kept.write(names[k], outcome.as_dict())
+        told_so_far.one_more()
+        yield k, outcome
+
+
+def _here(left: Sequence[tuple[int, tuple[Study, int, Procedure | None]]], told: _Told) -> Iterator[tuple[int, Outcome]]:
     for k, given in left:
         yield k, worked(*given, told.inside(*given[:2]))
 
@@ -118,8 +148,8 @@ class _Told:
         self.began = clock.perf_counter()
         self.say(self.words)
 
-    def one_more(self, done: int) -> None:
-        self.done = done
+    def one_more(self) -> None:
+        self.done += 1
         self.say(self.words)
 
     def inside(self, study: Study, number: int) -> Progress:
@@ -145,7 +175,7 @@ def duration(seconds: float) -> str:
 
 # -- what is kept ------------------------------------------------------------------------------------------------------
 class Kept:
-    """Outcomes as files in a folder, each with the fingerprint of what it is of."""
+    """What is done as files in a folder, each with the fingerprint of what it is of."""
 
     def __init__(self, folder: Path, fingerprint: str):
         self.folder, self.fingerprint = folder / KEPT, fingerprint
@@ -155,23 +185,25 @@ class Kept:
             said = f"'{folder}' cannot be written: {error.strerror or error}"
             raise UsageError([Problem("file-unwritable", said)]) from None
 
-    def _path(self, number: int, procedure: Procedure | None) -> Path:
-        return self.folder / (f"{number:04}_{procedure.name}.json" if procedure is not None else f"{number:04}.json")
+    @classmethod
+    def at(cls, folder: Path | None, study: Study) -> Kept | None:
+        """What is kept of a study in a folder, None without a folder."""
+        return cls(folder, fingerprint(study)) if folder is not None else None
 
-    def read(self, number: int, procedure: Procedure | None) -> Outcome | None:
-        """The outcome, None where there is none of the same files."""
+    def read(self, name: str) -> dict[str, Any] | None:
+        """What was kept by that name, None where there is nothing of the same files."""
         try:
-            told = json.loads(self._path(number, procedure).read_text(encoding="utf-8"))
-            if told.pop("fingerprint") != self.fingerprint:
-                return None
-            return Outcome(**told)
-        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+            told = json.loads((self.folder / f"{name}.json").read_text(encoding="utf-8"))
+            found = told["found"]
+            return found if told["fingerprint"] == self.fingerprint and isinstance(found, dict) else None
+        except (OSError, ValueError, KeyError, TypeError):
             return None  # half written, or somebody else's: it is worked out again
 
-    def write(self, number: int, procedure: Procedure | None, outcome: Outcome) -> None:
-        path = self._path(number, procedure)
+    def write(self, name: str, found: Mapping[str, Any]) -> None:
+        """Keep something by that name."""
+        path = self.folder / f"{name}.json"
         fresh = path.with_suffix(".new")
-        fresh.write_text(json.dumps({"fingerprint": self.fingerprint, **outcome.as_dict()}), encoding="utf-8")
+        fresh.write_text(json.dumps({"fingerprint": self.fingerprint, "found": found}), encoding="utf-8")
         fresh.replace(path)  # at once: never half a file
 
 
@@ -181,7 +213,7 @@ def fingerprint(study: Study) -> str:
     for model in {id(case.levels): case.model for case in study.cases}.values():
         files |= {*model.files, *model.library.files.values()}
         files |= {s.value.file for s in model.settings.values() if isinstance(s.value, FileInput)}
-    digest = hashlib.sha256(__version__.encode())
+    digest = hashlib.sha256(f"{__version__} {sorted(study.calibrated.items())}".encode())
     for path in sorted(files):
         digest.update(path.name.encode())
         digest.update(path.read_bytes() if path.is_file() else b"")

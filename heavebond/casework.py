@@ -65,7 +65,7 @@ def worked(study: Study, number: int, procedure: Procedure | None, progress: Pro
 
 
 def _worked(study: Study, case: StudyCase, procedure: Procedure | None, progress: Progress | None) -> Outcome:
-    assembly = assemble(case.model, _named(study))
+    assembly = assembled(study, case)
     values: dict[str, float] = {}
     limits: Mapping[str, float] = {}
     message = ""
@@ -78,6 +78,14 @@ def _worked(study: Study, case: StudyCase, procedure: Procedure | None, progress
     time, signals = _signals(study, run)
     return Outcome(0, values={**values, **told}, limits=dict(limits), message=message, modes=_modes(study, assembly),
                    time=time, signals=signals)
+
+
+def assembled(study: Study, case: StudyCase) -> Assembly:
+    """The diagram of a case, with what was calibrated: a case in which such a parameter has a value of its own keeps it."""
+    assembly = assemble(case.model, named_in(study))
+    own = assembly.parameter_values
+    return assembly.with_parameters({name: after for name, (before, after) in study.calibrated.items()
+                                     if math.isclose(own[name], before, rel_tol=1e-9, abs_tol=0.0)})
 
 
 def tuned_by(problem: Objective, procedure: Procedure, progress: Progress | None = None) -> Tuned:
@@ -161,7 +169,7 @@ def checked(study: Study) -> dict[str, Unit]:
     """
     problems, found = Problems(), {}
     for case in _covering(study):
-        assembly = assemble(case.model, _named(study))
+        assembly = assemble(case.model, named_in(study))
         found = _units(study, assembly, problems)
         problems.raise_as(ModelError)
     return found
@@ -239,7 +247,7 @@ def relocated(place: Place | None, problems: Problems) -> Iterator[None]:
             problems.add(problem.code, problem.message, at, hint=problem.hint)
 
 
-def _named(study: Study) -> set[str]:
+def named_in(study: Study) -> set[str]:
     """Names that no equation may use and the study still wants: positions among them."""
     texts = [*(m.text for m in study.measures.values()), *study.signals,
              *((study.task.cost, *study.task.limits) if study.task is not None else ())]

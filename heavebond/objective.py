@@ -219,6 +219,17 @@ class Objective:
         slopes = np.array([slope for _, slope in worst]).reshape(len(limits), len(y))
         return Evaluation(y, cost, limits, cases, gradient * self.span, slopes * self.span)
 
+    def gradient_anew(self, values: Mapping[str, float]) -> Array:
+        """The gradient (m,) of the cost in SI with any parameters set (SI), the reference run made with them too.
+
+        SimulationError or StartError where a run breaks down.
+        """
+        found = np.zeros(len(self.names))
+        for case, weight in zip(self.cases, self.weights, strict=True):
+            self._count(2 + len(self.names))
+            found += weight * case.gradient_anew(dict(values), self.task.reference or {})
+        return found
+
     def resize(self, at: Evaluation) -> None:
         """New sizes for signals that have become much larger or smaller at a point than they were at the diagram's own."""
         for case in self.cases:
@@ -334,6 +345,15 @@ class RunCase:
         self._numbers = values, numbers
         self.curvature = self.evaluator.curvature(result, self.references)
         return self.evaluator.cost_values(numbers, slopes, self.references, result.p, result.along.p)
+
+    def gradient_anew(self, values: dict[str, float], reference: Mapping[str, float | str]) -> Array:
+        """The gradient (m,) of the cost, the reference run made with these values too."""
+        passive = self.plain.assembly.with_parameters({**values, **reference})
+        references = self.evaluator.functional_values(self.plain.run(passive.parameter_values))[0]
+        run = self.forward.run(values)
+        assert run.along is not None
+        numbers, slopes = self.evaluator.functional_values(run)
+        return self.evaluator.cost_values(numbers, slopes, references, run.p, run.along.p)[0][1]
 
     def resize(self, values: dict[str, float]) -> None:
         """Sizes from the last run, where they are far off."""

@@ -20,7 +20,7 @@ from heavebond.source import Mapping, Node, Scalar, Source, read
 from heavebond.units import Range, UnitProblem, parse_quantity, parse_range
 
 STUDY_KEYS = ("study", "summary", "model", "cases", "evaluate", "reference", "modes", "tune", "measure", "beside",
-              "pictures", "notes")
+              "calibrate", "pictures", "notes")
 TUNE_KEYS = ("free", "cost", "limits", "over", "uncertain", "by")
 GRADIENT_KEYS = ("explore", "starts", "method")
 COST = "cost"
@@ -64,8 +64,19 @@ class Picture:
 
 
 @dataclass(frozen=True)
+class Calibration:
+    """What is sought so that measured or tuned quantities come near the numbers of a source (its index under `beside:`):
+    parameters and ranges, and how near each quantity should come, relative to the number given."""
+
+    free: Dictionary[str, Range]
+    targets: Dictionary[str, float]
+    source: int
+
+
+@dataclass(frozen=True)
 class Study:
-    """What a study file says. `task` is what is tuned in each case, by each of the procedures; None where nothing is."""
+    """What a study file says. `task` is what is tuned in each case, by each of the procedures; None where nothing is.
+    `calibrated` are parameters that are set on top (SI: before, after), in the cases in which they have the value before."""
 
     name: str
     summary: str
@@ -81,6 +92,8 @@ class Study:
     measures: Dictionary[str, Measure] = field(default_factory=dict)
     beside: tuple[Beside, ...] = ()
     pictures: tuple[Picture, ...] = ()
+    calibration: Calibration | None = None
+    calibrated: Dictionary[str, tuple[float, float]] = field(default_factory=dict)
     places: Dictionary[str, Place] = field(default_factory=dict)
 
     @property
@@ -151,10 +164,12 @@ def _study(source: Source, model: Model, problems: Problems) -> Study:
         problems.add("name-twice", f"'{name}' is told by the tuning already", measures[name].place,
                      hint="Take another name.")
     places = {key: item.place for key, item in (entry.items if entry else {}).items()}
+    beside = read_beside(items.get("beside"), axes, [*measures, *tuned], problems)
     return Study(reading.text(items["study"], "study", problems), reading.text(items.get("summary"), "summary", problems),
                  source.path, model, axes, begin or 0.0, end, reference, modes, task, procedures, measures,
-                 read_beside(items.get("beside"), axes, [*measures, *tuned], problems),
-                 _pictures(items.get("pictures"), axes, [*measures, *tuned], problems), {**places, "study": root.place})
+                 beside, _pictures(items.get("pictures"), axes, [*measures, *tuned], problems),
+                 _calibration(items.get("calibrate"), beside, problems),
+                 places={**places, "study": root.place, "calibrate": items.get("calibrate", root).place})
 
 
 def _task(entry: Mapping, source: Source, window: tuple[float, float | None], reference: dict[str, float | str],
@@ -278,6 +293,35 @@ def _count(node: Node | None, what: str, least: int, problems: Problems) -> int 
         problems.add("count-wrong", f"{what}: '{text}' is not a whole number from {least} on", node.place)
         return None
     return int(text)
+
+
+# -- calibration -------------------------------------------------------------------------------------------------------
+def _calibration(node: Node | None, beside: Many[Beside], problems: Problems) -> Calibration | None:
+    entry = reading.mapping(node, "calibrate", problems)
+    if entry is None:
+        return None
+    reading.known_keys(entry, ("free", "targets", "to"), "calibrate", problems, required=("free", "targets"))
+    sources = [b.source for b in beside]
+    wanted = reading.text(entry.items.get("to"), "to", problems, sources[0] if len(sources) == 1 else "")
+    if wanted not in sources:
+        problems.add("source-unknown", f"'{wanted}' gives no numbers under `beside:`" if wanted else
+                     "it is not said whose numbers under `beside:` are the targets", entry.place,
+                     hint=suggest(wanted, sources) or (f"Write `to: {sources[0]}`." if sources else "Add `beside:`."))
+        return None
+    source = sources.index(wanted)
+    targets = _widths(entry.items.get("targets"), problems)
+    found = {}
+    for name, text in targets.items():
+        width, unit = parse_quantity(text)
+        place = entry.items["targets"].place
+        if name not in beside[source].numbers:
+            problems.add("target-unknown", f"{wanted} gives no '{name}'", place,
+                         hint=suggest(name, beside[source].numbers) or f"It gives {listing(beside[source].numbers)}.")
+        elif name in (COST, SIMULATIONS) or (unit is not None and unit.dimension):
+            problems.add("target-wrong", f"'{name}: {text}' is no target: a measured quantity or a gain, and how near it "
+                         "should come", place, hint="Write for example `WOB variation: 25 %`.")
+        found[name] = width
+    return Calibration(_free(entry.items.get("free"), problems), found, source)
 
 
 # -- measured quantities and pictures ----------------------------------------------------------------------------------

@@ -112,6 +112,27 @@ def mode_rows(result: StudyResult) -> Iterator[tuple[str, str, str, str]]:
                 first = False
 
 
+def calibration_rows(result: StudyResult) -> Iterator[tuple[str, ...]]:
+    """Parameter, before, calibrated, range, and the end of it where it ended there."""
+    found, calibration = result.calibrated, result.study.calibration
+    assert found is not None and calibration is not None
+    for name, (before, after) in found.values.items():
+        wanted = calibration.free[name]
+        written = wanted.unit.written
+        yield (name, written(before), written(after), f"{written(wanted.low)} .. {written(wanted.high)}",
+               f"at its {found.at_end[name]} end" if name in found.at_end else "")
+
+
+def residual_rows(result: StudyResult) -> Iterator[tuple[str, ...]]:
+    """Quantity, case, ours, target, the relative difference, and that in widths."""
+    assert result.calibrated is not None
+    for r in result.calibrated.residuals:
+        unit = result.units[r.quantity]
+        off = f"{100 * (r.value - r.target) / abs(r.target):+.0f}\u00a0%"
+        yield (r.quantity, result.study.cases[r.case].name, number(unit.from_si(r.value), 4),
+               f"{number(unit.from_si(r.target), 6)} {unit.text}".removesuffix(" 1"), off, f"{r.off:+.2f}")
+
+
 # -- files -------------------------------------------------------------------------------------------------------------
 def write_files(result: StudyResult, folder: Path) -> list[Path]:
     """table.csv, study.json, and signals.csv where there are signals; their paths."""
@@ -150,6 +171,7 @@ def as_dict(result: StudyResult) -> dict[str, Any]:
     head, rows = table(result)
     return {"study": result.study.name, "summary": result.study.summary, "complete": result.complete,
             "axes": [axis.name for axis in result.study.axes],
+            "calibrated": result.calibrated.as_dict() if result.calibrated is not None else None,
             "rows": [dict(zip(head, row, strict=True)) for row in rows],
             "cases": [{"case": result.case_of(o).name, "procedure": o.procedure, "values": dict(o.values),
                        "limits": dict(o.limits), "message": o.message, "modes": list(o.modes), "problem": o.problem}

@@ -50,6 +50,7 @@ def _tell(result: StudyResult) -> None:
     from heavebond.study_table import mode_rows, shown
 
     console = terminal.output()
+    _tell_calibration(result)
     head, rows, words = shown(result)
     if head:
         console.print(terminal.table(result.study.name, head, rows, text=words))
@@ -61,6 +62,22 @@ def _tell(result: StudyResult) -> None:
         for text, value in outcome.limits.items():
             if not value <= 1e-4:
                 console.print(f"{case}, {outcome.procedure}: limit {text} exceeded by {100 * value:.3g} %", soft_wrap=True)
+
+
+def _tell_calibration(result: StudyResult) -> None:
+    from heavebond import terminal
+    from heavebond.study_table import calibration_rows, residual_rows
+
+    found = result.calibrated
+    if found is None:
+        return
+    console = terminal.output()
+    console.print(terminal.table(f"{result.study.name}: calibrated", ("parameter", "before", "calibrated", "range", ""),
+                                 list(calibration_rows(result)), text=1))
+    console.print(terminal.table("beside the targets", ("quantity", "case", "ours", "target", "off", "in widths"),
+                                 list(residual_rows(result)), text=2))
+    console.print(f"sum of squares {found.history[0]:.4g} before, {min(found.history):.4g} after {len(found.history)} steps "
+                  f"and {found.simulations:.0f} simulations: {found.message}", soft_wrap=True)
 
 
 def _pictures(result: StudyResult, folder: Path) -> list[Path]:
