@@ -6,8 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 import heavebond as hb
+from heavebond.cli import main
 from heavebond.definition import Component
 from heavebond.errors import HeavebondError, ModelError
 from heavebond.laws import check
@@ -129,3 +131,36 @@ def test_the_same_numbers_give_the_same_component() -> None:
     chain = component(CHAIN)
     assert written_out(chain, {"n": 4}) is written_out(chain, {"n": 4})
     assert list(written_out(chain, {"n": 2}).variables) == ["x[1]", "x[2]", "v[1]", "v[2]"]
+
+
+def test_an_element_is_fitted_and_written_back(tmp_path: Path) -> None:
+    (tmp_path / "components").mkdir()
+    (tmp_path / "components" / "chain.yaml").write_text(CHAIN)
+    (tmp_path / "rig.yaml").write_text("""model: rig
+components:
+  wall: {is: Fixed}
+  chain: {is: Chain, m: [2 kg, 2 kg, 1 kg], c: 500 N/m}
+nodes: {wall: [wall.a, chain.a]}
+initial: {"chain.v[3]": 0.1 m/s}
+simulate: {until: 2 s, every: 20 ms}
+""")
+    truth = hb.simulate(hb.load(tmp_path / "rig.yaml").with_parameters({"chain.m[2]": 1.7}))
+    rows = "".join(f"{t!r},{x!r}\n" for t, x in zip(truth.time.tolist(), truth["chain.x[3]"].tolist(), strict=True))
+    (tmp_path / "record.csv").write_text("t,x\n" + rows)
+    (tmp_path / "rig_fit.yaml").write_text("""experiment: a mass in the middle
+model: rig.yaml
+records: {a: {file: record.csv, use: fit}}
+time: {column: t, unit: s}
+outputs: {"chain.x[3]": {column: x, unit: m, noise: 0.1 mm}}
+free: {"chain.m[2]": 1.2 .. 2 kg}
+""")
+    result = CliRunner().invoke(main, ["fit", str(tmp_path / "rig_fit.yaml"), "--write", str(tmp_path / "fitted.yaml")])
+    assert result.exit_code == 0, result.output
+    # the record has no noise; what the search leaves is far below the 0.1 mm that it takes for noise
+    written = hb.assemble(hb.load(tmp_path / "fitted.yaml")).parameter_values
+    assert written["chain.m[2]"] == pytest.approx(1.7, rel=1e-3)
+
+
+def test_the_library_tells_lists_from_numbers() -> None:
+    result = CliRunner().invoke(main, ["library", "Lookup"])
+    assert "list, $U" in result.output
