@@ -170,6 +170,8 @@ CASES = [
     Case("angle_sensor", "sensor.y", phi, LAW),
     Case("shaft_speed_sensor", "sensor.y", w, LAW),
     Case("angular_acceleration_sensor", "sensor.y", lambda t: -(2*PI)**2*phi(t), LAW),
+    Case("relative_angle_sensor", "sensor.y", lambda t: phi(t) - 0.5*t, LAW),
+    Case("relative_shaft_speed_sensor", "sensor.y", lambda t: w(t) - 0.5, LAW),
     # a drives b: with the wheel behind it the meter shows inertia times acceleration
     Case("torque_sensor", "meter.y", lambda t: -2*(2*PI)**2*phi(t), "inertia times acceleration"),
     Case("shaft_power_sensor", "meter.y", lambda t: 20*t, RUN),
