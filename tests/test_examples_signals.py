@@ -7,6 +7,7 @@ import pytest
 from examples import Array, Case, check, without_example
 from scipy.integrate import solve_ivp
 from scipy.interpolate import RegularGridInterpolator
+from scipy.signal import step
 
 import heavebond as hb
 from heavebond.symbols import uniform
@@ -179,3 +180,15 @@ simulate: {until: 12 s, every: 1 ms}
     falls = result.time[after][result["part.y"][after] < 1][0] - 10
     # from w = 1.3 with rate -1 + (1 - w)/0.5 down to 1: 0.5*log(1 + 0.3/0.5)
     assert falls == pytest.approx(0.5*np.log(1.6), abs=3e-3)
+
+
+def test_a_transfer_function_of_third_order_in_milliseconds_and_one_with_a_direct_part() -> None:
+    result = hb.simulate(hb.loads("""model: filters
+components:
+  butterworth: {is: TransferFunction, a: [1, 2, 2, 1], b: [0, 0, 0, 1], T: 100 ms, u: 1 V}
+  lead: {is: TransferFunction, a: [2, 1], b: [1, 0], u: 1 V}
+simulate: {until: 1 s, every: 10 ms}
+"""))
+    _, expected = step(([1], [1, 2, 2, 1]), T=result.time/0.1)
+    assert result["butterworth.y"] == pytest.approx(expected, abs=1e-6)   # integration
+    assert result["lead.y"] == pytest.approx(0.5*np.exp(-result.time/2), abs=1e-9)
