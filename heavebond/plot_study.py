@@ -89,8 +89,9 @@ def _curves(panel: Axes, result: StudyResult, picture: Picture, name: str) -> No
             chosen = [o for o in outcomes if o.procedure == procedure]
             x = [axis.unit.from_si(result.case_of(o).levels[k].value) for o in chosen]
             words = ", ".join(filter(None, (label, procedure if len(procedures) > 1 else "")))
+            dash = DASHES[(m if len(procedures) > 1 else n) % len(DASHES)]
             panel.plot(x, [result.value(o, name) for o in chosen], color=colour, marker=MARKERS[m % len(MARKERS)],
-                       markersize=4, linewidth=1.0, linestyle=DASHES[(m if len(procedures) > 1 else n) % len(DASHES)], label=words or name)
+                       markersize=4, linewidth=1.0, linestyle=dash, label=words or name)
         _given(panel, result, name, label, colour, [o for o in outcomes if o.procedure == procedures[0]], k)
     panel.set_ylabel(f"{name} [{unit_label(result.units[name].text)}]")
     panel.set_xlabel(f"{axis.name} [{unit_label(axis.unit.text)}]")
