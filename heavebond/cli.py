@@ -27,6 +27,7 @@ from heavebond.commands.draw import draw
 from heavebond.commands.fit import fit
 from heavebond.commands.ladder import ladder
 from heavebond.commands.library import library
+from heavebond.commands.linear import linear
 from heavebond.commands.modes import modes
 from heavebond.commands.run import run
 from heavebond.commands.sensitivity import sensitivity
@@ -167,5 +168,5 @@ def main() -> None:
 
 
 for _command in (check, draw, run, compare, fit, where, candidates, try_effect, diagnose, ladder, tune, study, modes,
-                 sensitivity, check_gradient, library, demo):
+                 linear, sensitivity, check_gradient, library, demo):
     main.add_command(_command)
