@@ -23,6 +23,7 @@ from heavebond.state_space import StateSpace, spread
 
 # A direct share of the loop so large that nothing is left of what is added: it cannot be cut there.
 UNCUT = 1e-12
+CUT = "behind the cut at "
 
 
 @dataclass(frozen=True)
@@ -71,7 +72,7 @@ def open_loop(closed: StateSpace) -> StateSpace:
         raise UsageError([Problem("loop-not-cut", f"the loop cannot be cut at '{name}': what is added there acts on itself "
                                   "at once without limit", None, "Cut it at another signal, such as a controller's output.")])
     a = closed.a - closed.b @ closed.c / d
-    loop = replace(closed, inputs=(f"{name}, cut",), a=a, b=closed.b / d, c=-closed.c / d,
+    loop = replace(closed, inputs=(f"{CUT}{name}",), a=a, b=closed.b / d, c=-closed.c / d,
                    d=np.array([[-(1 - 1 / d)]]))
     strength = np.abs(closed.c / d * closed.sizes) @ np.abs(np.linalg.lstsq(
         np.atleast_2d(a) + 1e-9 * np.eye(len(a)), closed.b / d, rcond=None)[0] / closed.sizes[:, None]) if len(a) else 0.0

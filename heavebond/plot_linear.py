@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter
+from matplotlib.ticker import FixedLocator, NullLocator
 
+from heavebond.margins import CUT
 from heavebond.plot import COLOURS, DASHES, DPI, RECT, WIDTH, figure_title
-from heavebond.presentation import number, unit_label
+from heavebond.presentation import number, readable, readable_unit, unit_label
+from heavebond.units import read_unit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -41,9 +43,10 @@ def plot_bode(channels: Sequence[StateSpace], frequencies: Array, *, title: str 
         upper.loglog(frequencies, np.abs(found), label=label, **style)
         lower.semilogx(frequencies, _phase(found), **style)
     upper.set_ylabel(f"magnitude [{units.pop()}]" if len(units) == 1 else "magnitude")
-    decibels = upper.secondary_yaxis("right", functions=(_decibels, _from_decibels))
+    decibels = upper.twinx()
+    decibels.set_ylim(*(20 * np.log10(upper.get_ylim())))
     decibels.set_ylabel("dB")
-    decibels.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    decibels.spines[["top", "right"]].set_visible(False)
     lower.set_ylabel("phase [°]")
     lower.set_xlabel("frequency [Hz]")
     lower.yaxis.get_major_locator().set_params(steps=[1, 1.5, 3, 4.5, 9])
@@ -103,16 +106,18 @@ def plot_poles(poles: NDArray[np.complex128], zeros: Mapping[str, NDArray[np.com
 def plot_root_locus(found: RootLocus, *, title: str = "") -> Figure:
     """The ways of the poles while a parameter moves, coloured by its value; the limits of stability in the legend."""
     figure, axes = _plane(title)
-    values = np.broadcast_to(found.values[:, None], found.poles.shape)
+    unit = readable_unit(found.unit, float(np.abs(found.values).max()))
+    ends = read_unit(unit).from_si(found.values)  # type: ignore[arg-type]
+    values = np.broadcast_to(np.asarray(ends)[:, None], found.poles.shape)
     axes.plot(found.poles.real, found.poles.imag, color="#c8c8c8", linewidth=0.8, zorder=1)
     drawn = axes.scatter(found.poles.real, found.poles.imag, c=values, s=11, cmap="viridis", zorder=2)
     axes.plot(found.poles[0].real, found.poles[0].imag, "x", color="black", markersize=8, markeredgewidth=1.6, zorder=3,
-              label=f"at {number(float(found.values[0]), 4)}")
+              label=f"at {number(float(values[0, 0]), 4)}")
     axes.plot(found.poles[-1].real, found.poles[-1].imag, "s", color="black", markersize=6, fillstyle="none", zorder=3,
-              label=f"at {number(float(found.values[-1]), 4)}")
+              label=f"at {number(float(values[-1, 0]), 4)}")
     for limit in found.limits:
-        axes.plot([], [], " ", label=f"limit of stability at {number(limit, 4)}")
-    figure.colorbar(drawn, ax=axes, label=f"{found.parameter} [{unit_label(found.unit)}]")
+        axes.plot([], [], " ", label=f"limit of stability at {readable(limit, found.unit, 4)}")
+    figure.colorbar(drawn, ax=axes, label=f"{found.parameter} [{unit_label(unit)}]")
     _s_plane(axes, found.poles.ravel())
     figure.legend(*axes.get_legend_handles_labels(), loc="outside upper right", ncols=4, frameon=False, fontsize=9)
     return figure
@@ -137,7 +142,9 @@ def plot_steps(channels: Sequence[StateSpace], times: Sequence[Array], *, title:
 
 
 def channel_name(channel: StateSpace) -> str:
-    """`vessel.u → crown.x`."""
+    """`vessel.u → crown.x`; of an open loop where it is cut."""
+    if channel.inputs[0].startswith(CUT):
+        return f"open loop at {channel.outputs[0]}"
     return f"{channel.inputs[0]} → {channel.outputs[0]}"
 
 
@@ -174,6 +181,10 @@ def _s_plane(axes: Axes, points: NDArray[np.complex128]) -> None:
         straight = float(np.median(sizes)) / 10
         axes.set_xscale("symlog", linthresh=straight, linscale=0.6)
         axes.set_yscale("symlog", linthresh=straight, linscale=0.6)
+        for axis in (axes.xaxis, axes.yaxis):  # the ticks on either side of zero would lie on each other
+            powers = 10.0 ** np.arange(np.ceil(np.log10(1.2 * straight)), np.ceil(np.log10(high)) + 1)
+            axis.set_major_locator(FixedLocator([*-powers[::-1], 0.0, *powers]))
+            axis.set_minor_locator(NullLocator())
     size = np.geomspace(low / 10, 10 * high, 300)
     for damping in DAMPINGS:
         for sign in (-1, 1):
@@ -182,7 +193,7 @@ def _s_plane(axes: Axes, points: NDArray[np.complex128]) -> None:
     left, right, up = float(points.real.min()), float(points.real.max()), float(np.abs(points.imag).max())
     room = 0.12 * max(right - left, 1e-9)
     reach = 1.25 * up if up > 0 else max(high, 1.0)
-    axes.set_xlim(1.6 * left if left < 0 else -room, 1.6 * right if right > 0.02 * high else 0.05 * high)
+    axes.set_xlim(1.6 * left if left < 0 else -room, 1.6 * right if right > 0.02 * low else 0.05 * high if high <= 30 * low else float(np.median(sizes)) / 10)
     axes.set_ylim(-reach, reach)
     axes.axvspan(0, axes.get_xlim()[1], color="#f6e3da", zorder=0, linewidth=0)
     axes.set_xlabel("real part [1/s]")
@@ -192,15 +203,6 @@ def _s_plane(axes: Axes, points: NDArray[np.complex128]) -> None:
 def _phase(found: NDArray[np.complex128]) -> Array:
     """In degrees without jumps, beginning between -180 and 180."""
     return np.asarray(np.degrees(np.unwrap(np.angle(found))))
-
-
-def _decibels(magnitude: Array) -> Array:
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(20 * np.log10(magnitude))
-
-
-def _from_decibels(decibels: Array) -> Array:
-    return np.asarray(10 ** np.clip(np.asarray(decibels) / 20, -300, 300))  # matplotlib tries it far outside the picture
 
 
 def _quiet(axes: Axes) -> None:

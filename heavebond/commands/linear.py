@@ -198,7 +198,7 @@ def _margins_told(found: Margins) -> dict[str, object]:
 # -- a parameter that moves --------------------------------------------------------------------------------------------
 def _locus(diagram: Model, over: str, when: str | None, output: Path | None) -> dict[str, object]:
     from heavebond import terminal
-    from heavebond.presentation import number
+    from heavebond.presentation import readable
     from heavebond.root_locus import root_locus
     from heavebond.units import UnitProblem, parse_range
 
@@ -211,9 +211,10 @@ def _locus(diagram: Model, over: str, when: str | None, output: Path | None) -> 
     found = root_locus(diagram, parameter, span, at=when)
     console = terminal.output()
     ends = [("growing" if row.real.max() > 0 else "stable") for row in (found.poles[0], found.poles[-1])]
-    console.print(f"{parameter} from {number(found.values[0])} ({ends[0]}) to {number(found.values[-1])} {found.unit} ({ends[1]})")
+    console.print(f"{parameter} from {readable(found.values[0], found.unit)} ({ends[0]}) to "
+                  f"{readable(found.values[-1], found.unit)} ({ends[1]})", soft_wrap=True)
     for limit in found.limits:
-        console.print(f"limit of stability at {number(limit)} {found.unit}")
+        console.print(f"limit of stability at {readable(limit, found.unit)}", soft_wrap=True)
     files = [output] if output is not None else []
     if output is not None:
         from heavebond.plot import save
