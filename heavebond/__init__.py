@@ -29,9 +29,13 @@ if TYPE_CHECKING:
     from heavebond.experiment import Experiment, load_experiment
     from heavebond.finding import ladder
     from heavebond.fitting import Fit, fit
+    from heavebond.linear_system import StateSpace, state_space
+    from heavebond.locus import root_locus
+    from heavebond.margins import loop_margins
     from heavebond.misfit import Where, where
     from heavebond.model import Model, load, loads
     from heavebond.result import Result
+    from heavebond.simplification import simplify
     from heavebond.simulation import Simulator, simulate
     from heavebond.study import Study, load_study
     from heavebond.tuning import tune
@@ -49,14 +53,17 @@ _WHERE = {
     "load_experiment": "experiment",
     "Assembly": "dae", "assemble": "dae", "DataError": "errors", "HeavebondError": "errors", "ModelError": "errors",
     "SimulationError": "errors", "StartError": "errors", "UsageError": "errors",
+    "StateSpace": "linear_system", "state_space": "linear_system", "loop_margins": "margins", "root_locus": "locus",
+    "simplify": "simplification",
     "Model": "model", "load": "model", "loads": "model", "Result": "result", "Simulator": "simulation",
     "simulate": "simulation", "Where": "misfit", "where": "misfit",
 }
 __all__ = [
     "Assembly", "Comparison", "DataError", "Diagnosis", "Experiment", "Fit", "HeavebondError", "Model", "ModelError",
-    "Result", "SimulationError", "Simulator", "StartError", "Study", "StudyResult", "UsageError", "Where", "assemble",
-    "attempt", "audit", "candidates", "compare", "diagnose", "draw", "fit", "ladder", "load", "load_experiment",
-    "load_study", "loads", "run_study", "simulate", "tune", "where",
+    "Result", "SimulationError", "Simulator", "StartError", "StateSpace", "Study", "StudyResult", "UsageError", "Where",
+    "assemble", "attempt", "audit", "candidates", "compare", "diagnose", "draw", "fit", "ladder", "load",
+    "load_experiment", "load_study", "loads", "loop_margins", "root_locus", "run_study", "simplify", "simulate",
+    "state_space", "tune", "where",
 ]
 
 

@@ -24,6 +24,7 @@ from heavebond.commands.compare import compare
 from heavebond.commands.demo import demo
 from heavebond.commands.diagnose import diagnose
 from heavebond.commands.draw import draw
+from heavebond.commands.energy import energy
 from heavebond.commands.fit import fit
 from heavebond.commands.ladder import ladder
 from heavebond.commands.library import library
@@ -168,5 +169,5 @@ def main() -> None:
 
 
 for _command in (check, draw, run, compare, fit, where, candidates, try_effect, diagnose, ladder, tune, study, modes,
-                 linear, sensitivity, check_gradient, library, demo):
+                 linear, energy, sensitivity, check_gradient, library, demo):
     main.add_command(_command)

@@ -12,14 +12,17 @@ K. J. Astrom, R. M. Murray, Feedback Systems, 2nd ed., Princeton, 2021, section 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from heavebond.dae import Array
 from heavebond.errors import Problem, UsageError
-from heavebond.state_space import StateSpace, spread
+from heavebond.linear_system import StateSpace, spread, state_space
+from heavebond.model import Model
+from heavebond.simulation import Time
 
 # A direct share of the loop so large that nothing is left of what is added: it cannot be cut there.
 UNCUT = 1e-12
@@ -112,7 +115,14 @@ def margins(loop: StateSpace, stable: bool, frequencies: Array | None = None) ->
     return Margins(stable, tuple(gain), tuple(phase), tuple(delay), _modulus(f, values, at))
 
 
-def _modulus(f: Array, values: Array, at: Callable[[float], complex]) -> Margin:
+def loop_margins(model: Model, signal: str, *, at: Time | None = None, parameters: Mapping[str, float | str] | None = None
+                 ) -> Margins:
+    """The margins of the loop that runs through a signal; arguments and errors as those of `state_space`."""
+    closed = state_space(model, [signal], [signal], at=at, parameters=parameters)
+    return margins(open_loop(closed), closed.stable)
+
+
+def _modulus(f: Array, values: NDArray[np.complex128], at: Callable[[float], complex]) -> Margin:
     """The least |1 + L|, refined around the nearest point of the grid."""
     from scipy.optimize import minimize_scalar
 

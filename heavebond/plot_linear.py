@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from heavebond.dae import Array
+    from heavebond.linear_system import StateSpace
+    from heavebond.locus import RootLocus
     from heavebond.margins import Margins
-    from heavebond.root_locus import RootLocus
-    from heavebond.state_space import StateSpace
 
 GRID = "#e4e4e4"
 DAMPINGS = (0.1, 0.3, 0.5, 0.7)

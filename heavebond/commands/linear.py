@@ -27,10 +27,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from heavebond.dae import Array
+    from heavebond.linear_system import StateSpace
     from heavebond.margins import Margin, Margins
     from heavebond.model import Model
-    from heavebond.root_locus import RootLocus
-    from heavebond.state_space import StateSpace
 
 PICTURES = ("bode", "nyquist", "poles", "step")
 MATRICES = (".npz", ".mat")
@@ -79,7 +78,7 @@ def linear(model: str, inputs: tuple[str, ...], outputs: tuple[str, ...], loop: 
         when = operating_time(at, steady)
         if over is not None:
             return _locus(diagram, over, when, output)
-        from heavebond.state_space import StateSpaces
+        from heavebond.linear_system import StateSpaces
 
         made = StateSpaces(diagram, chosen, wanted, when)
         system = made.at()
@@ -106,7 +105,7 @@ def linear(model: str, inputs: tuple[str, ...], outputs: tuple[str, ...], loop: 
 
 def _asked(inputs: list[str], outputs: list[str], loop: str | None, over: str | None) -> tuple[list[str], list[str]]:
     """The inputs and outputs to take; UsageError where what is asked for does not go together."""
-    if loop is not None and (inputs or outputs or over) or over is not None and (inputs or outputs):
+    if (loop is not None and (inputs or outputs or over)) or (over is not None and (inputs or outputs)):
         raise UsageError([Problem("linear-asked", "--loop, --over and --from with --to each ask for something else", None,
                                   "Give one of them.")])
     if loop is not None:
@@ -131,10 +130,10 @@ def _span(channels: Sequence[StateSpace], asked: str | None) -> Array:
         found = parse_range(asked)
     except UnitProblem as problem:
         raise UsageError([Problem(problem.code, f"--frequencies: {problem.message}", None, problem.hint)]) from None
-    if found.unit.text != "Hz" and found.unit.counts != "cycles" or not 0 < found.low < found.high:
+    if (found.unit.text != "Hz" and found.unit.counts != "cycles") or not 0 < found.low < found.high:
         raise UsageError([Problem("frequencies", f"--frequencies {asked}: these are not two frequencies in Hz above 0", None,
                                   "Write for example --frequencies '0.01 .. 10 Hz'.")])
-    from heavebond.state_space import spread
+    from heavebond.linear_system import spread
 
     ends = 2 * np.pi * np.array([10 * found.low, found.high / 10])
     return spread(-ends.astype(complex), channels[0].poles)
@@ -198,8 +197,8 @@ def _margins_told(found: Margins) -> dict[str, object]:
 # -- a parameter that moves --------------------------------------------------------------------------------------------
 def _locus(diagram: Model, over: str, when: str | None, output: Path | None) -> dict[str, object]:
     from heavebond import terminal
+    from heavebond.locus import root_locus
     from heavebond.presentation import readable
-    from heavebond.root_locus import root_locus
     from heavebond.units import UnitProblem, parse_range
 
     (parameter, text), = settings_of("--over", [over]).items()
@@ -272,7 +271,7 @@ def _save_matrices(system: StateSpace, path: Path) -> None:
                 ("input_units", inputs), ("output_units", outputs))}}
     try:
         if path.suffix == ".npz":
-            np.savez(path, **held)  # type: ignore[arg-type]
+            np.savez(path, **held)
         else:
             from scipy.io import savemat
 

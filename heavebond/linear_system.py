@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from heavebond.dae import Array, Assembly
 from heavebond.disturbance import inner_name
@@ -83,15 +83,16 @@ class StateSpace:
                           self.a, self.b[:, columns], self.c[rows], self.d[rows, columns],
                           self.higher[:, rows, columns], self.sizes, self.point)
 
-    def response(self, s: Complex | Array) -> Complex:
+    def response(self, s: ArrayLike) -> Complex:
         """The transfer functions (N, k, m) at complex frequencies s (N,) in 1/s: s = 2j*pi*f."""
-        s = np.atleast_1d(np.asarray(s, dtype=complex))
+        points = np.atleast_1d(np.asarray(s, dtype=complex))
         a, b, c = self._scaled()
-        through = np.zeros((len(s), len(self.outputs), len(self.inputs)), complex)
+        through = np.zeros((len(points), len(self.outputs), len(self.inputs)), complex)
         if self.states:
-            through = c @ np.linalg.solve(s[:, None, None] * np.eye(len(a)) - a, np.broadcast_to(b, (len(s), *b.shape)))
-        s = s[:, None, None]
-        return np.asarray(through + self.d + s * self.higher[0] + s**2 * self.higher[1])
+            through = c @ np.linalg.solve(points[:, None, None] * np.eye(len(a)) - a,
+                                          np.broadcast_to(b, (len(points), *b.shape)))
+        points = points[:, None, None]
+        return np.asarray(through + self.d + points * self.higher[0] + points**2 * self.higher[1])
 
     def zeros(self) -> Complex:
         """The transmission zeros of one channel: where det [[a - s, b], [c, d + s higher]] is 0.
