@@ -143,14 +143,16 @@ class StateSpace:
         return spread(self.visible(), self.poles)
 
     def to_control(self) -> Any:
-        """The same as a `control.StateSpace`; UsageError where python-control is not there or the system is not proper."""
+        """The same as a `control.StateSpace`, dots in names as underscores (python-control allows none); UsageError where
+        python-control is not there or the system is not proper."""
         self._check_proper()
         try:
             import control
         except ImportError:
             raise UsageError("this needs python-control", hint="pip install control") from None
-        return control.ss(self.a, self.b, self.c, self.d, states=list(self.states), inputs=list(self.inputs),
-                          outputs=list(self.outputs))
+        return control.ss(self.a, self.b, self.c, self.d, **{
+            kind: [name.replace(".", "_") for name in own]
+            for kind, own in (("states", self.states), ("inputs", self.inputs), ("outputs", self.outputs))})
 
     def to_scipy(self) -> Any:
         """The same as a `scipy.signal.StateSpace`; UsageError where the system is not proper."""
