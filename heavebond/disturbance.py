@@ -2,7 +2,7 @@
 
 The signal s that a component or a formula sets becomes s = (what sets it) + w; everything that reads it sees s. A node's
 balance gets a further through variable: a force, torque or flow w that enters the node. Index reduction differentiates w
-like a measured input, so that a position source passes w' and w'' on exactly. Without a run w is zero: the machine is the same.
+like a measured input, so that a position source passes w' and w'' on exactly. In runs w is zero.
 """
 
 from __future__ import annotations

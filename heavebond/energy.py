@@ -244,7 +244,8 @@ def table(found: EnergyAudit) -> Table:
     shown = Table("component", "", title=f"energy over {found.result.time[-1] - found.result.time[0]:.6g} s in kJ",
                   title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False,
                   caption_justify="left", caption_style="", caption="\n".join([
-                      f"missing: {found.imbalance:.1e} of {found.largest / 1e3:.4g} kJ; at the nodes {found.nodes:.1e}", *notes]))
+                      f"missing: {found.imbalance:.1e} of {found.largest / 1e3:.4g} kJ; at the nodes {found.nodes:.1e}",
+                      *notes]))
     events = ("at events",) if found.result.assembly.flat.events else ()
     losing = () if found.closes() else ("missing",)
     for name in ("supplied", "in", *events, "start", "end", "dissipated", "delivered", *(("unbalanced",) if why else ()),
@@ -258,8 +259,8 @@ def table(found: EnergyAudit) -> Table:
                       *((unbalanced,) if why else ()), *((missing,) if losing else ()), share)
 
     for line, share in sorted(found.ranking, key=lambda item: not item[0].kind):
-        row(line.component, line.kind.partition(",")[0] or ("*" if line.why else ""), line.supplied, line.energy_in, line.events,
-            line.start, line.end, line.dissipated, line.delivered, line.unbalanced, line.imbalance,
+        row(line.component, line.kind.partition(",")[0] or ("*" if line.why else ""), line.supplied, line.energy_in,
+            line.events, line.start, line.end, line.dissipated, line.delivered, line.unbalanced, line.imbalance,
             share=f"{number(100 * share, 3)} %" if share > ROUNDING else "")
     shown.add_section()
     row("all", "", found.supplied + found.taken, sum(line.energy_in for line in found.lines), found.events,

@@ -1,7 +1,7 @@
 """From where to where energy goes over a run: components and nodes as boxes, net energies as links between them.
 
-The net energy over a port goes between its component and its node. A node through which energy only passes from one component
-to another is left out: the two are linked directly. What circulates is kept, and drawn backwards.
+The net energy over a port goes between its component and its node. A node through which energy only passes from one
+component to another is left out: the two are linked directly. What circulates is kept, and drawn backwards.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Link:
 
 @dataclass(frozen=True)
 class EnergyFlow:
-    """Boxes by name, and the links between them. `left_out` is the energy of the largest link that is too small to be shown."""
+    """Boxes by name, and the links between them. `left_out` is the energy of the largest one not shown."""
 
     boxes: dict[str, Box]
     links: tuple[Link, ...]

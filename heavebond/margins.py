@@ -1,7 +1,7 @@
 """A control loop cut at a signal: its open loop, and how much gain, phase and delay it bears.
 
-The signal s = C x + D w carries what is added to it, and what sets it gives s - w. Cutting the loop means w = r - (s - w), so
-that what reads the signal sees r alone: with w = (r - C x) / D,
+The signal s = C x + D w carries what is added to it, and what sets it gives s - w. Cutting the loop means w = r - (s - w),
+so that what reads the signal sees r alone: with w = (r - C x) / D,
 
     x' = (A - B C / D) x + (B / D) r,   L(s) = -(s - w) / r = -(C / D) x / r - (1 - 1 / D),
 
@@ -73,7 +73,7 @@ def open_loop(closed: StateSpace) -> StateSpace:
     name, d = closed.outputs[0], float(closed.d[0, 0])
     if not closed.proper or abs(d) < UNCUT:
         raise UsageError([Problem("loop-not-cut", f"the loop cannot be cut at '{name}': what is added there acts on itself "
-                                  "at once without limit", None, "Cut it at another signal, such as a controller's output.")])
+                                  "at once", None, "Cut it at another signal, such as a controller's output.")])
     a = closed.a - closed.b @ closed.c / d
     loop = replace(closed, inputs=(f"{CUT}{name}",), a=a, b=closed.b / d, c=-closed.c / d,
                    d=np.array([[-(1 - 1 / d)]]))

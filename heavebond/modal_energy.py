@@ -4,10 +4,10 @@ In a mode all efforts and flows move as e exp(s t), f exp(s t) with s = sigma + 
 
     S = sum conj(e) f = 2 s V + 2 conj(s) T + D
 
-with V, T the energies of its springs and masses and D what it dissipates, means over a cycle. |Im S| / omega is therefore the
-energy of a component that holds one kind, and Re S - sigma |Im S| / omega what it dissipates; below zero it feeds the mode. As no power
-is lost at the nodes, sum S = 0: the dissipation of all is -2 sigma times the energy of all. In a mode that does not swing,
-|S / s| stands for the energy.
+with V, T the energies of its springs and masses and D what it dissipates, in one measure. |Im S| / omega is therefore the
+energy of a component that holds one kind, and Re S - sigma |Im S| / omega what it dissipates; below zero it feeds the mode.
+As no power is lost at the nodes, the sum of S over all components is 0. In a mode that does not swing, |S / s| stands for
+the energy.
 
 A port whose power is an enthalpy flow has no effort and flow that would tell the energy of a small motion: components with
 such ports are left out, and named.

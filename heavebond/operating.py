@@ -35,7 +35,8 @@ class OperatingPoints:
         end = self.time or (float(grid(chosen, None, None)[-1]) if chosen.until is not None else 1.0)
         self.driven = quiet(self.assembly.flat, len(disturbances), end)
         self.equations = StartEquations(self.assembly)
-        self._simulator = Simulator(self.assembly, times=np.array([0.0, self.time]), driven=self.driven) if self.time else None
+        self._simulator = Simulator(self.assembly, times=np.array([0.0, self.time]), driven=self.driven) \
+            if self.time else None
 
     @property
     def words(self) -> str:

@@ -28,11 +28,11 @@ OTHER = "#b0b0b0"
 SUPPLY, HEAT, STORE, PASS, NODE = COLOURS[0], COLOURS[1], COLOURS[2], "#444444", "#9a9a9a"
 BULGE = 0.35  # how far a ribbon that goes back swings out, in columns
 SEEN = 1e-6  # shares below are rounding
-THICK, GAP = 0.16, 0.35  # a box's width in columns; the least room between boxes in a column, over the mean height of a box
+THICK, GAP = 0.16, 0.35  # a box's width in columns; the room between boxes in a column, over the tallest column
 
 
 def plot_energy_flow(flow: EnergyFlow, *, title: str = "") -> Figure:
-    """Boxes from left to right, ribbons as wide as the energy that goes along; the writing at a box says what stays there."""
+    """Boxes from left to right, ribbons as wide as the energy that goes along; the writing says what stays in a box."""
     columns = 1 + max((box.column for box in flow.boxes.values()), default=0)
     rows = 1 + max((box.row for box in flow.boxes.values()), default=0)
     figure = Figure(figsize=(max(WIDTH, 1.9 * columns + 1.5), max(4.5, 0.75 * rows + 2)), dpi=DPI, layout="constrained")
@@ -115,15 +115,16 @@ def _ribbon(axes: Axes, left: float, right: float, start: float, end: float, lin
     points = [(left, start), (middle, start), (middle, end), (right, end), (right, end - height), (middle, end - height),
               (middle, start - height), (left, start - height), (left, start)]
     codes = [Path.MOVETO, *[Path.CURVE4] * 3, Path.LINETO, *[Path.CURVE4] * 3, Path.CLOSEPOLY]
-    axes.add_patch(PathPatch(Path(points, codes), facecolor=DOMAINS.get(link.domain, OTHER), alpha=0.55, linewidth=0, zorder=1))
+    axes.add_patch(PathPatch(Path(points, codes), facecolor=DOMAINS.get(link.domain, OTHER), alpha=0.55, linewidth=0,
+                             zorder=1))
 
 
 def _ribbon_back(axes: Axes, left: float, right: float, start: float, end: float, lane: float, link: Link) -> None:
     """From (left, start) down to a lane below all boxes, along it against the columns, and up to (right, end)."""
     height, wide, narrow = link.energy, BULGE, 0.4 * BULGE
     points = [(left, start), (left + wide, start), (left + wide, lane - height), (left, lane - height),
-              (right, lane - height), (right - wide, lane - height), (right - wide, end), (right, end), (right, end - height),
-              (right - narrow, end - height), (right - narrow, lane), (right, lane),
+              (right, lane - height), (right - wide, lane - height), (right - wide, end), (right, end),
+              (right, end - height), (right - narrow, end - height), (right - narrow, lane), (right, lane),
               (left, lane), (left + narrow, lane), (left + narrow, start - height), (left, start - height), (left, start)]
     codes = [Path.MOVETO, *[Path.CURVE4] * 3, Path.LINETO, *[Path.CURVE4] * 3, Path.LINETO, *[Path.CURVE4] * 3, Path.LINETO,
              *[Path.CURVE4] * 3, Path.CLOSEPOLY]
@@ -135,7 +136,8 @@ def _box(axes: Axes, box: Box, top: float, size: float) -> None:
     name = box.name.removeprefix("node ")
     largest = max((abs(box.supplied), SUPPLY), (box.dissipated, HEAT), (abs(box.stored), STORE), key=lambda item: item[0])
     colour = NODE if box.node else largest[1] if largest[0] > 0.02 * size else PASS
-    axes.add_patch(Rectangle((box.column, top - size), THICK, size, facecolor=colour, linewidth=0.5, edgecolor=colour, zorder=3))
+    axes.add_patch(Rectangle((box.column, top - size), THICK, size, facecolor=colour, linewidth=0.5, edgecolor=colour,
+                             zorder=3))
     said = [] if box.node else [text for value, text in (
         (box.supplied, f"gives {readable(box.supplied, 'J', 3)}" if box.supplied > 0 else
          f"takes {readable(-box.supplied, 'J', 3)}"),

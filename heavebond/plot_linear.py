@@ -29,7 +29,8 @@ DAMPINGS = (0.1, 0.3, 0.5, 0.7)
 REACH = 3.0
 
 
-def plot_bode(channels: Sequence[StateSpace], frequencies: Array, *, title: str = "", margins: Margins | None = None) -> Figure:
+def plot_bode(channels: Sequence[StateSpace], frequencies: Array, *, title: str = "", margins: Margins | None = None
+              ) -> Figure:
     """Magnitude (as a ratio, with decibels on the right) and phase over the frequency in Hz, a line for each channel."""
     figure = Figure(figsize=(WIDTH, 7.5), dpi=DPI, layout="constrained")
     figure.get_layout_engine().set(rect=RECT)  # type: ignore[union-attr,call-arg]
@@ -60,7 +61,8 @@ def plot_bode(channels: Sequence[StateSpace], frequencies: Array, *, title: str 
     return figure
 
 
-def plot_nyquist(channels: Sequence[StateSpace], frequencies: Array, *, title: str = "", margins: Margins | None = None) -> Figure:
+def plot_nyquist(channels: Sequence[StateSpace], frequencies: Array, *, title: str = "", margins: Margins | None = None
+                 ) -> Figure:
     """The response in the complex plane, with the unit circle and -1 for an open loop (`margins`)."""
     figure, axes = _plane(title)
     reach = 0.0
@@ -91,7 +93,7 @@ def plot_nyquist(channels: Sequence[StateSpace], frequencies: Array, *, title: s
 
 
 def plot_poles(poles: NDArray[np.complex128], zeros: Mapping[str, NDArray[np.complex128]], *, title: str = "") -> Figure:
-    """Poles as crosses, the zeros of each channel as circles, with lines of equal damping; axes logarithmic beyond the slowest."""
+    """Poles as crosses, the zeros of each channel as circles, with lines of equal damping."""
     figure, axes = _plane(title)
     axes.plot(poles.real, poles.imag, "x", color=COLOURS[0], markersize=9, markeredgewidth=2, label="poles", zorder=3)
     for k, (name, found) in enumerate(zeros.items()):
@@ -132,7 +134,8 @@ def plot_steps(channels: Sequence[StateSpace], times: Sequence[Array], *, title:
     for axes, channel, time in zip(figure.subplots(n, 1, squeeze=False)[:, 0], channels, times, strict=True):
         axes.plot(time, channel.step(time)[:, 0, 0], color=COLOURS[0], linewidth=1.4)
         if channel.stable:
-            axes.axhline(float(channel.response(np.zeros(1))[0, 0, 0].real), color="#8c8c8c", linewidth=0.8, linestyle=DASHES[1])
+            settled = float(channel.response(np.zeros(1))[0, 0, 0].real)
+            axes.axhline(settled, color="#8c8c8c", linewidth=0.8, linestyle=DASHES[1])
         _quiet(axes)
         axes.set_xlim(0, time[-1])
         axes.set_ylabel(f"{channel.outputs[0]} [{unit_label(channel.units[2][0])}]")
@@ -193,7 +196,8 @@ def _s_plane(axes: Axes, points: NDArray[np.complex128]) -> None:
     left, right, up = float(points.real.min()), float(points.real.max()), float(np.abs(points.imag).max())
     room = 0.12 * max(right - left, 1e-9)
     reach = 1.25 * up if up > 0 else max(high, 1.0)
-    axes.set_xlim(1.6 * left if left < 0 else -room, 1.6 * right if right > 0.02 * low else 0.05 * high if high <= 30 * low else float(np.median(sizes)) / 10)
+    beyond = float(np.median(sizes)) / 10 if high > 30 * low else 0.05 * high
+    axes.set_xlim(1.6 * left if left < 0 else -room, 1.6 * right if right > 0.02 * low else beyond)
     axes.set_ylim(-reach, reach)
     axes.axvspan(0, axes.get_xlim()[1], color="#f6e3da", zorder=0, linewidth=0)
     axes.set_xlabel("real part [1/s]")

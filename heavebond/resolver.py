@@ -37,8 +37,8 @@ class Unknown:
 
 @dataclass(frozen=True)
 class Resolver:
-    """Names of a diagram to SX and units: for formulas in place, outputs, conditions and costs; `spring.a.power` is the power
-    into a component over a port."""
+    """Names of a diagram to SX and units: for formulas in place, outputs, conditions and costs; `spring.a.power` is the
+    power into a component over a port."""
 
     names: dict[str, int]
     constants: dict[str, ca.SX]

@@ -82,7 +82,8 @@ def finding_files(finding: Finding, before: Experiment, model: Path, experiment:
             for name, p in own.items()}
     free.update({name: FIXED for name in before.free if name not in finding.fit.experiment.free})
     lines = [f"experiment: {quoted(f'{before.name}, with {candidate.kind} {candidate.place}')}",
-             f"extends: {quoted(extended_from(experiment, before.path))}", f"model: {quoted(extended_from(experiment, model))}",
+             f"extends: {quoted(extended_from(experiment, before.path))}",
+             f"model: {quoted(extended_from(experiment, model))}",
              *block("inputs", {new: old for old, new in change.moved.items()}),
              *block("outputs", {name: f"{{is: {quoted(formula)}}}" for name, formula in change.channels.items()}),
              *block("free", free)]

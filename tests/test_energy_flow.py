@@ -41,7 +41,7 @@ def test_the_power_at_a_port_is_a_signal() -> None:
     gas = hb.simulate(hb.load("receiver_rig"), 1)
     flows = [name for name in gas.assembly.flat.bonds if gas.assembly.flat.bonds[name].effort is None]
     assert np.array_equal(gas[f"{flows[0]}.power"], gas[f"{flows[0]}.H"])
-    with pytest.raises(hb.UsageError, match="nothing here is called 'damper.c.power'"):
+    with pytest.raises(hb.UsageError, match=r"nothing here is called 'damper\.c\.power'"):
         result["damper.c.power"]
 
 
@@ -63,7 +63,7 @@ def test_activity_and_what_is_delivered_by_hand() -> None:
 
 @pytest.mark.parametrize("name", ["passive_rig", "cmc_ahc", "cylinder_rig", "receiver_rig"])
 def test_what_flows_into_a_box_stays_or_leaves(name: str, tmp_path: Path) -> None:
-    """Every box but a node: in - out = heat + stored - supplied, to the trapezoidal rule and what is too small to be drawn."""
+    """Every box but a node: in - out = heat + stored - supplied, but for what is too small to be drawn."""
     found = audit(hb.load(name))
     flow = energy_flow(found)
     largest = max(link.energy for link in flow.links)

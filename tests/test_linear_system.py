@@ -96,7 +96,7 @@ def test_a_force_that_follows_the_speed_of_its_input_is_not_proper() -> None:
     assert not system.proper
     zeros = np.sort_complex(system.zeros())  # d s (G - 1) = -d s (m s^2 + d_s s + c_s) / (...)
     assert zeros == pytest.approx(np.sort_complex(np.roots([M, D_S, C_S, 0])), rel=1e-7, abs=1e-9)
-    with pytest.raises(hb.UsageError, match="follows the derivative of 'vessel.u'"):
+    with pytest.raises(hb.UsageError, match=r"follows the derivative of 'vessel\.u'"):
         system.to_control()
 
 
@@ -226,7 +226,8 @@ def test_a_steady_state_holds_its_inputs_still() -> None:
 def test_a_measured_input_at_a_time(tmp_path: Path) -> None:
     """A record between whose samples the machine is linearised: pieces are expanded about that time."""
     (tmp_path / "road.csv").write_text("t,x\n" + "".join(f"{t / 10},{np.sin(t / 10)}\n" for t in range(41)))
-    (tmp_path / "car.yaml").write_text(QUARTER_CAR.replace("u: 0 m", "u: {file: road.csv, column: x, unit: m, between: spline}"))
+    record = "u: {file: road.csv, column: x, unit: m, between: spline}"
+    (tmp_path / "car.yaml").write_text(QUARTER_CAR.replace("u: 0 m", record))
     for at in (None, "1.234 s"):
         system = hb.state_space(hb.load(tmp_path / "car.yaml"), ["road.u"], ["body.x", "tyre.F"], at=at)
         plain = hb.state_space(hb.loads(QUARTER_CAR), ["road.u"], ["body.x", "tyre.F"])

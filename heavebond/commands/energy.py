@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 @click.argument("model")
 @click.option("--until", metavar="TIME", help="How long to simulate, e.g. --until '2 min'.")
 @click.option("--every", metavar="TIME", help="Time between output points, e.g. --every '10 ms'.")
-@click.option("--audit", "audited", is_flag=True, help="End with an error that names the component where the balance is open.")
+@click.option("--audit", "audited", is_flag=True, help="End with an error that names the component whose balance is open.")
 @click.option("--sankey", metavar="PICTURE", type=click.Path(path_type=Path),
               help="Draw from where to where energy goes (.png, .svg or .pdf).")
 @click.option("--activity", metavar="PICTURE", type=click.Path(path_type=Path),

@@ -63,8 +63,8 @@ def linear(model: str, inputs: tuple[str, ...], outputs: tuple[str, ...], loop: 
 
     heavebond linear cmc_ahc --over controller.K_p='0 .. 5 1/m' --output locus.png
 
-    A friction law is linearised as it is at rest, where it holds everything: --set its forces to 0 for the machine in motion,
-    or take a moment of motion by --at.
+    A friction law is linearised as it is at rest, where it holds everything: --set its forces to 0 for the machine in
+    motion, or take a moment of motion by --at.
     """
     from heavebond import terminal
     from heavebond.model import load
@@ -155,8 +155,8 @@ def _print_channels(channels: Sequence[StateSpace], span: Array) -> list[dict[st
         peak = int(np.argmax(gains))
         rows.append((channel_name(channel), ratio(channel), number(static, 4), number(float(gains[peak]), 4),
                      f"{number(float(span[peak]), 4)} Hz"))
-        told.append({"from": channel.inputs[0], "to": channel.outputs[0], "static_gain": static, "peak_gain": float(gains[peak]),
-                     "peak_frequency": float(span[peak]), "proper": channel.proper,
+        told.append({"from": channel.inputs[0], "to": channel.outputs[0], "static_gain": static,
+                     "peak_gain": float(gains[peak]), "peak_frequency": float(span[peak]), "proper": channel.proper,
                      "zeros": [] if channel.higher[1].any() else [[z.real, z.imag] for z in channel.zeros()]})
     terminal.output().print(terminal.table("", ("channel", "unit", "gain at rest", "largest gain", "at"), rows, text=2))
     return told

@@ -56,7 +56,8 @@ def modes(model: str, at: str | None, steady: bool, settings: tuple[str, ...]) -
                                  ("frequency", "damping", "decay", "energy in", "damped (fed) by"), rows, text=5))
     growing = sum(mode.value.real > 0 for mode in found)
     if growing:
-        console.print(f"{growing} modes grow" if growing > 1 else "1 mode grows", f"{operating.words}: it is not stable there")
+        console.print(f"{growing} modes grow" if growing > 1 else "1 mode grows",
+                      f"{operating.words}: it is not stable there")
     if shares and shares[0].left_out:
         console.print(f"not counted (described by mass and temperature): {', '.join(shares[0].left_out)}", soft_wrap=True)
     return {"model": assembly.model.name, "at": operating.words, "operating_point": _point_told(assembly, point),
