@@ -3,8 +3,8 @@
 The components are ranked by activity (see `energy`); those that together make up the wanted share stay. Each of the others
 is set to the values at which it is absent (`effect:` of its component: a spring of no stiffness, a friction of no force),
 or taken out of the diagram where that does not run (a mass), the least active first; it stays so if the diagram still runs
-and no output moves by more than a limit. What follows its values by a formula (the weight of a mass) keeps its own. A stiff part in a
-line of parts is little active too, and cannot go: that shows as an error.
+and no output moves by more than a limit. What follows its values by a formula (the weight of a mass) keeps its own.
+A stiff part in a line of parts is little active too, and cannot go: that shows as an error.
 """
 
 from __future__ import annotations

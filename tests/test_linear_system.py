@@ -265,13 +265,15 @@ def test_the_command_tells_and_draws(tmp_path: Path, capsys: pytest.CaptureFixtu
     told = _command(["linear", "cmc_ahc", "--loop", "command", "--output", str(tmp_path / "loop.svg")], tmp_path)
     assert "gain" in capsys.readouterr().out
     assert told["stable"] is True
-    told = _command(["linear", "cmc_ahc", "--over", "controller.K_p=0 .. 5 1/m", "--output", str(tmp_path / "l.pdf")], tmp_path)
+    told = _command(["linear", "cmc_ahc", "--over", "controller.K_p=0 .. 5 1/m", "--output", str(tmp_path / "l.pdf")],
+                    tmp_path)
     assert len(told["limits"]) == 1  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(("words", "message"), [
     ([], "it is not said between what to look"), (["--loop", "command", "--from", "heave"], "each ask for something else"),
-    (["--over", "controller.K_p=3"], "--over"), (["--from", "heave", "--to", "crown.x", "--frequencies", "1 .. 2 m"], "in Hz"),
+    (["--over", "controller.K_p=3"], "--over"),
+    (["--from", "heave", "--to", "crown.x", "--frequencies", "1 .. 2 m"], "in Hz"),
     (["--from", "heave", "--to", "crown.x", "--at", "1 s", "--steady"], "two operating points")])
 def test_wrong_usage_is_said(words: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as caught:
