@@ -23,7 +23,7 @@ class Member:
 @dataclass(frozen=True)
 class Domain:
     """What a wire of one kind carries: `across` is shared at a node, `through` sums to zero. `reference` is the component
-    that stands for the surroundings: the ground, a tank."""
+    that stands for the surroundings: the ground, a tank; `medium` the one that sets what flows in a circuit."""
 
     name: str
     members: dict[str, Member]
@@ -34,6 +34,7 @@ class Domain:
     position: str | None
     power: str | None
     reference: str | None = None
+    medium: str | None = None
 
     def role(self, member: str) -> str:
         """The member's own name for `effort` and `flow` as generic ports write them."""
@@ -135,6 +136,7 @@ ATTACHES = ("across", "at", "in series", "input", "channel")
 class Parameter:
     """A constant of a component; bounds and default in SI. `neutral` is the value at which an effect is absent: such a
     parameter is a dormant effect, called `kind`, `sought` within a range when it wakes and with it those it `wakes_with`.
+    `medium` names the parameter of the circuit's medium whose value it takes where it is not given.
     """
 
     name: str
@@ -149,6 +151,7 @@ class Parameter:
     kind: str = ""
     sought: Sought | None = None
     wakes_with: tuple[str, ...] = ()
+    medium: str = ""
 
 
 @dataclass(frozen=True)

@@ -68,8 +68,20 @@ class Junction:
 
 
 @dataclass(frozen=True)
+class Medium:
+    """What fills a circuit: the part `source` of this `kind` that sets it (empty: nothing does, and its usual values stand
+    in), the nodes of the circuit, and the parameters `takers` that take their values from it."""
+
+    source: str
+    kind: str
+    nodes: tuple[str, ...]
+    takers: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class Expanded:
-    """The opened diagram. `domain` and `signal` tell what each port end carries, by full port path."""
+    """The opened diagram. `ports` and `signals` tell what each port end carries, by full port path; `media` what fills
+    the circuits that have parts which ask for it."""
 
     model: Model
     leaves: dict[str, Leaf]
@@ -77,10 +89,14 @@ class Expanded:
     parameters: dict[str, Bound] = field(default_factory=dict)
     ports: dict[str, Port] = field(default_factory=dict)
     signals: dict[str, SignalPort] = field(default_factory=dict)
+    media: tuple[Medium, ...] = ()
 
 
 def expand(model: Model) -> Expanded:
-    """Open every block of the diagram; ModelError with all that is wrong with names, ports and wires."""
+    """Open every block of the diagram; ModelError with all that is wrong with names, ports and wires.
+
+    Parameters that are taken from the medium of a circuit are still open (see `medium`).
+    """
     opener = _Opener(model)
     opener.top()
     opener.arrays()
@@ -192,7 +208,10 @@ class _Opener:
         parameters: dict[str, Bound] = {}
         missing: list[str] = []
         for name, parameter in component.parameters.items():
-            bound = self._given(instance, name, prefix, path) or self._default(parameter, path)
+            bound = self._given(instance, name, prefix, path)
+            if bound is None and parameter.medium:
+                continue  # its circuit decides
+            bound = bound or default(parameter, path)
             if bound is None:
                 missing.append(name)
             elif isinstance(bound.value, FileInput):
@@ -216,15 +235,6 @@ class _Opener:
             return Bound(setting.value, "", setting.place)
         given = instance.settings.get(name)
         return None if given is None else Bound(given, prefix, given.place)
-
-    @staticmethod
-    def _default(parameter: Parameter, path: str) -> Bound | None:
-        if parameter.default is not None:
-            return Bound(parameter.default, path + ".", parameter.default.place)
-        if parameter.neutral is not None:
-            neutral = Value(Number(parameter.neutral, None, 0), "neutral", parameter.place, si=True)
-            return Bound(neutral, "", parameter.place)
-        return None
 
     def _check_literal(self, name: str, parameter: Parameter, value: Value) -> None:
         """A plain quantity has the right unit and lies within its bounds; formulas are checked when all are known."""
@@ -430,6 +440,16 @@ class _Opener:
             if isinstance(bound.value, Value) and (n := whole_number(bound.value.expr, found)) is not None:
                 found[name] = n
         return found
+
+
+def default(parameter: Parameter, path: str) -> Bound | None:
+    """What a parameter of the component at `path` is where nothing is given: its default or its neutral value."""
+    if parameter.default is not None:
+        return Bound(parameter.default, path + ".", parameter.default.place)
+    if parameter.neutral is not None:
+        neutral = Value(Number(parameter.neutral, None, 0), "neutral", parameter.place, si=True)
+        return Bound(neutral, "", parameter.place)
+    return None
 
 
 def whole_number(expr: Expr, known: dict[str, int]) -> int | None:
