@@ -575,9 +575,9 @@ simulate: {until: 1 s}
 KINDS = {"dry friction", "pressure-dependent friction", "viscous damping", "quadratic damping", "hysteresis", "stiffness",
          "nonlinear stiffness", "backlash", "slack", "end stop", "constant force", "series compliance", "added mass",
          "leakage", "internal leakage", "orifice law", "line resistance", "line inertance", "hose compliance",
-         "entrained air", "cavitation", "supply droop", "relief valve", "tank overflow", "valve overlap", "mechanical loss", "choked flow",
+         "entrained air", "cavitation", "supply droop", "relief valve", "tank overflow", "valve overlap", "choked flow",
          "polytropic exponent", "heat exchange", "sensor offset", "sensor gain", "lag", "delay", "saturation", "dead band",
-         "rate limit", "unknown law"}
+         "rate limit", "unknown law", "mechanical loss"}
 
 
 def test_kinds_are_called_by_the_same_words() -> None:

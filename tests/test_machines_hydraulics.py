@@ -1,4 +1,4 @@
-"""The bundled hydraulic machines: a hydrostatic drive and an excavator boom, beside their steady states worked out by hand."""
+"""The bundled hydraulic machines, a hydrostatic drive and an excavator boom, beside steady states worked out by hand."""
 
 from __future__ import annotations
 
