@@ -34,7 +34,8 @@ def with_media(expanded: Expanded) -> Expanded:
     kind, leaves, takers = library.component(domain.medium), dict(expanded.leaves), dict[int, list[str]]()
     for path, parameters in open_in.items():
         leaf = leaves[path]
-        circuit = next((circuits[port] for port in _joined(path, leaf.component, domain) if port in circuits), -1)
+        circuit = next((circuits[port] for ports in _passages(path, leaf.component, domain) for port in ports
+                        if port in circuits), -1)
         found = {p.name: _bound(p, leaf, sources.get(circuit, ""), kind, problems) for p in parameters}
         leaves[path] = replace(leaf, parameters={name: found[name] if name in found else leaf.parameters[name]
                                                  for name in leaf.component.parameters})
@@ -52,9 +53,13 @@ def _open(leaf: Leaf) -> list[Parameter]:
     return [p for p in leaf.component.parameters.values() if p.medium and p.name not in leaf.parameters]
 
 
-def _joined(path: str, component: Component, domain: Domain) -> list[str]:
-    """The ports of a part that carry the medium; one of an open domain may be of any."""
-    return [f"{path}.{p.name}" for p in component.ports.values() if p.domain == domain.name or p.domain.startswith("$")]
+def _passages(path: str, component: Component, domain: Domain) -> list[list[str]]:
+    """The ports of a part between which the medium flows; those of an open domain may carry any."""
+    found: dict[str, list[str]] = {}
+    for port in component.ports.values():
+        if port.domain == domain.name or port.domain.startswith("$"):
+            found.setdefault(port.domain, []).append(f"{path}.{port.name}")
+    return list(found.values())
 
 
 def _circuits(expanded: Expanded, domain: Domain) -> dict[str, int]:
@@ -62,8 +67,8 @@ def _circuits(expanded: Expanded, domain: Domain) -> dict[str, int]:
     links = [["node " + junction.path, *(end.name.partition("[")[0] for end in junction.ends)]
              for junction in expanded.junctions.values()]
     # the ports of a block are joined, or not, by what is inside
-    links += [_joined(path, leaf.component, domain) for path, leaf in expanded.leaves.items()
-              if not leaf.component.composite]
+    links += [link for path, leaf in expanded.leaves.items() if not leaf.component.composite
+              for link in _passages(path, leaf.component, domain)]
     return _numbered(links)
 
 

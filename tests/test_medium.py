@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 import heavebond as hb
+from heavebond.catalogue import candidates
+from heavebond.cli import main
 from heavebond.errors import ModelError
+from heavebond.experiment import load_experiment
 from heavebond.library import library
 from heavebond.summary import summary
 
@@ -87,6 +91,19 @@ def test_a_fluid_reaches_past_a_cylinder_and_wakes_its_air() -> None:
     press = hb.load("cylinder_rig")
     filled = press.with_component("oil", "Fluid", {"a": "chamber_a"}, {"air": 0.01})
     assert {"cylinder.air"} <= {t for m in hb.assemble(filled).flat.expanded.media for t in m.takers}
+
+
+def test_air_sleeps_once_in_the_fluid_and_not_in_every_part() -> None:
+    experiment = load_experiment("cylinder_rig/leakage")
+    filled = replace(experiment, model=experiment.model.with_component("oil", "Fluid", {"a": "chamber_a"}, {}))
+    before, after = ({c.label for c in candidates(e) if "(air)" in c.label} for e in (experiment, filled))
+    assert (before, after) == ({"Cylinder in cylinder (air)"}, {"Fluid in oil (air)"})
+
+
+def test_the_library_tells_what_is_taken_from_the_fluid(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["library", "Capillary"])
+    assert "rho of the Fluid" in capsys.readouterr().out
 
 
 def test_check_says_what_fills_a_circuit() -> None:
