@@ -130,6 +130,8 @@ CASES = [
     Case("pressure_source", "part.q", 1, 210*BAR*1e-11, 1e-12, ROUNDING),
     Case("proportional_valve43", "valve.x", 0.03, 0.5*second_order(0.03, 20, 0.5), 1e-5, STEPS),
     Case("proportional_valve43", "load.q", 0.5, np.sqrt(100*BAR/(2*5*BAR/(20*LPM)**2 + 80*BAR/(20*LPM)**2)), 1e-5, BAND),
+    Case("rated_relief_valve", "line.p", 1, brentq(
+        lambda p: root(60*LPM, 220*BAR, p)*(p - 200*BAR)/(20*BAR) - 30*LPM, 200*BAR, 220*BAR), 1e-6, SETTLED),
     Case("relief_valve", "line.p", 0.02, 200*BAR + 30*LPM/1e-10*(1 - np.exp(-1e-10*K_OIL/1e-3*0.02)), 1e-6, STEPS),
     Case("servo_valve43", "meter.y", 0.1, 38*LPM, 1e-5, BAND),
     Case("sharp_edged_orifice", "part.q", 1, 0.61*PI/4*2e-3**2*np.sqrt(2/870*100*BAR), 1e-4, BAND),
