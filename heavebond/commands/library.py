@@ -152,7 +152,8 @@ def _as_dict(component: Component) -> dict[str, object]:
         "signals": {s.name: {"direction": s.direction, "unit": s.unit.text} for s in component.signals.values()},
         "parameters": {p.name: {
             "unit": p.unit.text, "doc": p.doc, "min": p.low, "max": p.high, "neutral": p.neutral,
-            "default": p.default.text if p.default else None, "medium": p.medium or None} for p in component.parameters.values()},
+            "default": p.default.text if p.default else None, "medium": p.medium or None}
+            for p in component.parameters.values()},
         "variables": {v.name: {"unit": v.unit.text, "doc": v.doc} for v in component.variables.values()},
         "events": {e.name: {e.key: e.formula.text, "then": {r.target.text: r.value.text for r in e.resets}}
                    for e in component.when},
