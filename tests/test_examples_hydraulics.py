@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import heavebond as hb
-from heavebond.library import bundled
+from heavebond.library import bundled, library
 
 BAR, LPM, PI = 1e5, 1e-3/60, np.pi
 TURN, RPM = 2*PI, 2*PI/60
@@ -165,6 +165,15 @@ def test_every_hydraulic_component_has_its_example() -> None:
     for stem in stems:
         kinds = {i.kind for i in hb.load(f"examples/{stem}").body.instances.values()}
         assert stem.replace("_", "") in {kind.lower() for kind in kinds}, f"{stem} does not show itself"
+
+
+def test_every_hydraulic_component_says_what_it_leaves_out_and_where_its_law_is_from() -> None:
+    known = library()
+    for path in (bundled("components") / "hydraulic").glob("*.yaml"):
+        component = next(c for name in known.names() if (c := known.component(name)).path.name == path.name)
+        assert component.restrictions, path.stem
+        assert component.source, path.stem
+        assert component.symbol, path.stem
 
 
 def test_the_examples_are_small() -> None:
