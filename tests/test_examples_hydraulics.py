@@ -176,6 +176,32 @@ def test_every_hydraulic_component_says_what_it_leaves_out_and_where_its_law_is_
         assert component.symbol, path.stem
 
 
+AWAKE = {"leakage": 2e-11, "eta_v": 0.8, "eta_hm": 0.8, "air": 0.05, "overlap": 0.1, "zeta": 50.0, "expansion": 2e-12,
+         "q_0": 1e-4}
+
+
+def dormant() -> list[tuple[str, str, str]]:
+    """The example, the part and the parameter of each effect that sleeps in a hydraulic component."""
+    known, found = library(), []
+    for name in known.names():
+        component = known.component(name)
+        if component.path.parent.name == "hydraulic":
+            parts = hb.load(f"examples/{component.path.stem}").body.instances
+            part = next(path for path, instance in parts.items() if instance.kind == name)
+            found += [(component.path.stem, part, p.name) for p in component.parameters.values() if p.neutral is not None]
+    return found
+
+
+@pytest.mark.parametrize(("example", "part", "parameter"), dormant())
+def test_what_sleeps_in_a_component_wakes_in_its_example(example: str, part: str, parameter: str) -> None:
+    model = hb.load(f"examples/{example}")
+    plain, awake = hb.simulate(model), hb.simulate(model.with_parameters({f"{part}.{parameter}": AWAKE[parameter]}))
+    # of all variables: between two supplies, or where it is the same on both sides, what is shown may well stay
+    changed = [np.abs(awake[name] - plain[name]).max()/max(np.abs(plain[name]).max(), u.nominal*1e-6)
+               for u in plain.assembly.flat.unknowns for name in (u.name,)]
+    assert max(changed) > 1e-3
+
+
 def test_the_examples_are_small() -> None:
     for case in CASES:
         path: Path = bundled("models") / "examples" / f"{case.example}.yaml"
