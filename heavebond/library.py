@@ -87,6 +87,14 @@ def library(folders: Iterable[Path] = ()) -> Library:
     return Library(_domains(), files, twice)
 
 
+def example(component: Component) -> Path | None:
+    """The smallest diagram that shows a component of the library, `models/examples/` with the name of its file; None where
+    there is none."""
+    path = bundled("models") / "examples" / component.path.name
+    inside = component.path.resolve().is_relative_to(bundled("components").resolve())
+    return path if inside and path.is_file() else None
+
+
 @lru_cache(maxsize=1)
 def _bundled_files() -> Dictionary[str, Path]:
     files: dict[str, Path] = {}
