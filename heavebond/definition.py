@@ -12,12 +12,15 @@ from heavebond.units import Range, Unit
 
 @dataclass(frozen=True)
 class Member:
-    """One variable of a port: its unit and the size that it commonly has (for scaling)."""
+    """One variable of a port: its unit, the size that it commonly has (for scaling), what it never falls below, and the
+    guess where a start is searched and nothing else is known."""
 
     name: str
     unit: Unit
     nominal: float
     doc: str = ""
+    low: float | None = None
+    start: float | None = None
 
 
 @dataclass(frozen=True)

@@ -137,9 +137,8 @@ def _domain(name: str, node: Mapping, problems: Problems) -> Domain:
         if entry is None:
             continue
         unit = _unit(entry.items.get("unit"), problems) or DIMENSIONLESS
-        nominal = reading.value(entry.items.get("nominal", Scalar("1", entry.place)), "nominal", problems)
-        size = constant(nominal.expr) if nominal is not None else None
-        members[key] = Member(key, unit, size or 1.0, reading.text(entry.items.get("doc"), "doc", problems))
+        low, nominal, start = (_figure(entry, name, problems) for name in ("min", "nominal", "start"))
+        members[key] = Member(key, unit, nominal or 1.0, reading.text(entry.items.get("doc"), "doc", problems), low, start)
 
     def listed(key: str) -> tuple[str, ...]:
         return tuple(s.text for s in reading.words(node.items.get(key), key, problems))
@@ -149,6 +148,12 @@ def _domain(name: str, node: Mapping, problems: Problems) -> Domain:
 
     return Domain(name, members, listed("across"), listed("through"), single("effort"), single("flow"),
                   single("position"), single("power"), single("reference"))
+
+
+def _figure(entry: Mapping, key: str, problems: Problems) -> float | None:
+    node = entry.items.get(key)
+    found = reading.value(node, key, problems) if node is not None else None
+    return constant(found.expr) if found is not None else None
 
 
 @lru_cache(maxsize=1024)
