@@ -589,8 +589,8 @@ KINDS = {"dry friction", "pressure-dependent friction", "viscous damping", "quad
          "nonlinear stiffness", "backlash", "slack", "end stop", "constant force", "series compliance", "added mass",
          "leakage", "internal leakage", "orifice law", "line resistance", "line inertance", "hose compliance",
          "entrained air", "cavitation", "supply droop", "relief valve", "tank overflow", "valve overlap", "choked flow",
-         "polytropic exponent", "heat exchange", "heat loss", "heat capacity", "sensor offset", "sensor gain", "lag", "delay",
-         "saturation", "dead band", "rate limit", "unknown law"}
+         "polytropic exponent", "heat exchange", "heat loss", "heat capacity", "sensor offset", "sensor gain", "lag",
+         "delay", "saturation", "dead band", "rate limit", "unknown law"}
 
 
 def test_kinds_are_called_by_the_same_words() -> None:
