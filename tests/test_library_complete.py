@@ -1,4 +1,4 @@
-"""Every component is shown and explained: an example, a symbol, a page, restrictions, a source, words for everything."""
+"""Every component is shown and explained: an example, a symbol, a page, the source of its law, words for everything."""
 
 from __future__ import annotations
 
@@ -16,13 +16,18 @@ COMPONENTS = {name: LIBRARY.component(name) for name in LIBRARY.names()}
 PAGES = Path(__file__).parent.parent / "docs" / "components"
 
 
+def is_law(component: Component) -> bool:
+    """Whether it states a law of physics with coefficients; ideal sources, sensors and signal blocks are definitions."""
+    return bool(component.ports) and bool(component.parameters) and component.power != "source"
+
+
 def lacks(component: Component) -> list[str]:
     """What a component's file or its surroundings do not say."""
     path = component.path.resolve()
     page = PAGES / path.relative_to(bundled("components").resolve()).with_suffix(".md")
     found = {"an example under models/examples": example(component), "a symbol": symbol(component),
              "a page (`make pages`)": page.is_file() and page.with_suffix(".svg").is_file(),
-             "restrictions": component.restrictions, "a source": component.source}
+             "a source": component.source or not is_law(component)}
     words = [*component.parameters.values(), *component.variables.values(), *component.signals.values()]
     return [*(what for what, there in found.items() if not there),
             *(f"a doc of {item.name}" for item in words if not item.doc)]
