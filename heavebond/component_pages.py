@@ -91,7 +91,7 @@ def _ports(component: Component, domains: dict[str, Domain]) -> list[str]:
         members = _members(port.name, domain) if domain else "effort and flow of the domain it is wired to"
         rows.append((f"`{port.name}`", (port.domain if domain else "any") + count, members, _prose(port.doc)))
         powers.add(_power_of(domain) if domain else "effort times flow")
-    rows += [(f"`{s.name}`", f"signal {s.direction}", unit_label(s.unit.text), _prose(s.doc))
+    rows += [(f"`{s.name}`", f"signal {s.direction}", _unit(s.unit.text), _prose(s.doc))
              for s in component.signals.values()]
     lines = _table(("port", "kind", "variables", "meaning"), rows)
     if powers:
@@ -100,7 +100,7 @@ def _ports(component: Component, domains: dict[str, Domain]) -> list[str]:
 
 
 def _members(port: str, domain: Domain) -> str:
-    return ", ".join(f"${formula_tex(Name((port, m.name), 0, 0))}$ {m.doc} ({unit_label(m.unit.text)})"
+    return ", ".join(f"${formula_tex(Name((port, m.name), 0, 0))}$ {m.doc} ({_unit(m.unit.text)})"
                      for m in domain.members.values())
 
 
@@ -163,7 +163,7 @@ def _energy(component: Component) -> list[str]:
 
 
 def _parameters(component: Component) -> list[str]:
-    rows = [(f"`{p.name}`", f"${symbol_tex(p.name)}$", "whole" if p.integer else unit_label(p.unit.text), _default(p),
+    rows = [(f"`{p.name}`", f"${symbol_tex(p.name)}$", "whole" if p.integer else _unit(p.unit.text), _default(p),
              _bounds(p.low, p.high), _prose(p.doc)) for p in component.parameters.values()]
     return _table(("parameter", "", "unit", "default", "bounds", "meaning"), rows)
 
@@ -181,7 +181,7 @@ def _bounds(low: float | None, high: float | None) -> str:
 
 def _variables(component: Component) -> list[str]:
     return _table(("variable", "", "unit", "meaning"), [
-        (f"`{v.name}`", f"${symbol_tex(v.name)}$", unit_label(v.unit.text), _prose(v.doc) + _held(v))
+        (f"`{v.name}`", f"${symbol_tex(v.name)}$", _unit(v.unit.text), _prose(v.doc) + _held(v))
         for v in component.variables.values()])
 
 
@@ -211,7 +211,7 @@ def _sought(sought: Sought) -> str:
     if sought.range is not None:
         unit = sought.range.unit
         ends = (unit.from_si(end) for end in (sought.range.low, sought.range.high))
-        return f"from {' to '.join(number(end) for end in ends)}" + f" {unit_label(unit.text)}".removesuffix(" –")
+        return f"from {' to '.join(number(end) for end in ends)}" + f" {_unit(unit.text)}".removesuffix(" –")
     return f"held {MOTION[sought.held]} `{sought.seen}`" if sought.held else f"where `{sought.seen}` moves"
 
 
@@ -235,3 +235,8 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
 def _prose(text: str) -> str:
     """Words of a file inside Markdown, where stars and brackets mean something."""
     return re.sub(r"([*|<\[\]])", r"\\\1", text)
+
+
+def _unit(text: str) -> str:
+    """A unit as it is printed; one that is open (`$U`) as it is written, since a dollar sign begins a formula."""
+    return f"`{text}`" if "$" in text else unit_label(text)

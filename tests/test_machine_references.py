@@ -78,3 +78,26 @@ def test_pneumatic_cylinder_out_and_back() -> None:
     assert run["1*chamber_a.p"] == pytest.approx(found[3]*1e3*(KAPPA - 1)/(12e-6 + np.pi/4*0.04**2*found[0]), abs=5e-3*7e5)
     out = np.interp(0.24, run["1*load.x"][run.time < 1.4], run.time[run.time < 1.4]) - 0.2
     assert out == pytest.approx(np.interp(0.24, found[0][run.time < 1.4], run.time[run.time < 1.4]) - 0.2, rel=1e-3)
+
+
+def stage_rates(time: float, y: Array) -> list[float]:
+    """Current, place and speed of the carriage, filtered error (mm), integral part of the controller."""
+    i, x, v, z, q = y
+    way = 4*(min(max(time - 0.1, 0), 0.05)**2/2 + 0.05*max(time - 0.15, 0) - min(max(time - 0.4, 0), 0.05)**2/2
+             - 0.05*max(time - 0.45, 0))
+    error = way - x
+    free = 4000*error + q + 12*(error - z*1e-3)/2e-3
+    u = min(max(free, -24), 24)
+    turns = 2*np.pi/5e-3
+    torque = 0.05*i - 6e-3*np.tanh(turns*v/0.1)
+    return [(u - 1.2*i - 0.05*turns*v)/0.8e-3, v, (turns*torque - 8*np.tanh(v/1e-3))/(4 + 12e-6*turns**2),
+            (error*1e3 - z)/2e-3, 20000*error + (u - free)/0.1]
+
+
+def test_positioning_stage_on_a_trapezoidal_motion() -> None:
+    run = hb.simulate(hb.load("dc_stage"))
+    i, x, *_ = integrated(stage_rates, [0, 0, 0, 0, 0], run.time, [0.1, 0.15, 0.4, 0.45])
+    # the integration keeps 1e-6 of a position of 1 m over some ten reversals of the friction
+    assert run["1*carriage.x"] == pytest.approx(x, abs=5e-6)
+    assert run["current"] == pytest.approx(i, abs=1e-2*np.abs(i).max())
+    assert run["lag"].max() == pytest.approx(2827, rel=1e-3)
