@@ -98,3 +98,9 @@ def test_a_folder_that_cannot_be_written_is_told(tmp_path: Path) -> None:
     answer = CliRunner().invoke(main, ["library", "--pages", str(tmp_path / "file" / "pages")])
     assert answer.exit_code == 2
     assert "Traceback" not in answer.output
+
+
+def test_the_command_shows_the_example_of_a_component() -> None:
+    answer = CliRunner().invoke(main, ["library", "Receiver"])
+    assert "Example (heavebond run examples/receiver)" in answer.output
+    assert "  compressor: {is: PneumaticFlowSource, u: 2 g/s}" in answer.output

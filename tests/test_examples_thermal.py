@@ -7,6 +7,8 @@ import pytest
 from examples import Array, Case, check, without_example
 from scipy.linalg import expm
 
+import heavebond as hb
+
 ZERO = 273.15  # K, 0 degC
 TIGHT = 2e-6  # integration is accurate to 1e-8 of each state, times the number of time constants that are seen
 
@@ -61,3 +63,18 @@ def test_examples(case: Case) -> None:
 
 def test_every_component_has_one() -> None:
     assert not without_example(["thermal"], CASES)
+
+
+def test_a_temperature_begins_where_its_domain_says() -> None:
+    """Two capacities on one node share one temperature, which neither of them declares."""
+    run = hb.simulate(hb.loads("""
+model: pair
+components:
+  heater: {is: HeatSource, u: 100 W}
+  one: {is: HeatCapacity, m: 1 kg, c: 500 J/(kg*K)}
+  two: {is: HeatCapacity, m: 3 kg, c: 500 J/(kg*K)}
+nodes: {body: [heater.a, one.a, two.a]}
+show: {body.T: {unit: K}}
+simulate: {until: 100 s}
+"""))
+    assert run["body.T"] == pytest.approx(293.15 + 100/2000*run.time, rel=1e-6)
