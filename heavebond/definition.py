@@ -26,7 +26,7 @@ class Member:
 @dataclass(frozen=True)
 class Domain:
     """What a wire of one kind carries: `across` is shared at a node, `through` sums to zero. `reference` is the component
-    that stands for the surroundings: the ground, a tank."""
+    that stands for the surroundings: the ground, a tank; `medium` the one that sets what flows in a circuit."""
 
     name: str
     members: dict[str, Member]
@@ -37,6 +37,7 @@ class Domain:
     position: str | None
     power: str | None
     reference: str | None = None
+    medium: str | None = None
 
     def role(self, member: str) -> str:
         """The member's own name for `effort` and `flow` as generic ports write them."""
@@ -140,6 +141,7 @@ class Parameter:
 
     `neutral` is the value at which an effect is absent: such a parameter is a dormant effect, called `kind`, `sought`
     within a range when it wakes and with it those it `wakes_with`.
+    `medium` names the parameter of the circuit's medium whose value it takes where it is not given.
     """
 
     name: str
@@ -155,6 +157,7 @@ class Parameter:
     sought: Sought | None = None
     wakes_with: tuple[str, ...] = ()
     count: Expr | None = None
+    medium: str = ""
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from heavebond.expand import Bound, Expanded, Leaf, expand
 from heavebond.expression import Expr, ExpressionProblem, constant, names, parse_formula
 from heavebond.happening import FlatEvent, Held, held_bounds, leaf_events, with_held
 from heavebond.incidence import Interval, classify
+from heavebond.medium import with_media
 from heavebond.model import Model
 from heavebond.parameters import (
     FlatParameter,
@@ -104,7 +105,7 @@ class Flat:
 
 def flatten(model: Model, also: Iterable[str] = ()) -> Flat:
     """The flat model; `also` names signals that a caller wants beside those that the diagram names itself."""
-    expanded = expand(model)
+    expanded = with_media(expand(model))
     order = formula_order(expanded)
     network = connect(expanded, order)
     return _Builder(expanded, network, make_parameters(expanded, network, order)).build(tuple(also))

@@ -128,7 +128,7 @@ def _domains() -> dict[str, Domain]:
 
 
 def _domain(name: str, node: Mapping, problems: Problems) -> Domain:
-    keys = ("effort", "flow", "across", "through", "position", "power", "members", "doc", "reference")
+    keys = ("effort", "flow", "across", "through", "position", "power", "members", "doc", "reference", "medium")
     reading.known_keys(node, keys, f"domain '{name}'", problems, required=("across", "through", "members"))
     members = {}
     entries = reading.mapping(node.items.get("members"), "members", problems)
@@ -147,7 +147,7 @@ def _domain(name: str, node: Mapping, problems: Problems) -> Domain:
         return reading.text(node.items.get(key), key, problems) or None
 
     return Domain(name, members, listed("across"), listed("through"), single("effort"), single("flow"),
-                  single("position"), single("power"), single("reference"))
+                  single("position"), single("power"), single("reference"), single("medium"))
 
 
 def _figure(entry: Mapping, key: str, problems: Problems) -> float | None:
@@ -295,7 +295,8 @@ class _Parser:
                           reading.text(node.items.get("doc"), "doc", self.problems))
 
     def _parameter(self, key: Scalar, node: Mapping, variables: Dictionary[str, Variable]) -> Parameter:
-        keys = ("unit", "doc", "min", "max", "default", "neutral", "integer", "class", "try", "wakes_with", "count")
+        keys = ("unit", "doc", "min", "max", "default", "neutral", "integer", "class", "try", "wakes_with", "count",
+                "medium")
         integer = "integer" in node.items
         reading.known_keys(node, keys, f"parameter '{key.text}'", self.problems, () if integer else ("unit",))
         unit = DIMENSIONLESS if integer else _unit(node.items.get("unit"), self.problems)
@@ -311,7 +312,7 @@ class _Parser:
                          default, bounds["neutral"], integer, reading.text(node.items.get("class"), "class", self.problems),
                          sought(node.items.get("try"), unit or DIMENSIONLESS, variables, key.text, self.problems),
                          tuple(w.text for w in reading.words(node.items.get("wakes_with"), "wakes_with", self.problems)),
-                         self._count(node))
+                         self._count(node), reading.text(node.items.get("medium"), "medium", self.problems))
 
     def _variable(self, key: Scalar, node: Mapping) -> Variable:
         reading.known_keys(node, ("unit", "doc", "min", "max", "start", "held", "count"), f"variable '{key.text}'",

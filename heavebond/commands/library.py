@@ -167,6 +167,8 @@ def _given(parameter: Parameter) -> str:
         parts.append(f"default {parameter.default.text}")
     if parameter.neutral is not None:
         parts.append(f"absent at {number(parameter.neutral)}")
+    if parameter.medium:
+        parts.append(f"{parameter.medium} of the Fluid")
     if parameter.low is not None:
         parts.append(f">= {number(parameter.low)}")
     if parameter.high is not None:
@@ -189,7 +191,8 @@ def _as_dict(component: Component) -> dict[str, object]:
         "signals": {s.name: {"direction": s.direction, "unit": s.unit.text} for s in component.signals.values()},
         "parameters": {p.name: {
             "unit": p.unit.text, "doc": p.doc, "min": p.low, "max": p.high, "neutral": p.neutral,
-            "default": p.default.text if p.default else None, "list": p.count is not None}
+            "default": p.default.text if p.default else None, "list": p.count is not None,
+            "medium": p.medium or None}
             for p in component.parameters.values()},
         "variables": {v.name: {"unit": v.unit.text, "doc": v.doc} for v in component.variables.values()},
         "events": {e.name: {e.key: e.formula.text, "then": {r.target.text: r.value.text for r in e.resets}}
