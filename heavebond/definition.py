@@ -12,12 +12,15 @@ from heavebond.units import Range, Unit
 
 @dataclass(frozen=True)
 class Member:
-    """One variable of a port: its unit and the size that it commonly has (for scaling)."""
+    """One variable of a port: its unit, the size that it commonly has (for scaling), what it never falls below, and the
+    guess where a start is searched and nothing else is known."""
 
     name: str
     unit: Unit
     nominal: float
     doc: str = ""
+    low: float | None = None
+    start: float | None = None
 
 
 @dataclass(frozen=True)
@@ -137,8 +140,8 @@ class Parameter:
     """A constant of a component, or with `count` a list of them; bounds and default in SI.
 
     `neutral` is the value at which an effect is absent: such a parameter is a dormant effect, called `kind`, `sought`
-    within a range when it wakes and with it those it `wakes_with`. `medium` names the parameter of the circuit's
-    medium whose value it takes where it is not given.
+    within a range when it wakes and with it those it `wakes_with`.
+    `medium` names the parameter of the circuit's medium whose value it takes where it is not given.
     """
 
     name: str

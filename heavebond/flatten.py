@@ -33,7 +33,7 @@ from heavebond.template import LEVELS, Template, template
 from heavebond.units import DIMENSIONLESS, ONE, Dimension, Unit, declared_unit, dimension_text, read_unit
 from heavebond.values import add_formula_problem, check_dimension
 
-KELVIN, SECOND = declared_unit("K").dimension, declared_unit("s").dimension
+SECOND = declared_unit("s").dimension
 Entries = list[tuple[int, int]]  # (column, kind); column = level * len(unknowns) + unknown
 
 
@@ -235,9 +235,9 @@ class _Builder:
             members.append((domain.position, "position"))
         for name, role in members:
             member: Member = domain.members[name]
-            low = 0.0 if member.unit.dimension == KELVIN else -inf
-            self._unknown(Unknown(f"{group.name}.{name}", member.unit, member.nominal, role, group.place,
-                                  member.doc, low, motion=bool(domain.position) and role == "across"),
+            self._unknown(Unknown(f"{group.name}.{name}", member.unit, member.nominal, role, group.place, member.doc,
+                                  -inf if member.low is None else member.low, start=member.start,
+                                  motion=bool(domain.position) and role == "across"),
                           [f"{alias}.{name}" for alias in group.aliases])
 
     def _through_unknowns(self, path: str, port: str, domain: Domain, leaf: Leaf) -> None:

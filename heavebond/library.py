@@ -87,6 +87,14 @@ def library(folders: Iterable[Path] = ()) -> Library:
     return Library(_domains(), files, twice)
 
 
+def example(component: Component) -> Path | None:
+    """The smallest diagram that shows a component of the library, `models/examples/` with the name of its file; None where
+    there is none."""
+    path = bundled("models") / "examples" / component.path.name
+    inside = component.path.resolve().is_relative_to(bundled("components").resolve())
+    return path if inside and path.is_file() else None
+
+
 @lru_cache(maxsize=1)
 def _bundled_files() -> Dictionary[str, Path]:
     files: dict[str, Path] = {}
@@ -129,9 +137,8 @@ def _domain(name: str, node: Mapping, problems: Problems) -> Domain:
         if entry is None:
             continue
         unit = _unit(entry.items.get("unit"), problems) or DIMENSIONLESS
-        nominal = reading.value(entry.items.get("nominal", Scalar("1", entry.place)), "nominal", problems)
-        size = constant(nominal.expr) if nominal is not None else None
-        members[key] = Member(key, unit, size or 1.0, reading.text(entry.items.get("doc"), "doc", problems))
+        low, nominal, start = (_figure(entry, name, problems) for name in ("min", "nominal", "start"))
+        members[key] = Member(key, unit, nominal or 1.0, reading.text(entry.items.get("doc"), "doc", problems), low, start)
 
     def listed(key: str) -> tuple[str, ...]:
         return tuple(s.text for s in reading.words(node.items.get(key), key, problems))
@@ -141,6 +148,12 @@ def _domain(name: str, node: Mapping, problems: Problems) -> Domain:
 
     return Domain(name, members, listed("across"), listed("through"), single("effort"), single("flow"),
                   single("position"), single("power"), single("reference"), single("medium"))
+
+
+def _figure(entry: Mapping, key: str, problems: Problems) -> float | None:
+    node = entry.items.get(key)
+    found = reading.value(node, key, problems) if node is not None else None
+    return constant(found.expr) if found is not None else None
 
 
 @lru_cache(maxsize=1024)
