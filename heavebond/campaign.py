@@ -214,7 +214,7 @@ class Kept:
 
 
 def fingerprint(study: Study) -> str:
-    """What tells whether an outcome is still of the same study: its file, its diagrams, their components and records, and the
+    """What tells whether an outcome is still of the same study: its file, its diagrams, their components and records, the
     program."""
     files = {study.path, *Path(__file__).parent.rglob("*.py")}
     for model in {id(case.levels): case.model for case in study.cases}.values():
