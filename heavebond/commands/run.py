@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import click
 
 from heavebond.commands.arguments import (
-    TABLES,
     assembled,
     blamed_on_settings,
     check_picture,
@@ -35,7 +34,7 @@ if TYPE_CHECKING:
 @click.option("--plot", "plotted", metavar="SIGNAL", multiple=True,
               help="Draw a variable, an output or a formula of these. May be repeated.")
 @click.option("--save", "saved", metavar="FILE", multiple=True, type=click.Path(path_type=Path),
-              help="Write the time series (.csv or .parquet). May be repeated.")
+              help="Write the time series (.csv, .parquet, .mat or .nc). May be repeated.")
 @picture_option("Where to draw; without --plot all outputs of the diagram are drawn")
 @click.option("--rtol", metavar="NUMBER", type=click.FloatRange(0, 0.1, min_open=True), default=1e-8, show_default=True,
               help="Relative tolerance of the integrator.")
@@ -48,13 +47,14 @@ def run(model: str, settings: tuple[str, ...], until: str | None, every: str | N
     """
     from heavebond import terminal
     from heavebond.model import load
+    from heavebond.saved import SUFFIXES
     from heavebond.simulation import simulate
 
     if plotted and output is None:
         output = Path(re.sub(r"\W+", "_", Path(model).stem) + ".png")
     check_picture(output)
     for path in saved:
-        check_writable(path, TABLES)
+        check_writable(path, SUFFIXES)
     formulas = read_signals("--plot", plotted)
     with blamed_on_settings(settings):
         with terminal.working("assembling"):
