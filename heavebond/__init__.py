@@ -54,8 +54,8 @@ _WHERE = {
 __all__ = [
     "Assembly", "Comparison", "DataError", "Diagnosis", "Experiment", "Fit", "HeavebondError", "Model", "ModelError",
     "Result", "SavedRun", "SimulationError", "Simulator", "StartError", "Study", "UsageError", "Where", "assemble",
-    "attempt", "audit", "candidates", "compare", "diagnose", "draw", "fit", "ladder", "load", "load_experiment", "load_study",
-    "loads", "read_run", "simulate", "tune", "where",
+    "attempt", "audit", "candidates", "compare", "diagnose", "draw", "fit", "ladder", "load", "load_experiment",
+    "load_study", "loads", "read_run", "simulate", "tune", "where",
 ]
 
 

@@ -24,6 +24,7 @@ from heavebond.commands.compare import compare
 from heavebond.commands.demo import demo
 from heavebond.commands.diagnose import diagnose
 from heavebond.commands.draw import draw
+from heavebond.commands.export import export
 from heavebond.commands.fit import fit
 from heavebond.commands.ladder import ladder
 from heavebond.commands.library import library
@@ -166,5 +167,5 @@ def main() -> None:
 
 
 for _command in (check, draw, run, compare, fit, where, candidates, try_effect, diagnose, ladder, tune, modes, sensitivity,
-                 check_gradient, library, demo):
+                 check_gradient, library, demo, export):
     main.add_command(_command)

@@ -125,22 +125,11 @@ class Probe:
     def __init__(self, assembly: Assembly, names: Iterable[str]):
         self.names = tuple(names)
         _, x, z, p, _, _ = assembly.arguments
-        signals = stack([self._signal(assembly, name) for name in self.names])
+        signals = stack([signal_expression(assembly, name) for name in self.names])
         self._values = _Course(assembly, signals)
         slopes = ca.jacobian(signals, stack([x, z, p]))
         self._moving = sorted(set(slopes.sparsity().get_col()))  # which of (x, z, p) the signals contain
         self._slopes = _Course(assembly, ca.vec(ca.densify(slopes[:, self._moving])))
-
-    @staticmethod
-    def _signal(assembly: Assembly, name: str) -> ca.SX:
-        shown = assembly.model.show.get(name)
-        try:
-            if shown is None:
-                return assembly.expression(parse_formula(name))
-            unit = read_unit(shown.unit)
-            return (assembly.expression(shown.expr) - unit.offset) / unit.scale
-        except ExpressionProblem as problem:
-            raise unknown_signal(assembly, name, problem) from None
 
     def values(self, result: Result) -> Array:
         """The signals of a run (n_signals, N)."""
@@ -208,6 +197,19 @@ def with_held(result: Result, p: Array, held: Array) -> Array:
     if result.assembly.flat.held:
         found[[h.index for h in result.assembly.flat.held]] = held
     return found
+
+
+def signal_expression(assembly: Assembly, name: str) -> ca.SX:
+    """A signal in the assembly's arguments: an output in its own unit, any other formula in SI; UsageError for a name
+    that is not there."""
+    shown = assembly.model.show.get(name)
+    try:
+        if shown is None:
+            return assembly.expression(parse_formula(name))
+        unit = read_unit(shown.unit)
+        return (assembly.expression(shown.expr) - unit.offset) / unit.scale
+    except ExpressionProblem as problem:
+        raise unknown_signal(assembly, name, problem) from None
 
 
 def unknown_signal(assembly: Assembly, name: str, problem: ExpressionProblem) -> UsageError:
