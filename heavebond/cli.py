@@ -30,6 +30,7 @@ from heavebond.commands.ladder import ladder
 from heavebond.commands.library import library
 from heavebond.commands.modes import modes
 from heavebond.commands.run import run
+from heavebond.commands.schema import schema
 from heavebond.commands.sensitivity import sensitivity
 from heavebond.commands.try_effect import try_effect
 from heavebond.commands.tune import tune
@@ -167,5 +168,5 @@ def main() -> None:
 
 
 for _command in (check, draw, run, compare, fit, where, candidates, try_effect, diagnose, ladder, tune, modes, sensitivity,
-                 check_gradient, library, demo, export):
+                 check_gradient, library, demo, export, schema):
     main.add_command(_command)

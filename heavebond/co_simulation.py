@@ -1,7 +1,7 @@
 """The FMUs of a diagram while it runs: the one place where code from a file is executed, where the user allows it.
 
 At each communication point t_k an FMU has got from t_{k-1} to t_k with the inputs of t_{k-1}; its outputs are taken over,
-and it is given its inputs at t_k, as they were before the instant. At the start it is initialised and gives its first outputs.
+and it is given its inputs at t_k, as they were before the instant. At the start it is initialised and gives first outputs.
 """
 
 from __future__ import annotations
