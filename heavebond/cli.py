@@ -29,6 +29,7 @@ from heavebond.commands.fit import fit
 from heavebond.commands.ladder import ladder
 from heavebond.commands.library import library
 from heavebond.commands.modes import modes
+from heavebond.commands.new import new
 from heavebond.commands.run import run
 from heavebond.commands.schema import schema
 from heavebond.commands.sensitivity import sensitivity
@@ -168,5 +169,5 @@ def main() -> None:
 
 
 for _command in (check, draw, run, compare, fit, where, candidates, try_effect, diagnose, ladder, tune, modes, sensitivity,
-                 check_gradient, library, demo, export, schema):
+                 check_gradient, library, demo, export, schema, new):
     main.add_command(_command)

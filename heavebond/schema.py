@@ -120,7 +120,7 @@ def component_file(known: Library) -> Schema:
         "integer": _said("a whole number; written without a value", {}), "class": TEXT, "try": TEXT, "wakes_with": WORDS})
     variable = _object({"unit": UNIT, "doc": TEXT, "min": QUANTITY, "max": QUANTITY, "start": QUANTITY, "held": QUANTITY},
                        ["unit"])
-    event = _object({**{key: FORMULA for key in (*KINDS, "from")}, "then": _each(FORMULA)}, ["then"])
+    event = _object({**dict.fromkeys((*KINDS, "from"), FORMULA), "then": _each(FORMULA)}, ["then"])
     return _object({
         "component": _said("its name, in CamelCase", {"type": "string"}), "summary": _said("a sentence"),
         "restrictions": _said("what it leaves out"), "source": _said("where the law is from"), "domain": TEXT,
