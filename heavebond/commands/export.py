@@ -42,9 +42,9 @@ def export(model: str, output: Path, inputs: tuple[str, ...], settings: tuple[st
     kept = [q for q, own in zip(made.parameters, made.tunable, strict=True) if own]
     groups = {"inputs": made.inputs, "outputs": made.outputs, "states": made.states, "algebraic unknowns": made.algebraic,
               "parameters": kept}
-    console.print(terminal.table(f"{made.name}: {', '.join(f'{len(g)} {name}' for name, g in groups.items() if g)}",
-                                 ("", "name", "unit", "start"), [
+    console.print(terminal.table(made.name, ("", "name", "unit", "start"), [
         (title, q.name, q.unit.text, f"{q.start:.6g}") for title in ("inputs", "outputs") for q in groups[title]], text=3))
+    console.print(", ".join(f"{len(found)} {name}" for name, found in groups.items() if found), soft_wrap=True)
     console.print(f"wrote {output}", soft_wrap=True)
     return {"model": made.name, "file": str(output), **{name.replace(" ", "_"): _listed(g) for name, g in groups.items()}}
 
