@@ -57,8 +57,9 @@ class Library:
     twice: dict[str, tuple[Path, Path]] = field(default_factory=dict)
 
     def names(self) -> list[str]:
-        """Every component that can be named, in the order of their files."""
-        return list(self.files)
+        """Every component in a file of the language, in the order of their files. FMUs are known by name, but a folder may
+        hold some that are no components."""
+        return [name for name, path in self.files.items() if path.suffix != ".fmu"]
 
     def component(self, name: str, place: Place | None = None) -> Component:
         """The component called `name`; ModelError with near names where there is none."""

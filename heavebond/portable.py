@@ -24,6 +24,7 @@ from heavebond.result import signal_expression
 from heavebond.symbols import split, stack
 from heavebond.units import Unit, declared_unit, dimension_text, read_unit, times, unit
 
+AT_ONCE = 1e-6  # s; of the records only the beginning is needed
 DERIVED = ("scale.", "initial.")  # parameters of a run, not of the machine
 
 
@@ -67,19 +68,21 @@ def portable(model: Model, inputs: Iterable[str] = (), name: str = "equations") 
     there, ModelError for a diagram with events.
     """
     wanted = list(dict.fromkeys(inputs))
-    assembly, pieces = assemble(model), np.zeros(0)
-    if wanted:
-        assembly, pieces = _opened(assembly, wanted)
-    elif assembly.flat.inputs:
-        pieces = pieced(assembly.flat, 0.0, 1.0).at(np.zeros(1))[:, 0]
+    assembly = assemble(model)
+    assembly, column = _opened(assembly, wanted) if wanted else (assembly, _measured(assembly))
     if assembly.flat.events:
         names = listing([event.name for event in assembly.flat.events], 3)
         raise ModelError([Problem("export-events", f"a diagram with events cannot be exported: {names}",
                                   assembly.flat.events[0].place, "Leave out the components that switch or sample.")])
-    return _portable(assembly, pieces, name)
+    return _portable(assembly, column, name)
 
 
 # -- inputs ----------------------------------------------------------------------------------------------------------
+def _measured(assembly: Assembly) -> Array:
+    """The column of measured inputs at the start."""
+    return pieced(assembly.flat, 0.0, AT_ONCE).at(np.zeros(1))[:, 0] if assembly.flat.inputs else np.zeros(0)
+
+
 def _opened(before: Assembly, wanted: list[str]) -> tuple[Assembly, Array]:
     """The diagram with signal inputs taken out, and the column of inputs at the start as `Assembly` takes it."""
     flat, settings = before.flat, dict(before.model.settings)
@@ -98,7 +101,7 @@ def _opened(before: Assembly, wanted: list[str]) -> tuple[Assembly, Array]:
 
 def _column(before: Assembly, after: Assembly) -> Array:
     """(t, c0..c3 of each input) at the start: the values that the diagram gave the inputs there, and their rates."""
-    measured = pieced(before.flat, 0.0, 1.0).at(np.zeros(1))[:, 0] if before.flat.inputs else np.zeros(0)
+    measured = _measured(before)
     first = start(before, 0.0, measured)
     column = np.zeros(1 + 4 * len(after.flat.inputs))
     t, x, z, _, _, rate = before.arguments

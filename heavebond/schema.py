@@ -161,12 +161,12 @@ def parts() -> dict[str, Schema]:
 def instances(known: Library) -> dict[str, Schema]:
     """`components:` of a diagram or block, and what may be said of a part by what it is."""
     found: dict[str, Component] = {}
-    for name in known.names():
+    for name in known.files:
         try:
             found[name] = known.component(name)
         except ModelError:
             continue  # what is wrong with it is told where it is used; its name may be completed
-    kinds = known.names()
+    kinds = list(dict.fromkeys([*known.names(), *found]))
     said = [found[name].summary if name in found else "" for name in kinds]
     by_kind = [{"if": {"required": ["is"], "properties": {"is": {"const": name}}},
                 "then": {"$ref": f"#/definitions/is {name}"}} for name in found]

@@ -205,6 +205,45 @@ def test_a_misspelt_fmu_and_fmpy_missing(rig: Path, monkeypatch: pytest.MonkeyPa
         hb.assemble(hb.loads(RIG.replace("controller.fmu", "other.fmu"), rig))
 
 
+def test_fmus_that_are_no_components_do_not_disturb(rig: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from heavebond.library import library
+    from heavebond.schema import schema
+
+    (rig / "broken.fmu").write_text("nonsense")
+    assert "broken.fmu" not in library([rig]).names()
+    assert CliRunner().invoke(main, ["library"]).exit_code == 0
+    kinds = schema(library([rig]))["definitions"]["components"]["additionalProperties"]["properties"]["is"]["enum"]
+    assert "controller.fmu" in kinds and "broken.fmu" not in kinds
+    hb.assemble(hb.load("rig.yaml"))
+
+
+SWITCHED = """
+component: Latch
+summary: Notes how often a load passes a place, and kicks it.
+ports: {a: translational}
+parameters: {x_0: {unit: m, default: 10 mm}}
+variables: {count: {unit: 1, held: 0}}
+equations: |
+  a.f = 0
+when:
+  passes: {condition: a.x > x_0, then: {count: count + 1, a.v: 0.9*a.v}}
+"""
+
+
+@compiled
+def test_events_of_the_diagram_between_communications(rig: Path) -> None:
+    """What happens in between is found by integrating again; the FMU goes through each of its steps once."""
+    (rig / "latch.yaml").write_text(SWITCHED)
+    more = [text.replace("nodes:", "  latch: {is: Latch}\nnodes:").replace("pull.a, ", "pull.a, latch.a, ")
+            for text in (RIG, LIKE)]
+    run, like = hb.simulate(hb.loads(more[0], rig), allow_fmu=True), hb.simulate(hb.loads(more[1], rig))
+    passed = [time for time, name in run.events if name == "latch.passes"]
+    assert passed == pytest.approx([time for time, name in like.events if name == "latch.passes"])
+    assert passed and all(abs(time / 0.04 - round(time / 0.04)) > 0.01 for time in passed)
+    assert run["place"] == pytest.approx(like["place"], abs=1e-5)
+    assert run["controller.count"][-1] == 50
+
+
 @compiled
 def test_an_fmu_of_ours_is_refused_with_a_reason(tmp_path: Path) -> None:
     export_fmu(hb.loads(LIKE.replace("SampleHold, T_s: 40 ms", "Gain, k: 1")), tmp_path / "controller.fmu")
