@@ -1,8 +1,8 @@
 """A diagram as an FMU: FMI 3.0 for model exchange, from the C of `c_code` with a wrapper, compiled for this machine.
 
-CasADi's own exporter (DaeBuilder) is not used: it writes no unit definitions and no start values of states, and algebraic
-unknowns only for importers that know an extension of the standard. Modelica Association, Functional Mock-up Interface
-Specification 3.0.1, https://fmi-standard.org.
+CasADi's own exporter (DaeBuilder 3.8) is not used: it writes units without their definitions, adds variables with names that
+the standard does not allow, and knows algebraic unknowns only for importers with an extension of the standard.
+Modelica Association, Functional Mock-up Interface Specification 3.0.1, https://fmi-standard.org.
 """
 
 from __future__ import annotations

@@ -7,6 +7,7 @@ needs more than one look (wires, formulas, dimensions) is left to `heavebond che
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from urllib.parse import quote
 
 from heavebond.definition import ATTACHES, Component
 from heavebond.errors import ModelError
@@ -38,13 +39,13 @@ HEADS = ("component", "experiment", "study", "model")  # in this order: an exper
 def schema(known: Library) -> Schema:
     """The schema of all four kinds of files, with the components of a library."""
     kinds = {"model": diagram(), "component": component_file(known), "experiment": experiment(), "study": study()}
-    chosen: Schema = {"$ref": "#/definitions/model file"}
+    chosen: Schema = {"$ref": "#/definitions/model_file"}
     for head in reversed(HEADS[:-1]):
-        chosen = {"if": {"required": [head]}, "then": {"$ref": f"#/definitions/{head} file"}, "else": chosen}
+        chosen = {"if": {"required": [head]}, "then": {"$ref": f"#/definitions/{head}_file"}, "else": chosen}
     return {
         "$schema": DRAFT, "title": "heavebond", "type": "object", "anyOf": [{"required": [head]} for head in HEADS],
         "properties": {head: {} for head in HEADS}, "allOf": [chosen],
-        "definitions": {**{f"{head} file": kind for head, kind in kinds.items()}, **parts(), **instances(known)}}
+        "definitions": {**{f"{head}_file": kind for head, kind in kinds.items()}, **parts(), **instances(known)}}
 
 
 def _object(properties: Mapping[str, object], required: Iterable[str] = (), description: str = "") -> Schema:
@@ -169,8 +170,8 @@ def instances(known: Library) -> dict[str, Schema]:
     kinds = list(dict.fromkeys([*known.names(), *found]))
     said = [found[name].summary if name in found else "" for name in kinds]
     by_kind = [{"if": {"required": ["is"], "properties": {"is": {"const": name}}},
-                "then": {"$ref": f"#/definitions/is {name}"}} for name in found]
+                "then": {"$ref": f"#/definitions/is.{quote(name)}"}} for name in found]
     part = {"type": "object", "required": ["is"], "allOf": by_kind, "properties": {
         **COMMON_ENTRIES, "is": {"enum": kinds, "enumDescriptions": said, "description": "a component"}}}
     return {"components": _each(part, "the parts: a name each, and what it is"),
-            **{f"is {name}": instance_of(component) for name, component in found.items()}}
+            **{f"is.{name}": instance_of(component) for name, component in found.items()}}

@@ -112,7 +112,7 @@ def test_an_editor_is_told_components_parameters_and_units(known: object) -> Non
     found = schema(library.library())["definitions"]
     kinds = found["components"]["additionalProperties"]["properties"]["is"]
     assert kinds["enumDescriptions"][kinds["enum"].index("Spring")]
-    stiffness = found["is Spring"]["properties"]["c"]
+    stiffness = found["is.Spring"]["properties"]["c"]
     assert "stiffness" in stiffness["description"] and "N/m" in stiffness["description"]
     assert {"label": "... kN/m", "body": "${1:1} kN/m"} in stiffness["defaultSnippets"]
 
