@@ -14,9 +14,9 @@ Schema = dict[str, object]
 MORE = ("kN/m", "MN/m", "N/mm", "kN*s/m", "N*s/mm", "mm/s", "m/s", "km/h", "m/s**2", "m**2", "cm**2", "mm**2", "m**3",
         "cm**3", "m**3/s", "m**3/h", "L/s", "1/s", "1/min", "N*m", "kN*m", "N*m/rad", "N*m*s/rad", "kg*m**2", "kg/m**3",
         "kg/s", "kg/h", "g/s", "1/Pa", "1/GPa", "L/min/bar", "m**3/(s*Pa)", "J/K", "W/K", "1/m", "s/m")
-# a number that runs into its unit, as in 40kN/m, and a decimal comma
+# refused: a number that runs into its unit, as in 40kN/m, a decimal comma, a unit with a space, a power written as ^
 QUANTITY = (r"^\s*(=|(?!~?\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?(?![eE][+-]?\d)[A-Za-zµ°%])"
-            r"(?!~?\s*[+-]?\d+,\d+(\s|$)))[\s\S]*$")
+            r"(?!~?\s*[+-]?\d+,\d+(\s|$))(?!~?\s*[\d.eE+-]+\s+[A-Za-zµ°%][^\s+(]*\s+[A-Za-zµ°%])(?!.*\^))[\s\S]*$")
 FORMULA: Schema = {"type": ["string", "number"]}
 TEXT: Schema = {"type": ["string", "number", "boolean"]}
 WORDS: Schema = {"anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}}]}
