@@ -82,7 +82,8 @@ simulate: {until: 60 s}
     ("between: spline", "between: cubic", "cubic"),
     ("column: z, ", "", "column"), ("until: 60 s", "until: 60", "60"), ("model: rig", "modle: rig", "model"),
     ("c: 40 kN/m", "c: 40 kN m", "40 kN m"),
-    ("c: 40 kN/m", "c: 4 kN/m + 500 N/m", ""), ("c: 40 kN/m", "c: 40 N/m^1", "N/m^1"), ("at: [1, 2]", "at: here", "here"), ("is: Mass, m: =m_load, ", "", "'is' is a required property"),
+    ("c: 40 kN/m", "c: 4 kN/m + 500 N/m", ""), ("c: 40 kN/m", "c: 40 N/m^1", "N/m^1"),
+    ("at: [1, 2]", "at: here", "here"), ("is: Mass, m: =m_load, ", "", "'is' is a required property"),
 ])
 def test_what_the_schema_sees(old: str, new: str, said: str, known: object) -> None:
     assert old in RIGHT
