@@ -33,6 +33,7 @@ from heavebond.commands.new import new
 from heavebond.commands.run import run
 from heavebond.commands.schema import schema
 from heavebond.commands.sensitivity import sensitivity
+from heavebond.commands.study import study
 from heavebond.commands.try_effect import try_effect
 from heavebond.commands.tune import tune
 from heavebond.commands.where import where
@@ -168,6 +169,6 @@ def main() -> None:
     """
 
 
-for _command in (check, draw, run, compare, fit, where, candidates, try_effect, diagnose, ladder, tune, modes, sensitivity,
-                 check_gradient, library, demo, export, schema, new):
+for _command in (check, draw, run, compare, fit, where, candidates, try_effect, diagnose, ladder, tune, study, modes,
+                 sensitivity, check_gradient, library, demo, export, schema, new):
     main.add_command(_command)

@@ -24,6 +24,7 @@ from heavebond.progress import Progress
 from heavebond.rivals import Alternative
 from heavebond.rung import EARNED, Step, following, learnt, single, step
 from heavebond.separation import Separation, separate
+from heavebond.threads import single_threaded
 from heavebond.trial import Trial
 from heavebond.verdict import is_noise, misses, verdict, words, worth_it
 
@@ -82,6 +83,7 @@ def _ranked(step: Step) -> list[dict[str, object]]:
                      for s in step.scores if s.candidate.label not in refitted)]
 
 
+@single_threaded
 def diagnose(experiment: Experiment | str | Path, *, auto: bool = False, number: int | None = None, seconds: float = 300.0,
              classes: Sequence[str] = (), progress: Progress | None = None) -> Diagnosis:
     """Find out which effect the diagram of an experiment lacks.
@@ -176,6 +178,7 @@ class Attempt:
                 "bic_difference": self.bic_difference, "earned": self.earned}
 
 
+@single_threaded
 def attempt(experiment: Experiment | str | Path, component: str, places: Sequence[str] = (), *,
             progress: Progress | None = None) -> Attempt:
     """Put one effect into the diagram by hand and fit it: `attempt("rig.yaml", "CoulombFriction", ["platform", "crown"])`.

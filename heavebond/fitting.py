@@ -30,6 +30,7 @@ from heavebond.progress import Progress, numbered
 from heavebond.records import measure
 from heavebond.residuals import BROKEN, Column, Residuals
 from heavebond.shooting import Shooting
+from heavebond.threads import single_threaded
 
 if TYPE_CHECKING:
     from scipy.optimize import OptimizeResult
@@ -92,6 +93,7 @@ class Fit:
             "before": self.before.as_dict(), "after": self.after.as_dict()}
 
 
+@single_threaded
 def fit(experiment: Experiment | str | Path, *, starts: int = 1, segments: int = 1, seed: int = 0, robust: bool = False,
         free: Mapping[str, Free] | None = None, progress: Progress | None = None) -> Fit:
     """Fit the free parameters of an experiment to its records with `use: fit`.

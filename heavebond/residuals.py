@@ -255,23 +255,27 @@ class Residuals:
         moving = [k for k in range(len(self.columns)) if k not in fixed]
         span = self.high - self.low
         history: list[float] = []
+        samples = sum(int(run.counts.sum()) for run in self.runs)
 
         def whole(y: Array) -> Array:
             inner = start.copy()
             inner[moving] = y
             return inner
 
-        def values(y: Array) -> Array:
+        def both(y: Array) -> tuple[Array, Array]:
             inner = whole(y)
-            residuals = np.concatenate([self.evaluate(inner)[0], self.priors(inner)[0]])
+            data, prior = self.evaluate(inner), self.priors(inner)
+            found = np.concatenate([data[0], prior[0]]), np.vstack([data[1], prior[1]])[:, moving]
+            return found if robust else condensed(*found)
+
+        def values(y: Array) -> Array:
+            residuals = both(y)[0]
             history.append(min([float(residuals @ residuals), *history[-1:]]))
-            samples = len(residuals)
             progress(f"chi-square per sample {history[-1] / samples:.4g} after {len(history)} runs")
             return residuals
 
         def jacobian(y: Array) -> Array:
-            inner = whole(y)
-            return np.vstack([self.evaluate(inner)[1], self.priors(inner)[1]])[:, moving]
+            return both(y)[1]
 
         inside = np.clip(start, self.low + 1e-6 * span, self.high - 1e-6 * span)[moving]
         found = least_squares(values, inside, jac=jacobian, bounds=(self.low[moving], self.high[moving]),
@@ -280,3 +284,13 @@ class Residuals:
         found.x = self.allowed(whole(found.x))
         found["history"] = history
         return found
+
+
+def condensed(residuals: Array, jacobian: Array) -> tuple[Array, Array]:
+    """A linear least squares problem of as many rows as unknowns and one more that has the same sum of squares, gradient and
+    normal matrix: with J = Q R, the residuals Q'r and the length of what is left of r, and R over a row of zeros. (The
+    minimiser decomposes the Jacobian at every step; of thousands of rows that takes as long as a run.)"""
+    Q, R = np.linalg.qr(jacobian)
+    seen = Q.T @ residuals
+    rest = np.sqrt(max(float(residuals @ residuals - seen @ seen), 0.0))
+    return np.append(seen, rest), np.vstack([R, np.zeros((1, R.shape[1]))])

@@ -84,12 +84,12 @@ def tried(base: Base, candidate: Candidate, guesses: Sequence[Score] = (), progr
         return None
 
 
-def polished(base: Base, trial: Trial, guesses: Sequence[Score] = ()) -> Trial:
+def polished(base: Base, trial: Trial, guesses: Sequence[Score] = (), progress: Progress | None = None) -> Trial:
     """A refit followed to the end of its valley: what is compared closely must have arrived."""
     refit = _Refit(base, trial.candidate, guesses)
     start = np.array([c.inner(trial.values[c.free.name]) for c in refit.problem.columns])
     try:
-        better = refit.judged(refit.arrive(start))
+        better = refit.judged(refit.arrive(start, progress or (lambda text: None)))
     except HeavebondError:
         return trial
     return better if better.cost < trial.cost else trial
@@ -233,9 +233,9 @@ class _Refit:
         """A few steps that find their way from afar."""
         return self.problem.descend(start, False, progress, most=most, tolerance=tolerance, method="trf")
 
-    def arrive(self, start: Array) -> Array:
+    def arrive(self, start: Array, progress: Progress) -> Array:
         """From near an optimum to it."""
-        return np.asarray(self.problem.minimise(start, False, lambda text: None, most=LAST, tolerance=CLOSE).x)
+        return np.asarray(self.problem.minimise(start, False, progress, most=LAST, tolerance=CLOSE).x)
 
     def judged(self, inner: Array) -> Trial:
         """The figures at the end, from runs of IDAS."""

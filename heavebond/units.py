@@ -88,6 +88,11 @@ class Unit:
         """Value in this unit of an SI value (also element by element for arrays)."""
         return (value - self.offset) / self.scale
 
+    def written(self, value: float) -> str:
+        """`46.998 kN/m`: an SI value in this unit, to six digits."""
+        number = f"{self.from_si(value):.6g}"
+        return number if self.text in ("1", "") else f"{number} {self.text}"
+
 
 DIMENSIONLESS = Unit("1", 1.0, 0.0, ONE)
 
