@@ -16,6 +16,7 @@ from heavebond.model import STARTS
 from heavebond.schema_values import (
     COMMON_ENTRIES,
     FORMULA,
+    LISTS,
     TEXT,
     TIME_AXIS,
     WORDS,
@@ -33,6 +34,7 @@ QUANTITY = {"$ref": "#/definitions/quantity"}
 TIME = {"$ref": "#/definitions/time"}
 UNIT = {"$ref": "#/definitions/unit"}
 BODY = {"components": {"$ref": "#/definitions/components"}, "nodes": {"$ref": "#/definitions/nodes"}}
+COUNT = {"type": ["string", "integer"], "description": "how many it is a list of, by whole numbers"}
 HEADS = ("component", "experiment", "study", "model")  # in this order: an experiment and a study name a model too
 
 
@@ -97,30 +99,39 @@ def experiment() -> Schema:
 
 
 def study() -> Schema:
-    """Tuning."""
-    values = _each(QUANTITY)
+    """Many cases, tuning, or both."""
+    values, ranges = _each(QUANTITY), _each(TEXT, "parameters and their ranges: `0 .. 8 1/m`")
+    window = _object({"from": TIME, "to": TIME}, description="the time that counts")
+    tune = _object({
+        "free": ranges, "cost": _said("a formula of numbers of a run"), "limits": _said("comparisons that must hold", WORDS),
+        "over": _each(values, "sets of values, each with its weight"),
+        "uncertain": _each(TEXT, "how far parameters may be off: `20 %`"),
+        "by": _each({"type": ["object", "null"]}, "procedures")}, ["free", "cost"])
+    steps = _object({"from": QUANTITY, "to": QUANTITY, "number": {"type": ["integer", "string"]}}, ["from", "to", "number"])
+    cases = {"anyOf": [{"type": "array"}, steps, _each({"anyOf": [values, {"type": "null"}]})]}
     return _object({
         "study": _said("a name"), "summary": _said("a sentence"), "model": _said("the diagram"),
-        "free": _each(TEXT, "parameters and their ranges: `0 .. 8 1/m`"),
-        "evaluate": _object({"from": TIME, "to": TIME}, description="the time that counts"),
-        "reference": _said("values of a run that the cost is compared with", values),
-        "cost": _said("a formula of numbers of a run"), "limits": _said("comparisons that must hold", WORDS),
-        "modes": _said("values where modes are computed", values),
-        "cases": _each(_each(QUANTITY), "sets of values, each with its weight"),
-        "uncertain": _each(TEXT, "how far parameters may be off: `20 %`"), "notes": _said("text for readers", {})},
-        ["study", "model", "free", "cost"])
+        "cases": _each(cases, "what is varied: `f: [1 Hz, 2 Hz]`, or named sets of values"), "evaluate": window,
+        "reference": _said("values of a run that others are compared with", values),
+        "modes": _said("values where modes are computed", values), "tune": tune,
+        "measure": _each({"anyOf": [TEXT, _object({"is": {}, "unit": UNIT}, ["is"])]}, "numbers told of each case"),
+        "beside": _said("what others say of the same", {"type": "object"}), "calibrate": _object(
+            {"free": ranges, "targets": {}, "to": {}}, ["free", "targets"]),
+        "pictures": _each(_object({"title": TEXT, "signals": WORDS, "curves": WORDS, "from": TIME, "to": TIME})),
+        "notes": _said("text for readers", {})}, ["study", "model"])
 
 
 def component_file(known: Library) -> Schema:
     """A component."""
     domain: Schema = {"anyOf": [{"enum": list(known.domains)}, {"type": "string", "pattern": r"^\$"}]}
     signal = _object({"signal": {"enum": ["in", "out"]}, "unit": UNIT, "doc": TEXT}, ["signal", "unit"])
-    port = _object({"domain": domain, "doc": TEXT, "count": FORMULA}, ["domain"])
+    port = _object({"domain": domain, "doc": TEXT, "count": COUNT}, ["domain"])
     parameter = _object({
         "unit": UNIT, "doc": TEXT, "min": QUANTITY, "max": QUANTITY, "default": QUANTITY, "neutral": QUANTITY,
-        "integer": _said("a whole number; written without a value", {}), "class": TEXT, "try": TEXT, "wakes_with": WORDS})
-    variable = _object({"unit": UNIT, "doc": TEXT, "min": QUANTITY, "max": QUANTITY, "start": QUANTITY, "held": QUANTITY},
-                       ["unit"])
+        "integer": _said("a whole number; written without a value", {}), "class": TEXT, "try": TEXT, "wakes_with": WORDS,
+        "count": COUNT})
+    variable = _object({"unit": UNIT, "doc": TEXT, "min": QUANTITY, "max": QUANTITY, "start": QUANTITY, "held": QUANTITY,
+                        "count": COUNT}, ["unit"])
     event = _object({**dict.fromkeys((*KINDS, "from"), FORMULA), "then": _each(FORMULA)}, ["then"])
     return _object({
         "component": _said("its name, in CamelCase", {"type": "string"}), "summary": _said("a sentence"),
@@ -146,7 +157,7 @@ def _effect(domain: Schema) -> Schema:
 # -- parts of them ---------------------------------------------------------------------------------------------------
 def parts() -> dict[str, Schema]:
     """What several kinds of files share."""
-    any_value = {"anyOf": [QUANTITY, {"$ref": "#/definitions/column"}]}
+    any_value = {"anyOf": [QUANTITY, *LISTS, {"$ref": "#/definitions/column"}]}
     return {
         "quantity": quantity(), "time": quantity(unit("s"), "a time"), "unit": units(),
         "column": column(["file", "column", "unit", "between"]),

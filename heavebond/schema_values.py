@@ -58,6 +58,18 @@ def parameter(declared: Parameter) -> Schema:
     return quantity(declared.unit, said)
 
 
+LISTS: tuple[Schema, ...] = (
+    {"type": "array", "items": {"$ref": "#/definitions/quantity"}},
+    {"type": "object", "additionalProperties": False, "required": ["file", "values", "unit"], "properties": {
+        "file": {"type": "string"}, "values": {**TEXT, "description": "the column"},
+        "unit": {"$ref": "#/definitions/unit"}}})
+
+
+def listed(declared: Parameter) -> Schema:
+    """The values of a parameter that is a list: one after the other, or a column of a file."""
+    return {"description": parameter(declared)["description"], "anyOf": [parameter(declared), *LISTS]}
+
+
 def signal(port: SignalPort) -> Schema:
     """What is given to a signal input in place: a quantity, a formula, or a column of a record."""
     said = ", ".join(part for part in (port.doc, f"in {port.unit.text}") if part)
@@ -82,9 +94,12 @@ def units() -> Schema:
 
 def instance_of(component: Component) -> Schema:
     """The entries of a part that is this component."""
-    given: dict[str, Schema] = {name: parameter(p) for name, p in component.parameters.items()}
+    lists = {name: p for name, p in component.parameters.items() if p.count is not None}
+    given = {name: listed(p) if name in lists else parameter(p) for name, p in component.parameters.items()}
     given |= {name: signal(s) for name, s in component.signals.items() if s.direction == "in"}
-    return {"description": component.summary, "additionalProperties": False, "properties": {**COMMON_ENTRIES, **given}}
+    elements = {rf"^{name}\[\s*\d+\s*\]$": parameter(p) for name, p in lists.items()}
+    return {"description": component.summary, "additionalProperties": False, "properties": {**COMMON_ENTRIES, **given},
+            **({"patternProperties": elements} if elements else {})}
 
 
 COMMON_ENTRIES: Mapping[str, Schema] = {

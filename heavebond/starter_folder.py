@@ -62,7 +62,7 @@ def start_folder(folder: Path, origin: str | None = None) -> Started:
 def _machine(origin: str) -> Path:
     """The folder of a bundled machine."""
     found = bundled("models") / origin
-    known = [p.name for p in sorted(bundled("models").iterdir()) if any(p.glob("*.yaml"))]
+    known = [p.name for p in sorted(bundled("models").iterdir()) if (p / f"{p.name}.yaml").is_file()]
     if origin not in known:
         raise UsageError([Problem("machine-unknown", f"there is no bundled machine '{origin}'", None,
                                   suggest(origin, known) or f"Machines: {listing(known)}.")])

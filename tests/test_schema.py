@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 from click.testing import CliRunner
+from doc_pages import PAGES, blocks
 
 from heavebond import effects, experiment, library, model, study
 from heavebond.cli import main
@@ -50,8 +51,20 @@ def test_every_bundled_file_is_valid(path: Path, known: object) -> None:
     assert complaints(local, path.read_text()) == []
 
 
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.stem)
+def test_every_file_of_the_documentation_is_valid(page: Path, tmp_path: Path) -> None:
+    shown = {b.mark[1]: b.text for b in blocks(page) if b.mark[0] == "file" and b.mark[1].endswith(".yaml")}
+    for name, text in shown.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    if shown:
+        known = validator(tmp_path)
+        assert {name: found for name, text in shown.items() if (found := complaints(known, text))} == {}
+
+
 @pytest.mark.parametrize(("made", "keys"), [
     (diagram(), model.MODEL_KEYS), (experiment_file(), experiment.EXPERIMENT_KEYS), (study_file(), study.STUDY_KEYS),
+    (study_file()["properties"]["tune"], study.TUNE_KEYS),
     (component_file(library.library()), library.COMPONENT_KEYS),
     (experiment_file()["properties"]["records"]["additionalProperties"], experiment.RECORD_KEYS),
     (component_file(library.library())["properties"]["effect"], effects.KEYS),
