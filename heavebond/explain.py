@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 from heavebond.definition import Domain
 from heavebond.errors import ModelError, Place, Problem, either, listing
 from heavebond.flatten import Flat, FlatEquation
+from heavebond.rank import Loss
 from heavebond.resolver import Unknown
 from heavebond.structure import Block, dulmage_mendelsohn, maximum_matching
 
@@ -15,10 +17,13 @@ MOST_LINES = 8
 # what decides the shared variable of a node, by domain
 DECIDES = {
     "translational": "a Fixed, a Mass or a PositionSource on one of these nodes, or a Spring from there to such a node",
-    "rotational": "an inertia or a fixed point on one of these nodes",
+    "rotational": "a FixedShaft, an Inertia or an AngleSource on one of these nodes, or a TorsionSpring from there to one",
     "hydraulic": "a Volume, a Tank or a PressureSource on one of these nodes, or an Orifice from there to such a node",
     "pneumatic": "a Receiver, an Atmosphere or a PneumaticSource on one of these nodes",
 }
+# what ends a rigid loop, by domain
+ELASTIC = {"translational": "a Spring", "rotational": "a TorsionSpring", "hydraulic": "a LineResistance",
+           "pneumatic": "a PneumaticLine"}
 
 
 def singular(flat: Flat, rows: Sequence[Sequence[int]], matching: Sequence[int]) -> ModelError:
@@ -96,6 +101,95 @@ def _undecided(flat: Flat, loose: Sequence[Unknown], part: _Part | None) -> Prob
         what = _noun(through[0].doc) if through else "what flows"
         notes = [f"these equations decide {what} there without {'them' if len(shown) > 1 else 'it'}:", *_table(part.said)]
     return Problem("underdetermined", message, shown[0].place if shown else None, advice, tuple(notes))
+
+
+def lost(flat: Flat, found: Sequence[Loss], when: str = "") -> list[Problem]:
+    """The problems of equations that depend on each other for the numbers that they have; `when` tells where along a run
+    (`at the start`)."""
+    joined: dict[tuple[int, ...], list[Loss]] = {}
+    for loss in found:  # a tie of velocities is one of accelerations, and of forces, too
+        said = tuple(dict.fromkeys(i for i, _ in loss.rows if not _bookkeeping(flat.equations[i])))
+        joined.setdefault(said, []).append(loss)
+    return [_lost(flat, _together(same), when) for same in joined.values()]
+
+
+def _together(same: Sequence[Loss]) -> Loss:
+    """Losses of the same equations as one."""
+    def union(member: str) -> tuple[Any, ...]:
+        return tuple(dict.fromkeys(item for loss in same for item in getattr(loss, member)))
+
+    return Loss(union("rows"), union("columns"), union("parameters"), union("variables"), any(loss.zero for loss in same))
+
+
+def _lost(flat: Flat, loss: Loss, when: str) -> Problem:
+    loose = [flat.unknowns[j] for j in dict.fromkeys(j for j, _ in loss.columns)]
+    shared = _without_rates([u for u in loose if u.role in SHARED])
+    levels = {flat.unknowns[j].name: k for j, k in loss.columns}
+    equations = [flat.equations[i] for i in dict.fromkeys(i for i, _ in loss.rows)]
+    said = [e for e in equations if not _bookkeeping(e)] or equations
+    owners = list(dict.fromkeys(e.owner for e in said))
+    values = _blamed(flat, loss)
+    shown = shared or [u for u in loose if u.role == "through"] or loose
+    names = listing((_rate_name(u.name, levels[u.name]) for u in shown), 6) or "what these equations say twice"
+    if shown and all(u.role == "through" for u in shown):
+        parts = listing(dict.fromkeys(u.name.rpartition(".")[0].rpartition(".")[0] for u in shown), 6)
+        names = f"{_noun(shown[0].doc)} through {parts}"
+    cause = f": {listing(values, 4)} {'is' if len(values) == 1 else 'are'} 0" if loss.zero else ""
+    message = " ".join(f"nothing decides {names} {when}".split()) + cause
+    notes = [("of these equations one is then too many:" if len(said) > 1 else "this equation then says nothing of it:"),
+             *_table(said)] if said else []
+    places = {q.name: q.place for q in flat.parameters}
+    places |= {e.label.removesuffix(" as given"): e.place for e in flat.equations if e.label.endswith(" as given")}
+    place = next((places[name] for name in values if loss.zero and name in places),
+                 shown[0].place if shown else said[0].place if said else None)
+    domains = list(dict.fromkeys(d.name for u in shared if (d := _domain(flat, u)) is not None))
+    return Problem("rank-lost", message, place, _remedy(loss, values, owners, shared, shown, domains), tuple(notes))
+
+
+def _blamed(flat: Flat, loss: Loss) -> list[str]:
+    """The values to be told: of those that are zero what the diagram itself says before what a component assumes."""
+    if not loss.zero:
+        return [*loss.parameters, *loss.variables]
+    given = [name for name in loss.parameters if not _assumed(flat, name)]
+    return given or list(loss.variables) or list(loss.parameters)
+
+
+def _assumed(flat: Flat, name: str) -> bool:
+    owner, _, parameter = name.rpartition(".")
+    leaf = flat.expanded.leaves.get(owner)
+    return leaf is not None and leaf.parameters[parameter].place.file == leaf.component.place.file
+
+
+def _remedy(loss: Loss, values: Sequence[str], owners: Sequence[str], shared: Sequence[Unknown], shown: Sequence[Unknown],
+            domains: Sequence[str]) -> str:
+    """What to type where equations depend on each other."""
+    decides = "add " + ", or ".join(DECIDES.get(d, "what decides it") for d in domains) if domains else ""
+    if loss.zero and values[0] in loss.parameters:
+        owner = values[0].rpartition(".")[0]
+        otherwise = f", or take '{owner}' out of the diagram" if owner else ""
+        return f"Give {listing(values, 4)} a value other than 0{otherwise}."
+    agree = f"With these values of {listing(values, 4)} they agree exactly.\n" if values else ""
+    if loss.zero:
+        dormant = f"give {listing(loss.parameters, 4)} a value" if loss.parameters else ""
+        ways = [w for w in (f"keep {listing(values, 4)} away from 0", dormant, decides) if w]
+        advice = ", or ".join(ways)
+        return f"{advice[:1].upper()}{advice[1:]}."
+    if all(u.role == "signal" for u in shown) and shown:
+        return f"{agree}A loop of signals without memory: each follows from the others at the same instant.\n" \
+            "Put a FirstOrderLag or a SampleHold between them."
+    if shared and not values:
+        what = f"these {len(shared)} nodes" if len(shared) > 1 else "this node"
+        return f"Nothing ties {what} to a reference: any value fits, as long as all move together.\n" \
+            f"{decides[:1].upper()}{decides[1:]}."
+    elastic = ELASTIC.get(domains[0] if domains else "", "a part that gives way")
+    if len(owners) > 1:
+        return f"{agree}A loop of rigid parts. Take one of {either(owners[:4], 'or')} out, or put {elastic} in line with " \
+            "one of them."
+    return f"{agree}Remove or change {either(owners[:1]) or 'a part there'}" + (f", or {decides}." if decides else ".")
+
+
+def _rate_name(name: str, order: int) -> str:
+    return name if order == 0 else f"der({name})" if order == 1 else f"der{order}({name})"
 
 
 def _without_rates(unknowns: Sequence[Unknown]) -> list[Unknown]:

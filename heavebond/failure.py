@@ -8,14 +8,18 @@ from typing import TYPE_CHECKING
 import casadi as ca
 import numpy as np
 
+from heavebond import explain
 from heavebond.dae import Array, Assembly
 from heavebond.errors import Problem, SimulationError, listing
 from heavebond.initialise import Start
+from heavebond.rank import losses
 from heavebond.start_equations import Point
 
 if TYPE_CHECKING:
     from heavebond.simulation import Simulator
 
+# singular values below this share of the largest are on their way to zero where a run stops
+NEAR = 1e-5
 _TIME = re.compile(r"[Aa]t t ?= ?([-+.\deE]+)")
 
 
@@ -69,6 +73,10 @@ def _cause(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array)
     names = [assembly.state_names[k] for k in order]
     notes = [f"{assembly.state_names[k]} = {x[k]:.6g}, changing by {ode[k]:.3g} a second"
              f"   ({owners.get(assembly.state_names[k], '')})" for k in order]
+    at = assembly.point(t, x, z, p, u)
+    vanishing = [loss for loss in losses(assembly.reduced.system, at, NEAR) if loss.zero]
+    if found := explain.lost(assembly.flat, vanishing, f"near t = {t:.4g} s"):
+        return f"{found[0].message[:1].upper()}{found[0].message[1:]}.\n{found[0].hint}", [*notes, *found[0].notes]
     small = [k for k, value in enumerate(pivots) if value < 1e-9 * max(begin[k], 1e-300) or value == 0]
     if small:
         pivot = assembly.reduced.pivots[small[0]]

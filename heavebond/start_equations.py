@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,10 +11,13 @@ import numpy as np
 
 from heavebond.dae import Array, Assembly
 from heavebond.errors import Place
-from heavebond.expression import parse_formula
+from heavebond.expression import Call, Expr, Name, children, parse_formula
 from heavebond.model import Condition
 from heavebond.states import Guess
 from heavebond.symbols import split, stack
+
+# functions whose second argument is the width over which they turn
+REGULARISED = ("smooth_sign", "signed_sqrt")
 
 
 @dataclass(frozen=True)
@@ -128,9 +132,34 @@ class StartEquations:
         """The loops alone, for z."""
         return StartSystem(self.assembly, self.loops, self.assembly.arguments[2])
 
+    @cached_property
+    def bounds(self) -> tuple[Array, Array]:
+        """The declared bounds of (x, z, solved parameters)."""
+        assembly, everything = self.assembly, (-np.inf, np.inf)
+        symbols = [*split(assembly.reduced.x), *split(assembly.reduced.z), *(assembly.flat.p[k] for k in self.solved_for)]
+        found = np.array([assembly.flat.bounds.get(s.element_hash(), everything) for s in symbols]).reshape(len(symbols), 2)
+        return found[:, 0], found[:, 1]
+
+    @cached_property
+    def widths(self) -> list[int]:
+        """The parameters that are widths of regularised laws: that over which `smooth_sign` and `signed_sqrt` turn."""
+        names = {name: k for k, name in enumerate(self.assembly.parameter_names)}
+        found = (names.get(f"{path}.{width}") for path, leaf in self.assembly.flat.expanded.leaves.items()
+                 for line in leaf.component.equations for side in (line.tree.left, line.tree.right)
+                 for width in _widths(side))
+        return sorted({k for k in found if k is not None})
+
     def sizes(self, p: Array) -> Array:
         """The usual sizes of (x, z, solved parameters)."""
         assembly = self.assembly
         usual = {u.unit.dimension: u.nominal for u in assembly.flat.unknowns}
         own = [max(abs(p[k]), usual.get(assembly.flat.parameters[k].unit.dimension, 1.0)) for k in self.solved_for]
         return np.concatenate([assembly.x_nominal, assembly.z_nominal, np.array(own)])
+
+
+def _widths(expr: Expr) -> Iterator[str]:
+    """The names of second arguments of `smooth_sign` and `signed_sqrt`."""
+    if isinstance(expr, Call) and expr.function in REGULARISED and isinstance(expr.args[1], Name):
+        yield expr.args[1].text
+    for child in children(expr):
+        yield from _widths(child)

@@ -58,7 +58,8 @@ class Diagram:
 
     def without_part(self, name: str) -> Diagram:
         """The diagram with one part fewer; nodes that are left without ports go too."""
-        nodes = {node: tuple(port for port in ports if not port.startswith(f"{name}.")) for node, ports in self.nodes.items()}
+        nodes = {node: tuple(port for port in ports if not port.startswith(f"{name}."))
+                 for node, ports in self.nodes.items()}
         return replace(self, parts=tuple(p for p in self.parts if p.name != name),
                        nodes={node: ports for node, ports in nodes.items() if ports})
 
@@ -229,7 +230,8 @@ class _Maker:
         if kind == 0 and part.settings:
             part.settings.pop(self.random.choice(list(part.settings)))
         elif kind == 1 and part.settings:
-            part.settings[self.random.choice(list(part.settings))] = self.random.choice(("3 furlong", "abc", "=m/", "-1", "1e400 m"))
+            wrong = self.random.choice(("3 furlong", "abc", "=m/", "-1", "1e400 m"))
+            part.settings[self.random.choice(list(part.settings))] = wrong
         elif kind == 2 and self.nodes:
             node = self.random.choice(list(self.nodes))
             self.nodes[node] = self.nodes[node][1:] or ("nowhere.a",)
