@@ -232,4 +232,4 @@ class _Search:
         values, assembly = point.values(), self.assembly
         pivots = np.array(assembly.pivots(*values)).ravel()
         start_failure.check_pivots(assembly, list(zip(assembly.reduced.pivots, pivots, strict=True)), point)
-        start_failure.check_rates(assembly, np.array(assembly.rates(*values)[0]).ravel(), point)
+        start_failure.check_values(assembly, point)

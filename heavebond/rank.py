@@ -207,7 +207,7 @@ class _Matrix:
         taking_rows, taking_columns = (np.flatnonzero(_taking_part(d).any(axis=0)) for d in (left, right))
         near = np.isin(self.row, taking_rows) & np.isin(self.column, taking_columns)
         involved = {s.element_hash() for s in ca.symvar(stack([system.nonzeros[k] for k in np.flatnonzero(near)]))}
-        repairing: list[tuple[str, bool]] = []
+        repairing: list[tuple[str, bool, float]] = []
         for k, symbol in enumerate(system.symbols):
             if symbol.element_hash() in involved and symbol.element_hash() in system.names and len(rows) and len(columns):
                 name, size = system.names[symbol.element_hash()]
@@ -218,10 +218,14 @@ class _Matrix:
                 moved = np.where(np.isfinite(moved), moved, 0.0)
                 restored = left[:, self.row[near]] * moved @ right[:, self.column[near]].T
                 if np.abs(restored).max() > 1e-6 * np.abs(moved).max():
-                    repairing.append((name, bool(abs(self.at[k]) <= np.sqrt(self.tolerance) * size)))
-        zero = [name for name, is_zero in repairing if is_zero]
-        kept = zero or [name for name, _ in repairing]
+                    is_zero = bool(abs(self.at[k]) <= np.sqrt(self.tolerance) * size)
+                    repairing.append((name, is_zero, float(np.abs(restored).max())))
         own = {q.name for q in system.flat.parameters}
+        # the usual sizes of variables are known, so that their effects can be compared
+        most = max((effect for name, _, effect in repairing if name not in own), default=0.0)
+        repairing = [r for r in repairing if r[0] in own or r[2] > 1e-3 * most]
+        zero = [name for name, is_zero, _ in repairing if is_zero]
+        kept = zero or [name for name, _, _ in repairing]
         return Loss(tuple(system.rows[r] for r in taking_rows), tuple(system.columns[c] for c in taking_columns),
                     tuple(n for n in kept if n in own), tuple(n for n in kept if n not in own), bool(zero))
 

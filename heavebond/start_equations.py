@@ -22,12 +22,14 @@ REGULARISED = ("smooth_sign", "signed_sqrt")
 
 @dataclass(frozen=True)
 class StartRow:
-    """One equation of the start: its residual in the arguments of the assembly, its name for messages, its place."""
+    """One equation of the start: its residual in the arguments of the assembly, its words for messages, its place; `name`
+    is the variable that a condition is about."""
 
     residual: ca.SX
     label: str
     place: Place | None
     steady: bool = False
+    name: str = ""
 
 
 @dataclass(frozen=True)
@@ -106,7 +108,7 @@ class StartEquations:
         number = assembly.flat.constants.get(f"initial.{condition.name}")
         value = assembly.expression(condition.value.expr) if number is None or condition.guess else number
         return StartRow(assembly.expression(parse_formula(condition.name)) - value,
-                        f"{condition.name} = {condition.value.text.lstrip('= ')}", condition.place)
+                        f"{condition.name} = {condition.value.text.lstrip('= ')}", condition.place, name=condition.name)
 
     def _system(self, rows: list[StartRow]) -> StartSystem:
         _, x, z, p, _, _ = self.assembly.arguments

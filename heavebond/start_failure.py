@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,9 +11,10 @@ from heavebond import explain
 from heavebond.dae import Array, Assembly
 from heavebond.errors import Problem, Problems, StartError, listing
 from heavebond.newton import weights
+from heavebond.presentation import readable
 from heavebond.rank import losses
 from heavebond.reduce import Pivot
-from heavebond.start_equations import Point, StartEquations, StartSystem
+from heavebond.start_equations import Point, StartEquations, StartRow, StartSystem
 
 AT = "at the start"
 # gradients that depend on each other up to this share, and residuals that then disagree by more than this
@@ -41,30 +43,46 @@ def failure(equations: StartEquations, point: Point, residual: Array, system: St
     place = rows[int(bad[0])].place if len(bad) else None
     notes = [f"{rows[k].label}   off by {raw[k]:.3g} (SI)" for k in bad]
     if not np.all(np.isfinite(residual)):
-        return StartError([Problem("start-failed", "the start cannot be computed: an equation has no finite value at the "
-                                   "first guess", place, _away(equations.assembly, point), tuple(notes))])
-    if conflict := _conflict(system, point, sizes):
+        return StartError([Problem(
+            "start-failed", "the start cannot be computed: an equation has no finite value at the first guess", place,
+            _cure(equations.assembly, point, lambda p: bool(np.all(np.isfinite(system.at(p)[0])))), tuple(notes))])
+    if conflict := [rows[k] for k in _conflict(system, point, sizes)]:
         settled = _settling(equations, system, point, sizes)
         follow = f"\nOr let a parameter follow: `solve: [{settled[0]}]`" if settled else ""
         more = f", or {listing(settled[1:], MOST_NAMED)}" if len(settled) > 1 else ""
-        return StartError([Problem("start-contradiction", "the initial values contradict each other", place,
-                                   f"Remove one of them, or make it a guess (`~`).{follow}{more}{'.' if follow else ''}",
-                                   tuple(conflict))])
+        follow += f"{more}." if follow else ""
+        return StartError([_contradiction(equations, point, conflict, follow)])
     return StartError([Problem("start-failed", "no consistent initial values were found", place,
                                "Give guesses for the variables in these equations, for example "
                                f"`initial: {{{_example(equations.assembly)}}}`.", tuple(notes))])
 
 
-def _away(assembly: Assembly, point: Point) -> str:
-    """What to type where an equation has no value: the states at zero are the first to be suspected."""
+def _cure(assembly: Assembly, point: Point, finite: Callable[[Point], bool]) -> str:
+    """What to type where something has no value: which zero, had it another value, would give it one."""
     flat = assembly.flat
-    zero = [flat.unknowns[j] for (j, order), value in zip(assembly.reduced.states, point.x, strict=True)
-            if order == 0 and value == 0]
-    if not zero:
+    states = [k for k, (_, order) in enumerate(assembly.reduced.states) if order == 0 and point.x[k] == 0]
+    numbers = [k for k, name in enumerate(assembly.parameter_names) if point.p[k] == 0 and "." in name]
+    cured = [assembly.parameter_names[k] for k in numbers if finite(replace(point, p=_moved(point.p, k, 1.0)))]
+    if cured:
+        return f"{listing(cured, MOST_NAMED)} {'is' if len(cured) == 1 else 'are'} 0: give it another value."
+    together = point.p.copy()
+    together[numbers] = 1.0
+    if numbers and finite(replace(point, p=together)):
+        return f"Some of {listing((assembly.parameter_names[k] for k in numbers), MOST_NAMED)} may not be 0: give them " \
+            "other values."
+    begun = [k for k in states if finite(replace(point, x=_moved(point.x, k, assembly.x_nominal[k])))] or states
+    if not begun:
         return f"Give guesses, for example `initial: {{{_example(assembly)}}}`, away from where it has none."
-    entries = ", ".join(f"{u.name}: ~ {u.nominal:g} {u.unit.text}".rstrip(" 1") for u in zero[:3])
-    return f"{listing((u.name for u in zero), MOST_NAMED)} begin at 0 as nothing else is said; say where they begin, for " \
-        f"example `initial: {{{entries}}}`."
+    unknowns = [flat.unknowns[assembly.reduced.states[k][0]] for k in begun]
+    entries = ", ".join(f"{u.name}: ~ {u.nominal:g} {u.unit.text}" for u in unknowns[:3])
+    return f"{listing((u.name for u in unknowns), MOST_NAMED)} begin{'s' * (len(unknowns) == 1)} at 0 as nothing else is " \
+        f"said; say where, for example `initial: {{{entries}}}`."
+
+
+def _moved(values: Array, k: int, by: float) -> Array:
+    values = values.copy()
+    values[k] += by
+    return values
 
 
 def _example(assembly: Assembly) -> str:
@@ -89,12 +107,27 @@ def _dependent(system: StartSystem, point: Point, sizes: Array) -> tuple[Array, 
     return null * row[:, None], np.abs(null @ (null.T @ (residual * row)))
 
 
-def _conflict(system: StartSystem, point: Point, sizes: Array) -> list[str]:
+def _contradiction(equations: StartEquations, point: Point, conflict: Sequence[StartRow], follow: str) -> Problem:
+    place = next((row.place for row in conflict if row.name), conflict[0].place)
+    notes = tuple(row.label for row in conflict)
+    alone = conflict[0]
+    assembly = equations.assembly
+    if len(conflict) > 1 or alone.name not in assembly.flat.names:
+        return Problem("start-contradiction", "the initial values contradict each other", place,
+                       f"Remove one of them, or make it a guess (`~`).{follow}", notes)
+    j = assembly.flat.names[alone.name]
+    value = float(np.array(assembly.values(*point.values())).ravel()[j])
+    return Problem("start-contradiction", f"{alone.label} cannot hold: the diagram itself decides it, "
+                   f"{readable(value, assembly.flat.unknowns[j].unit.text, 6)}", place,
+                   f"Leave it out of `initial:`, or change the part that holds it.{follow}")
+
+
+def _conflict(system: StartSystem, point: Point, sizes: Array) -> list[int]:
     """The equations whose gradients depend on each other while their residuals do not agree."""
     _, share = _dependent(system, point, sizes)
     if not share.size or share.max() < DISAGREE:
         return []
-    return [system.rows[k].label for k in np.argsort(-share) if share[k] > 0.1 * share.max()][:8]
+    return [int(k) for k in np.argsort(-share) if share[k] > 0.1 * share.max()][:8]
 
 
 def _settling(equations: StartEquations, system: StartSystem, point: Point, sizes: Array) -> list[str]:
@@ -175,16 +208,30 @@ def check_pivots(assembly: Assembly, found: Sequence[tuple[Pivot, float]], point
         for pivot, value in zero:
             equation = pivot.equation
             problems.add("coefficient-zero", f"'{equation.owner}': the coefficient of {pivot.unknown} is {value:g} {AT}",
-                         equation.place, notes=[equation.text],
-                         hint="A mass, volume, area or resistance is zero there; give it a value, or begin elsewhere.")
+                         equation.place, notes=[equation.text], hint=_cure(assembly, point, lambda p: _sound(assembly, p)))
     problems.raise_as(StartError)
 
 
-def check_rates(assembly: Assembly, rates: Array, point: Point) -> None:
-    """StartError for states whose rate is no number."""
-    problems = Problems()
-    for name, value, (j, _) in zip(assembly.state_names, rates, assembly.reduced.states, strict=True):
-        if not np.isfinite(value):
-            problems.add("rate-not-finite", f"der({name}) has no finite value {AT}", assembly.flat.unknowns[j].place,
-                         hint=_away(assembly, point))
-    problems.raise_as(StartError)
+def _sound(assembly: Assembly, point: Point) -> bool:
+    """Whether all coefficients are numbers other than zero."""
+    pivots = np.array(assembly.pivots(*point.values())).ravel()
+    return bool(np.all(np.isfinite(pivots)) and np.all(pivots != 0))
+
+
+def check_values(assembly: Assembly, point: Point) -> None:
+    """StartError for variables, and for rates of states, that are no numbers."""
+    def values(at: Point) -> Array:
+        rates = np.array(assembly.rates(*at.values())[0]).ravel()
+        return np.concatenate([np.array(assembly.values(*at.values())).ravel(), rates])
+
+    bad = ~np.isfinite(values(point))
+    if not bad.any():
+        return
+    unknowns = assembly.flat.unknowns
+    names = [*(u.name for u in unknowns), *(f"der({name})" for name in assembly.state_names)]
+    places = [*(u.place for u in unknowns), *(unknowns[j].place for j, _ in assembly.reduced.states)]
+    wrong = [k for k in range(len(names)) if bad[k]]
+    shown = listing((names[k] for k in wrong), MOST_NAMED)
+    raise StartError([Problem("value-not-finite", f"{shown} {'has' if len(wrong) == 1 else 'have'} no finite value {AT}",
+                              places[wrong[0]],
+                              _cure(assembly, point, lambda p: bool(np.isfinite(values(p)).sum() > (~bad).sum())))])

@@ -24,6 +24,10 @@ SIZES = {
 }
 ANY_UNIT = ("m", "N", "Pa", "m**3/s", "1", "m/s", "rad", "N*m")
 
+# what decides a node, by the first letter of its domain; the first is the commonest
+HOLDS = {"t": ("Mass", "Fixed"), "r": ("Inertia", "FixedShaft"), "h": ("Volume", "Tank", "PressureSource"),
+         "p": ("ReceiverWithHeat", "Atmosphere", "Receiver")}
+
 
 @dataclass(frozen=True)
 class Part:
@@ -93,6 +97,8 @@ class _Maker:
             self.parts.append(Part(name, kind, self._parameters(name, _components()[kind])))
         for domain in DOMAINS:
             self._wire(domain)
+        if self.random.random() < 0.6:
+            self._settle()
         self._signals()
         initial = self._initial()
         if self.sloppy:
@@ -161,6 +167,18 @@ class _Maker:
         for k, group in enumerate(g for g in groups if g):
             self.nodes[f"{domain[0]}{k}"] = tuple(group)
 
+    def _settle(self) -> None:
+        """A store or a source on every node that has none, so that most of the diagrams run."""
+        kinds = {f"{part.name}.{port}": part.kind for part in self.parts for port in _components()[part.kind].ports}
+        for node, ports in list(self.nodes.items()):
+            choice = HOLDS[node[0]]
+            if not {kinds[port] for port in ports} & {*choice}:
+                name = f"c{len(self.parts)}"
+                kind = self.random.choice((*choice[:1] * 3, *choice))
+                self.unit[name] = "1"
+                self.parts.append(Part(name, kind, self._parameters(name, _components()[kind])))
+                self.nodes[node] = (*ports, f"{name}.a")
+
     def _signals(self) -> None:
         outputs = [(part, port) for part in self.parts
                    for port in _components()[part.kind].signals.values() if port.direction == "out"]
@@ -171,6 +189,7 @@ class _Maker:
             unit = self._unit(part.name, port.unit.text)
             fitting = [f"{p.name}.{o.name}" for p, o in outputs
                        if self._unit(p.name, o.unit.text) == unit or self.random.random() < 0.1]
+            fitting = [name for name in fitting if not name.startswith(f"{part.name}.")]
             if fitting and self.random.random() < 0.6:
                 joined[self.random.choice(fitting)].append(f"{part.name}.{port.name}")
             else:
@@ -190,7 +209,8 @@ class _Maker:
             return f'"={quantity} * (1 - time/({self.random.choice((0.2, 0.5, 1))} s))"'
         if shape == "kink":
             return f'"={quantity} * max(min(time/(0.1 s), 1), 0)"'
-        return f'"={_quantity(value, self._over(unit, self._member()))} * {self._measured}"'
+        of = self._member()
+        return f'"={quantity} * {self._measured}/({_quantity(SIZES.get(of, 1.0), of)})"'
 
     def _member(self) -> str:
         """A unit of a node's member; `_measured` is its name."""
@@ -203,10 +223,6 @@ class _Maker:
             member, unit = self.random.choice(members[node[0]])
             self._measured = f"{node}.{member}"
         return unit
-
-    @staticmethod
-    def _over(unit: str, other: str) -> str:
-        return "1" if unit == other else f"({unit})/({other})".replace("(1)", "1")
 
     # -- start -----------------------------------------------------------------------------------------------------
     def _initial(self) -> dict[str, str]:

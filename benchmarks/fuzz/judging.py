@@ -21,6 +21,10 @@ from heavebond.symbols import split, stack
 OPEN = 1e-5
 # the equations of the diagram themselves must hold along the run to this share of their terms
 WRONG = 1e-6
+# a diagram at rest has but the rounding of its numbers, in J
+NOTHING = 1e-9
+# of the usual size of an unknown, added to its terms
+SMALL = 1e-3
 
 
 @dataclass(frozen=True)
@@ -65,7 +69,7 @@ def _judged(text: str) -> tuple[str, str]:
     if wrong > WRONG:
         return "equation", f"{equation} is off by {wrong:.2g} of its terms"
     worst = max(audit.imbalance, audit.nodes)
-    if worst > OPEN:
+    if worst > OPEN and audit.largest > NOTHING:
         audit = hb.audit(assembly, rtol=1e-11, atol=1e-13)
         if max(audit.imbalance, audit.nodes) > max(OPEN, worst / 10):
             return "energy", f"{audit.imbalance:.2g} of {audit.largest:.3g} J, nodes {audit.nodes:.2g}"
@@ -83,7 +87,9 @@ def violation(result: Result) -> tuple[float, str]:
         return 0.0, ""
     residuals = stack([flat.residuals[k] for k in rows])
     symbols = ca.symvar(residuals)
-    sizes = ca.fabs(ca.jacobian(residuals, stack(symbols))) @ ca.fabs(stack(symbols)) if symbols else ca.SX(len(rows), 1)
+    usual = {s.element_hash(): u.nominal for level in flat.levels for s, u in zip(level, flat.unknowns, strict=True)}
+    terms = stack([ca.fabs(s) + SMALL * usual.get(s.element_hash(), 0.0) for s in symbols])
+    sizes = ca.fabs(ca.jacobian(residuals, stack(symbols))) @ terms if symbols else ca.SX(len(rows), 1)
     both = ca.Function("both", list(assembly.arguments), [assembly.express(residuals), assembly.express(sizes)])
     off, terms = (np.array(v) for v in both.map(len(result.time))(*columns(result)))
     share = _share(off, terms)
