@@ -150,11 +150,12 @@ def _blamed(flat: Flat, loss: Loss) -> list[str]:
     """The values to be told: of those that are zero what the diagram itself says before what a component assumes."""
     if not loss.zero:
         return [*loss.parameters, *loss.variables]
-    given = [name for name in loss.parameters if not _assumed(flat, name)]
+    given = [name for name in loss.parameters if not assumed(flat, name)]
     return given or list(loss.variables) or list(loss.parameters)
 
 
-def _assumed(flat: Flat, name: str) -> bool:
+def assumed(flat: Flat, name: str) -> bool:
+    """Whether a parameter has the value that its component assumes, none being given in the diagram."""
     owner, _, parameter = name.rpartition(".")
     leaf = flat.expanded.leaves.get(owner)
     return leaf is not None and leaf.parameters[parameter].place.file == leaf.component.place.file

@@ -13,6 +13,7 @@ from heavebond.dae import Array, Assembly
 from heavebond.errors import Problem, SimulationError, listing
 from heavebond.initialise import Start
 from heavebond.rank import losses
+from heavebond.result import Result, columns
 from heavebond.start_equations import Point
 
 if TYPE_CHECKING:
@@ -20,6 +21,9 @@ if TYPE_CHECKING:
 
 # singular values below this share of the largest are on their way to zero where a run stops
 NEAR = 1e-5
+# and in a run that went on: they are zero but for rounding
+SINGULAR = 1e-14
+LOOKED_AT = 60
 _TIME = re.compile(r"[Aa]t t ?= ?([-+.\deE]+)")
 
 
@@ -43,6 +47,31 @@ def explain_failure(simulator: Simulator, assembly: Assembly, first: Start, said
     notes.append("IDAS said: " + (", ".join(dict.fromkeys(solver)) or (words[0][:160] if words else "nothing")))
     when = f" at t = {stopped:.6g} s" if np.isfinite(stopped) else ""
     return SimulationError([Problem("integration-failed", f"the integration stopped{when}", None, hint, tuple(notes))])
+
+
+def check_decided(result: Result, slopes: ca.Function) -> None:
+    """SimulationError where a run went on although nothing decided an algebraic unknown any more: what it shows of it from
+    there on is chance. `slopes` is d(algebraic equations)/d(algebraic unknowns) in the arguments of the assembly; it is
+    looked at in some of the output points.
+    """
+    assembly, n_z = result.assembly, len(result.assembly.z_nominal)
+    chosen = np.unique(np.linspace(0, len(result.time) - 1, LOOKED_AT).astype(int))
+    given = [a[:, chosen] for a in columns(result)]
+    matrices = np.array(slopes(*given)).reshape(n_z, len(chosen), n_z).transpose(1, 0, 2) * assembly.z_nominal
+    largest = np.abs(matrices).max(axis=2, keepdims=True)
+    sound = np.isfinite(matrices).all(axis=(1, 2)) & (largest > 0).all(axis=(1, 2))
+    for k, matrix in enumerate(matrices / np.where(largest > 0, largest, 1.0)):
+        if not np.isfinite(matrix).all():
+            continue
+        values = np.linalg.svd(matrix, compute_uv=False)
+        if not sound[k] or values[-1] <= SINGULAR * values[0]:
+            at = [a[:, k] for a in given]
+            t = float(at[0][0])
+            point = assembly.point(t, at[1], at[2], at[3], at[4])
+            found = explain.lost(assembly.flat, losses(assembly.reduced.system, point), f"at t = {t:.6g} s")
+            raise SimulationError(found or [Problem(
+                "loop-singular", f"nothing decides {listing(assembly.algebraic_names, 4)} at t = {t:.6g} s", None,
+                "A closed valve, a dead centre or an open contact does this. Add what decides it there.")])
 
 
 def _state_before(simulator: Simulator, assembly: Assembly, first: Start, stopped: float) -> Point | None:

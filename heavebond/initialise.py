@@ -67,15 +67,23 @@ class Tangent:
 def tangent(equations: StartEquations, first: Start, u: Array, directions: Array) -> Tangent:
     """The derivative of the start along `directions` (n_p, m), by the implicit function theorem.
 
-    With F(y, p) = 0 the equations of the start, dy = -F_y^+ F_p dp (the least change in scaled unknowns, as `start`
-    takes it: what nothing decides stays). Parameters under `solve:` follow the others.
+    With F(y, p) = 0 the equations of the start and dy_0 the change of the guess, dy = dy_0 - F_y^+ (F_p dp + F_y dy_0): the
+    least change in scaled unknowns, as `start` takes it, so that what nothing decides follows its guess. Parameters under
+    `solve:` follow the others.
     """
     n_x, n_z = len(first.x), len(first.z)
     sizes = equations.sizes(first.p)
     point = Point(first.t, first.x, first.z, first.p, u, 0.0 if equations.steady else 1.0)
     dp = directions.copy()
     dp[equations.solved_for] = 0.0
-    dy = _least_change(equations.all.at(point), equations.all.moved(point, dp), sizes)
+    dy = np.zeros((len(sizes), dp.shape[1]))
+    columns = (*equations.assembly.reduced.states, *equations.assembly.reduced.algebraic)
+    slopes = equations.guess.slopes(first.p) @ dp
+    for k, (j, order) in enumerate(columns):
+        dy[k] = slopes[j] if order == 0 else 0.0
+    for system in ([equations.approach] if equations.guesses else []) + [equations.all]:
+        at = system.at(point)
+        dy = dy + _least_change(at, system.moved(point, dp) + at[1] @ dy, sizes)
     dp[equations.solved_for] = dy[n_x + n_z:]
     dx, dz = dy[:n_x], dy[n_x:n_x + n_z]
     if n_z:

@@ -52,6 +52,10 @@ def failure(equations: StartEquations, point: Point, residual: Array, system: St
         more = f", or {listing(settled[1:], MOST_NAMED)}" if len(settled) > 1 else ""
         follow += f"{more}." if follow else ""
         return StartError([_contradiction(equations, point, conflict, follow)])
+    if ends := _at_bounds(equations, point):
+        return StartError([Problem("start-bound", "no consistent initial values were found within the bounds", place,
+                                   "Ask for something else, or let another parameter follow under `solve:`.",
+                                   (*ends, *notes))])
     return StartError([Problem("start-failed", "no consistent initial values were found", place,
                                "Give guesses for the variables in these equations, for example "
                                f"`initial: {{{_example(equations.assembly)}}}`.", tuple(notes))])
@@ -107,6 +111,19 @@ def _dependent(system: StartSystem, point: Point, sizes: Array) -> tuple[Array, 
     return null * row[:, None], np.abs(null @ (null.T @ (residual * row)))
 
 
+def _at_bounds(equations: StartEquations, point: Point) -> list[str]:
+    """What the search has pushed against a declared bound."""
+    assembly = equations.assembly
+    low, high = equations.bounds
+    y = np.concatenate([point.x, point.z, point.p[equations.solved_for]])
+    columns = [*assembly.reduced.states, *assembly.reduced.algebraic]
+    names = [*assembly.state_names, *assembly.algebraic_names, *(assembly.parameter_names[k] for k in equations.solved_for)]
+    units = [*(assembly.flat.unknowns[j].unit.text for j, _ in columns),
+             *(assembly.flat.parameters[k].unit.text for k in equations.solved_for)]
+    return [f"{name} was pushed to its {'lowest' if value <= a else 'highest'} value, {readable(value, unit, 6)}"
+            for name, value, a, b, unit in zip(names, y, low, high, units, strict=True) if value <= a or value >= b]
+
+
 def _contradiction(equations: StartEquations, point: Point, conflict: Sequence[StartRow], follow: str) -> Problem:
     place = next((row.place for row in conflict if row.name), conflict[0].place)
     notes = tuple(row.label for row in conflict)
@@ -133,16 +150,23 @@ def _conflict(system: StartSystem, point: Point, sizes: Array) -> list[int]:
 def _settling(equations: StartEquations, system: StartSystem, point: Point, sizes: Array) -> list[str]:
     """Parameters of components that would settle a contradiction if they were solved for, those that matter most first."""
     null, _ = _dependent(system, point, sizes)
-    assembly = equations.assembly
+    assembly, flat = equations.assembly, equations.assembly.flat
     own = [k for k, name in enumerate(assembly.parameter_names) if not name.startswith(("initial.", "scale."))
-           and "." in name and k not in equations.solved_for and point.p[k] != 0]
+           and "." in name and k not in equations.solved_for]
     if not own or not null.size:
         return []
+    usual = {u.unit.dimension: u.nominal for u in flat.unknowns}
     directions = np.zeros((len(point.p), len(own)))
-    directions[own, range(len(own))] = point.p[own]
+    directions[own, range(len(own))] = [abs(point.p[k]) or usual.get(flat.parameters[k].unit.dimension, 0.0) for k in own]
     effect = np.abs(null.T @ system.moved(point, directions)).max(axis=0)
-    order = np.argsort(-effect, kind="stable")
-    return [assembly.parameter_names[own[k]] for k in order if effect[k] > 1e-6 * max(effect.max(), 1e-300)][:MOST_NAMED]
+    asked = {flat.unknowns[flat.names[row.name]].unit.dimension for row in system.rows if row.name in flat.names}
+
+    def rank(k: int) -> tuple[bool, bool, float]:  # a length for a position, what the diagram itself gives, what does most
+        name = assembly.parameter_names[own[k]]
+        return flat.parameters[own[k]].unit.dimension not in asked, explain.assumed(flat, name), -float(effect[k])
+
+    chosen = sorted((k for k in range(len(own)) if effect[k] > 1e-6 * max(effect.max(), 1e-300)), key=rank)
+    return [assembly.parameter_names[own[k]] for k in chosen[:MOST_NAMED // 2]]
 
 
 def undetermined(equations: StartEquations, point: Point, sizes: Array) -> None:
@@ -165,20 +189,26 @@ def undetermined(equations: StartEquations, point: Point, sizes: Array) -> None:
     for direction in null:
         share = np.abs(direction)
         involved = [names[k] for k in np.argsort(-share) if share[k] > 0.1 * share.max()]
+        if open_ := [name for name in involved if name in solved]:
+            raise StartError([_solve_open(equations, open_)])
         notes.append(f"one of: {listing(involved, MOST_NAMED)}")
-        suggestions.append(next((i for i in involved if i not in suggestions and i not in solved), involved[0]))
-    raise StartError([_open(assembly, notes, suggestions, solved, equations.steady)])
+        suggestions.append(next((i for i in involved if i not in suggestions), involved[0]))
+    raise StartError([_open(assembly, notes, suggestions)])
 
 
-def _open(assembly: Assembly, notes: list[str], suggestions: list[str], solved: list[str], steady: bool) -> Problem:
+def _solve_open(equations: StartEquations, names: list[str]) -> Problem:
+    parameter = equations.assembly.flat.parameters[equations.assembly.parameter_names.index(names[0])]
+    steady = "" if equations.steady else "`start: steady`, or "
+    return Problem("solve-undetermined", f"nothing decides {listing(names)} under `solve:`", parameter.place,
+                   f"Each parameter that is solved for needs one condition more under `initial:`: {steady}a value of a "
+                   "variable that it brings about.\nOr take it out of `solve:`.")
+
+
+def _open(assembly: Assembly, notes: list[str], suggestions: list[str]) -> Problem:
     number = len(notes)
     unit = {u.name: u.unit.text for u in assembly.flat.unknowns}
     example = ", ".join(f"{s}: 0 {unit.get(s, '')}".rstrip() for s in suggestions)
     hint = f"Decide {'it' if number == 1 else 'them'}, for example `initial: {{{example}}}`, or give guesses (`~ 0 m`)."
-    if not steady:
-        return Problem("solve-undetermined", f"nothing decides {listing(solved)} under `solve:`", None,
-                       "Each parameter that is solved for needs one condition more, for example "
-                       f"`initial: {{{example}}}`; or take it out of `solve:`.", tuple(notes))
     return Problem("start-undetermined", f"the steady state is not unique: {number} direction{'s' if number > 1 else ''} "
                    f"stay{'s' if number == 1 else ''} undetermined", None, hint, tuple(notes))
 

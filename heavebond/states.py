@@ -63,13 +63,19 @@ class Guess:
                 if {s.element_hash() for s in ca.symvar(value)} <= known:
                     self._asked.append(flat.names[name])
                     values.append(value)
-        self._values = ca.Function("guess", [flat.p, flat.time], [stack(values)])
+        self._values = ca.Function("guess", [flat.p, flat.time], [stack(values), ca.jacobian(stack(values), flat.p)])
 
     def __call__(self, p: NDArray[np.float64]) -> NDArray[np.float64]:
         """The values (n,) at the parameters p."""
         values = self._declared.copy()
-        values[self._asked] = np.array(self._values(p, 0.0)).ravel()
+        values[self._asked] = np.array(self._values(p, 0.0)[0]).ravel()
         return values
+
+    def slopes(self, p: NDArray[np.float64]) -> NDArray[np.float64]:
+        """How they move with the parameters, (n, n_p)."""
+        slopes = np.zeros((len(self._declared), len(p)))
+        slopes[self._asked] = np.array(self._values(p, 0.0)[1].full())
+        return slopes
 
 
 class _Jacobian:
