@@ -103,9 +103,8 @@ def _cause(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array)
     notes = [f"{assembly.state_names[k]} = {x[k]:.6g}, changing by {ode[k]:.3g} a second"
              f"   ({owners.get(assembly.state_names[k], '')})" for k in order]
     at = assembly.point(t, x, z, p, u)
-    vanishing = [loss for loss in losses(assembly.reduced.system, at, NEAR) if loss.zero]
-    if found := explain.lost(assembly.flat, vanishing, f"near t = {t:.4g} s"):
-        return f"{found[0].message[:1].upper()}{found[0].message[1:]}.\n{found[0].hint}", [*notes, *found[0].notes]
+    if found := _lost(assembly, at, t):
+        return f"{found.message[:1].upper()}{found.message[1:]}.\n{found.hint}", [*notes, *found.notes]
     small = [k for k, value in enumerate(pivots) if value < 1e-9 * max(begin[k], 1e-300) or value == 0]
     if small:
         pivot = assembly.reduced.pivots[small[0]]
@@ -124,6 +123,14 @@ def _cause(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array)
         return f"{listing(names, 2)} run away: an instability, a wrong sign or a very stiff element.", notes
     return (f"{listing(names, 2)} change fastest: a kink or jump there that the solver cannot step over; smooth it "
             "(a transition velocity or pressure), or loosen the tolerances.", notes)
+
+
+def _lost(assembly: Assembly, at: dict[int, float], t: float) -> Problem | None:
+    """What is on its way to leave something undecided at a point shortly before the end, else what does so there."""
+    system = assembly.reduced.system
+    vanishing = [loss for loss in losses(system, at, NEAR) if loss.zero]
+    found = explain.lost(assembly.flat, vanishing or losses(system, at), f"near t = {t:.4g} s")
+    return found[0] if found else None
 
 
 def _not_finite(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array) -> list[str]:

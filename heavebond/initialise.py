@@ -9,7 +9,7 @@ import numpy as np
 
 from heavebond import start_failure
 from heavebond.dae import Array, Assembly
-from heavebond.newton import RANK, Found, Frame, System, continued, newton, weights
+from heavebond.newton import RANK, Found, Frame, System, continued, newton, settled, weights
 from heavebond.start_equations import Point, StartEquations, StartSystem
 from heavebond.symbols import split, stack, uniform
 
@@ -147,11 +147,12 @@ class _Search:
 
     def _search(self, first: Array) -> Array:
         """The first of these that leads to a solution: Newton's method from the guess; continuation in the widths of
-        regularised laws; continuation in what is out of balance at the guess; Newton's method from points around the
-        guess, since where a contact is open or a valve shut at the guess its force has no gradient there."""
+        regularised laws; continuation in what is out of balance at the guess; for a steady start, letting the machine
+        settle; Newton's method from points around the guess, since where a contact is open or a valve shut at the
+        guess its force has no gradient there."""
         system = self._scaled(self.equations.all)
         best: Found | None = None
-        for attempt in range(3 + SHIFTS):
+        for attempt in range(4 + SHIFTS):
             found = self._attempt(system, first, attempt)
             self.steps += found.steps
             if found.good:
@@ -165,7 +166,21 @@ class _Search:
             return self._narrowed(system, first)
         if attempt == 2:
             return continued(system, first, self.frame)
-        return newton(system, first + self.nominal * self._shift(attempt - 2), self.frame)
+        if attempt == 3 and self.equations.steady:
+            return settled(system, self._slowed, first, self.frame)
+        return newton(system, first + self.nominal * self._shift(attempt - 3), self.frame)
+
+    def _slowed(self, before: Array, step: float) -> System:
+        """The equations of a steady start with (x - before)/step for each rate that is to vanish."""
+        steady = [k for k, row in enumerate(self.equations.rows) if row.steady]
+        states = np.arange(self.n_x)
+
+        def at(y: Array) -> tuple[Array, Array]:
+            residual, jacobian = self._scaled(self.equations.all)(y)
+            residual[steady] -= (y[: self.n_x] - before[: self.n_x]) / step
+            jacobian[steady, states] -= self.nominal[: self.n_x] / step
+            return residual, jacobian
+        return at
 
     def _narrowed(self, system: System, y: Array) -> Found:
         """Newton's method with wide transitions, which are narrowed to their own width step by step."""

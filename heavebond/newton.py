@@ -20,6 +20,8 @@ GOOD = 1e-6
 RANK = 1e-11
 # a continuation whose steps become shorter than this share of the whole is given up
 SHORTEST = 1e-3
+# steps of pseudo-time, in s
+FIRST_STEP, GROWTH, MOST_PSEUDO_STEPS = 1e-3, 1.5, 160
 
 
 @dataclass(frozen=True)
@@ -86,6 +88,30 @@ def newton(system: System, y: Array, frame: Frame) -> Found:
         steps += 1
     scaled = residual * weights(residual, jacobian) if residual.size and np.all(np.isfinite(jacobian)) else residual
     return Found(y, scaled, steps)
+
+
+def settled(system: System, slowed: Callable[[Array, float], System], y: Array, frame: Frame) -> Found:
+    """Where a machine comes to rest from y by itself: implicit Euler steps, short at first and then ever longer, until
+    Newton's method finds the place of rest. `slowed(y, step)` are the equations of one step.
+
+    Pseudo-transient continuation; C. T. Kelley, D. E. Keyes, Convergence analysis of pseudo-transient continuation, SIAM J.
+    Numer. Anal. 35 (1998) 508-523, doi:10.1137/S0036142996304796.
+    """
+    y, step, steps = frame.within(y), FIRST_STEP, 0
+    found = Found(y, np.full(1, np.inf), 0)
+    for k in range(MOST_PSEUDO_STEPS):
+        trial = newton(slowed(y, step), y, frame)
+        steps += trial.steps
+        if trial.good:
+            y, step = trial.y, GROWTH * step
+        else:
+            step /= 4
+        if k % 8 == 7:
+            found = newton(system, y, frame)
+            steps += found.steps
+        if found.good or step < FIRST_STEP * 1e-6 or not np.all(np.isfinite(y)):
+            break
+    return Found(found.y, found.residual, steps)
 
 
 def continued(system: System, y: Array, frame: Frame) -> Found:

@@ -30,6 +30,8 @@ NEGLIGIBLE = 1e-13
 LOST = 1e-11
 # members of a direction below this share of the largest do not take part
 SHARE = 1e-6
+# what a change of a value does to the scaled matrix is rounding below this
+ROUNDING = 1e-14
 # a value that is changed to see whether it is to blame is changed by this share of its usual size
 CHANGED = 0.137
 # from so many equations on only the blocks that are singular are looked at together
@@ -40,14 +42,15 @@ LARGE = 1500
 class Loss:
     """Equations `rows` that say the same, unknowns `columns` that nothing decides, and what is to blame.
 
-    `parameters` and `variables` are names of which each, if it had another value, would let the equations decide; those
-    that are zero stand alone where there are any. With neither it is the equations' own form, whatever the numbers.
+    `parameters` and `variables` (with their values in SI) are those of which each, if it had another value, would let the
+    equations decide; those that are zero stand alone where there are any. With neither it is the equations' own form,
+    whatever the numbers.
     """
 
     rows: tuple[Row, ...]
     columns: tuple[Column, ...]
     parameters: tuple[str, ...]
-    variables: tuple[str, ...]
+    variables: tuple[tuple[str, float], ...]
     zero: bool
 
 
@@ -130,13 +133,24 @@ class _Matrix:
     def __init__(self, system: Simultaneous, at: Array, tolerance: float):
         self.system, self.at, self.tolerance = system, at, tolerance
         self.row, self.column = (np.array(k, dtype=int) for k in system.entries)
+        self.sizes = self._sizes()
         raw = np.array(system.values(at)).ravel()
-        raw = np.where(np.isfinite(raw), raw, 1.0) * system.sizes[self.column]
+        raw = np.where(np.isfinite(raw), raw, 1.0) * self.sizes[self.column]
         largest = np.zeros(len(system.rows))
         np.maximum.at(largest, self.row, np.abs(raw))
         self.largest = np.where(largest > 0, largest, 1.0)
         self.entries = raw / self.largest[self.row]
         self.entries[np.abs(self.entries) < NEGLIGIBLE] = 0.0
+
+    def _sizes(self) -> Array:
+        """The usual sizes of the unknowns; of one whose unit no domain knows (a compressibility) its value."""
+        flat, sizes = self.system.flat, self.system.sizes.copy()
+        known = {m.unit.dimension for d in flat.expanded.model.library.domains.values() for m in d.members.values()}
+        values = {s.element_hash(): abs(v) for s, v in zip(self.system.symbols, self.at, strict=True)}
+        for k, (j, order) in enumerate(self.system.columns):
+            if flat.unknowns[j].unit.dimension not in known:
+                sizes[k] = values.get(flat.levels[0][j].element_hash() if order == 0 else 0, 0.0) or sizes[k]
+        return sizes
 
     def losses(self) -> list[Loss]:
         """One for each set of dependent equations and the unknowns that stand in them."""
@@ -207,18 +221,21 @@ class _Matrix:
         taking_rows, taking_columns = (np.flatnonzero(_taking_part(d).any(axis=0)) for d in (left, right))
         near = np.isin(self.row, taking_rows) & np.isin(self.column, taking_columns)
         involved = {s.element_hash() for s in ca.symvar(stack([system.nonzeros[k] for k in np.flatnonzero(near)]))}
+        # a value that its own column is counted in is not small
+        scaled = {system.flat.unknowns[j].name for k, (j, _) in enumerate(system.columns)
+                  if self.sizes[k] != system.sizes[k]}
         repairing: list[tuple[str, bool, float]] = []
         for k, symbol in enumerate(system.symbols):
             if symbol.element_hash() in involved and symbol.element_hash() in system.names and len(rows) and len(columns):
                 name, size = system.names[symbol.element_hash()]
                 changed = self.at.copy()
                 changed[k] += CHANGED * (abs(changed[k]) or size)
-                moved = (np.array(system.values(changed)).ravel() * system.sizes[self.column] / self.largest[self.row]
+                moved = (np.array(system.values(changed)).ravel() * self.sizes[self.column] / self.largest[self.row]
                          - self.entries)[near]
                 moved = np.where(np.isfinite(moved), moved, 0.0)
                 restored = left[:, self.row[near]] * moved @ right[:, self.column[near]].T
-                if np.abs(restored).max() > 1e-6 * np.abs(moved).max():
-                    is_zero = bool(abs(self.at[k]) <= np.sqrt(self.tolerance) * size)
+                if np.abs(restored).max() > max(1e-6 * np.abs(moved).max(), ROUNDING):
+                    is_zero = bool(abs(self.at[k]) <= np.sqrt(self.tolerance) * size) and name not in scaled
                     if self.tolerance > LOST and self.at[k] == 0:
                         continue  # the rank is not lost yet, so that what is zero already is not what is going there
                     repairing.append((name, is_zero, float(np.abs(restored).max())))
@@ -229,7 +246,12 @@ class _Matrix:
         zero = [name for name, is_zero, _ in repairing if is_zero]
         kept = zero or [name for name, _, _ in repairing]
         return Loss(tuple(system.rows[r] for r in taking_rows), tuple(system.columns[c] for c in taking_columns),
-                    tuple(n for n in kept if n in own), tuple(n for n in kept if n not in own), bool(zero))
+                    tuple(n for n in kept if n in own),
+                    tuple((n, self._value(n)) for n in kept if n not in own), bool(zero))
+
+    def _value(self, name: str) -> float:
+        number = self.system.flat.levels[0][self.system.flat.names[name]].element_hash()
+        return next(float(v) for s, v in zip(self.system.symbols, self.at, strict=True) if s.element_hash() == number)
 
 
 def _both(a: Flags, b: Flags) -> Flags:

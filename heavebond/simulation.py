@@ -203,7 +203,8 @@ class Simulator:
     def _failure(self, assembly: Assembly, first: Start, said: str) -> SimulationError:
         from heavebond.failure import explain_failure
 
-        return explain_failure(self, assembly, first, said)
+        with caught_errors():  # it integrates again up to there
+            return explain_failure(self, assembly, first, said)
 
     def _trace(self, x: Array, z: Array, quadratures: Array, statistics: dict[str, object]) -> Trace:
         """A run without events."""

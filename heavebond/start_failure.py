@@ -9,7 +9,7 @@ import numpy as np
 
 from heavebond import explain
 from heavebond.dae import Array, Assembly
-from heavebond.errors import Problem, Problems, StartError, listing
+from heavebond.errors import Place, Problem, Problems, StartError, listing
 from heavebond.newton import weights
 from heavebond.presentation import readable
 from heavebond.rank import losses
@@ -43,9 +43,9 @@ def failure(equations: StartEquations, point: Point, residual: Array, system: St
     place = rows[int(bad[0])].place if len(bad) else None
     notes = [f"{rows[k].label}   off by {raw[k]:.3g} (SI)" for k in bad]
     if not np.all(np.isfinite(residual)):
-        return StartError([Problem(
-            "start-failed", "the start cannot be computed: an equation has no finite value at the first guess", place,
-            _cure(equations.assembly, point, lambda p: bool(np.all(np.isfinite(system.at(p)[0])))), tuple(notes))])
+        hint, zero = _cure(equations.assembly, point, lambda p: bool(np.all(np.isfinite(system.at(p)[0]))))
+        return StartError([Problem("start-failed", "the start cannot be computed: an equation has no finite value at the "
+                                   "first guess", zero or place, hint, tuple(notes))])
     if conflict := [rows[k] for k in _conflict(system, point, sizes)]:
         settled = _settling(equations, system, point, sizes)
         follow = f"\nOr let a parameter follow: `solve: [{settled[0]}]`" if settled else ""
@@ -61,26 +61,27 @@ def failure(equations: StartEquations, point: Point, residual: Array, system: St
                                f"`initial: {{{_example(equations.assembly)}}}`.", tuple(notes))])
 
 
-def _cure(assembly: Assembly, point: Point, finite: Callable[[Point], bool]) -> str:
-    """What to type where something has no value: which zero, had it another value, would give it one."""
+def _cure(assembly: Assembly, point: Point, finite: Callable[[Point], bool]) -> tuple[str, Place | None]:
+    """What to type where something has no value: which zero, had it another value, would give it one; and its place."""
     flat = assembly.flat
     states = [k for k, (_, order) in enumerate(assembly.reduced.states) if order == 0 and point.x[k] == 0]
     numbers = [k for k, name in enumerate(assembly.parameter_names) if point.p[k] == 0 and "." in name]
-    cured = [assembly.parameter_names[k] for k in numbers if finite(replace(point, p=_moved(point.p, k, 1.0)))]
+    cured = [k for k in numbers if finite(replace(point, p=_moved(point.p, k, 1.0)))]
     if cured:
-        return f"{listing(cured, MOST_NAMED)} {'is' if len(cured) == 1 else 'are'} 0: give it another value."
+        names = listing((assembly.parameter_names[k] for k in cured), MOST_NAMED)
+        return f"{names} {'is' if len(cured) == 1 else 'are'} 0: give it another value.", flat.parameters[cured[0]].place
     together = point.p.copy()
     together[numbers] = 1.0
     if numbers and finite(replace(point, p=together)):
         return f"Some of {listing((assembly.parameter_names[k] for k in numbers), MOST_NAMED)} may not be 0: give them " \
-            "other values."
+            "other values.", flat.parameters[numbers[0]].place
     begun = [k for k in states if finite(replace(point, x=_moved(point.x, k, assembly.x_nominal[k])))] or states
     if not begun:
-        return f"Give guesses, for example `initial: {{{_example(assembly)}}}`, away from where it has none."
+        return f"Give guesses, for example `initial: {{{_example(assembly)}}}`, away from where it has none.", None
     unknowns = [flat.unknowns[assembly.reduced.states[k][0]] for k in begun]
     entries = ", ".join(f"{u.name}: ~ {u.nominal:g} {u.unit.text}" for u in unknowns[:3])
     return f"{listing((u.name for u in unknowns), MOST_NAMED)} begin{'s' * (len(unknowns) == 1)} at 0 as nothing else is " \
-        f"said; say where, for example `initial: {{{entries}}}`."
+        f"said; say where, for example `initial: {{{entries}}}`.", unknowns[0].place
 
 
 def _moved(values: Array, k: int, by: float) -> Array:
@@ -129,6 +130,8 @@ def _contradiction(equations: StartEquations, point: Point, conflict: Sequence[S
     notes = tuple(row.label for row in conflict)
     alone = conflict[0]
     assembly = equations.assembly
+    if all(row.steady for row in conflict):
+        return _no_rest(equations, point, conflict, follow)
     if len(conflict) > 1 or alone.name not in assembly.flat.names:
         return Problem("start-contradiction", "the initial values contradict each other", place,
                        f"Remove one of them, or make it a guess (`~`).{follow}", notes)
@@ -137,6 +140,16 @@ def _contradiction(equations: StartEquations, point: Point, conflict: Sequence[S
     return Problem("start-contradiction", f"{alone.label} cannot hold: the diagram itself decides it, "
                    f"{readable(value, assembly.flat.unknowns[j].unit.text, 6)}", place,
                    f"Leave it out of `initial:`, or change the part that holds it.{follow}")
+
+
+def _no_rest(equations: StartEquations, point: Point, conflict: Sequence[StartRow], follow: str) -> Problem:
+    """Rates that no state can make zero."""
+    raw = dict(zip(equations.all.rows, equations.all.at(point)[0], strict=True))
+    notes = tuple(f"{row.label.removeprefix('steady: ').removesuffix(' = 0')} stays at {raw[row]:.4g} (SI)"
+                  for row in conflict)
+    return Problem("start-unsteady", "this machine has no steady state, or none that can be reached from the guess",
+                   conflict[0].place, "Something must hold or balance what moves there: a Fixed, a Spring, a Tank, a "
+                   "valve.\nOr begin without `start: steady`, or give guesses (`~`) near the place of rest." + follow, notes)
 
 
 def _conflict(system: StartSystem, point: Point, sizes: Array) -> list[int]:
@@ -235,10 +248,11 @@ def check_pivots(assembly: Assembly, found: Sequence[tuple[Pivot, float]], point
     for problem in lost(assembly, point):
         problems.add(problem.code, problem.message, problem.place, hint=problem.hint, notes=problem.notes)
     if not problems.found:
+        hint, place = _cure(assembly, point, lambda p: _sound(assembly, p))
         for pivot, value in zero:
             equation = pivot.equation
             problems.add("coefficient-zero", f"'{equation.owner}': the coefficient of {pivot.unknown} is {value:g} {AT}",
-                         equation.place, notes=[equation.text], hint=_cure(assembly, point, lambda p: _sound(assembly, p)))
+                         place or equation.place, notes=[equation.text], hint=hint)
     problems.raise_as(StartError)
 
 
@@ -262,6 +276,6 @@ def check_values(assembly: Assembly, point: Point) -> None:
     places = [*(u.place for u in unknowns), *(unknowns[j].place for j, _ in assembly.reduced.states)]
     wrong = [k for k in range(len(names)) if bad[k]]
     shown = listing((names[k] for k in wrong), MOST_NAMED)
+    hint, place = _cure(assembly, point, lambda p: bool(np.isfinite(values(p)).sum() > (~bad).sum()))
     raise StartError([Problem("value-not-finite", f"{shown} {'has' if len(wrong) == 1 else 'have'} no finite value {AT}",
-                              places[wrong[0]],
-                              _cure(assembly, point, lambda p: bool(np.isfinite(values(p)).sum() > (~bad).sum())))])
+                              place or places[wrong[0]], hint)])
