@@ -242,7 +242,7 @@ class _Matrix:
         own = {q.name for q in system.flat.parameters}
         # the usual sizes of variables are known, so that their effects can be compared
         most = max((effect for name, _, effect in repairing if name not in own), default=0.0)
-        repairing = [r for r in repairing if r[0] in own or r[2] > 0.1 * most]
+        repairing = [r for r in repairing if r[0] in own or r[2] > 1e-3 * most]
         zero = [name for name, is_zero, _ in repairing if is_zero]
         kept = zero or [name for name, _, _ in repairing]
         return Loss(tuple(system.rows[r] for r in taking_rows), tuple(system.columns[c] for c in taking_columns),
