@@ -62,6 +62,7 @@ def weights(residual: Array, jacobian: Array) -> Array:
     return np.asarray(1 / np.where(gradient > 0, gradient, np.maximum(np.abs(residual), 1e-300)))
 
 
+@np.errstate(over="ignore", invalid="ignore")  # a trial may go anywhere; what is no number is not taken
 def newton(system: System, y: Array, frame: Frame) -> Found:
     """Gauss-Newton with steps of least norm in scaled unknowns, halved until the residual falls; a step that leaves the
     bounds is cut at them."""

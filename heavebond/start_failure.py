@@ -131,7 +131,7 @@ def _contradiction(equations: StartEquations, point: Point, conflict: Sequence[S
     alone = conflict[0]
     assembly = equations.assembly
     if all(row.steady for row in conflict):
-        return _no_rest(equations, point, conflict, follow)
+        return _no_rest(equations, point, conflict)
     if len(conflict) > 1 or alone.name not in assembly.flat.names:
         return Problem("start-contradiction", "the initial values contradict each other", place,
                        f"Remove one of them, or make it a guess (`~`).{follow}", notes)
@@ -142,14 +142,14 @@ def _contradiction(equations: StartEquations, point: Point, conflict: Sequence[S
                    f"Leave it out of `initial:`, or change the part that holds it.{follow}")
 
 
-def _no_rest(equations: StartEquations, point: Point, conflict: Sequence[StartRow], follow: str) -> Problem:
+def _no_rest(equations: StartEquations, point: Point, conflict: Sequence[StartRow]) -> Problem:
     """Rates that no state can make zero."""
     raw = dict(zip(equations.all.rows, equations.all.at(point)[0], strict=True))
     notes = tuple(f"{row.label.removeprefix('steady: ').removesuffix(' = 0')} stays at {raw[row]:.4g} (SI)"
                   for row in conflict)
     return Problem("start-unsteady", "this machine has no steady state, or none that can be reached from the guess",
                    conflict[0].place, "Something must hold or balance what moves there: a Fixed, a Spring, a Tank, a "
-                   "valve.\nOr begin without `start: steady`, or give guesses (`~`) near the place of rest." + follow, notes)
+                   "valve.\nOr begin without `start: steady`, or give guesses (`~`) near the place of rest.", notes)
 
 
 def _conflict(system: StartSystem, point: Point, sizes: Array) -> list[int]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing as mp
+from collections.abc import Callable
 from multiprocessing.connection import Connection
 
 from benchmarks.fuzz.diagrams import Diagram
@@ -19,8 +20,9 @@ def _serve(pipe: Connection) -> None:
 class Judge:
     """A process that judges one diagram after the other, each within `limit` seconds."""
 
-    def __init__(self, limit: float):
-        self.limit, self.done = limit, 0
+    def __init__(self, limit: float, first: float = 20.0):
+        """`first`: seconds more for the first diagram of a process, which imports everything."""
+        self.limit, self.first, self.done = limit, first, 0
         self._begin()
 
     def _begin(self) -> None:
@@ -37,7 +39,7 @@ class Judge:
             self._begin()
         self.done += 1
         self.pipe.send((seed, text))
-        patience = self.limit + (20 if self.done == 1 else 0)  # a new process imports first
+        patience = self.limit + (self.first if self.done == 1 else 0)
         try:
             if self.pipe.poll(patience):
                 found: Verdict = self.pipe.recv()
@@ -56,7 +58,7 @@ class Judge:
         self.process.join(10)
 
 
-def smallest(judged: Judge, given: Diagram, outcome: str) -> Diagram:
+def smallest(judged: Callable[[int, str], Verdict], given: Diagram, outcome: str) -> Diagram:
     """The diagram without the parts that the fault does not need, taken out one after the other."""
     again = True
     while again:
