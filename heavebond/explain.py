@@ -84,7 +84,9 @@ class _Part:
         nodes = {u.name.rpartition(".")[0] for u in self.shared}
         domain = _domain(self.flat, self.shared[0]) if self.shared else None
         elastic = ELASTIC.get(domain.name if domain else "", "a part that gives way")
+        what = self.shared[0].doc if self.shared else ""
         advice = f"Remove or change {either(owners)}." if len(self.owners) == 1 else \
+            (f"{either(owners)} each hold the {what} of one node, which one part alone can do.\n" if what else "") + \
             f"Put {either(owners)} on different nodes, or remove one of them." if len(nodes) < 2 else \
             f"They join rigidly what is held at both ends: remove one of {either(owners, 'or')},\nor put {elastic} " \
             "between them."
@@ -106,6 +108,10 @@ def _undecided(flat: Flat, loose: Sequence[Unknown], part: _Part | None) -> Prob
         through = [u for u in part.unknowns if u.role == "through"]
         what = _noun(through[0].doc) if through else "what flows"
         notes = [f"these equations decide {what} there without {'them' if len(shown) > 1 else 'it'}:", *_table(part.said)]
+        if shared and through:
+            held = shared[0].doc or "other variable"
+            advice = f"{what[:1].upper()}{what[1:]} is given by {either(part.owners[:4])}, and no part there gives the " \
+                f"{held}: none stores, and none ties it to a reference.\n{advice}"
     return Problem("underdetermined", message, shown[0].place if shown else None, advice, tuple(notes))
 
 

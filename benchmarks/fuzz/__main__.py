@@ -26,7 +26,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=100_000)
     parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--limit", type=float, default=20.0, help="seconds for one diagram")
+    parser.add_argument("--limit", type=float, default=60.0, help="seconds for one diagram")
     parser.add_argument("--minutes", type=float, default=float("inf"), help="stop after so long")
     parser.add_argument("--results", type=Path, default=HERE / "results.jsonl")
     parser.add_argument("--show", type=int, help="print the diagram of one seed and its verdict")
