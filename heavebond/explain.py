@@ -64,7 +64,7 @@ class _Part:
         self.flat = flat
         equations = [flat.equations[i] for i in block.core_rows]
         # the assembler's own equations and the values of inputs are no choice between which a user could decide
-        self.said = [e for e in equations if not _bookkeeping(e)] or equations
+        self.said = [e for e in equations if not bookkeeping(e)] or equations
         unknowns = [flat.unknowns[j] for j in block.core_columns]
         self.shared = _without_rates([u for u in unknowns if u.role in SHARED])
         self.unknowns = self.shared or [u for u in unknowns if u.role != "signal"] or unknowns
@@ -120,7 +120,7 @@ def lost(flat: Flat, found: Sequence[Loss], when: str = "") -> list[Problem]:
     (`at the start`)."""
     joined: dict[tuple[int, ...], list[Loss]] = {}
     for loss in found:  # a tie of velocities is one of accelerations, and of forces, too
-        said = tuple(dict.fromkeys(i for i, _ in loss.rows if not _bookkeeping(flat.equations[i])))
+        said = tuple(dict.fromkeys(i for i, _ in loss.rows if not bookkeeping(flat.equations[i])))
         joined.setdefault(said, []).append(loss)
     if len(joined) > 1 and () in joined:  # what only the assembler's own equations say belongs to the others
         joined[next(said for said in joined if said)] += joined.pop(())
@@ -144,7 +144,7 @@ class _Lost:
         self.shared = _without_rates([u for u in loose if u.role in SHARED])
         self.shown = self.shared or [u for u in loose if u.role == "through"] or loose
         equations = [flat.equations[i] for i in dict.fromkeys(i for i, _ in loss.rows)]
-        self.said = [e for e in equations if not _bookkeeping(e)] or equations
+        self.said = [e for e in equations if not bookkeeping(e)] or equations
         self.owners = [o for o in dict.fromkeys(e.owner for e in self.said) if o in flat.expanded.leaves]
         given = [name for name in loss.parameters if not assumed(flat, name)]
         # of what is zero, what the diagram itself says comes before what a component assumes
@@ -256,7 +256,7 @@ def _domain(flat: Flat, unknown: Unknown) -> Domain | None:
     return None
 
 
-def _bookkeeping(equation: FlatEquation) -> bool:
+def bookkeeping(equation: FlatEquation) -> bool:
     """A node's own equation, which the assembler wrote and no user can remove, or the value of an input."""
     return equation.label.startswith("sum of ") or " is the rate of " in equation.label \
         or equation.label.endswith((" as given", " as measured"))

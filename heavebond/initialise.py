@@ -237,11 +237,22 @@ class _Search:
                 "declared start" if assembly.flat.unknowns[j].start else "default"
             table.append(StartLine(assembly.state_names[k], asked.value.text if asked else "", float(point.x[k]),
                                    assembly.flat.unknowns[j].unit.text + ("/s" * order), why))
+        table += self._others(point, {line.name for line in table})
         for k in self.equations.solved_for:
             parameter = assembly.flat.parameters[k]
             table.append(StartLine(parameter.name, "solve", float(point.p[k]), parameter.unit.text, "solved for"))
         free = tuple(line.name for line in table if line.why == "default")
         return Start(self.t, point.x, point.z, point.p, tuple(table), free, self.steps)
+
+    def _others(self, point: Point, told: set[str]) -> list[StartLine]:
+        """What was asked of variables that are no states."""
+        flat, values, lines = self.assembly.flat, np.array(self.assembly.values(*point.values())).ravel(), []
+        for name, condition in self.equations.initial.conditions.items():
+            j = flat.names.get(name)
+            if j is not None and flat.unknowns[j].name not in told and name not in told:
+                lines.append(StartLine(name, condition.value.text, float(values[j]), flat.unknowns[j].unit.text,
+                                       "solved from a guess" if condition.guess else "asked for"))
+        return lines
 
     def _check_constants(self) -> None:
         """Coefficients of parameters alone that are zero: a mass or stiffness of 0 is told before anything is solved."""
