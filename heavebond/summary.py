@@ -98,7 +98,7 @@ class Summary:
         return [f"Diagram {self.model}", *columns(rows, width)]
 
     def _circuits(self, width: int) -> list[str]:
-        rows = [(c.domain, listing(c.nodes, MOST_OF_A_CIRCUIT), _tie(c)) for c in self.circuits]
+        rows = [(c.domain, f"{listing(c.nodes, MOST_OF_A_CIRCUIT)}: {_tie(c)}") for c in self.circuits]
         return ["Circuits, and what ties each to a reference", *columns(rows, width), ""] if rows else []
 
     def _equations(self, width: int) -> list[str]:
