@@ -20,6 +20,8 @@ GOOD = 1e-6
 RANK = 1e-11
 # a continuation whose steps become shorter than this share of the whole is given up
 SHORTEST = 1e-3
+# share of a step below which halving it is given up; steps of one equation on a path from solution to solution
+SHORTEST_STEP, ON_A_PATH = 1e-7, 20
 # steps of pseudo-time, in s
 FIRST_STEP, GROWTH, MOST_PSEUDO_STEPS = 1e-3, 1.5, 160
 
@@ -63,12 +65,12 @@ def weights(residual: Array, jacobian: Array) -> Array:
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a trial may go anywhere; what is no number is not taken
-def newton(system: System, y: Array, frame: Frame) -> Found:
-    """Gauss-Newton with steps of least norm in scaled unknowns, halved until the residual falls; a step that leaves the
-    bounds is cut at them."""
+def newton(system: System, y: Array, frame: Frame, most: int = MOST_STEPS) -> Found:
+    """Gauss-Newton with at most so many steps of least norm in scaled unknowns, halved until the residual falls; a step
+    that leaves the bounds is cut at them."""
     y, steps = frame.within(y), 0
     residual, jacobian = system(y)
-    for _ in range(MOST_STEPS):
+    for _ in range(most):
         if not residual.size or not np.all(np.isfinite(residual)) or not np.all(np.isfinite(jacobian)):
             break
         row = weights(residual, jacobian)
@@ -77,7 +79,7 @@ def newton(system: System, y: Array, frame: Frame) -> Found:
             break
         step = np.linalg.lstsq(jacobian * row[:, None], -residual * row, rcond=RANK)[0]
         length = 1.0
-        while length > 1e-10:
+        while length > SHORTEST_STEP:
             trial = frame.within(y + length * step * frame.sizes)
             new, new_jacobian = system(trial)
             if np.all(np.isfinite(new)) and float(np.linalg.norm(new * row)) < (1 - 1e-4 * length) * size:
@@ -101,16 +103,16 @@ def settled(system: System, slowed: Callable[[Array, float], System], y: Array, 
     y, step, steps = frame.within(y), FIRST_STEP, 0
     found = Found(y, np.full(1, np.inf), 0)
     for k in range(MOST_PSEUDO_STEPS):
-        trial = newton(slowed(y, step), y, frame)
+        trial = newton(slowed(y, step), y, frame, ON_A_PATH)
         steps += trial.steps
         if trial.good:
             y, step = trial.y, GROWTH * step
         else:
             step /= 4
         if k % 8 == 7:
-            found = newton(system, y, frame)
+            found = newton(system, y, frame, ON_A_PATH)
             steps += found.steps
-        if found.good or step < FIRST_STEP * 1e-6 or not np.all(np.isfinite(y)):
+        if found.good or step < FIRST_STEP * 1e-4 or not np.all(np.isfinite(y)):
             break
     return Found(found.y, found.residual, steps)
 
@@ -132,7 +134,7 @@ def continued(system: System, y: Array, frame: Frame) -> Found:
             residual, jacobian = system(at)
             return residual - left * first, jacobian
 
-        trial = newton(balanced, found.y, frame)
+        trial = newton(balanced, found.y, frame, ON_A_PATH)
         steps += trial.steps
         if trial.good:
             found, s, stride = trial, to, 2 * stride
