@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 # installed once, and again when the dependencies change
 READY := $(VENV)/.ready
 
-.PHONY: demo test test-slow lint types bench fuzz false-alarms confusion detectability clean
+.PHONY: demo test test-slow lint types pages bench fuzz false-alarms confusion detectability clean
 
 demo: $(READY)
 	$(BIN)/heavebond demo --output demo
@@ -21,6 +21,10 @@ lint: $(READY)
 
 types: $(READY)
 	$(BIN)/mypy
+
+# docs/components/, from the component files; after every change of one
+pages: $(READY)
+	$(BIN)/heavebond library --pages docs/components
 
 bench: $(READY)
 	$(BIN)/python -m benchmarks

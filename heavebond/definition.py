@@ -6,24 +6,27 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from heavebond.errors import Place
-from heavebond.expression import Equation, Expr
+from heavebond.expression import Compare, Equation, Expr, Name
 from heavebond.units import Range, Unit
 
 
 @dataclass(frozen=True)
 class Member:
-    """One variable of a port: its unit and the size that it commonly has (for scaling)."""
+    """One variable of a port: its unit, the size that it commonly has (for scaling), what it never falls below, and the
+    guess where a start is searched and nothing else is known."""
 
     name: str
     unit: Unit
     nominal: float
     doc: str = ""
+    low: float | None = None
+    start: float | None = None
 
 
 @dataclass(frozen=True)
 class Domain:
     """What a wire of one kind carries: `across` is shared at a node, `through` sums to zero. `reference` is the component
-    that stands for the surroundings: the ground, a tank."""
+    that stands for the surroundings: the ground, a tank; `medium` the one that sets what flows in a circuit."""
 
     name: str
     members: dict[str, Member]
@@ -34,6 +37,7 @@ class Domain:
     position: str | None
     power: str | None
     reference: str | None = None
+    medium: str | None = None
 
     def role(self, member: str) -> str:
         """The member's own name for `effort` and `flow` as generic ports write them."""
@@ -133,8 +137,11 @@ ATTACHES = ("across", "at", "in series", "input", "channel")
 
 @dataclass(frozen=True)
 class Parameter:
-    """A constant of a component; bounds and default in SI. `neutral` is the value at which an effect is absent: such a
-    parameter is a dormant effect, called `kind`, `sought` within a range when it wakes and with it those it `wakes_with`.
+    """A constant of a component, or with `count` a list of them; bounds and default in SI.
+
+    `neutral` is the value at which an effect is absent: such a parameter is a dormant effect, called `kind`, `sought`
+    within a range when it wakes and with it those it `wakes_with`.
+    `medium` names the parameter of the circuit's medium whose value it takes where it is not given.
     """
 
     name: str
@@ -149,11 +156,13 @@ class Parameter:
     kind: str = ""
     sought: Sought | None = None
     wakes_with: tuple[str, ...] = ()
+    count: Expr | None = None
+    medium: str = ""
 
 
 @dataclass(frozen=True)
 class Variable:
-    """An inner unknown of a component; `start` is the guess where nothing else is known.
+    """An inner unknown of a component, or with `count` a list of them; `start` is the guess where nothing else is known.
 
     With `held`, the value that it starts at, it is no unknown: it is constant between events, which alone change it.
     """
@@ -166,6 +175,7 @@ class Variable:
     high: float | None = None
     start: float | None = None
     held: float | None = None
+    count: Expr | None = None
 
 
 @dataclass(frozen=True)
@@ -285,6 +295,17 @@ class Component:
     def held(self) -> dict[str, Variable]:
         """The variables that only events change."""
         return {name: variable for name, variable in self.variables.items() if variable.held is not None}
+
+    @property
+    def orders(self) -> tuple[tuple[str, str], ...]:
+        """Pairs of parameters of which the first must not be below the second (`requires: [x_max > x_min]`)."""
+        found = []
+        for formula in self.requires:
+            tree = formula.tree
+            if isinstance(tree, Compare) and isinstance(tree.left, Name) and isinstance(tree.right, Name):
+                ends = (tree.left.text, tree.right.text)
+                found.append(ends if tree.op in (">", ">=") else ends[::-1])
+        return tuple(found)
 
     @property
     def composite(self) -> bool:

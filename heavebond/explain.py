@@ -20,6 +20,8 @@ DECIDES = {
     "translational": "a Fixed, a Mass or a PositionSource on one of these nodes, or a Spring from there to such a node",
     "rotational": "a FixedShaft, an Inertia or an AngleSource on one of these nodes, or a TorsionSpring from there to one",
     "hydraulic": "a Volume, a Tank or a PressureSource on one of these nodes, or an Orifice from there to such a node",
+    "electrical": "an ElectricalGround, a VoltageSource or a Capacitor on one of these nodes, or a Resistor from there to "
+                  "such a node",
     "pneumatic": "a Receiver, an Atmosphere or a PneumaticSource on one of these nodes",
 }
 # what ends a rigid loop, by domain

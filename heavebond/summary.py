@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 
 from heavebond.dae import Assembly
 from heavebond.errors import listing
+from heavebond.expand import Medium
 from heavebond.flatten import Flat, FlatEquation
 from heavebond.grounding import Circuit, circuits
 from heavebond.initialise import Start, StartLine
@@ -57,6 +58,7 @@ class Summary:
     components: dict[str, tuple[str, ...]]
     blocks: dict[str, tuple[str, ...]]
     nodes: tuple[str, ...]
+    media: tuple[str, ...]
     equations: int
     unknowns: int
     circuits: tuple[Circuit, ...]
@@ -91,6 +93,7 @@ class Summary:
             rows.append(("blocks", ", ".join(f"{path} ({kind})" for kind, paths in self.blocks.items()
                                              for path in paths)))
         rows.append(("nodes", f"{len(self.nodes)}: {listing(self.nodes, SHOWN_NAMES)}"))
+        rows += [("medium", words) for words in self.media]
         if self.inputs:
             rows.append(("measured", ", ".join(self.inputs)))
         if self.events:
@@ -144,7 +147,9 @@ def summary(assembly: Assembly, start: Start | None) -> Summary:
     return Summary(
         model=model.name, summary=model.summary, files=tuple(map(path_text, model.files)),
         components=_by_kind(assembly, composite=False), blocks=_by_kind(assembly, composite=True),
-        nodes=tuple(expanded.junctions), circuits=circuits(flat), equations=len(flat.equations), unknowns=len(flat.unknowns),
+        nodes=tuple(expanded.junctions), circuits=circuits(flat),
+        media=tuple(_medium(assembly, medium) for medium in expanded.media),
+        equations=len(flat.equations), unknowns=len(flat.unknowns),
         inputs=tuple(f"{k.name} ({k.source.column} in {k.source.file.name})" for k in flat.inputs),
         events=tuple(f"{event.name} ({event.text})" for event in flat.events), index=reduced.index,
         differentiated=tuple(_differentiation(flat.equations[i], times) for i, times in reduced.differentiated),
@@ -171,6 +176,22 @@ def _by_kind(assembly: Assembly, *, composite: bool) -> dict[str, tuple[str, ...
         if leaf.component.composite == composite:
             found[leaf.component.name] = (*found.get(leaf.component.name, ()), path)
     return found
+
+
+def _medium(assembly: Assembly, medium: Medium) -> str:
+    """What fills a circuit, and on whose word; values that are formulas of other parameters are not repeated."""
+    values, units, leaves = assembly.parameter_values, assembly.flat.units, assembly.flat.expanded.leaves
+    told: dict[str, str] = {}
+    for taker in medium.takers:
+        path, _, name = taker.rpartition(".")
+        asked = leaves[path].component.parameters[name].medium
+        number = values.get(f"{medium.source}.{asked}" if medium.source else taker)
+        if number is not None:
+            told.setdefault(asked, f"{asked} {readable(number, units[taker].text)}")
+    circuit, numbers = f"the circuit of {listing(medium.nodes, 3)}", ", ".join(told.values())
+    if medium.source:
+        return f"{medium.source} ({medium.kind}) fills {circuit}" + (f": {numbers}" if numbers else "")
+    return f"no {medium.kind} in {circuit}; usual values for {listing(medium.takers, 6)}: {numbers}"
 
 
 def _tidy(line: StartLine, nominal: float) -> StartLine:

@@ -1,0 +1,120 @@
+"""Pictures of studies, laid out for print: signals of several cases over time, and measured numbers over an axis."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from heavebond.plot import COLOURS, DASHES, DPI, converted
+from heavebond.presentation import readable_unit, unit_label
+from heavebond.study import Picture
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from heavebond.campaign import StudyResult
+    from heavebond.casework import Outcome
+
+WIDTH = 6.7  # inches: the text of an A4 page
+PANEL = 2.3
+SMALL: Any = {"font.size": 8, "axes.titlesize": 9, "legend.fontsize": 8, "axes.labelsize": 8}
+MARKERS = ("o", "s", "^", "D", "v", "P")
+
+
+def plot_study(result: StudyResult, picture: Picture) -> Figure:
+    """The picture of a study; signals and curves share their axis, one panel each."""
+    from matplotlib import rc_context
+
+    with rc_context(SMALL):
+        names = picture.signals or picture.curves
+        figure = Figure(figsize=(WIDTH, 0.9 + PANEL * len(names)), dpi=2 * DPI, layout="constrained")
+        panels: list[Axes] = list(figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0])
+        for panel, name in zip(panels, names, strict=True):
+            (_courses if picture.signals else _curves)(panel, result, picture, name)
+            panel.label_outer()
+            panel.grid(True, color="#e4e4e4", linewidth=0.5)
+            panel.spines[["top", "right"]].set_visible(False)
+            panel.set_axisbelow(True)
+            panel.ticklabel_format(axis="y", useOffset=False)
+        if picture.title:
+            figure.suptitle(picture.title, x=0.01, ha="left", fontsize=9)
+        handles, labels = panels[0].get_legend_handles_labels()
+        if len(labels) > 1:
+            longest = max(map(len, labels))
+            figure.legend(handles, labels, loc="outside lower center", ncols=max(1, min(len(labels), 95 // (longest + 8))),
+                          frameon=False)
+        figure.align_ylabels(panels)
+        return figure
+
+
+def _labelled(result: StudyResult, outcome: Outcome) -> str:
+    """The levels of a case, and the procedure where there are several."""
+    procedure = [outcome.procedure] if len(result.study.procedures) > 1 else []
+    return ", ".join([*_levels(result, outcome), *procedure]) or result.case_of(outcome).name
+
+
+def _levels(result: StudyResult, outcome: Outcome, without: int = -1) -> list[str]:
+    """The levels of a case in words, but for one axis; numbers with the name of theirs."""
+    return [level.name if axis.unit is None else f"{axis.name} {level.name}" for k, (axis, level) in
+            enumerate(zip(result.study.axes, result.case_of(outcome).levels, strict=True)) if k != without]
+
+
+def _courses(panel: Axes, result: StudyResult, picture: Picture, name: str) -> None:
+    """A signal over time, a line per case."""
+    drawn = [o for o in result.outcomes if o.signals]
+    unit = drawn[0].signal_units[name] if drawn else "1"
+    shown = readable_unit(unit, max((float(np.abs(o.signals[name]).max()) for o in drawn), default=0.0))
+    for k, outcome in enumerate(drawn):
+        time, values = np.array(outcome.time), converted(np.array(outcome.signals[name]), unit, shown)
+        inside = (time >= (picture.begin or 0.0)) & (time <= (picture.end or math.inf))
+        panel.plot(time[inside], values[inside], color=COLOURS[k % len(COLOURS)], linewidth=1.0,
+                   linestyle=DASHES[k % len(DASHES)], label=_labelled(result, outcome))
+    panel.set_ylabel(f"{name} [{unit_label(shown)}]")
+    panel.margins(x=0)
+    panel.set_xlabel("time [s]")
+
+
+def _curves(panel: Axes, result: StudyResult, picture: Picture, name: str) -> None:
+    """A number over the first axis that has numbers: a colour per combination of the others, a dash per procedure, open
+    marks in the same colour for what others give."""
+    k = next(k for k, axis in enumerate(result.study.axes) if axis.unit is not None)
+    axis = result.study.axes[k]
+    assert axis.unit is not None
+    procedures = list(dict.fromkeys(o.procedure for o in result.outcomes))
+    for n, (label, outcomes) in enumerate(_lines(result, k)):
+        colour = COLOURS[n % len(COLOURS)]
+        for m, procedure in enumerate(procedures):
+            chosen = [o for o in outcomes if o.procedure == procedure]
+            x = [axis.unit.from_si(result.case_of(o).levels[k].value) for o in chosen]
+            words = ", ".join(filter(None, (label, procedure if len(procedures) > 1 else "")))
+            dash = DASHES[(m if len(procedures) > 1 else n) % len(DASHES)]
+            panel.plot(x, [result.value(o, name) for o in chosen], color=colour, marker=MARKERS[m % len(MARKERS)],
+                       markersize=4, linewidth=1.0, linestyle=dash, label=words or name)
+        _given(panel, result, name, label, colour, [o for o in outcomes if o.procedure == procedures[0]], k)
+    panel.set_ylabel(f"{name} [{unit_label(result.units[name].text)}]")
+    panel.set_xlabel(f"{axis.name} [{unit_label(axis.unit.text)}]")
+
+
+def _lines(result: StudyResult, without: int) -> Iterator[tuple[str, Sequence[Outcome]]]:
+    """Outcomes that differ along one axis (and by procedure), with the levels of the other axes in words."""
+    lines: dict[str, list[Outcome]] = {}
+    for outcome in result.outcomes:
+        lines.setdefault(", ".join(_levels(result, outcome, without)), []).append(outcome)
+    yield from lines.items()
+
+
+def _given(panel: Axes, result: StudyResult, name: str, label: str, colour: str, outcomes: Sequence[Outcome], k: int
+           ) -> None:
+    """What others give for these cases."""
+    unit = result.study.axes[k].unit
+    assert unit is not None
+    for source, beside in enumerate(result.study.beside):
+        y = [result.published(o, name, source) for o in outcomes]
+        if np.isfinite(y).any():
+            x = [unit.from_si(result.case_of(o).levels[k].value) for o in outcomes]
+            panel.plot(x, y, linestyle="none", marker=MARKERS[(3 + source) % len(MARKERS)], markersize=8, color=colour,
+                       markerfacecolor="none", label=", ".join(filter(None, (label, beside.source))))
