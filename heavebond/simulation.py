@@ -10,11 +10,13 @@ import time as clock
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, redirect_stderr
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from heavebond.co_simulation import check_allowed
 from heavebond.dae import Array, Assembly, Factors, Integrand, assemble, integrand
 from heavebond.definition import Value
 from heavebond.errors import Problem, SimulationError, UsageError
@@ -51,17 +53,19 @@ class Tolerances:
 
 def simulate(model: Model | Assembly, until: Time | None = None, *, every: Time | None = None,
              parameters: Mapping[str, float | str] | None = None, also: Iterable[str] = (),
-             sensitivities: Iterable[str] = (), rtol: float = 1e-8, atol: float = 1e-10) -> Result:
+             sensitivities: Iterable[str] = (), rtol: float = 1e-8, atol: float = 1e-10,
+             allow_fmu: bool = False) -> Result:
     """Run a diagram from 0 to `until` (seconds, or `"2 min"`), with an output point `every` so often.
 
     Both default to what the diagram says under `simulate:`. `parameters` overrides values by name. `sensitivities`
     names parameters with respect to which the derivative of every signal is wanted (`result.sensitivity`). Errors are
-    controlled to rtol and to atol times each unknown's nominal size. Raises StartError where no consistent start
+    controlled to rtol and to atol times each unknown's nominal size. The programs in FMUs are run with `allow_fmu` only;
+    a diagram with FMUs is refused otherwise. Raises StartError where no consistent start
     exists and SimulationError where the integration fails; a given Assembly is not built anew.
     """
     assembly = model if isinstance(model, Assembly) else assemble(model, also)
     return Simulator(assembly, until, every=every, tolerances=Tolerances(rtol, atol),
-                     sensitivities=sensitivities).run(parameters)
+                     sensitivities=sensitivities, allow_fmu=allow_fmu).run(parameters)
 
 
 class Simulator:
@@ -70,13 +74,15 @@ class Simulator:
     def __init__(self, assembly: Assembly, until: Time | None = None, *, every: Time | None = None,
                  times: Array | None = None, tolerances: Tolerances | None = None,
                  quadratures: ca.SX | None = None, factors: Factors | None = None, sensitivities: Iterable[str] = (),
-                 free_start: bool = False, like: Simulator | None = None, driven: Pieced | None = None):
+                 free_start: bool = False, like: Simulator | None = None, driven: Pieced | None = None,
+                 allow_fmu: bool = False):
         """`factors` stand in the quadratures; `free_start` adds the states at the first time to the sensitivities (see
         `run_from`); what can be taken from another simulator (`like`) is not made again; `driven` are inputs to be taken
         instead of the records'."""
         self.assembly = assembly
+        check_allowed(assembly.flat, allow_fmu, sensitivities := tuple(sensitivities))
         self.tolerances = tolerances or Tolerances()
-        self.parameters = tuple(sensitivities)
+        self.parameters = sensitivities
         self.sensitivities = (*self.parameters, *(assembly.state_names if free_start else ()))
         self.along = _directions(assembly, self.parameters, self.tolerances.along)
         self.along = np.pad(self.along, ((0, 0), (0, len(self.sensitivities) - len(self.parameters))))
@@ -153,11 +159,21 @@ class Simulator:
         n_x, n_z = len(assembly.x_nominal), len(assembly.z_nominal)
         n_q = self.integrals // (1 + len(self.sensitivities))
         x, z, quadratures = (values[:, keep] for values in (found.x, found.z, found.quadratures))
-        return Result(assembly, self.time, x[:n_x], z[:n_z], self.pieces.at(self.time), first.p, first,
+        result = Result(assembly, self.time, x[:n_x], z[:n_z], self.pieces.at(self.time), first.p, first,
                       {"solver": "idas", "seconds": seconds, "start_steps": first.steps, **found.statistics},
                       quadratures[:n_q],
                       self._along(x[n_x:], z[n_z:], quadratures[n_q:], found.held_along[..., keep], moved),
                       found.held[:, keep], found.instants)
+        if n_z:
+            from heavebond.failure import check_decided
+
+            check_decided(result, self._slopes)
+        return result
+
+    @cached_property
+    def _slopes(self) -> ca.Function:
+        return ca.Function("slopes", list(self.assembly.arguments), [
+            ca.densify(ca.jacobian(self.assembly.alg, self.assembly.arguments[2]))])
 
     def _along(self, x: Array, z: Array, q: Array, held: Array, moved: Tangent | None) -> Along | None:
         """The sensitivities of the states per unit of each parameter (or of each state at the first time)."""
@@ -192,7 +208,8 @@ class Simulator:
     def _failure(self, assembly: Assembly, first: Start, said: str) -> SimulationError:
         from heavebond.failure import explain_failure
 
-        return explain_failure(self, assembly, first, said)
+        with caught_errors():  # it integrates again up to there
+            return explain_failure(self, assembly, first, said)
 
     def _trace(self, x: Array, z: Array, quadratures: Array, statistics: dict[str, object]) -> Trace:
         """A run without events."""

@@ -9,11 +9,13 @@ from heavebond.dae import Assembly
 from heavebond.errors import listing
 from heavebond.expand import Medium
 from heavebond.flatten import Flat, FlatEquation
+from heavebond.grounding import Circuit, circuits
 from heavebond.initialise import Start, StartLine
 from heavebond.presentation import columns, count, path_text, readable
 from heavebond.states import Column
 
 SHOWN_NAMES = 60
+MOST_OF_A_CIRCUIT = 8
 TIMES = {1: "once", 2: "twice"}
 
 
@@ -59,6 +61,7 @@ class Summary:
     media: tuple[str, ...]
     equations: int
     unknowns: int
+    circuits: tuple[Circuit, ...]
     inputs: tuple[str, ...]
     events: tuple[str, ...]
     index: int
@@ -77,7 +80,7 @@ class Summary:
     def text(self, width: int = 100) -> str:
         """The summary as lines of about `width` characters; each section begins with a line that is not indented."""
         return "\n".join([
-            *self._diagram(width), "", *self._equations(width), "", *self._states(width),
+            *self._diagram(width), "", *self._circuits(width), *self._equations(width), "", *self._states(width),
             *(["", *self._start(width)] if self.start or self.solved else [])])
 
     def _diagram(self, width: int) -> list[str]:
@@ -96,6 +99,10 @@ class Summary:
         if self.events:
             rows.append(("events", f"{len(self.events)}: {listing(self.events, SHOWN_NAMES)}"))
         return [f"Diagram {self.model}", *columns(rows, width)]
+
+    def _circuits(self, width: int) -> list[str]:
+        rows = [(c.domain, f"{listing(c.nodes, MOST_OF_A_CIRCUIT)}: {_tie(c)}") for c in self.circuits]
+        return ["Circuits, and what ties each to a reference", *columns(rows, width), ""] if rows else []
 
     def _equations(self, width: int) -> list[str]:
         left = f"{count(len(self.states), 'differential equation')}, " \
@@ -140,7 +147,7 @@ def summary(assembly: Assembly, start: Start | None) -> Summary:
     return Summary(
         model=model.name, summary=model.summary, files=tuple(map(path_text, model.files)),
         components=_by_kind(assembly, composite=False), blocks=_by_kind(assembly, composite=True),
-        nodes=tuple(expanded.junctions),
+        nodes=tuple(expanded.junctions), circuits=circuits(flat),
         media=tuple(_medium(assembly, medium) for medium in expanded.media),
         equations=len(flat.equations), unknowns=len(flat.unknowns),
         inputs=tuple(f"{k.name} ({k.source.column} in {k.source.file.name})" for k in flat.inputs),
@@ -153,6 +160,14 @@ def summary(assembly: Assembly, start: Start | None) -> Summary:
         start_mode=model.initial.mode or "",
         start=tuple(_tidy(line, sizes.get(line.name, 0.0)) for line in table if line.name not in asked),
         solved=tuple(line for line in table if line.name in asked))
+
+
+def _tie(circuit: Circuit) -> str:
+    """`held by tank`; `carried by oil, its level is a matter of the start`."""
+    if circuit.held:
+        return f"held by {listing(circuit.held, 6)}"
+    return f"carried by {listing(circuit.carried, 6)}; its level is a matter of the start" if circuit.carried else \
+        "held by nothing"
 
 
 def _by_kind(assembly: Assembly, *, composite: bool) -> dict[str, tuple[str, ...]]:
