@@ -77,7 +77,9 @@ class _Finder:
     def _across(self, domain: Domain, path: str) -> int | None:
         """The unknown that is the (first) across variable of a node or port; None where it is of another domain."""
         def has(other: Domain) -> bool:
-            return all(f"{path}.{member}" in self.flat.names for member in other.across)
+            found = [(other.members[member].unit, self.flat.names.get(f"{path}.{member}")) for member in other.across]
+            # a velocity and a voltage have one letter
+            return all(j is not None and self.flat.unknowns[j].unit.dimension == unit.dimension for unit, j in found)
 
         others = self.flat.expanded.model.library.domains.values()
         if not has(domain) or any(has(o) for o in others if len(o.across) > len(domain.across)):
