@@ -12,18 +12,21 @@ from heavebond.units import Range, Unit
 
 @dataclass(frozen=True)
 class Member:
-    """One variable of a port: its unit and the size that it commonly has (for scaling)."""
+    """One variable of a port: its unit, the size that it commonly has (for scaling), what it never falls below, and the
+    guess where a start is searched and nothing else is known."""
 
     name: str
     unit: Unit
     nominal: float
     doc: str = ""
+    low: float | None = None
+    start: float | None = None
 
 
 @dataclass(frozen=True)
 class Domain:
     """What a wire of one kind carries: `across` is shared at a node, `through` sums to zero. `reference` is the component
-    that stands for the surroundings: the ground, a tank."""
+    that stands for the surroundings: the ground, a tank; `medium` the one that sets what flows in a circuit."""
 
     name: str
     members: dict[str, Member]
@@ -34,6 +37,7 @@ class Domain:
     position: str | None
     power: str | None
     reference: str | None = None
+    medium: str | None = None
 
     def role(self, member: str) -> str:
         """The member's own name for `effort` and `flow` as generic ports write them."""
@@ -137,6 +141,7 @@ class Parameter:
 
     `neutral` is the value at which an effect is absent: such a parameter is a dormant effect, called `kind`, `sought`
     within a range when it wakes and with it those it `wakes_with`.
+    `medium` names the parameter of the circuit's medium whose value it takes where it is not given.
     """
 
     name: str
@@ -152,6 +157,7 @@ class Parameter:
     sought: Sought | None = None
     wakes_with: tuple[str, ...] = ()
     count: Expr | None = None
+    medium: str = ""
 
 
 @dataclass(frozen=True)

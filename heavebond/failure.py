@@ -8,14 +8,22 @@ from typing import TYPE_CHECKING
 import casadi as ca
 import numpy as np
 
+from heavebond import explain
 from heavebond.dae import Array, Assembly
 from heavebond.errors import Problem, SimulationError, listing
 from heavebond.initialise import Start
+from heavebond.rank import losses
+from heavebond.result import Result, columns
 from heavebond.start_equations import Point
 
 if TYPE_CHECKING:
     from heavebond.simulation import Simulator
 
+# singular values below this share of the largest are on their way to zero where a run stops
+NEAR = 1e-5
+# and in a run that went on: they are zero but for rounding
+SINGULAR = 1e-14
+LOOKED_AT = 60
 _TIME = re.compile(r"[Aa]t t ?= ?([-+.\deE]+)")
 
 
@@ -39,6 +47,31 @@ def explain_failure(simulator: Simulator, assembly: Assembly, first: Start, said
     notes.append("IDAS said: " + (", ".join(dict.fromkeys(solver)) or (words[0][:160] if words else "nothing")))
     when = f" at t = {stopped:.6g} s" if np.isfinite(stopped) else ""
     return SimulationError([Problem("integration-failed", f"the integration stopped{when}", None, hint, tuple(notes))])
+
+
+def check_decided(result: Result, slopes: ca.Function) -> None:
+    """SimulationError where a run went on although nothing decided an algebraic unknown any more: what it shows of it from
+    there on is chance. `slopes` is d(algebraic equations)/d(algebraic unknowns) in the arguments of the assembly; it is
+    looked at in some of the output points.
+    """
+    assembly, n_z = result.assembly, len(result.assembly.z_nominal)
+    chosen = np.unique(np.linspace(0, len(result.time) - 1, LOOKED_AT).astype(int))
+    given = [a[:, chosen] for a in columns(result)]
+    matrices = np.array(slopes(*given)).reshape(n_z, len(chosen), n_z).transpose(1, 0, 2) * assembly.z_nominal
+    largest = np.abs(matrices).max(axis=2, keepdims=True)
+    sound = np.isfinite(matrices).all(axis=(1, 2)) & (largest > 0).all(axis=(1, 2))
+    for k, matrix in enumerate(matrices / np.where(largest > 0, largest, 1.0)):
+        if not np.isfinite(matrix).all():
+            continue
+        values = np.linalg.svd(matrix, compute_uv=False)
+        if not sound[k] or values[-1] <= SINGULAR * values[0]:
+            at = [a[:, k] for a in given]
+            t = float(at[0][0])
+            point = assembly.point(t, at[1], at[2], at[3], at[4])
+            found = explain.lost(assembly.flat, losses(assembly.reduced.system, point), f"at t = {t:.6g} s")
+            raise SimulationError(found or [Problem(
+                "loop-singular", f"nothing decides {listing(assembly.algebraic_names, 4)} at t = {t:.6g} s", None,
+                "A closed valve, a dead centre or an open contact does this. Add what decides it there.")])
 
 
 def _state_before(simulator: Simulator, assembly: Assembly, first: Start, stopped: float) -> Point | None:
@@ -69,6 +102,9 @@ def _cause(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array)
     names = [assembly.state_names[k] for k in order]
     notes = [f"{assembly.state_names[k]} = {x[k]:.6g}, changing by {ode[k]:.3g} a second"
              f"   ({owners.get(assembly.state_names[k], '')})" for k in order]
+    at = assembly.point(t, x, z, p, u)
+    if found := _lost(assembly, at, t):
+        return f"{found.message[:1].upper()}{found.message[1:]}.\n{found.hint}", [*notes, *found.notes]
     small = [k for k, value in enumerate(pivots) if value < 1e-9 * max(begin[k], 1e-300) or value == 0]
     if small:
         pivot = assembly.reduced.pivots[small[0]]
@@ -87,6 +123,14 @@ def _cause(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array)
         return f"{listing(names, 2)} run away: an instability, a wrong sign or a very stiff element.", notes
     return (f"{listing(names, 2)} change fastest: a kink or jump there that the solver cannot step over; smooth it "
             "(a transition velocity or pressure), or loosen the tolerances.", notes)
+
+
+def _lost(assembly: Assembly, at: dict[int, float], t: float) -> Problem | None:
+    """What is on its way to leave something undecided at a point shortly before the end, else what does so there."""
+    system = assembly.reduced.system
+    vanishing = [loss for loss in losses(system, at, NEAR) if loss.zero]
+    found = explain.lost(assembly.flat, vanishing or losses(system, at), f"near t = {t:.4g} s")
+    return found[0] if found else None
 
 
 def _not_finite(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array) -> list[str]:

@@ -92,6 +92,14 @@ def library(folders: Iterable[Path] = ()) -> Library:
     return Library(_domains(), files, twice)
 
 
+def example(component: Component) -> Path | None:
+    """The smallest diagram that shows a component of the library, `models/examples/` with the name of its file; None where
+    there is none."""
+    path = bundled("models") / "examples" / component.path.name
+    inside = component.path.resolve().is_relative_to(bundled("components").resolve())
+    return path if inside and path.is_file() else None
+
+
 @lru_cache(maxsize=1)
 def _bundled_files() -> Dictionary[str, Path]:
     files: dict[str, Path] = {}
@@ -125,7 +133,7 @@ def _domains() -> dict[str, Domain]:
 
 
 def _domain(name: str, node: Mapping, problems: Problems) -> Domain:
-    keys = ("effort", "flow", "across", "through", "position", "power", "members", "doc", "reference")
+    keys = ("effort", "flow", "across", "through", "position", "power", "members", "doc", "reference", "medium")
     reading.known_keys(node, keys, f"domain '{name}'", problems, required=("across", "through", "members"))
     members = {}
     entries = reading.mapping(node.items.get("members"), "members", problems)
@@ -134,9 +142,8 @@ def _domain(name: str, node: Mapping, problems: Problems) -> Domain:
         if entry is None:
             continue
         unit = _unit(entry.items.get("unit"), problems) or DIMENSIONLESS
-        nominal = reading.value(entry.items.get("nominal", Scalar("1", entry.place)), "nominal", problems)
-        size = constant(nominal.expr) if nominal is not None else None
-        members[key] = Member(key, unit, size or 1.0, reading.text(entry.items.get("doc"), "doc", problems))
+        low, nominal, start = (_figure(entry, name, problems) for name in ("min", "nominal", "start"))
+        members[key] = Member(key, unit, nominal or 1.0, reading.text(entry.items.get("doc"), "doc", problems), low, start)
 
     def listed(key: str) -> tuple[str, ...]:
         return tuple(s.text for s in reading.words(node.items.get(key), key, problems))
@@ -145,7 +152,13 @@ def _domain(name: str, node: Mapping, problems: Problems) -> Domain:
         return reading.text(node.items.get(key), key, problems) or None
 
     return Domain(name, members, listed("across"), listed("through"), single("effort"), single("flow"),
-                  single("position"), single("power"), single("reference"))
+                  single("position"), single("power"), single("reference"), single("medium"))
+
+
+def _figure(entry: Mapping, key: str, problems: Problems) -> float | None:
+    node = entry.items.get(key)
+    found = reading.value(node, key, problems) if node is not None else None
+    return constant(found.expr) if found is not None else None
 
 
 @lru_cache(maxsize=1024)
@@ -302,7 +315,8 @@ class _Parser:
                           reading.text(node.items.get("doc"), "doc", self.problems))
 
     def _parameter(self, key: Scalar, node: Mapping, variables: Dictionary[str, Variable]) -> Parameter:
-        keys = ("unit", "doc", "min", "max", "default", "neutral", "integer", "class", "try", "wakes_with", "count")
+        keys = ("unit", "doc", "min", "max", "default", "neutral", "integer", "class", "try", "wakes_with", "count",
+                "medium")
         integer = "integer" in node.items
         reading.known_keys(node, keys, f"parameter '{key.text}'", self.problems, () if integer else ("unit",))
         unit = DIMENSIONLESS if integer else _unit(node.items.get("unit"), self.problems)
@@ -318,7 +332,7 @@ class _Parser:
                          default, bounds["neutral"], integer, reading.text(node.items.get("class"), "class", self.problems),
                          sought(node.items.get("try"), unit or DIMENSIONLESS, variables, key.text, self.problems),
                          tuple(w.text for w in reading.words(node.items.get("wakes_with"), "wakes_with", self.problems)),
-                         self._count(node))
+                         self._count(node), reading.text(node.items.get("medium"), "medium", self.problems))
 
     def _variable(self, key: Scalar, node: Mapping) -> Variable:
         reading.known_keys(node, ("unit", "doc", "min", "max", "start", "held", "count"), f"variable '{key.text}'",

@@ -10,6 +10,7 @@ import time as clock
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, redirect_stderr
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -158,11 +159,21 @@ class Simulator:
         n_x, n_z = len(assembly.x_nominal), len(assembly.z_nominal)
         n_q = self.integrals // (1 + len(self.sensitivities))
         x, z, quadratures = (values[:, keep] for values in (found.x, found.z, found.quadratures))
-        return Result(assembly, self.time, x[:n_x], z[:n_z], self.pieces.at(self.time), first.p, first,
+        result = Result(assembly, self.time, x[:n_x], z[:n_z], self.pieces.at(self.time), first.p, first,
                       {"solver": "idas", "seconds": seconds, "start_steps": first.steps, **found.statistics},
                       quadratures[:n_q],
                       self._along(x[n_x:], z[n_z:], quadratures[n_q:], found.held_along[..., keep], moved),
                       found.held[:, keep], found.instants)
+        if n_z:
+            from heavebond.failure import check_decided
+
+            check_decided(result, self._slopes)
+        return result
+
+    @cached_property
+    def _slopes(self) -> ca.Function:
+        return ca.Function("slopes", list(self.assembly.arguments), [
+            ca.densify(ca.jacobian(self.assembly.alg, self.assembly.arguments[2]))])
 
     def _along(self, x: Array, z: Array, q: Array, held: Array, moved: Tangent | None) -> Along | None:
         """The sensitivities of the states per unit of each parameter (or of each state at the first time)."""
@@ -197,7 +208,8 @@ class Simulator:
     def _failure(self, assembly: Assembly, first: Start, said: str) -> SimulationError:
         from heavebond.failure import explain_failure
 
-        return explain_failure(self, assembly, first, said)
+        with caught_errors():  # it integrates again up to there
+            return explain_failure(self, assembly, first, said)
 
     def _trace(self, x: Array, z: Array, quadratures: Array, statistics: dict[str, object]) -> Trace:
         """A run without events."""
