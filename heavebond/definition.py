@@ -258,10 +258,35 @@ class Body:
 
 
 @dataclass(frozen=True)
+class ForeignVariable:
+    """A variable of an FMU by its `name` in the component: its own name, type and value reference; in SI it is
+    scale * value + offset."""
+
+    name: str
+    own: str
+    type: str
+    reference: int
+    scale: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class Foreign:
+    """The FMU behind a component: its file, and what it is given and gives."""
+
+    path: Path
+    identifier: str
+    inputs: tuple[ForeignVariable, ...]
+    outputs: tuple[ForeignVariable, ...]
+    parameters: tuple[ForeignVariable, ...]
+
+
+@dataclass(frozen=True)
 class Component:
     """A component file: ports, parameters, variables, equations and, for a block, what it is composed of.
 
-    `symbol` names the picture that stands for it in drawings; without one it is drawn as a box.
+    `symbol` names the picture that stands for it in drawings; without one it is drawn as a box. `foreign` is the FMU
+    that sets its held variables.
     """
 
     name: str
@@ -285,6 +310,7 @@ class Component:
     source: str = ""
     symbol: str = ""
     effect: Effect | None = None
+    foreign: Foreign | None = None
 
     @property
     def unknowns(self) -> dict[str, Variable]:

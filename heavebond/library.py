@@ -27,7 +27,8 @@ from heavebond.definition import (
 from heavebond.effects import EffectReader, sought
 from heavebond.errors import ModelError, Place, Problem, Problems, either, suggest
 from heavebond.expression import Expr, Number, constant, parse_equation, parse_formula
-from heavebond.source import Mapping, Node, Scalar, Source, read, read_text, short_path
+from heavebond.fmu_description import described
+from heavebond.source import Mapping, Node, Scalar, Source, parse, read, read_text, short_path
 from heavebond.units import DIMENSIONLESS, ONE, Unit, UnitProblem, check_unit, generic_unit, is_generic
 from heavebond.when import when_entries
 
@@ -56,8 +57,9 @@ class Library:
     twice: dict[str, tuple[Path, Path]] = field(default_factory=dict)
 
     def names(self) -> list[str]:
-        """Every component that can be named, in the order of their files."""
-        return list(self.files)
+        """Every component in a file of the language, in the order of their files. FMUs are known by name, but a folder may
+        hold some that are no components."""
+        return [name for name, path in self.files.items() if path.suffix != ".fmu"]
 
     def component(self, name: str, place: Place | None = None) -> Component:
         """The component called `name`; ModelError with near names where there is none."""
@@ -68,6 +70,8 @@ class Library:
             files = either(p.name for p in self.twice[name])
             raise ModelError([Problem("component-twice", f"two files describe a component '{name}', {files}", place,
                                       "Give one of them another name.")])
+        if self.files[name].suffix == ".fmu":
+            return _foreign(self.files[name], place)
         return _load(self.files[name], tuple(self.domains.values()))
 
 
@@ -76,8 +80,9 @@ def library(folders: Iterable[Path] = ()) -> Library:
     files: dict[str, Path] = {}
     twice: dict[str, tuple[Path, Path]] = {}
     for folder in folders:
-        for path in (*sorted(folder.glob("*.yaml")), *sorted((folder / "components").rglob("*.yaml"))):
-            name = _name_in(path)
+        for path in (*sorted(folder.glob("*.yaml")), *sorted((folder / "components").rglob("*.yaml")),
+                     *sorted(folder.glob("*.fmu")), *sorted((folder / "components").rglob("*.fmu"))):
+            name = path.name if path.suffix == ".fmu" else _name_in(path)
             if name in files:
                 twice[name] = (files[name], path)
             elif name:
@@ -165,6 +170,21 @@ def _load(path: Path, domains: tuple[Domain, ...]) -> Component:
     status = path.stat()
     stamp = (status.st_mtime_ns, status.st_size)
     return _load_cached(path.resolve(), shown_path(path), stamp, tuple(d.name for d in domains))
+
+
+def _foreign(path: Path, place: Place | None) -> Component:
+    """The component that an FMU amounts to."""
+    status = path.stat()
+    try:
+        return _foreign_cached(path.resolve(), (status.st_mtime_ns, status.st_size))
+    except ModelError as error:
+        raise ModelError([replace(p, place=p.place or place) for p in error.problems]) from error
+
+
+@lru_cache(maxsize=64)
+def _foreign_cached(path: Path, stamp: tuple[int, int]) -> Component:
+    text, foreign = described(path)
+    return replace(parse_component(parse(text, path, path.name), _domains()), foreign=foreign)
 
 
 def shown_path(path: Path) -> str:

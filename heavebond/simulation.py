@@ -16,6 +16,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from heavebond.co_simulation import check_allowed
 from heavebond.dae import Array, Assembly, Factors, Integrand, assemble, integrand
 from heavebond.definition import Value
 from heavebond.errors import Problem, SimulationError, UsageError
@@ -52,17 +53,19 @@ class Tolerances:
 
 def simulate(model: Model | Assembly, until: Time | None = None, *, every: Time | None = None,
              parameters: Mapping[str, float | str] | None = None, also: Iterable[str] = (),
-             sensitivities: Iterable[str] = (), rtol: float = 1e-8, atol: float = 1e-10) -> Result:
+             sensitivities: Iterable[str] = (), rtol: float = 1e-8, atol: float = 1e-10,
+             allow_fmu: bool = False) -> Result:
     """Run a diagram from 0 to `until` (seconds, or `"2 min"`), with an output point `every` so often.
 
     Both default to what the diagram says under `simulate:`. `parameters` overrides values by name. `sensitivities`
     names parameters with respect to which the derivative of every signal is wanted (`result.sensitivity`). Errors are
-    controlled to rtol and to atol times each unknown's nominal size. Raises StartError where no consistent start
+    controlled to rtol and to atol times each unknown's nominal size. The programs in FMUs are run with `allow_fmu` only;
+    a diagram with FMUs is refused otherwise. Raises StartError where no consistent start
     exists and SimulationError where the integration fails; a given Assembly is not built anew.
     """
     assembly = model if isinstance(model, Assembly) else assemble(model, also)
     return Simulator(assembly, until, every=every, tolerances=Tolerances(rtol, atol),
-                     sensitivities=sensitivities).run(parameters)
+                     sensitivities=sensitivities, allow_fmu=allow_fmu).run(parameters)
 
 
 class Simulator:
@@ -71,13 +74,15 @@ class Simulator:
     def __init__(self, assembly: Assembly, until: Time | None = None, *, every: Time | None = None,
                  times: Array | None = None, tolerances: Tolerances | None = None,
                  quadratures: ca.SX | None = None, factors: Factors | None = None, sensitivities: Iterable[str] = (),
-                 free_start: bool = False, like: Simulator | None = None, driven: Pieced | None = None):
+                 free_start: bool = False, like: Simulator | None = None, driven: Pieced | None = None,
+                 allow_fmu: bool = False):
         """`factors` stand in the quadratures; `free_start` adds the states at the first time to the sensitivities (see
         `run_from`); what can be taken from another simulator (`like`) is not made again; `driven` are inputs to be taken
         instead of the records'."""
         self.assembly = assembly
+        check_allowed(assembly.flat, allow_fmu, sensitivities := tuple(sensitivities))
         self.tolerances = tolerances or Tolerances()
-        self.parameters = tuple(sensitivities)
+        self.parameters = sensitivities
         self.sensitivities = (*self.parameters, *(assembly.state_names if free_start else ()))
         self.along = _directions(assembly, self.parameters, self.tolerances.along)
         self.along = np.pad(self.along, ((0, 0), (0, len(self.sensitivities) - len(self.parameters))))

@@ -134,6 +134,10 @@ class Switching:
     # -- the run ---------------------------------------------------------------------------------------------------
     def run(self, first: Start, moved: Tangent | None) -> Trace:
         """One run; RuntimeError where the integrator fails (see `last`), SimulationError where events do."""
+        with self.equations.partners.running():
+            return self._run(first, moved)
+
+    def _run(self, first: Start, moved: Tangent | None) -> Trace:
         now, n = self._begin(first, moved), len(self.stops)
         record = _Record(np.zeros((len(now.y), n)), np.zeros((len(now.z), n)), np.zeros((len(now.p), n)),
                          np.zeros((*now.dp.shape, n)))

@@ -57,7 +57,8 @@ def _list(known: Library) -> dict[str, object]:
     problems = Problems()
     folders: dict[str, dict[str, str]] = {}
     root = bundled("components").resolve()
-    for name, path in known.files.items():
+    for name in known.names():
+        path = known.files[name]
         inside = path.resolve().is_relative_to(root)
         folder = path.resolve().relative_to(root).parts[0] if inside else OWN
         try:

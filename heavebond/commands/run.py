@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import click
 
 from heavebond.commands.arguments import (
-    TABLES,
     assembled,
     blamed_on_settings,
     check_picture,
@@ -35,32 +34,35 @@ if TYPE_CHECKING:
 @click.option("--plot", "plotted", metavar="SIGNAL", multiple=True,
               help="Draw a variable, an output or a formula of these. May be repeated.")
 @click.option("--save", "saved", metavar="FILE", multiple=True, type=click.Path(path_type=Path),
-              help="Write the time series (.csv or .parquet). May be repeated.")
+              help="Write the time series (.csv, .parquet, .mat or .nc). May be repeated.")
 @picture_option("Where to draw; without --plot all outputs of the diagram are drawn")
 @click.option("--rtol", metavar="NUMBER", type=click.FloatRange(0, 0.1, min_open=True), default=1e-8, show_default=True,
               help="Relative tolerance of the integrator.")
+@click.option("--allow-fmu", is_flag=True,
+              help="Run the programs in the FMUs of the diagram. Do so only with FMUs you trust.")
 @json_option
 def run(model: str, settings: tuple[str, ...], until: str | None, every: str | None, plotted: tuple[str, ...],
-        saved: tuple[Path, ...], output: Path | None, rtol: float) -> dict[str, object]:
+        saved: tuple[Path, ...], output: Path | None, rtol: float, allow_fmu: bool) -> dict[str, object]:
     """Simulate the diagram MODEL and tell the range of each of its outputs.
 
     MODEL is a YAML file or the name of a bundled diagram (cmc_ahc, cmc_ahc/passive).
     """
     from heavebond import terminal
     from heavebond.model import load
+    from heavebond.saved import SUFFIXES
     from heavebond.simulation import simulate
 
     if plotted and output is None:
         output = Path(re.sub(r"\W+", "_", Path(model).stem) + ".png")
     check_picture(output)
     for path in saved:
-        check_writable(path, TABLES)
+        check_writable(path, SUFFIXES)
     formulas = read_signals("--plot", plotted)
     with blamed_on_settings(settings):
         with terminal.working("assembling"):
             assembly = assembled(with_settings(load(model), settings), "--plot", formulas)
         with terminal.working("integrating"):
-            result = simulate(assembly, until, every=every, rtol=rtol)
+            result = simulate(assembly, until, every=every, rtol=rtol, allow_fmu=allow_fmu)
     listed = list(assembly.model.show) or assembly.state_names or [u.name for u in assembly.flat.unknowns]
     names = list(dict.fromkeys([*listed, *plotted]))
     figures = _figures(result, names)
