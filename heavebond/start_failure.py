@@ -80,8 +80,8 @@ def _cure(assembly: Assembly, point: Point, finite: Callable[[Point], bool]) -> 
         return f"Give guesses, for example `initial: {{{_example(assembly)}}}`, away from where it has none.", None
     unknowns = [flat.unknowns[assembly.reduced.states[k][0]] for k in begun]
     entries = ", ".join(f"{u.name}: ~ {u.nominal:g} {u.unit.text}" for u in unknowns[:3])
-    return f"{listing((u.name for u in unknowns), MOST_NAMED)} begin{'s' * (len(unknowns) == 1)} at 0 as nothing else is " \
-        f"said; say where, for example `initial: {{{entries}}}`.", unknowns[0].place
+    return f"{listing((u.name for u in unknowns), MOST_NAMED)} begin{'s' * (len(unknowns) == 1)} at 0, where it has " \
+        f"none; begin elsewhere, for example `initial: {{{entries}}}`.", unknowns[0].place
 
 
 def _moved(values: Array, k: int, by: float) -> Array:
