@@ -27,6 +27,7 @@ def explain_failure(simulator: Simulator, assembly: Assembly, first: Start, said
         stretch = simulator.switching.last
         stopped = stretch.time(times[-1]) if times else stretch.begin.t
         last: Point | None = simulator.switching.before(stretch, stopped)
+        assembly = stretch.begin.frame.assembly
     else:
         last = _state_before(simulator, assembly, first, stopped)
     notes: list[str] = []
