@@ -2,15 +2,9 @@
 
 from __future__ import annotations
 
-import io
-import os
-import sys
-import tempfile
 import time as clock
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager, redirect_stderr
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
@@ -21,6 +15,8 @@ from heavebond.dae import Array, Assembly, Factors, Integrand, assemble, integra
 from heavebond.definition import Value
 from heavebond.errors import Problem, SimulationError, UsageError
 from heavebond.expression import constant
+from heavebond.idas import MOST_STEPS, Idas, caught_errors
+from heavebond.idas import Tolerances as Tolerances  # a part of this module's interface
 from heavebond.initialise import Start, Tangent, start, tangent
 from heavebond.inputs import Pieced, pieced
 from heavebond.jumps import EventEquations
@@ -34,22 +30,6 @@ from heavebond.units import UnitProblem, check_unit, parse_quantity, unit
 
 Time = float | str
 POINTS = 1000  # output points where nothing is said
-# Steps between two output points, after which a run is given up: at a value that is no number IDAS would halve its
-# step for minutes.
-MOST_STEPS = 300_000
-
-
-@dataclass(frozen=True)
-class Tolerances:
-    """Error control of the integrator: relative, and absolute in each unknown's nominal size.
-
-    `along` is the weight of forward sensitivities in it: at 1 they are as accurate as the states, at twice the steps;
-    at 1e-3 they ride on the steps of the states and are right to some 1e-4 of their largest value.
-    """
-
-    rtol: float = 1e-8
-    atol: float = 1e-10
-    along: float = 1e-3
 
 
 def simulate(model: Model | Assembly, until: Time | None = None, *, every: Time | None = None,
@@ -99,8 +79,8 @@ class Simulator:
 
     def _switching(self, charts: Charts) -> Switching:
         return Switching(charts, self._framed, self.integrals, self.stops, self.inputs,
-                         lambda made, grid: _integrator(made, grid, self.tolerances,
-                                                        MOST_STEPS_IN_CHART if charts.needed else MOST_STEPS))
+                         lambda made, grid: Idas(made, grid, self.tolerances,
+                                                 MOST_STEPS_IN_CHART if charts.needed else MOST_STEPS))
 
     def _framed(self, chart: Chart) -> Frame:
         """The equations in the states of a chart; quadratures are given in those of the first."""
@@ -120,9 +100,9 @@ class Simulator:
         own, others = ([(k.source, k.unit.text) for k in s.assembly.flat.inputs] for s in (self, like))
         return own == others and self.time[0] == like.time[0] and self.time[-1] == like.time[-1]
 
-    def _integrator(self) -> ca.Function:
+    def _integrator(self) -> Idas | ca.Function:
         """From the first stop to the others."""
-        return _integrator(self.integrand, self.stops, self.tolerances)
+        return Idas(self.integrand, self.stops, self.tolerances)
 
     def _driven(self, times: Array) -> dict[str, Array]:
         """What drives the integrator between its stops, at times between them."""
@@ -285,22 +265,6 @@ def _with_integrals(made: Integrand, factors: Factors | None) -> Integrand:
     return Integrand(dae, made.hoist)
 
 
-def _integrator(made: Integrand, stops: Array, tolerances: Tolerances, most_steps: int = MOST_STEPS) -> ca.Function:
-    outputs = list(stops[1:]) if len(stops) > 1 else [stops[0] + 1.0]
-    options = {**integrator_options(made.dae, tolerances), "max_num_steps": most_steps}
-    return ca.integrator("run", "idas", made.dae, float(stops[0]), outputs, options)
-
-
-def integrator_options(dae: Mapping[str, ca.SX], tolerances: Tolerances) -> dict[str, Any]:
-    """What IDAS is told of a DAE."""
-    return {
-        "reltol": tolerances.rtol, "abstol": tolerances.atol, "max_num_steps": MOST_STEPS, "print_time": False,
-        # small models factorise fastest by sparse QR; large ones by CSparse
-        "linear_solver": "qr" if dae["x"].numel() + dae["z"].numel() < 100 else "csparse",
-        "suppress_algebraic": bool(dae["z"].numel()),
-    }
-
-
 def grid(model: Model, until: Time | None, every: Time | None) -> Array:
     """Output times from 0 to the end, the end included; UsageError where they make no sense."""
     end = _seconds(until, "until") if until is not None else _from_model(model.until)
@@ -332,22 +296,3 @@ def _seconds(given: Time, what: str) -> float:
 
 def _from_model(value: Value | None) -> float | None:
     return None if value is None else constant(value.expr)
-
-
-@contextmanager
-def caught_errors() -> Iterator[list[str]]:
-    """Catch what is written to standard error: the time and step at which SUNDIALS gave up are said only there, by C
-    itself or by CasADi through Python's `sys.stderr`."""
-    sys.stderr.flush()
-    kept = os.dup(2)
-    heard: list[str] = []
-    words = io.StringIO()
-    with tempfile.TemporaryFile() as file, redirect_stderr(words):
-        os.dup2(file.fileno(), 2)
-        try:
-            yield heard
-        finally:
-            os.dup2(kept, 2)
-            os.close(kept)
-            file.seek(0)
-            heard.append(file.read().decode(errors="replace") + words.getvalue())

@@ -19,6 +19,7 @@ from heavebond.charts import MOST as MOST_STRAIN
 from heavebond.crossings import crossing, suspects
 from heavebond.dae import Array, Integrand
 from heavebond.errors import Problem, SimulationError
+from heavebond.idas import Idas
 from heavebond.initialise import Start, Tangent
 from heavebond.jumps import Moved
 from heavebond.start_equations import Point
@@ -39,7 +40,7 @@ MOST_STEPS_IN_CHART = 5000
 MOST_CASCADES = 100  # events that set off each other at one instant
 MOST_HALVINGS = 40  # of a step in which a chart ends
 
-Build = Callable[[Integrand, Array], ca.Function]
+Build = Callable[[Integrand, Array], Idas]
 
 
 @dataclass(frozen=True)

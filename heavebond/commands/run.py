@@ -73,10 +73,25 @@ def run(model: str, settings: tuple[str, ...], until: str | None, every: str | N
     for path in files:
         console.print(f"wrote {path}", soft_wrap=True)
     console.print(_statistics(result), soft_wrap=True)
+    for line in _changes(result):
+        console.print(line, soft_wrap=True)
     statistics = {k: v for k, v in result.statistics.items() if k != "quadratures"}
     return {"model": assembly.model.name, "until": float(result.time[-1]), "points": len(result.time),
             "outputs": figures, "events": [{"time": time, "name": name} for time, name in result.events],
             "files": list(map(str, files)), "statistics": statistics}
+
+
+def _changes(result: Result) -> list[str]:
+    """How often the run went on with other states, and why it did first."""
+    from heavebond.presentation import count
+
+    changes = result.statistics.get("state_changes", [])
+    assert isinstance(changes, list)
+    if not changes:
+        return []
+    first = changes[0]
+    return [f"{count(len(changes), 'change')} of states, the first at {first['time']:.4g} s: {', '.join(first['before'])} -> "
+            f"{', '.join(first['after'])}"]
 
 
 def _figures(result: Result, names: Sequence[str]) -> dict[str, dict[str, float | str]]:
