@@ -38,9 +38,9 @@ class Tolerances:
 class Idas:
     """The integration of a system from the first to the other stops; RuntimeError where IDAS fails.
 
-    What it starts from is consistent, and IDAS has to find x' only. Its line search for that moves the algebraic unknowns with
-    the states that x' would lead to, and finds no way where they follow steeply, as in a mechanism. Then it begins without x',
-    by a step so short that none is needed.
+    What it starts from is consistent, and IDAS has to find x' only. Its line search for that moves the algebraic unknowns
+    with the states that x' would lead to, and finds no way where they follow steeply, as in a mechanism. Then it begins
+    without x', by a step so short that none is needed.
     """
 
     def __init__(self, made: Integrand, stops: Array, tolerances: Tolerances, most_steps: int = MOST_STEPS):
