@@ -135,6 +135,7 @@ ATTACHES = ("across", "at", "in series", "input", "channel")
 class Parameter:
     """A constant of a component; bounds and default in SI. `neutral` is the value at which an effect is absent: such a
     parameter is a dormant effect, called `kind`, `sought` within a range when it wakes and with it those it `wakes_with`.
+    A `width` is that of a transition which makes a law smooth: results should not depend on it.
     """
 
     name: str
@@ -149,6 +150,7 @@ class Parameter:
     kind: str = ""
     sought: Sought | None = None
     wakes_with: tuple[str, ...] = ()
+    width: bool = False
 
 
 @dataclass(frozen=True)

@@ -279,7 +279,7 @@ class _Parser:
                           reading.text(node.items.get("doc"), "doc", self.problems))
 
     def _parameter(self, key: Scalar, node: Mapping, variables: Dictionary[str, Variable]) -> Parameter:
-        keys = ("unit", "doc", "min", "max", "default", "neutral", "integer", "class", "try", "wakes_with")
+        keys = ("unit", "doc", "min", "max", "default", "neutral", "integer", "class", "try", "wakes_with", "width")
         integer = "integer" in node.items
         reading.known_keys(node, keys, f"parameter '{key.text}'", self.problems, () if integer else ("unit",))
         unit = DIMENSIONLESS if integer else _unit(node.items.get("unit"), self.problems)
@@ -294,7 +294,8 @@ class _Parser:
                          reading.text(node.items.get("doc"), "doc", self.problems), bounds["min"], bounds["max"],
                          default, bounds["neutral"], integer, reading.text(node.items.get("class"), "class", self.problems),
                          sought(node.items.get("try"), unit or DIMENSIONLESS, variables, key.text, self.problems),
-                         tuple(w.text for w in reading.words(node.items.get("wakes_with"), "wakes_with", self.problems)))
+                         tuple(w.text for w in reading.words(node.items.get("wakes_with"), "wakes_with", self.problems)),
+                         "width" in node.items)
 
     def _variable(self, key: Scalar, node: Mapping) -> Variable:
         reading.known_keys(node, ("unit", "doc", "min", "max", "start", "held"), f"variable '{key.text}'", self.problems,

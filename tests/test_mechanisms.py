@@ -91,7 +91,8 @@ def test_a_double_pendulum() -> None:
     assert found["rods.y_2"] == pytest.approx(-a * np.cos(one) - b * np.cos(two), abs=SMALL)
 
 
-def along_one_angle(mass: Callable[[float], float], height: Callable[[float], float], q: float, w: float, time: Array) -> Array:
+def along_one_angle(mass: Callable[[float], float], height: Callable[[float], float], q: float, w: float, time: Array
+                    ) -> Array:
     """The angle (N,) with mass(q) q'**2/2 + height(q) = E, where it never stands still."""
     energy = mass(q) * w**2 / 2 + height(q)
     return integrated(lambda t, y: (np.sign(w) * sqrt(2 * (energy - height(y[0])) / mass(y[0])),), (q,), time)[0]
@@ -134,8 +135,8 @@ def test_a_slider_crank_that_begins_with_its_slider_as_a_state() -> None:
     def mass(q: float) -> float:
         return 0.02 + 1.5 * slope(q) ** 2
 
-    q = along_one_angle(mass, lambda q: c / 2 * (r * cos(q) + rod(q) - length) ** 2, found["shaft.phi"][0], found["shaft.w"][0],
-                        found.time)
+    q = along_one_angle(mass, lambda q: c / 2 * (r * cos(q) + rod(q) - length) ** 2, found["shaft.phi"][0],
+                        found["shaft.w"][0], found.time)
     assert found["piston.x"][0] == pytest.approx(0.2, abs=1e-9)
     assert found["piston.v"][0] == pytest.approx(-1, abs=1e-9)
     assert np.ptp(q) > 8 * np.pi
