@@ -156,7 +156,7 @@ def _from_random_starts(name: str, number: int) -> list[Tuned]:
     study, assembly = load_study("cmc_ahc/quality_index"), hb.assemble(hb.load(name))
     rng = np.random.default_rng(7)
     starts = [{"controller.K_p": rng.uniform(0, 8), "controller.K_v": rng.uniform(0, 1.2)} for _ in range(number)]
-    return [tune(assembly.with_parameters(start), study.task, seed=seed) for seed, start in enumerate(starts)]
+    return [tune(assembly.with_parameters(start), study.tuning, seed=seed) for seed, start in enumerate(starts)]
 
 
 def _check_optimum(name: str, found: list[Tuned]) -> None:
