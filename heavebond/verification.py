@@ -23,7 +23,8 @@ STILL, ROUNDING = 1e-3, 1e-9
 
 @dataclass(frozen=True)
 class Moved:
-    """How far an output moves: rms of the difference over the output's range, as the tolerances are tightened, and as the widths are narrowed besides; nan where that run failed."""
+    """How far an output moves: rms of the difference over the output's range, as the tolerances are tightened, and as the
+    widths are narrowed besides; nan where that run failed."""
 
     name: str
     by_tolerances: float
