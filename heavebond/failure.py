@@ -81,13 +81,13 @@ def _cause(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array)
         return (f"From there on {which} has no finite value: a root or logarithm of a negative number, a division by 0.",
                 notes)
     if len(z) and _singular(assembly, t, x, z, p, u):
-        return (f"{listing(assembly.algebraic_names, 4)} cannot be solved for there: a mechanism passes a dead point, a "
-                "valve shuts a volume-free line. Another choice of states may do: give initial values, not guesses, for "
-                "the variables that should be states.", notes)
+        return (f"{listing(assembly.algebraic_names, 4)} cannot be solved for there: the links of a mechanism lie in "
+                "one line, from where it could go on in two ways, or a valve shuts a volume-free line. No choice of states "
+                "helps there: change a length a little, or add what decides it (a spring, a leakage).", notes)
     if rates.size and rates[order[0]] > 1e6:
         return f"{listing(names, 2)} run away: an instability, a wrong sign or a very stiff element.", notes
-    return (f"{listing(names, 2)} change fastest: a kink or jump there that the solver cannot step over; smooth it "
-            "(a transition velocity or pressure), or loosen the tolerances.", notes)
+    return (f"{listing(names, 2)} change fastest: a kink or jump there that the solver cannot step over. Smooth it "
+            "(a transition velocity or pressure), let it happen as an event (`when:`), or loosen the tolerances.", notes)
 
 
 def _not_finite(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array) -> list[str]:

@@ -31,8 +31,9 @@ LOOKS = 1000  # conditions and charts are looked at in so many points of a run a
 # Where the integrator cannot pass a point, it is followed up to so many times this share.
 NEAR = 10
 PRECISION = 1e-2  # of the distance at which two instants are one: to what a crossing is found
-# So many events of conditions within this share of the run are chattering.
-CHATTER, WITHIN = 30, 1e-8
+# So many events of conditions within this share of the run are chattering, and so many of one condition: the hops of a ball
+# that falls to 0.05 of its height reach the rounding of time after as many.
+CHATTER, AGAIN, WITHIN = 30, 4, 1e-8
 # What IDAS says where the user interrupts, and where a run leads nowhere: no event comes before that. At the end of a chart
 # it may crawl; there it gets so many steps between two points only.
 INTERRUPTED, CRAWLS = "IDA_RES_FAIL", "IDA_TOO_MUCH_WORK"
@@ -275,7 +276,8 @@ class Switching:
         for k in found.intervals:
             true = now.true if k == 0 else values[:, k] > 0
             begin = replace(now, t=float(t[k]), y=y[:, k], z=z[:, k], true=true)
-            crossed = [self._crossing(begin, c, float(t[k + 1]), values[c, k], found.inside[c, k], certain, record)
+            crossed = [self._crossing(begin, c, float(t[k + 1]), values[c, k],
+                                      (float(found.highest[c, k]), float(found.lowest[c, k])), certain, record)
                        for c in range(len(values)) if (certain := bool(found.certain[c, k])) or found.possible[c, k]]
             known = [c for c in crossed if c is not None]
             if known:
@@ -283,8 +285,8 @@ class Switching:
                 return k, at, *self._met(at, condition)
         return None
 
-    def _crossing(self, begin: Now, condition: int, end: float, first: float, inside: Array, certain: bool,
-                  record: Record) -> tuple[Now, int] | None:
+    def _crossing(self, begin: Now, condition: int, end: float, first: float, extremes: tuple[float, float],
+                  certain: bool, record: Record) -> tuple[Now, int] | None:
         """Where a condition becomes true after a point, and the condition; None where it does not."""
         reached = begin
 
@@ -297,7 +299,7 @@ class Switching:
 
         # one that is true already has to become false first
         first = max(first, 0.0) if begin.true[condition] else first
-        time = crossing(indicator, begin.t, end, first, inside, certain, PRECISION * self.same)
+        time = crossing(indicator, begin.t, end, first, extremes, certain, PRECISION * self.same)
         if time is None:
             return None
         if time == begin.t:
@@ -356,9 +358,10 @@ class Switching:
         return begun
 
     def _check_chatter(self, time: float, events: list[int], record: Record) -> None:
-        record.passed = [*record.passed[1 - CHATTER:], time]
-        if len(record.passed) == CHATTER and time - record.passed[0] < WITHIN * self.span:
-            raise self._chattering(time, events, f"happens {CHATTER} times within {time - record.passed[0]:.2g} s")
+        record.passed = [*record.passed[1 - CHATTER:], (time, tuple(events))]
+        for passed, most in ((record.passed, CHATTER), ([p for p in record.passed if p[1] == tuple(events)], AGAIN)):
+            if len(passed) >= most and time - passed[-most][0] < WITHIN * self.span:
+                raise self._chattering(time, events, f"happens {most} times within {time - passed[-most][0]:.2g} s")
 
     def _chattering(self, time: float, events: Sequence[int], what: str) -> SimulationError:
         found = [self.home.equations.events[i] for i in events]

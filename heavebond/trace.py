@@ -130,7 +130,7 @@ class Now:
 
 
 class Record:
-    """What is written down at the stops (N,) of a run; `passed` are the times of the last events of conditions."""
+    """What is written down at the stops (N,) of a run; `passed` are the last events of conditions with their times."""
 
     def __init__(self, first: Now, stops: Array, same: float):
         n = len(stops)
@@ -141,7 +141,7 @@ class Record:
         self.z = [np.zeros((len(first.z), n))]
         self.instants: list[Instant] = []
         self.changes: list[ChartChange] = []
-        self.passed: list[float] = []
+        self.passed: list[tuple[float, tuple[int, ...]]] = []
         self.steps = 0
 
     def write(self, now: Now, times: Array, y: Array, z: Array) -> None:

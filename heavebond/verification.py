@@ -16,8 +16,8 @@ TIGHTER = 1e-2  # factor on the tolerances
 NARROWER = 0.1  # factor on the widths
 ALLOWED = 0.01  # of the range of an output
 LEAST = 1e-14  # below this tolerances are rounding
-# What stands nearly still, as a pressure that is held, is compared with this share of its size; what is below rounding in any
-# unit that an engineer shows, with nothing.
+# What stands nearly still, as a pressure that is held, is compared with this share of its size; differences below the
+# other one are rounding in any unit that an engineer shows.
 STILL, ROUNDING = 1e-3, 1e-9
 
 
