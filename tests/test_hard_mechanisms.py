@@ -1,7 +1,7 @@
 """Hard models of mechanisms and switching: what comes of each of them.
 
-The files under `hard/` say in their first lines which pain each stands for. Expected are closed forms, independent solutions,
-laws that must hold, or the message that says what is wrong.
+The files under `hard/` say in their first lines which pain each stands for. Expected are closed forms, independent
+solutions, laws that must hold, or the message that says what is wrong.
 """
 
 from __future__ import annotations
@@ -160,8 +160,8 @@ def test_coupled_cylinders() -> None:
 
 # -- dry friction ------------------------------------------------------------------------------------------------------
 def test_mass_on_a_belt() -> None:
-    """Stuck until the spring pulls with F_s; then x = F_c/c + A cos(w s) + V/w sin(w s), until it is as fast as the belt again;
-    then it is carried on for 2 (F_s - F_c)/(c V)."""
+    """Stuck until the spring pulls with F_s; then x = F_c/c + A cos(w s) + V/w sin(w s), until it is as fast as the belt
+    again; then it is carried on for 2 (F_s - F_c)/(c V)."""
     c, m, V, F_s, F_c = 400, 2, 0.1, 12, 8
     w, A = np.sqrt(c / m), (F_s - F_c) / c
     slip, stick = 2 * (np.pi - np.arctan2(A * w, V)) / w, 2 * A / V
