@@ -15,6 +15,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
+from heavebond.co_simulation import foreign_parts
 from heavebond.dae import Array, Assembly, build
 from heavebond.errors import listing
 from heavebond.start_equations import Point
@@ -25,6 +26,7 @@ from heavebond.symbols import stack
 # states are three times as large in the others, and the states are still far from turning). Where the integrator fails, or
 # the end of the chart lies before the next point, less is enough.
 MOST, ENOUGH = 3.0, 1.5
+FOLDED = 0.05  # least singular value of constraints that depend on each other soon, over the largest
 BETTER = 1.2  # by which another chart must be less strained
 
 
@@ -41,7 +43,7 @@ class Chart:
 
     def __init__(self, assembly: Assembly):
         self.assembly = assembly
-        self.constraints = assembly.reduced.system.constraints
+        self.constraints = assembly.reduced.choices.constraints
         moving = _moving(assembly)
         parts = parts_of(self.constraints, assembly.reduced.states) if moving else []
         self.parts = [part for part in parts if len(part.columns) > len(part.rows)
@@ -64,6 +66,12 @@ class Chart:
         numbers = self.numbers(columns)
         found = [strain(part, numbers) for part in self.parts]
         return Strain(np.max([worst for worst, _ in found], axis=0), np.array([sign for _, sign in found]))
+
+    def folded(self, point: Point) -> bool:
+        """Whether the constraints themselves, in whatever states, are about to depend on each other at a point."""
+        numbers = self.numbers(columns_of(point))
+        values = [np.linalg.svd(part.matrices(numbers, part.columns)[0], compute_uv=False) for part in self.parts]
+        return any(v[-1] < FOLDED * v[0] for v in values if np.all(np.isfinite(v)))
 
     def better(self, point: Point) -> list[tuple[int, int]] | None:
         """States that suit a point better than those of this chart; None where there are none."""
@@ -107,14 +115,15 @@ class Charts:
 
     @property
     def needed(self) -> bool:
-        """Whether a constraint that decides on the states changes in a run; without, one chart does for all of it."""
-        return bool(self.home.parts)
+        """Whether a constraint that decides on the states changes in a run; without, one chart does for all of it. An FMU is
+        asked in the states of the diagram only."""
+        return bool(self.home.parts) and not foreign_parts(self.home.assembly.flat)
 
     def with_states(self, states: list[tuple[int, int]]) -> Chart:
         """The chart of these states; ModelError where events set what is none of them."""
         key = frozenset(states)
         if key not in self._made:
-            self._made[key] = Chart(build(self.home.assembly.reduced.system.solve(states)))
+            self._made[key] = Chart(build(self.home.assembly.reduced.choices.solve(states)))
         return self._made[key]
 
 
@@ -139,7 +148,7 @@ class _Passage:
 
 def _moving(assembly: Assembly) -> set[tuple[int, int]]:
     """The entries of the constraints that change in a run."""
-    flat, found = assembly.flat, assembly.reduced.system.constraints
+    flat, found = assembly.flat, assembly.reduced.choices.constraints
     if not found.entries:
         return set()
     still = flat.constant_hashes | {flat.rate.element_hash()}

@@ -16,12 +16,14 @@ import casadi as ca
 import numpy as np
 
 from heavebond import explain
+from heavebond.errors import ModelError
 from heavebond.flatten import Flat, FlatEquation
 from heavebond.incidence import DEFINITE, NONLINEAR, PARAMETER, classify
 from heavebond.index_reduction import Pantelides, collapse, pantelides
-from heavebond.states import Column, Constraints, constraints, select_states
+from heavebond.rank import Row, Simultaneous, losses
+from heavebond.states import Column, Constraints, Guess, constraints, select_states
 from heavebond.structure import block_lower_triangular, maximum_matching, tear
-from heavebond.symbols import split, stack
+from heavebond.symbols import split, stack, uniform
 
 
 @dataclass(frozen=True)
@@ -47,7 +49,7 @@ class Reduced:
     """x' = ode(t, x, z, p), 0 = alg(t, x, z, p); every other unknown is an expression in these.
 
     `symbols` and `expressions` map each raw symbol of the flat model (unknowns and their derivatives) to SX in
-    (x, z, p, time, rate, measured inputs).
+    (x, z, p, time, rate, measured inputs); `system` is what was solved, as it stood before.
     """
 
     flat: Flat
@@ -65,7 +67,8 @@ class Reduced:
     differentiated: tuple[tuple[int, int], ...]
     loops: tuple[Loop, ...]
     n_equations: int
-    system: System
+    system: Simultaneous
+    choices: System
 
     def name(self, column: Column) -> str:
         """`crown.x`, or `der(crown.x)` for a derivative."""
@@ -89,9 +92,6 @@ def reduce(flat: Flat) -> Reduced:
     chain = _chains(columns, result)
     system = System(flat, chain, result)
     return system.solve(select_states(system.constraints, system.p_values))
-
-
-Row = tuple[int, int]  # (equation, how often differentiated)
 
 
 @dataclass(frozen=True)
@@ -190,14 +190,29 @@ class System:
         rows = list(self.residual)
         entries = self._entries(rows, unknown)
         matching = maximum_matching([[c for c, _ in row] for row in entries], len(unknown))
+        system = Simultaneous(self.flat, tuple(rows), tuple(unknown), stack([self.residual[row] for row in rows]),
+                              stack([self.symbol(c) for c in unknown]))
         if -1 in matching or len(rows) != len(unknown):
-            raise explain.singular(self.flat, collapse_rows(self.flat), [-1] * len(self.flat.equations))
+            raise self._lost(system)
         solver = _Solver(self, rows, unknown, entries)
         blocks = block_lower_triangular([[c for c, _ in row] for row in entries], matching)
         solver.solve_alone([(block[0], matching[block[0]]) for block in blocks if len(block) == 1])
         for block in blocks:
             solver.block(block, [matching[r] for r in block])
-        return solver.reduced(states)
+        reduced = solver.reduced(states, system)
+        if ca.sprank(ca.jacobian(reduced.alg, reduced.z)) < reduced.z.numel():
+            raise self._lost(system)  # terms that cancel whatever the numbers: a circuit of differences without reference
+        return reduced
+
+    def _lost(self, system: Simultaneous) -> ModelError:
+        """The error for equations that depend on each other at the first guess already."""
+        guess = Guess(self.flat)(self.p_values)
+        point = {s.element_hash(): float(v) for s, v in zip(split(self.flat.p), self.p_values, strict=True)}
+        for j, (symbol, unknown) in enumerate(zip(self.flat.levels[0], self.flat.unknowns, strict=True)):
+            point[symbol.element_hash()] = float(guess[j]) or 0.1 * unknown.nominal * (0.5 + uniform(3, j))
+        problems = explain.lost(self.flat, losses(system, point))
+        return ModelError(problems) if problems else \
+            explain.singular(self.flat, collapse_rows(self.flat), [-1] * len(self.flat.equations))
 
     def _entries(self, rows: list[Row], unknown: list[Column]) -> list[list[tuple[int, int]]]:
         """(position in `unknown`, kind) of each row; those of the given equations are known from the templates."""
@@ -353,7 +368,7 @@ class _Solver:
         self.remaining += [(r, self.rows[i]) for r, i in zip(remaining, residual, strict=True)]
         return torn
 
-    def reduced(self, states: list[Column]) -> Reduced:
+    def reduced(self, states: list[Column], system: Simultaneous) -> Reduced:
         flat, symbol = self.system.flat, self.system.symbol
         x = stack([symbol(s) for s in states])
         z = stack([self._symbol(c) for c in self.torn])
@@ -372,7 +387,8 @@ class _Solver:
             flat, tuple(states), tuple(self.unknown[c] for c in self.torn), x, z, others[0], others[1],
             tuple(flat.equations[row[0]] for _, row in self.remaining), stack(self.defined),
             stack(expressions), pivots, max(order, default=0) + (1 if algebraic else 0),
-            tuple((i, k) for i, k in enumerate(order) if k), tuple(self.loops), len(self.rows), self.system)
+            tuple((i, k) for i, k in enumerate(order) if k), tuple(self.loops), len(self.rows), system,
+            self.system)
 
 
 def explicit(residuals: ca.SX, symbols: ca.SX) -> tuple[ca.SX, ca.SX]:

@@ -15,6 +15,7 @@ from heavebond.dae import Array, Assembly
 from heavebond.errors import Problem, UsageError, suggest
 from heavebond.expression import ExpressionProblem, parse_formula
 from heavebond.initialise import Start
+from heavebond.saved import SavedRun, write_run
 from heavebond.symbols import split, stack
 from heavebond.units import dimension_text, read_unit
 
@@ -133,29 +134,20 @@ class Result:
         return UsageError([Problem("sensitivity-missing", f"this run has no sensitivities to '{parameter}'", None,
                                    f"simulate(..., sensitivities=['{parameter}'])")])
 
+    def saved(self, names: Iterable[str] | None = None) -> SavedRun:
+        """The numbers without the diagram; by default the named outputs and all unknowns."""
+        chosen = list(names) if names is not None else list(dict.fromkeys(
+            [*self.assembly.model.show, *(u.name for u in self.assembly.flat.unknowns),
+             *(h.name for h in self.assembly.flat.held)]))
+        return SavedRun(self.assembly.model.name, self.time, self.signals(chosen), {n: self.unit(n) for n in chosen})
+
     def to_pandas(self, names: Iterable[str] | None = None) -> pd.DataFrame:
         """A table with time as index; by default the named outputs and all unknowns, columns `name [unit]`."""
-        import pandas as pd
-
-        chosen = list(names) if names is not None else \
-            [*self.assembly.model.show, *(u.name for u in self.assembly.flat.unknowns),
-             *(h.name for h in self.assembly.flat.held)]
-        columns = {f"{name} [{self.unit(name)}]": values for name, values in self.signals(chosen).items()}
-        return pd.DataFrame(columns, index=pd.Index(self.time, name="time [s]"))
+        return self.saved(names).to_pandas()
 
     def save(self, path: str | Path, names: Iterable[str] | None = None) -> None:
-        """Write a table as .csv or .parquet; UsageError for another suffix."""
-        path = Path(path)
-        table = self.to_pandas(names)
-        if path.suffix == ".csv":
-            table.to_csv(path)
-        elif path.suffix == ".parquet":
-            try:
-                table.to_parquet(path)
-            except ImportError:
-                raise UsageError("writing Parquet needs pyarrow", hint="pip install 'heavebond[parquet]'") from None
-        else:
-            raise UsageError(f"'{path.name}' has no known suffix", hint="Write .csv or .parquet.")
+        """Write the signals as .csv, .parquet, .mat or .nc; UsageError for another suffix. `read_run` reads them back."""
+        write_run(self.saved(names), path)
 
 
 class Probe:
@@ -164,23 +156,12 @@ class Probe:
     def __init__(self, assembly: Assembly, names: Iterable[str]):
         self.names = tuple(names)
         _, x, z, p, _, _ = assembly.arguments
-        signals = stack([self._signal(assembly, name) for name in self.names])
+        signals = stack([signal_expression(assembly, name) for name in self.names])
         self._values = _Course(assembly, signals)
         slopes = ca.jacobian(signals, stack([x, z, p]))
         self._moving = sorted(set(slopes.sparsity().get_col()))  # which of (x, z, p) the signals contain
         self._slopes = _Course(assembly, ca.vec(ca.densify(slopes[:, self._moving])))
         self._others: dict[int, Probe] = {}
-
-    @staticmethod
-    def _signal(assembly: Assembly, name: str) -> ca.SX:
-        shown = assembly.model.show.get(name)
-        try:
-            if shown is None:
-                return assembly.expression(parse_formula(name))
-            unit = read_unit(shown.unit)
-            return (assembly.expression(shown.expr) - unit.offset) / unit.scale
-        except ExpressionProblem as problem:
-            raise unknown_signal(assembly, name, problem) from None
 
     def values(self, result: Result) -> Array:
         """The signals of a run (n_signals, N)."""
@@ -260,6 +241,19 @@ def with_held(result: Result, p: Array, held: Array) -> Array:
     if result.assembly.flat.held:
         found[[h.index for h in result.assembly.flat.held]] = held
     return found
+
+
+def signal_expression(assembly: Assembly, name: str) -> ca.SX:
+    """A signal in the assembly's arguments: an output in its own unit, any other formula in SI; UsageError for a name
+    that is not there."""
+    shown = assembly.model.show.get(name)
+    try:
+        if shown is None:
+            return assembly.expression(parse_formula(name))
+        unit = read_unit(shown.unit)
+        return (assembly.expression(shown.expr) - unit.offset) / unit.scale
+    except ExpressionProblem as problem:
+        raise unknown_signal(assembly, name, problem) from None
 
 
 def unknown_signal(assembly: Assembly, name: str, problem: ExpressionProblem) -> UsageError:

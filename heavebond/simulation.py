@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heavebond.charts import Chart, Charts
+from heavebond.co_simulation import check_allowed
 from heavebond.dae import Array, Assembly, Factors, Integrand, assemble, integrand, substitute_inputs
 from heavebond.definition import Value
 from heavebond.errors import Problem, SimulationError, UsageError
@@ -34,17 +35,19 @@ POINTS = 1000  # output points where nothing is said
 
 def simulate(model: Model | Assembly, until: Time | None = None, *, every: Time | None = None,
              parameters: Mapping[str, float | str] | None = None, also: Iterable[str] = (),
-             sensitivities: Iterable[str] = (), rtol: float = 1e-8, atol: float = 1e-10) -> Result:
+             sensitivities: Iterable[str] = (), rtol: float = 1e-8, atol: float = 1e-10,
+             allow_fmu: bool = False) -> Result:
     """Run a diagram from 0 to `until` (seconds, or `"2 min"`), with an output point `every` so often.
 
     Both default to what the diagram says under `simulate:`. `parameters` overrides values by name. `sensitivities`
     names parameters with respect to which the derivative of every signal is wanted (`result.sensitivity`). Errors are
-    controlled to rtol and to atol times each unknown's nominal size. Raises StartError where no consistent start
+    controlled to rtol and to atol times each unknown's nominal size. The programs in FMUs are run with `allow_fmu` only;
+    a diagram with FMUs is refused otherwise. Raises StartError where no consistent start
     exists and SimulationError where the integration fails; a given Assembly is not built anew.
     """
     assembly = model if isinstance(model, Assembly) else assemble(model, also)
     return Simulator(assembly, until, every=every, tolerances=Tolerances(rtol, atol),
-                     sensitivities=sensitivities).run(parameters)
+                     sensitivities=sensitivities, allow_fmu=allow_fmu).run(parameters)
 
 
 class Simulator:
@@ -53,13 +56,15 @@ class Simulator:
     def __init__(self, assembly: Assembly, until: Time | None = None, *, every: Time | None = None,
                  times: Array | None = None, tolerances: Tolerances | None = None,
                  quadratures: ca.SX | None = None, factors: Factors | None = None, sensitivities: Iterable[str] = (),
-                 free_start: bool = False, like: Simulator | None = None, driven: Pieced | None = None):
+                 free_start: bool = False, like: Simulator | None = None, driven: Pieced | None = None,
+                 allow_fmu: bool = False):
         """`factors` stand in the quadratures; `free_start` adds the states at the first time to the sensitivities (see
         `run_from`); what can be taken from another simulator (`like`) is not made again; `driven` are inputs to be taken
         instead of the records'."""
         self.assembly = assembly
+        check_allowed(assembly.flat, allow_fmu, sensitivities := tuple(sensitivities))
         self.tolerances = tolerances or Tolerances()
-        self.parameters = tuple(sensitivities)
+        self.parameters = sensitivities
         self.sensitivities = (*self.parameters, *(assembly.state_names if free_start else ()))
         self.along = _directions(assembly, self.parameters, self.tolerances.along)
         self.along = np.pad(self.along, ((0, 0), (0, len(self.sensitivities) - len(self.parameters))))
@@ -74,6 +79,7 @@ class Simulator:
         self.loops = _loops(self.integrand)
         self.start_equations: StartEquations = like.start_equations \
             if like is not None and like.assembly.reduced is assembly.reduced else StartEquations(assembly)
+        self._known_slopes: dict[int, ca.Function] = {}
         charts = Charts(assembly)
         self.switching = self._switching(charts) if assembly.flat.events or charts.needed else None
 
@@ -162,7 +168,25 @@ class Simulator:
 
         others = ((np.flatnonzero(stay.at[keep]), stay) for stay in found.stays)
         stays = tuple((at, taken(stay.assembly, at, stay.x, stay.z)) for at, stay in others)
-        return taken(assembly, np.arange(len(keep)), found.x, found.z, stays)
+        result = taken(assembly, np.arange(len(keep)), found.x, found.z, stays)
+        self._check_decided(result)
+        return result
+
+    def _check_decided(self, result: Result) -> None:
+        """SimulationError where a run went on although nothing decided an algebraic unknown, in any of its charts."""
+        elsewhere = np.concatenate([np.zeros(0, int), *(at for at, _ in result.stays)])
+        own = np.setdiff1d(np.arange(len(result.time)), elsewhere)
+        for part, at in ((result, own), *((stay, np.arange(len(stay.time))) for _, stay in result.stays)):
+            if len(part.z) and len(at):
+                from heavebond.failure import check_decided
+
+                check_decided(part, at, self._slopes(part.assembly))
+
+    def _slopes(self, assembly: Assembly) -> ca.Function:
+        if id(assembly.reduced) not in self._known_slopes:
+            jacobian = ca.densify(ca.jacobian(assembly.alg, assembly.arguments[2]))
+            self._known_slopes[id(assembly.reduced)] = ca.Function("slopes", list(assembly.arguments), [jacobian])
+        return self._known_slopes[id(assembly.reduced)]
 
     def _sizes(self, moved: Tangent | None) -> Array:
         """The length of each direction, in units of its parameter (or of the state at the first time)."""
@@ -193,7 +217,8 @@ class Simulator:
     def _failure(self, assembly: Assembly, first: Start, said: str) -> SimulationError:
         from heavebond.failure import explain_failure
 
-        return explain_failure(self, assembly, first, said)
+        with caught_errors():  # it integrates again up to there
+            return explain_failure(self, assembly, first, said)
 
     def _trace(self, x: Array, z: Array, quadratures: Array, statistics: dict[str, object]) -> Trace:
         """A run without events."""

@@ -131,7 +131,7 @@ class Part:
             for c, (j, _) in enumerate(self.columns):
                 if (i, j) in place:
                     matrix[:, r, c] = numbers[place[(i, j)]] * unknowns[j].nominal
-        matrix /= np.maximum(np.abs(matrix).max(axis=2, keepdims=True), 1e-300)
+        matrix /= np.maximum(np.abs(matrix).max(axis=2, keepdims=True, initial=0.0), 1e-300)
         return np.asarray(matrix[:, :, [self.columns.index(column) for column in columns]])
 
 
@@ -205,27 +205,33 @@ class Guess:
                 if {s.element_hash() for s in ca.symvar(value)} <= known:
                     self._asked.append(flat.names[name])
                     values.append(value)
-        self._values = ca.Function("guess", [flat.p, flat.time], [stack(values)])
+        self._values = ca.Function("guess", [flat.p, flat.time], [stack(values), ca.jacobian(stack(values), flat.p)])
 
     def __call__(self, p: NDArray[np.float64]) -> NDArray[np.float64]:
         """The values (n,) at the parameters p."""
         values = self._declared.copy()
-        values[self._asked] = np.array(self._values(p, 0.0)).ravel()
+        values[self._asked] = np.array(self._values(p, 0.0)[0]).ravel()
         return values
+
+    def slopes(self, p: NDArray[np.float64]) -> NDArray[np.float64]:
+        """How they move with the parameters, (n, n_p)."""
+        slopes = np.zeros((len(self._declared), len(p)))
+        slopes[self._asked] = np.array(self._values(p, 0.0)[1].full())
+        return slopes
 
 
 def pivot_columns(matrix: NDArray[np.float64]) -> list[int]:
-    """The first m columns that QR with column pivoting takes of a matrix (m, n), n >= m: each time the longest of what
-    is left when the directions of those taken are removed from all (modified Gram-Schmidt).
+    """The first min(m, n) columns that QR with column pivoting takes of a matrix (m, n): each time the longest of what is
+    left when the directions of those taken are removed from all (modified Gram-Schmidt).
 
     G. H. Golub, C. F. Van Loan: Matrix Computations, 4th ed., Johns Hopkins 2013, sections 5.2.8 and 5.4.2.
     """
     if len(matrix) > LARGE:
         import scipy.linalg
 
-        return list(scipy.linalg.qr(matrix, mode="r", pivoting=True)[1][: len(matrix)])
+        return list(scipy.linalg.qr(matrix, mode="r", pivoting=True)[1][: min(matrix.shape)])
     rest, taken = matrix.copy(), list[int]()
-    for _ in range(len(matrix)):
+    for _ in range(min(matrix.shape)):
         squares = np.einsum("ij,ij->j", rest, rest)
         squares[taken] = -1
         taken.append(int(np.argmax(squares)))

@@ -88,6 +88,10 @@ class Switching:
     # -- the run ---------------------------------------------------------------------------------------------------
     def run(self, first: Start, moved: Tangent | None) -> Trace:
         """One run; RuntimeError where the integrator fails (see `last`), SimulationError where events do."""
+        with self.home.equations.partners.running():
+            return self._run(first, moved)
+
+    def _run(self, first: Start, moved: Tangent | None) -> Trace:
         now = self._begin(first, moved)
         record = Record(now, self.stops, self.same)
         self._write(now, record)

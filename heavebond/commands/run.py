@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import click
 
 from heavebond.commands.arguments import (
-    TABLES,
     assembled,
     blamed_on_settings,
     check_picture,
@@ -36,17 +35,19 @@ if TYPE_CHECKING:
 @click.option("--plot", "plotted", metavar="SIGNAL", multiple=True,
               help="Draw a variable, an output or a formula of these. May be repeated.")
 @click.option("--save", "saved", metavar="FILE", multiple=True, type=click.Path(path_type=Path),
-              help="Write the time series (.csv or .parquet). May be repeated.")
+              help="Write the time series (.csv, .parquet, .mat or .nc). May be repeated.")
 @picture_option("Where to draw; without --plot all outputs of the diagram are drawn")
 @click.option("--rtol", metavar="NUMBER", type=click.FloatRange(0, 0.1, min_open=True), default=1e-8, show_default=True,
               help="Relative tolerance of the integrator.")
+@click.option("--allow-fmu", is_flag=True,
+              help="Run the programs in the FMUs of the diagram. Do so only with FMUs you trust.")
 @click.option("--verify", "verified", is_flag=True, help="Repeat with tighter tolerances and a tenth of the widths of all "
               "transitions; tell which outputs move.")
 @click.option("--within", metavar="SHARE", type=click.FloatRange(0, 1, min_open=True), default=0.01, show_default=True,
               help="With --verify: by how much of its range an output may move.")
 @json_option
 def run(model: str, settings: tuple[str, ...], until: str | None, every: str | None, plotted: tuple[str, ...],
-        saved: tuple[Path, ...], output: Path | None, rtol: float, verified: bool,
+        saved: tuple[Path, ...], output: Path | None, rtol: float, allow_fmu: bool, verified: bool,
         within: float) -> dict[str, object]:
     """Simulate the diagram MODEL and tell the range of each of its outputs.
 
@@ -55,6 +56,7 @@ def run(model: str, settings: tuple[str, ...], until: str | None, every: str | N
     from heavebond import terminal
     from heavebond.expression import names as names_in
     from heavebond.model import load
+    from heavebond.saved import SUFFIXES
     from heavebond.simulation import Tolerances, simulate
     from heavebond.verification import verify
 
@@ -62,13 +64,13 @@ def run(model: str, settings: tuple[str, ...], until: str | None, every: str | N
         output = Path(re.sub(r"\W+", "_", Path(model).stem) + ".png")
     check_picture(output)
     for path in saved:
-        check_writable(path, TABLES)
+        check_writable(path, SUFFIXES)
     formulas = read_signals("--plot", plotted)
     with blamed_on_settings(settings):
         with terminal.working("assembling"):
             assembly = assembled(with_settings(load(model), settings), "--plot", formulas)
         with terminal.working("integrating"):
-            result = simulate(assembly, until, every=every, rtol=rtol)
+            result = simulate(assembly, until, every=every, rtol=rtol, allow_fmu=allow_fmu)
     listed = list(assembly.model.show) or assembly.state_names or [u.name for u in assembly.flat.unknowns]
     names = list(dict.fromkeys([*listed, *plotted]))
     figures = _figures(result, names)
