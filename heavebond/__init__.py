@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from heavebond.misfit import Where, where
     from heavebond.model import Model, load, loads
     from heavebond.result import Result
+    from heavebond.saved import SavedRun, read_run
     from heavebond.simplification import simplify
     from heavebond.simulation import Simulator, simulate
     from heavebond.study import Study, load_study
@@ -55,15 +56,15 @@ _WHERE = {
     "SimulationError": "errors", "StartError": "errors", "UsageError": "errors",
     "StateSpace": "linear_system", "state_space": "linear_system", "loop_margins": "margins", "root_locus": "locus",
     "simplify": "simplification",
-    "Model": "model", "load": "model", "loads": "model", "Result": "result", "Simulator": "simulation",
-    "simulate": "simulation", "Where": "misfit", "where": "misfit",
+    "Model": "model", "load": "model", "loads": "model", "Result": "result", "SavedRun": "saved",
+    "read_run": "saved", "Simulator": "simulation", "simulate": "simulation", "Where": "misfit", "where": "misfit",
 }
 __all__ = [
     "Assembly", "Comparison", "DataError", "Diagnosis", "Experiment", "Fit", "HeavebondError", "Model", "ModelError",
-    "Result", "SimulationError", "Simulator", "StartError", "StateSpace", "Study", "StudyResult", "UsageError", "Where",
-    "assemble", "attempt", "audit", "candidates", "compare", "diagnose", "draw", "fit", "ladder", "load",
-    "load_experiment", "load_study", "loads", "loop_margins", "root_locus", "run_study", "simplify", "simulate",
-    "state_space", "tune", "where",
+    "Result", "SavedRun", "SimulationError", "Simulator", "StartError", "StateSpace", "Study", "StudyResult",
+    "UsageError", "Where", "assemble", "attempt", "audit", "candidates", "compare", "diagnose", "draw", "fit", "ladder",
+    "load", "load_experiment", "load_study", "loads", "loop_margins", "read_run", "root_locus", "run_study", "simplify",
+    "simulate", "state_space", "tune", "where",
 ]
 
 

@@ -31,7 +31,7 @@ from heavebond.errors import Problem, SimulationError
 from heavebond.flatten import Energetics
 from heavebond.model import Model
 from heavebond.presentation import number
-from heavebond.result import Result, columns
+from heavebond.result import Result
 from heavebond.simulation import Simulator, Time, Tolerances
 from heavebond.symbols import split, stack
 
@@ -172,10 +172,9 @@ def audit(model: Model | Assembly, until: Time | None = None, *, every: Time | N
     tolerances = Tolerances(rtol, atol)
     leaves = assembly.flat.expanded.leaves
     parts = [e for e in assembly.flat.energetics if leaves[e.owner].component.ports or leaves[e.owner].component.stores]
-    powers = assembly.express(stack([stack([e.power, e.dissipated, e.unbalanced]) for e in parts]))
-    energy = assembly.express(stack([e.energy for e in parts]))
+    raw, energy = stack([stack([e.power, e.dissipated, e.unbalanced]) for e in parts]), stack([e.energy for e in parts])
     before = Simulator(assembly, until, every=every, tolerances=tolerances).run(parameters)
-    rates, held = _along(before, powers), _along(before, energy)
+    rates, held, powers = before.evaluate(raw), before.evaluate(energy), assembly.express(raw)
     # integrals in units of a common size, as the error control has one absolute tolerance for all that is integrated;
     # what is always zero would only dilute its norm
     duration = before.time[-1] - before.time[0]
@@ -186,7 +185,7 @@ def audit(model: Model | Assembly, until: Time | None = None, *, every: Time | N
     integrals = np.zeros(rates.shape)
     if chosen:
         integrals[chosen] = size * result.quadratures
-    energies = _along(result, energy)
+    energies = result.evaluate(energy)
     stored, jumps = energies - energies[:, :1], _jumps(result, energy)
     ports = rates[::QUADRATURES]
     total = np.abs(ports).sum(axis=0).max(initial=0.0)
@@ -204,7 +203,7 @@ def _port_powers(result: Result) -> dict[str, Array]:
     """The power into a component over each port along a run."""
     level, bonds = result.assembly.flat.levels[0], result.assembly.flat.bonds
     powers = [level[b.flow] if b.effort is None else level[b.effort] * level[b.flow] for b in bonds.values()]
-    return dict(zip(bonds, _along(result, result.assembly.express(stack(powers))), strict=True))
+    return dict(zip(bonds, result.evaluate(stack(powers)), strict=True))
 
 
 def _line(part: Energetics, integrals: Array, stored: float, jumps: float) -> EnergyLine:
@@ -217,19 +216,13 @@ def _line(part: Energetics, integrals: Array, stored: float, jumps: float) -> En
 
 def _jumps(result: Result, energy: ca.SX) -> Array:
     """What each of the stored energies (m,) gains at all events of a run after its start."""
-    function = ca.Function("energy", list(result.assembly.arguments), [energy])
     total = np.zeros(energy.numel())
     for instant in result.instants:
         if instant.time > result.time[0]:
+            function = ca.Function("energy", list(instant.assembly.arguments), [instant.assembly.express(energy)])
             before, after = (np.array(function(*point.values())).ravel() for point in (instant.before, instant.after))
             total += after - before
     return total
-
-
-def _along(result: Result, expression: ca.SX) -> Array:
-    """An expression (m,) in the arguments of the assembly along a run, (m, N)."""
-    function = ca.Function("along", list(result.assembly.arguments), [expression])
-    return np.asarray(function(*columns(result))).reshape(expression.numel(), len(result.time))
 
 
 def table(found: EnergyAudit) -> Table:

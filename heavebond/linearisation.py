@@ -21,14 +21,12 @@ from numpy.typing import NDArray
 
 from heavebond.dae import Array, Assembly
 from heavebond.errors import Problem, UsageError
-from heavebond.expression import ExpressionProblem, parse_formula
 from heavebond.initialise import Start, start, tangent
 from heavebond.inputs import pieced
-from heavebond.result import unknown_signal
+from heavebond.result import signal_expression
 from heavebond.simulation import grid
 from heavebond.start_equations import Point, StartEquations
 from heavebond.symbols import stack
-from heavebond.units import read_unit
 
 # Where the matrix is singular to rounding (a body that nothing holds, an integrator), eigenvalues below the second share of
 # the largest are zero: a double one is only found to the root of the rounding.
@@ -122,7 +120,7 @@ class Linearisation:
                    *(u[1 + 4 * known.index(name) + k] for name in driven for k in range(4))])
         # a piece is c0 + c1 s + c2 s**2 + c3 s**3: its k-th derivative at s = 0 is k! c_k
         self._per = np.array([*(1.0 for _ in inputs), *([1.0, 1.0, 0.5, 1 / 6] * len(driven))])
-        sides = (assembly.ode, assembly.alg, stack([_signal(assembly, name) for name in outputs]))
+        sides = (assembly.ode, assembly.alg, stack([signal_expression(assembly, name) for name in outputs]))
         self._jacobians = ca.Function("jacobians", list(assembly.arguments), [
             ca.jacobian(side, by) for side in sides for by in (x, z, w)])
 
@@ -135,16 +133,6 @@ class Linearisation:
             f_x, f_w, h_x, h_w = f_x - f_z @ by_x, f_w - f_z @ by_w, h_x - h_z @ by_x, h_w - h_z @ by_w
         assembly = self.assembly
         return Linear(tuple(assembly.state_names), self.inputs, self.outputs, f_x, f_w, h_x, h_w, assembly.x_nominal)
-
-
-def _signal(assembly: Assembly, name: str) -> ca.SX:
-    shown = assembly.model.show.get(name)
-    try:
-        if shown is None:
-            return assembly.expression(parse_formula(name))
-        return assembly.expression(shown.expr) / read_unit(shown.unit).scale
-    except ExpressionProblem as problem:
-        raise unknown_signal(assembly, name, problem) from None
 
 
 def _solved(g_z: Array, right: Array) -> Array:

@@ -10,6 +10,7 @@ import numpy as np
 
 from heavebond.dae import Array, Assembly, build
 from heavebond.disturbance import disturbed, quiet
+from heavebond.errors import Problem, UsageError
 from heavebond.flatten import flatten
 from heavebond.initialise import start
 from heavebond.linearisation import start_point
@@ -44,9 +45,13 @@ class OperatingPoints:
         return "in its steady state" if self.steady else f"at {self.time:g} s" if self.time else "at its start"
 
     def at(self, parameters: Mapping[str, float | str] | None = None) -> Point:
-        """The point with these parameters set; StartError or SimulationError where there is none."""
+        """The point with these parameters set; StartError or SimulationError where there is none, UsageError
+        where other states are integrated at that time."""
         if self._simulator is not None:
             result = self._simulator.run(parameters)
+            if any(len(result.time) - 1 in at for at, _ in result.stays):
+                raise UsageError([Problem("other-states", f"at {self.time:g} s this diagram is integrated in other states than at "
+                                          "its start, which is not linearised", None, "Take a time before that event.")])
             t, x, z, p, u, _ = (values[:, -1] for values in columns(result))
             return Point(float(t[0]), x, z, p, _begun_at(u, float(t[0])), 1.0)
         assembly = self.assembly.with_parameters(parameters) if parameters else self.assembly
