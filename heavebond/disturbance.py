@@ -76,7 +76,7 @@ def _source(flat: Flat, nodes: Mapping[str, Node], name: str, problems: Problems
         forces = [f"{n.name}.{n.through}" for n in nodes.values()]
         what = "nothing here is called" if unknown is None else "nothing can be added to"
         problems.add("input-unknown", f"{what} '{name}'", hint=suggest(name, [*signals, *forces]) or
-                     f"Signals: {listing(signals, 12)}. What enters a node: {listing(forces, 6)}.")
+                     f"Signals: {listing(signals or ['none'], 12)}. What enters a node: {listing(forces or ['none'], 6)}.")
         return None
     given = {f"{n} {how}" for n, k in flat.names.items() if k == unknown for how in ("as given", "as measured")}
     rows = tuple(k for k, e in enumerate(flat.equations) if e.label in given)

@@ -37,6 +37,7 @@ ROUNDING = 1e-11
 INFINITE = 1e6
 # A mode that adds less than this share of the strongest one to a channel is not looked for in its pictures.
 VISIBLE = 1e-2
+FREE = 1e-9  # poles below this share of the fastest are at zero
 POINTS = 600
 
 
@@ -132,10 +133,11 @@ class StateSpace:
         a, b, c = self._scaled()
         values, right = np.linalg.eig(a)
         residues = np.abs((c[0] @ right) * np.linalg.lstsq(right, b[:, 0].astype(complex), rcond=None)[0])
-        weights = residues / np.maximum(np.abs(values.real), 1e-2 * np.abs(values) + 1e-300)
-        chosen = values[weights > VISIBLE * weights.max(initial=0.0)]
-        moving = chosen[np.abs(chosen) > 1e-9 * np.abs(values).max(initial=0.0)]
-        return np.asarray(moving if len(moving) else values[np.abs(values) > 0], dtype=complex)
+        # integrators have no frequency of their own; they come as poles of the size of rounding
+        moving = np.abs(values) > FREE * np.abs(values).max(initial=0.0)
+        values, residues = values[moving], residues[moving]
+        weights = residues / np.maximum(np.abs(values.real), 1e-2 * np.abs(values))
+        return np.asarray(values[weights >= VISIBLE * weights.max(initial=0.0)], dtype=complex)
 
     def frequencies(self) -> Array:
         """Frequencies in Hz (N,) from a decade below the slowest visible pole to a decade above the fastest, denser where

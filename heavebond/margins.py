@@ -26,6 +26,8 @@ from heavebond.simulation import Time
 
 # A direct share of the loop so large that nothing is left of what is added: it cannot be cut there.
 UNCUT = 1e-12
+# Crossings are looked for until the gain is so low that nobody would raise it as far, or for so many octaves.
+WEAK, DOUBLINGS = 0.01, 16
 CUT = "behind the cut at "
 
 
@@ -87,9 +89,9 @@ def open_loop(closed: StateSpace) -> StateSpace:
 def loop_frequencies(loop: StateSpace) -> Array:
     """Frequencies in Hz (N,) that show a loop: around its poles, and on to where it has no gain any more."""
     found = spread(loop.visible(), loop.poles)
-    for _ in range(12):
+    for _ in range(DOUBLINGS):
         gain = np.abs(loop.response(2j * np.pi * found[-1:])[0, 0, 0])
-        if gain < 0.1 or loop.d[0, 0]:
+        if gain < WEAK or loop.d[0, 0]:
             break
         found = np.append(found, found[-1] * np.geomspace(1.02, 2, 35))
     return found

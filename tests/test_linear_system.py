@@ -223,6 +223,15 @@ def test_a_steady_state_holds_its_inputs_still() -> None:
     assert OperatingPoints(hb.load("cmc_ahc"), "steady").at().x == pytest.approx(OperatingPoints(hb.load("cmc_ahc")).at().x)
 
 
+def test_other_states_are_not_linearised() -> None:
+    """The four-bar linkage changes its states while it turns: that is said, and nothing else taken instead."""
+    model = hb.load("mechanisms/four_bar")
+    result = hb.simulate(model, "0.3 s")
+    during = float(result.time[result.stays[0][0][-1]])
+    with pytest.raises(hb.UsageError, match="integrated in other states"):
+        OperatingPoints(model, during).at()
+
+
 def test_a_measured_input_at_a_time(tmp_path: Path) -> None:
     """A record between whose samples the machine is linearised: pieces are expanded about that time."""
     (tmp_path / "road.csv").write_text("t,x\n" + "".join(f"{t / 10},{np.sin(t / 10)}\n" for t in range(41)))

@@ -79,12 +79,13 @@ def linear(model: str, inputs: tuple[str, ...], outputs: tuple[str, ...], loop: 
         if over is not None:
             return _locus(diagram, over, when, output)
         from heavebond.linear_system import StateSpaces
+        from heavebond.presentation import count
 
         made = StateSpaces(diagram, chosen, wanted, when)
         system = made.at()
     told: dict[str, object] = {"model": diagram.name, "at": made.points.words, "stable": system.stable}
     console = terminal.output()
-    console.print(f"{diagram.name} {made.points.words}: {len(system.states)} states, "
+    console.print(f"{diagram.name} {made.points.words}: {count(len(system.states), 'state')}, "
                   f"{'stable' if system.stable else 'not stable'}", soft_wrap=True)
     if loop is not None:
         channels, span, found = _cut(system, frequencies)

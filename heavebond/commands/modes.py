@@ -42,6 +42,7 @@ def modes(model: str, at: str | None, steady: bool, settings: tuple[str, ...]) -
     from heavebond.modal_energy import energy_shares
     from heavebond.model import load
     from heavebond.operating import OperatingPoints
+    from heavebond.presentation import count
 
     with blamed_on_settings(settings), terminal.working("linearising"):
         operating = OperatingPoints(with_settings(load(model), settings), operating_time(at, steady))
@@ -52,7 +53,7 @@ def modes(model: str, at: str | None, steady: bool, settings: tuple[str, ...]) -
     rows = [(_frequency(mode), *((f"{mode.damping:.4g}", f"{-mode.value.real:.4g} 1/s") if mode.value else ("", "")),
              _named(share.energy or mode.participation), _named(share.damping))
             for mode, share in zip(found, shares, strict=True)]
-    console.print(terminal.table(f"{assembly.model.name} {operating.words}, {len(assembly.state_names)} states",
+    console.print(terminal.table(f"{assembly.model.name} {operating.words}, {count(len(assembly.state_names), 'state')}",
                                  ("frequency", "damping", "decay", "energy in", "damped (fed) by"), rows, text=5))
     growing = sum(mode.value.real > 0 for mode in found)
     if growing:
