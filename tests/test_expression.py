@@ -112,7 +112,7 @@ def test_only_the_grammar_is_followed(text: str) -> None:
 
 
 def test_no_module_evaluates_text() -> None:
-    """`eval`, `exec`, `compile` and `__import__` are called nowhere, no YAML is loaded into Python objects, no program started."""
+    """`eval`, `exec`, `compile` and `__import__` are called nowhere, no YAML is loaded into objects, no program started."""
     for path in Path(heavebond.__file__).parent.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
