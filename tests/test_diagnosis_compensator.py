@@ -37,7 +37,7 @@ def test_effects_are_tried_on_nodes_inside_blocks(tmp_path: Path) -> None:
     there = {(c.component, frozenset(c.where)) for c in candidates(experiment)}
     assert ("LaminarLeakage", frozenset({"ahc.chamber_a", "ahc.chamber_b"})) in there
     assert ("CoulombFriction", frozenset({"drilling.hook", "drilling.bit"})) in there
-    assert ("SeriesCompliance", frozenset({"crown", "drilling"})) in there
+    assert ("SeriesCompliance", frozenset({"falls", "drilling"})) in there
     assert ("ProportionalValve43", frozenset({"ahc.valve"})) in there
 
 

@@ -149,14 +149,14 @@ def test_integrals_of_one_signal_are_taken_once(absorber: Assembly) -> None:
     assert len(Objective(absorber, task).cases[0].evaluator.integrated) == 3
 
 
-COMPENSATORS = {"cmc_ahc": (3.435, 0.520, 0.05526), "cmc_ahc/active_frictionless": (3.478, 0.512, 0.1356)}
+COMPENSATORS = {"cmc_ahc": (3.103, 0.523, 0.04905), "cmc_ahc/active_frictionless": (3.147, 0.513, 0.1264)}
 
 
 def _from_random_starts(name: str, number: int) -> list[Tuned]:
     study, assembly = load_study("cmc_ahc/quality_index"), hb.assemble(hb.load(name))
     rng = np.random.default_rng(7)
     starts = [{"controller.K_p": rng.uniform(0, 8), "controller.K_v": rng.uniform(0, 1.2)} for _ in range(number)]
-    return [tune(assembly.with_parameters(start), study.task, seed=seed) for seed, start in enumerate(starts)]
+    return [tune(assembly.with_parameters(start), study.task, explore=8, seed=seed) for seed, start in enumerate(starts)]
 
 
 def _check_optimum(name: str, found: list[Tuned]) -> None:
@@ -169,7 +169,7 @@ def _check_optimum(name: str, found: list[Tuned]) -> None:
 
 @pytest.mark.parametrize("name", list(COMPENSATORS))
 def test_compensator_optimum_from_bad_starts(name: str) -> None:
-    """With friction the cost has a second valley, 5 % higher."""
+    """With friction the cost has a second valley, 18 % higher, which five explored points may all lie beside."""
     _check_optimum(name, _from_random_starts(name, 3))
 
 
