@@ -154,7 +154,7 @@ STARTS = 3
 def adjoint_of(number: int) -> tuple[Adjoint, Array, dict[str, float]]:
     """The quality index by so many parameters, ready to be differentiated where it was not run yet."""
     study, assembly = load_study("cmc_ahc/quality_index"), hb.assemble(hb.load("cmc_ahc"))
-    evaluator = Evaluator(assembly, [read_cost(assembly, study.task.cost)], 72.0, 96.0)
+    evaluator = Evaluator(assembly, [read_cost(assembly, study.tuning.cost)], 72.0, 96.0)
     plain = hb.Simulator(assembly, times=np.array([0.0, 72.0, 96.0]), tolerances=TOLERANCES,
                          quadratures=evaluator.quadratures, factors=evaluator.factors)
     references = evaluator.functional_values(plain.run())[0]
@@ -176,7 +176,7 @@ def adjoint_figures() -> list[Figure]:
 def tuning_figures() -> list[Figure]:
     """Tuning both gains from starts beyond the limit of stability against runs of the diagram as `heavebond run` makes
     them."""
-    found, task = [], load_study("cmc_ahc/quality_index").task
+    found, task = [], load_study("cmc_ahc/quality_index").tuning
     for name in ("cmc_ahc", "cmc_ahc/active_frictionless"):
         assembly = hb.assemble(hb.load(name))
         plain, rng = hb.Simulator(assembly), np.random.default_rng(7)

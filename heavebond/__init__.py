@@ -18,6 +18,7 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from heavebond.campaign import StudyResult, run_study
     from heavebond.catalogue import candidates
     from heavebond.comparison import Comparison, compare
     from heavebond.dae import Assembly, assemble
@@ -43,6 +44,7 @@ _WHERE = {
     "Diagnosis": "diagnosis", "diagnose": "diagnosis", "attempt": "diagnosis", "candidates": "catalogue",
     "ladder": "finding",
     "audit": "energy", "Fit": "fitting", "fit": "fitting", "Study": "study", "load_study": "study", "tune": "tuning",
+    "StudyResult": "campaign", "run_study": "campaign",
     "Comparison": "comparison", "compare": "comparison", "draw": "drawing", "Experiment": "experiment",
     "load_experiment": "experiment",
     "Assembly": "dae", "assemble": "dae", "DataError": "errors", "HeavebondError": "errors", "ModelError": "errors",
@@ -52,9 +54,9 @@ _WHERE = {
 }
 __all__ = [
     "Assembly", "Comparison", "DataError", "Diagnosis", "Experiment", "Fit", "HeavebondError", "Model", "ModelError",
-    "Result", "SimulationError", "Simulator", "StartError", "Study", "UsageError", "Where", "assemble", "attempt",
-    "audit", "candidates", "compare", "diagnose", "draw", "fit", "ladder", "load", "load_experiment", "load_study",
-    "loads", "simulate", "tune", "where",
+    "Result", "SimulationError", "Simulator", "StartError", "Study", "StudyResult", "UsageError", "Where", "assemble",
+    "attempt", "audit", "candidates", "compare", "diagnose", "draw", "fit", "ladder", "load", "load_experiment",
+    "load_study", "loads", "run_study", "simulate", "tune", "where",
 ]
 
 

@@ -23,7 +23,7 @@ from heavebond.definition import Component, Effect, FileInput, Parameter, Sought
 from heavebond.effects import check_replacing
 from heavebond.expand import Expanded, Leaf
 from heavebond.experiment import Experiment
-from heavebond.expression import Compare, Name, parse_formula
+from heavebond.expression import parse_formula
 from heavebond.parameters import formula_order
 from heavebond.units import Dimension, Unit, dimension_text, is_generic, read_unit, solved
 
@@ -178,7 +178,7 @@ def _numbers(component: Component, effect: Effect, name: str, signal: Dimension 
 
 
 def _part(component: Component, numbers: tuple[Sized, ...], more: dict[str, str] | None = None) -> Part:
-    lower = {low for _, low in _orders(component)}
+    lower = {low for _, low in component.orders}
     values = {}
     for n in numbers:
         key = n.name.rpartition(".")[2]
@@ -187,19 +187,8 @@ def _part(component: Component, numbers: tuple[Sized, ...], more: dict[str, str]
     return Part(component.name, {**(more or {}), **values})
 
 
-def _orders(component: Component) -> list[tuple[str, str]]:
-    """Pairs of parameters of which the first must be above the second (`requires: [x_max > x_min]`)."""
-    found = []
-    for formula in component.requires:
-        tree = formula.tree
-        if isinstance(tree, Compare) and isinstance(tree.left, Name) and isinstance(tree.right, Name):
-            ends = (tree.left.text, tree.right.text)
-            found.append(ends if tree.op in (">", ">=") else (ends[1], ends[0]))
-    return found
-
-
 def _full(component: Component, name: str) -> tuple[tuple[str, str], ...]:
-    return tuple((f"{name}.{high}", f"{name}.{low}") for high, low in _orders(component))
+    return tuple((f"{name}.{high}", f"{name}.{low}") for high, low in component.orders)
 
 
 def _fresh(site: Site, base: str) -> str:

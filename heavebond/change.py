@@ -4,7 +4,7 @@ change; the changed diagram is made from that text, so that what is tried in mem
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -18,11 +18,10 @@ _PLAIN = re.compile(r"[\w.+\-*/ ]*[\w)]")
 
 @dataclass(frozen=True)
 class Part:
-    """A component that is added: its kind, the values set on it as written, and inputs given by a record."""
+    """A component that is added: its kind, the values set on it as written."""
 
     kind: str
     values: dict[str, str] = field(default_factory=dict)
-    note: str = ""
 
 
 @dataclass(frozen=True)
@@ -63,8 +62,7 @@ class Change:
     def diagram(self, name: str, summary: str, extends: str) -> str:
         """The text of the diagram that extends the one before."""
         lines = [f"model: {name}", f"summary: {quoted(summary)}", f"extends: {quoted(extends)}"]
-        parts = {k: _part(p) for k, p in self.components.items()}
-        lines += block("components", parts, {k: p.note for k, p in self.components.items()})
+        lines += block("components", {k: _part(p) for k, p in self.components.items()})
         lines += block("nodes", {k: f"[{', '.join(ends)}]" for k, ends in self.nodes.items()})
         lines += block("set", {k: quoted(v) for k, v in self.settings.items()})
         lines += block("initial", {k: quoted(v) for k, v in self.initial.items()})
@@ -113,11 +111,4 @@ def block(name: str, entries: Mapping[str, str], notes: Mapping[str, str] | None
     return [f"{name}:", *(f"{text.ljust(width)}   # {notes[key]}" if notes.get(key) else text
                           for key, text in lines.items())]
 
-
-def joined(changes: Iterable[Change]) -> Change:
-    """All changes at once."""
-    whole = Change()
-    for change in changes:
-        whole = whole.joined(change)
-    return whole
 

@@ -30,6 +30,7 @@ from heavebond.commands.library import library
 from heavebond.commands.modes import modes
 from heavebond.commands.run import run
 from heavebond.commands.sensitivity import sensitivity
+from heavebond.commands.study import study
 from heavebond.commands.try_effect import try_effect
 from heavebond.commands.tune import tune
 from heavebond.commands.where import where
@@ -165,6 +166,6 @@ def main() -> None:
     """
 
 
-for _command in (check, draw, run, compare, fit, where, candidates, try_effect, diagnose, ladder, tune, modes, sensitivity,
-                 check_gradient, library, demo):
+for _command in (check, draw, run, compare, fit, where, candidates, try_effect, diagnose, ladder, tune, study, modes,
+                 sensitivity, check_gradient, library, demo):
     main.add_command(_command)

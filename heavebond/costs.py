@@ -5,11 +5,14 @@ Inside a cost stand, beside the usual functions, with T the length of the time t
     integral(e) = int e dt      mean(e) = integral(e)/T      rms(e) = sqrt(mean(e**2))
     peak(e)     = c s mean((e/s)**PEAK_POWER)**(1/PEAK_POWER), a smooth maximum of |e|, exact for a sine
     final(e)    = e at the end
+    highest(e), lowest(e), largest(e), share(c), times(c): from the samples, see `heavebond.sampled`
     ref(cost)   = the value of a cost in the reference run (a constant)
 
     damping(least)     = the damping ratio of the least damped mode of the machine, linearised at its start
     damping(slowest)   = that of the slowest mode that swings
-    decay(least), decay(slowest) = -Re(s) of the mode with eigenvalue s, in 1/s: above 0 the machine is stable
+    damping(crown)     = that of the mode that swings in which the states of `crown` take part most
+    decay(...)         = -Re(s) of the mode with eigenvalue s, in 1/s: above 0 the machine is stable
+    frequency(...)     = |s| / 2 pi in Hz
 """
 
 from __future__ import annotations
@@ -34,14 +37,17 @@ from heavebond.expression import (
     Negative,
     children,
     constant,
+    names,
     parse_formula,
 )
-from heavebond.modal import NUMBERS, WHICH, ModalNumbers
+from heavebond.modal import NUMBERS, WHICH, ModalNumbers, part_of
 from heavebond.result import Result, columns, with_held
+from heavebond.sampled import CONDITIONS, SAMPLED, sampled_value
 from heavebond.symbols import stack
 from heavebond.units import ONE, Dimension, dimension_text, read_unit, times
 
-FUNCTIONALS = {"integral": 1, "mean": 1, "rms": 1, "peak": 1, "final": 1, "ref": 1, **dict.fromkeys(NUMBERS, 1)}
+FUNCTIONALS = {"integral": 1, "mean": 1, "rms": 1, "peak": 1, "final": 1, "ref": 1,
+               **dict.fromkeys((*NUMBERS, *SAMPLED), 1)}
 # A high power singles out the largest value; above some dozens the gradient sees one sample only.
 PEAK_POWER = 32
 # What is integrated of a scaled signal, where it is not the signal itself.
@@ -130,6 +136,7 @@ class _Reader:
         self.assembly, self.text = assembly, text
         self.found: list[tuple[Functional, bool]] = []
         self.symbols: list[ca.SX] = []
+        self.outputs = {n: shown.expr for n, shown in assembly.model.show.items() if n not in assembly.flat.names}
 
     def cost(self, tree: Expr) -> Cost:
         try:
@@ -149,12 +156,12 @@ class _Reader:
         if isinstance(expr, Call) and expr.function in FUNCTIONALS:
             return self._functional(expr, reference)
         # everything else is a formula whose functionals are stood in for by names of their own
-        names: dict[str, tuple[ca.SX, Dimension]] = {}
-        plain = self._stood_in(expr, reference, names)
+        stood: dict[str, tuple[ca.SX, Dimension]] = {}
+        plain = self._stood_in(expr, reference, stood)
         resolver = self.assembly.resolver()
-        inner = {name: symbol for name, (symbol, _) in names.items()}
+        inner = {name: symbol for name, (symbol, _) in stood.items()}
         return (resolver.evaluate(plain, extra=inner),
-                resolver.dimension(plain, extra={n: d for n, (_, d) in names.items()}) or ONE)
+                resolver.dimension(plain, extra={n: d for n, (_, d) in stood.items()}) or ONE)
 
     def _functional(self, expr: Call, reference: bool) -> tuple[ca.SX, Dimension]:
         inner = expr.args[0]
@@ -163,17 +170,20 @@ class _Reader:
         if any(isinstance(c, Call) and c.function in FUNCTIONALS for c in _walk(inner)):
             raise ExpressionProblem("cost-nested", f"{expr.function}(...) is taken of a signal, not of another cost",
                                     expr.column, len(expr.function))
-        unit = self.assembly.resolver().dimension(inner) or ONE
-        signal = self.assembly.expression(inner)
+        resolver, used = self.assembly.resolver(), {n.text for n in names(inner)} & set(self.outputs)
+        unit = resolver.dimension(inner, extra={n: resolver.dimension(self.outputs[n]) or ONE for n in used}) or ONE
+        signal = self.assembly.express(resolver.evaluate(inner, extra={n: resolver.evaluate(self.outputs[n]) for n in used}))
+        unit = ONE if expr.function in CONDITIONS else unit
         unit = times(unit, SECOND) if expr.function == "integral" else unit
         return self._symbol(Functional(expr.function, signal, unit), reference)
 
     def _modal(self, expr: Call, reference: bool) -> tuple[ca.SX, Dimension]:
         which = expr.args[0]
-        if not isinstance(which, Name) or which.text not in WHICH:
+        if not isinstance(which, Name) or not (which.text in WHICH or part_of(self.assembly.state_names, which.text)):
             raise ExpressionProblem("mode-unknown", f"{expr.function}(...) is taken of a mode, not of a signal", expr.column,
-                                    len(expr.function), f"Write {expr.function}({WHICH[0]}) or {expr.function}({WHICH[1]}).")
-        unit = read_unit("1/s").dimension if expr.function == "decay" else ONE
+                                    len(expr.function), f"Write {expr.function}({WHICH[0]}) or {expr.function}({WHICH[1]}), "
+                                    "or the name of the component that takes part most.")
+        unit = ONE if expr.function == "damping" else read_unit("1/s").dimension
         return self._symbol(Functional(expr.function, ca.SX(0), unit, which.text), reference)
 
     def _symbol(self, functional: Functional, reference: bool) -> tuple[ca.SX, Dimension]:
@@ -182,20 +192,21 @@ class _Reader:
         self.found.append((functional, reference))
         return symbol, functional.unit
 
-    def _stood_in(self, expr: Expr, reference: bool, names: dict[str, tuple[ca.SX, Dimension]]) -> Expr:
+    def _stood_in(self, expr: Expr, reference: bool, stood: dict[str, tuple[ca.SX, Dimension]]) -> Expr:
         if isinstance(expr, Call) and expr.function in FUNCTIONALS:
             name = f"cost {len(self.symbols)}"
-            names[name] = self._evaluate(expr, reference)
+            stood[name] = self._evaluate(expr, reference)
             return Name((name,), expr.column, len(expr.function))
         if isinstance(expr, Binary):
-            return Binary(expr.op, self._stood_in(expr.left, reference, names),
-                          self._stood_in(expr.right, reference, names), expr.column)
+            return Binary(expr.op, self._stood_in(expr.left, reference, stood),
+                          self._stood_in(expr.right, reference, stood), expr.column)
         if isinstance(expr, Negative):
-            return Negative(self._stood_in(expr.operand, reference, names), expr.column)
+            return Negative(self._stood_in(expr.operand, reference, stood), expr.column)
         if isinstance(expr, Call):
-            return Call(expr.function, tuple(self._stood_in(a, reference, names) for a in expr.args), expr.column)
+            return Call(expr.function, tuple(self._stood_in(a, reference, stood) for a in expr.args), expr.column)
         flat = self.assembly.flat
-        if isinstance(expr, Name) and (expr.text in flat.names or any(h.name == expr.text for h in flat.held)):
+        if isinstance(expr, Name) and (expr.text in flat.names or expr.text in self.outputs
+                                       or any(h.name == expr.text for h in flat.held)):
             raise ExpressionProblem("cost-signal", f"'{expr.text}' is a signal; a cost is a number", expr.column,
                                     expr.length, f"Write rms({expr.text}), peak({expr.text}) or final({expr.text}).")
         return expr
@@ -243,13 +254,18 @@ class Evaluator:
 
     def _column(self, functional: Functional) -> int | None:
         """Which integral a functional is taken of; None for one that needs none."""
-        if functional.kind in ("final", *NUMBERS):
+        if functional.kind in ("final", *SAMPLED, *NUMBERS):
             return None
         for k, known in enumerate(self.integrated):
             if functional.same_integral(known):
                 return k
         self.integrated.append(functional)
         return len(self.integrated) - 1
+
+    @property
+    def sampled(self) -> bool:
+        """Whether something is taken from the samples of a run: these must be dense then."""
+        return any(f.kind in SAMPLED for f in self.functionals)
 
     @property
     def sizes(self) -> Array:
@@ -294,10 +310,14 @@ class Evaluator:
                 values[k], by_p = self._modal.at(f.kind, f.which, result.p)
                 if result.along is not None:
                     slopes[:, k] = result.along.p @ by_p
-        final = [k for k, f in enumerate(self.functionals) if f.kind == "final"]
-        if final:
-            last, ways = _along(self._finals, result, np.arange(len(result.time)) == len(result.time) - 1)
-            values[final], slopes[:, final] = last[final, 0], ways[:, final, 0]
+        taken = [k for k, f in enumerate(self.functionals) if f.kind in ("final", *SAMPLED)]
+        if taken:
+            inside = result.time >= (self.begin if self.sampled else result.time[-1])
+            signals, ways = _along(self._finals, result, inside)
+            for k in taken:
+                kind = self.functionals[k].kind
+                values[k], slopes[:, k] = (signals[k, -1], ways[:, k, -1]) if kind == "final" else \
+                    sampled_value(kind, result.time[inside], signals[k], ways[:, k])
         return values, slopes
 
     def curvature(self, result: Result, references: Array) -> Array:

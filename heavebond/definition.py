@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from heavebond.errors import Place
-from heavebond.expression import Equation, Expr
+from heavebond.expression import Compare, Equation, Expr, Name
 from heavebond.units import Range, Unit
 
 
@@ -285,6 +285,17 @@ class Component:
     def held(self) -> dict[str, Variable]:
         """The variables that only events change."""
         return {name: variable for name, variable in self.variables.items() if variable.held is not None}
+
+    @property
+    def orders(self) -> tuple[tuple[str, str], ...]:
+        """Pairs of parameters of which the first must not be below the second (`requires: [x_max > x_min]`)."""
+        found = []
+        for formula in self.requires:
+            tree = formula.tree
+            if isinstance(tree, Compare) and isinstance(tree.left, Name) and isinstance(tree.right, Name):
+                ends = (tree.left.text, tree.right.text)
+                found.append(ends if tree.op in (">", ">=") else ends[::-1])
+        return tuple(found)
 
     @property
     def composite(self) -> bool:

@@ -8,7 +8,7 @@ place and a curve. Where the records cannot tell candidates apart, all are named
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -20,13 +20,14 @@ from heavebond.errors import HeavebondError, Problem, UsageError, listing, sugge
 from heavebond.experiment import Experiment, load_experiment
 from heavebond.finding import Finding, Rung, rung
 from heavebond.fitting import Fit, fit
+from heavebond.progress import Progress
 from heavebond.rivals import Alternative
 from heavebond.rung import EARNED, Step, following, learnt, single, step
 from heavebond.separation import Separation, separate
+from heavebond.threads import single_threaded
 from heavebond.trial import Trial
 from heavebond.verdict import is_noise, misses, verdict, words, worth_it
 
-Progress = Callable[[str], None]
 MOST_STEPS = 5
 
 
@@ -82,6 +83,7 @@ def _ranked(step: Step) -> list[dict[str, object]]:
                      for s in step.scores if s.candidate.label not in refitted)]
 
 
+@single_threaded
 def diagnose(experiment: Experiment | str | Path, *, auto: bool = False, number: int | None = None, seconds: float = 300.0,
              classes: Sequence[str] = (), progress: Progress | None = None) -> Diagnosis:
     """Find out which effect the diagram of an experiment lacks.
@@ -140,8 +142,8 @@ def _looked_back(findings: Sequence[Finding], say: Progress) -> list[Finding]:
             without = rung("", fit(replace(last.fit.experiment, model=model, free=free)).after)
         except (HeavebondError, KeyboardInterrupt):
             continue
-        samples = sum(int(c.counts.sum()) for p in without.comparison.parts if p.use != "fit" for c in p.channels.values())
-        risen = (without.chi2_held_out - last.rung.chi2_held_out) * samples / max(1.0, last.rung.chi2_held_out)
+        left = last.rung.chi2_held_out
+        risen = (without.chi2_held_out - left) * without.samples_held_out / max(1.0, left)
         kept[k] = replace(finding, needed=risen > EARNED)
     return kept
 
@@ -176,6 +178,7 @@ class Attempt:
                 "bic_difference": self.bic_difference, "earned": self.earned}
 
 
+@single_threaded
 def attempt(experiment: Experiment | str | Path, component: str, places: Sequence[str] = (), *,
             progress: Progress | None = None) -> Attempt:
     """Put one effect into the diagram by hand and fit it: `attempt("rig.yaml", "CoulombFriction", ["platform", "crown"])`.

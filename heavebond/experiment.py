@@ -99,6 +99,11 @@ class Experiment:
     free: dict[str, Free] = field(default_factory=dict)
     files: tuple[Path, ...] = ()
 
+    @property
+    def noise_given(self) -> bool:
+        """Whether the noise of every output is given, and none has to be estimated from its record."""
+        return all(output.noise is not None for output in self.outputs.values())
+
     def model_for(self, record: Record) -> Model:
         """The diagram as it stands for one record: its inputs, settings and initial values put in."""
         settings = {**self.model.settings, **record.settings}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,6 +13,7 @@ from heavebond.comparison import Comparison, RecordComparison, compare
 from heavebond.errors import Problem, UsageError
 from heavebond.experiment import Experiment, load_experiment
 from heavebond.fitting import Fit, Fitted
+from heavebond.progress import Progress
 from heavebond.trial import Trial
 
 
@@ -27,6 +28,11 @@ class Rung:
     chi2_fit: float
     chi2_held_out: float
     comparison: Comparison
+
+    @property
+    def samples_held_out(self) -> int:
+        """How many samples were not fitted."""
+        return sum(int(c.counts.sum()) for p in self.comparison.parts if p.use != "fit" for c in p.channels.values())
 
     def as_dict(self) -> dict[str, object]:
         """The figures, for machines."""
@@ -86,7 +92,7 @@ def _chi2(parts: Sequence[RecordComparison]) -> float:
     return float(np.average(values, weights=counts)) if values else float("nan")
 
 
-def ladder(experiments: Sequence[Experiment | str | Path], *, progress: Callable[[str], None] | None = None) -> list[Rung]:
+def ladder(experiments: Sequence[Experiment | str | Path], *, progress: Progress | None = None) -> list[Rung]:
     """Several experiments on the same records, each a model with more in it: their errors, in the order given.
 
     Each model stands with the values of its diagram. Raises UsageError where the records or channels differ, and whatever

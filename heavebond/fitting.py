@@ -7,8 +7,9 @@ their noise and f_i the model,
 
 where the second sum holds the parameters whose range is given as `value +- tolerance`: the tolerance is two standard
 deviations of a normal prior, and the bounds of the range besides. A parameter whose range is above zero is sought as its
-logarithm. The minimiser is SciPy's dogleg in rectangular trust regions, which meets optima at the ends of ranges (C. Voglis,
-I. E. Lagaris, WSEAS 2004).
+logarithm. Two methods of SciPy follow each other: a reflective trust region, which finds its way from afar (M. A. Branch,
+T. F. Coleman, Y. Li, 1999, doi:10.1137/S1064827595289108), then a dogleg in rectangular trust regions, which meets optima at
+the ends of ranges (C. Voglis, I. E. Lagaris, WSEAS 2004).
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from heavebond.progress import Progress, numbered
 from heavebond.records import measure
 from heavebond.residuals import BROKEN, Column, Residuals
 from heavebond.shooting import Shooting
+from heavebond.threads import single_threaded
 
 if TYPE_CHECKING:
     from scipy.optimize import OptimizeResult
@@ -91,6 +93,7 @@ class Fit:
             "before": self.before.as_dict(), "after": self.after.as_dict()}
 
 
+@single_threaded
 def fit(experiment: Experiment | str | Path, *, starts: int = 1, segments: int = 1, seed: int = 0, robust: bool = False,
         free: Mapping[str, Free] | None = None, progress: Progress | None = None) -> Fit:
     """Fit the free parameters of an experiment to its records with `use: fit`.

@@ -43,8 +43,7 @@ def leftover(base: Base, scores: Sequence[Score]) -> Leftover:
     """The tests on what the base model leaves of the fitted samples."""
     told = [s for s in scores if s.told_apart]
     p_score, z = _largest(told)
-    given = all(o.noise is not None for o in base.problem.experiment.outputs.values())
-    return Leftover(p_score, _size(base) if given else 1.0, _memory(base), z)
+    return Leftover(p_score, _size(base) if base.problem.experiment.noise_given else 1.0, _memory(base), z)
 
 
 def _largest(scores: Sequence[Score]) -> tuple[float, float]:

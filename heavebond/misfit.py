@@ -20,6 +20,7 @@ from heavebond.implied import CHANCE, Estimate, Ranked, Search, misfit
 from heavebond.places import Place
 from heavebond.presentation import number, readable
 from heavebond.surroundings import Surroundings, estimated
+from heavebond.threads import single_threaded
 from heavebond.units import dimension_text, read_unit
 
 # So many groups of places are estimated in full, and so many samples of each record go into a curve.
@@ -143,6 +144,7 @@ class Where:
                            for s in self.states], "values": {n: dict(v) for n, v in self.values.items()}}
 
 
+@single_threaded
 def where(experiment: Experiment | str | Path, *, values: Fit | Mapping[str, float] | None = None,
           progress: Callable[[str], None] | None = None) -> Where:
     """Find when, in what state of motion and at which place of its diagram a model fails its records.

@@ -10,25 +10,33 @@ from numpy.typing import NDArray
 from heavebond.dae import Array, Assembly
 from heavebond.linearisation import Mode, ModesAtStart
 
-NUMBERS = ("damping", "decay")
+NUMBERS = ("damping", "decay", "frequency")
 WHICH = ("least", "slowest")
 
 
+def part_of(states: Sequence[str], component: str) -> list[str]:
+    """The states that belong to a component (or are it)."""
+    return [name for name in states if name == component or name.startswith(component + ".")]
+
+
 def chosen_mode(modes: Sequence[Mode], number: str, which: str) -> Mode | None:
-    """The mode with the least damping ratio (or the slowest decay), or the slowest that swings (of all, where none does);
-    None where nothing moves by itself."""
+    """The mode with the least damping ratio (or the slowest decay), the slowest that swings, or the one that swings in which
+    a component takes part most (of all, where none swings); None where nothing moves by itself."""
     moving = [mode for mode in modes if mode.value]
+    if which not in WHICH:
+        return max([m for m in moving if m.swings] or moving, default=None, key=lambda mode: sum(
+            mode.participation[name] for name in part_of(mode.states, which)))
     if which == "slowest":
         return next((mode for mode in moving if mode.swings), next(iter(moving), None))
-    by = (lambda m: m.damping) if number == "damping" else (lambda m: -m.value.real)
+    by = (lambda m: -m.value.real) if number == "decay" else (lambda m: m.damping)
     return min(moving, key=by, default=None)
 
 
 def modal_number(number: str, mode: Mode | None) -> float:
-    """Its damping ratio, or -Re(s) in 1/s; a machine without such a mode does not swing."""
+    """Its damping ratio, -Re(s) in 1/s or |s|/2 pi in Hz; a machine without such a mode does not swing."""
     if mode is None:
         return 1.0 if number == "damping" else 0.0
-    return mode.damping if number == "damping" else -mode.value.real
+    return {"damping": mode.damping, "decay": -mode.value.real, "frequency": mode.frequency}[number]
 
 
 def modal_slope(number: str, mode: Mode, moved: NDArray[np.complex128]) -> Array:
@@ -37,6 +45,8 @@ def modal_slope(number: str, mode: Mode, moved: NDArray[np.complex128]) -> Array
     if number == "decay":
         return np.asarray(-moved.real)
     size = abs(s)
+    if number == "frequency":
+        return np.asarray((s.real * moved.real + s.imag * moved.imag) / size / (2 * np.pi))
     return np.asarray(-moved.real / size + s.real * (s.real * moved.real + s.imag * moved.imag) / size**3)
 
 

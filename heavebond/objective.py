@@ -15,6 +15,7 @@ from heavebond.dae import Array, Assembly
 from heavebond.errors import HeavebondError, Problem, SimulationError, StartError, UsageError, suggest
 from heavebond.linearisation import ModesAtStart
 from heavebond.result import Result
+from heavebond.sampled import SAMPLED
 from heavebond.simulation import Simulator, Tolerances, grid
 from heavebond.units import Range, UnitProblem, parse_range
 
@@ -96,7 +97,7 @@ class Objective:
     def __init__(self, assembly: Assembly, task: Task):
         self.assembly, self.task = assembly, task
         self.names = list(task.free)
-        _check_free(assembly, task)
+        check_free(assembly, task)
         self.low = np.array([task.free[n].low for n in self.names])
         self.span = np.array([task.free[n].high - task.free[n].low for n in self.names])
         end = task.end if task.end is not None else float(grid(assembly.model, None, None)[-1])
@@ -105,6 +106,10 @@ class Objective:
                                       "Evaluate from an earlier time, or simulate longer.")])
         self.times = np.unique([0.0, task.begin, end])
         self.costs = [read_cost(assembly, task.cost), *(read_limit(assembly, t) for t in task.limits)]
+        sampled = [f.kind for cost in self.costs for f in cost.functionals if f.kind in SAMPLED]
+        if sampled:
+            raise UsageError([Problem("cost-sampled", f"{sampled[0]}(...) has kinks, and nothing is tuned by it", None,
+                                      "Tune by peak(...), rms(...) or the like, and measure this one.")])
         # Measured on the compensator, the gradients of k costs by a run backwards take as long as 2 + k/2 plain runs (some 3
         # where no run is known yet), a run with m sensitivities as long as 1.3 + 0.5 m. The way back begins anew at every
         # break of a measured input, which costs more than it saves, and does not go through events.
@@ -214,6 +219,17 @@ class Objective:
         slopes = np.array([slope for _, slope in worst]).reshape(len(limits), len(y))
         return Evaluation(y, cost, limits, cases, gradient * self.span, slopes * self.span)
 
+    def gradient_anew(self, values: Mapping[str, float]) -> Array:
+        """The gradient (m,) of the cost in SI with any parameters set (SI), the reference run made with them too.
+
+        SimulationError or StartError where a run breaks down.
+        """
+        found = np.zeros(len(self.names))
+        for case, weight in zip(self.cases, self.weights, strict=True):
+            self._count(2 + len(self.names))
+            found += weight * case.gradient_anew(dict(values), self.task.reference or {})
+        return found
+
     def resize(self, at: Evaluation) -> None:
         """New sizes for signals that have become much larger or smaller at a point than they were at the diagram's own."""
         for case in self.cases:
@@ -258,7 +274,8 @@ def _key(y: Array) -> bytes:
     return np.round(y, 12).tobytes()
 
 
-def _check_free(assembly: Assembly, task: Task) -> None:
+def check_free(assembly: Assembly, task: Task) -> None:
+    """UsageError where what is free cannot be: an unknown name, a range in another unit, a value outside its range."""
     if not task.free:
         raise UsageError([Problem("free-empty", "nothing is free to be tuned", None,
                                   "Name parameters and ranges: --free controller.K_p='0 .. 10 1/m'.")])
@@ -328,6 +345,15 @@ class RunCase:
         self._numbers = values, numbers
         self.curvature = self.evaluator.curvature(result, self.references)
         return self.evaluator.cost_values(numbers, slopes, self.references, result.p, result.along.p)
+
+    def gradient_anew(self, values: dict[str, float], reference: Mapping[str, float | str]) -> Array:
+        """The gradient (m,) of the cost, the reference run made with these values too."""
+        passive = self.plain.assembly.with_parameters({**values, **reference})
+        references = self.evaluator.functional_values(self.plain.run(passive.parameter_values))[0]
+        run = self.forward.run(values)
+        assert run.along is not None
+        numbers, slopes = self.evaluator.functional_values(run)
+        return self.evaluator.cost_values(numbers, slopes, references, run.p, run.along.p)[0][1]
 
     def resize(self, values: dict[str, float]) -> None:
         """Sizes from the last run, where they are far off."""

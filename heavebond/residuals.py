@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from heavebond.comparison import TOLERANCES, assemble_for
 from heavebond.dae import Array
 from heavebond.errors import Problem, SimulationError, StartError, UsageError
 from heavebond.experiment import Experiment, Free, Record
-from heavebond.expression import Compare, Name
 from heavebond.progress import Progress
 from heavebond.records import Measured, measure
 from heavebond.result import Probe
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 # A run that breaks down counts as this many standard deviations at every sample: far worse than any run that ends.
 BROKEN = 1e4
+# A parameter within this share of its range from an end of it stands there.
+AT_END = 1e-3
 
 
 @dataclass(frozen=True)
@@ -132,13 +134,10 @@ class Residuals:
         at = {(c.free.name, c.record): k for k, c in enumerate(self.columns)}
         found = []
         for leaf in self.runs[0].assembly.flat.expanded.leaves.values():
-            for formula in leaf.component.requires:
-                tree = formula.tree
-                if isinstance(tree, Compare) and isinstance(tree.left, Name) and isinstance(tree.right, Name):
-                    ends = (tree.left, tree.right) if tree.op in (">", ">=") else (tree.right, tree.left)
-                    high, low = (f"{leaf.path}.{e.text}" for e in ends)
-                    found += [(k, at.get((low, record), at.get((low, ""), -1))) for (name, record), k in at.items()
-                              if name == high]
+            for ends in leaf.component.orders:
+                high, low = (f"{leaf.path}.{end}" for end in ends)
+                found += [(k, at.get((low, record), at.get((low, ""), -1)))
+                          for (name, record), k in at.items() if name == high]
         return [(high, low) for high, low in found if low >= 0]
 
     def allowed(self, inner: Array) -> Array:
@@ -162,6 +161,10 @@ class Residuals:
                     "free-start-outside", f"{column.free.name} is {scale.from_si(column.before):.6g} {scale.text} in the "
                     f"diagram, outside its range {scale.from_si(bounds.low):.6g} .. {scale.from_si(bounds.high):.6g} "
                     f"{scale.text}", column.free.place, "Widen the range, or change the value in the diagram.")])
+
+    def at_end(self, inner: Array) -> NDArray[np.bool_]:
+        """Which of the unknowns stand at an end of their range."""
+        return np.asarray(np.minimum(inner - self.low, self.high - inner) < AT_END * (self.high - self.low))
 
     @property
     def start(self) -> Array:
@@ -252,23 +255,27 @@ class Residuals:
         moving = [k for k in range(len(self.columns)) if k not in fixed]
         span = self.high - self.low
         history: list[float] = []
+        samples = sum(int(run.counts.sum()) for run in self.runs)
 
         def whole(y: Array) -> Array:
             inner = start.copy()
             inner[moving] = y
             return inner
 
-        def values(y: Array) -> Array:
+        def both(y: Array) -> tuple[Array, Array]:
             inner = whole(y)
-            residuals = np.concatenate([self.evaluate(inner)[0], self.priors(inner)[0]])
+            data, prior = self.evaluate(inner), self.priors(inner)
+            found = np.concatenate([data[0], prior[0]]), np.vstack([data[1], prior[1]])[:, moving]
+            return found if robust else condensed(*found)
+
+        def values(y: Array) -> Array:
+            residuals = both(y)[0]
             history.append(min([float(residuals @ residuals), *history[-1:]]))
-            samples = len(residuals)
             progress(f"chi-square per sample {history[-1] / samples:.4g} after {len(history)} runs")
             return residuals
 
         def jacobian(y: Array) -> Array:
-            inner = whole(y)
-            return np.vstack([self.evaluate(inner)[1], self.priors(inner)[1]])[:, moving]
+            return both(y)[1]
 
         inside = np.clip(start, self.low + 1e-6 * span, self.high - 1e-6 * span)[moving]
         found = least_squares(values, inside, jac=jacobian, bounds=(self.low[moving], self.high[moving]),
@@ -277,3 +284,13 @@ class Residuals:
         found.x = self.allowed(whole(found.x))
         found["history"] = history
         return found
+
+
+def condensed(residuals: Array, jacobian: Array) -> tuple[Array, Array]:
+    """A linear least squares problem of as many rows as unknowns and one more that has the same sum of squares, gradient and
+    normal matrix: with J = Q R, the residuals Q'r and the length of what is left of r, and R over a row of zeros. (The
+    minimiser decomposes the Jacobian at every step; of thousands of rows that takes as long as a run.)"""
+    Q, R = np.linalg.qr(jacobian)
+    seen = Q.T @ residuals
+    rest = np.sqrt(max(float(residuals @ residuals - seen @ seen), 0.0))
+    return np.append(seen, rest), np.vstack([R, np.zeros((1, R.shape[1]))])

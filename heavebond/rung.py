@@ -7,7 +7,7 @@ take the one that leaves least on what was not fitted, if it earns its place the
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,11 +15,11 @@ import numpy as np
 from heavebond.catalogue import Candidate, candidates
 from heavebond.experiment import Experiment
 from heavebond.leftover import Leftover, leftover
+from heavebond.progress import Progress
 from heavebond.scoring import Base, Score, searched
 from heavebond.trial import Trial, bic, held_out
 from heavebond.workers import Workers
 
-Progress = Callable[[str], None]
 UNKNOWN = "unknown law"  # the class of learnt curves: a shape, no name
 REFITS = 24  # at least so many candidates are refitted, those with the largest scores
 PROMISING = 0.1  # and all whose gain is this share of the largest
@@ -192,13 +192,11 @@ def _judged(base: Base, held: tuple[float, int], left: Leftover, scores: Sequenc
     good = [t for t in order if merit(t) < before - EARNED and _earned(t, held)]
     close = [t for t in good if merit(t) - merit(good[0]) < indistinct(good[0], before)]
     cluster = (*close, *_twins_of(close, twins, scores))
-    ends = zip(problem.columns, base.inner, problem.low, problem.high, strict=True)
+    ended = tuple(c.free.name for c, end in zip(problem.columns, problem.at_end(base.inner), strict=True) if end)
     return Step(
         problem.experiment, problem.values_of(base.inner, problem.runs[0].record.name), cost, len(r),
-        float(r @ r) / len(r), *held, tuple(c.free.name for c, v, low, high in ends
-                                            if min(v - low, high - v) < 1e-3 * (high - low)),
-        left, tuple(_best_of_each(scores)), tuple(order), good[0] if good else None, cluster, twins,
-        tuple(_unseen(scores)), partial, seconds)
+        float(r @ r) / len(r), *held, ended, left, tuple(_best_of_each(scores)), tuple(order), good[0] if good else None,
+        cluster, twins, tuple(_unseen(scores)), partial, seconds)
 
 
 def _twins_of(close: Sequence[Trial], twins: Mapping[str, Sequence[str]], scores: Sequence[Score]) -> list[Trial]:
@@ -251,7 +249,7 @@ def indistinct(best: Trial, before: float) -> float:
     laws that are not exact. Where it is estimated it says little of how exact a law could be: a rival that takes away nine
     tenths of what the best does (from the merit `before`) is not excluded."""
     exact = 10.0 + 0.003 * (best.samples + best.samples_held_out)
-    if not all(o.noise is not None for o in best.experiment.outputs.values()):
+    if not best.experiment.noise_given:
         return exact + NEARLY * (before - merit(best)) * (best.chi2_held_out > 2)
     missed = sum(n * max(0.0, float(np.log(max(c, 1e-300)))) for n, c in
                  ((best.samples, best.chi2_fit), (best.samples_held_out, best.chi2_held_out)) if n)

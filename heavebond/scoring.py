@@ -33,8 +33,6 @@ SEARCH = Tolerances(1e-5, 1e-7)
 # Of a direction less than this share is left when what is free has taken its part: the candidate acts as the free
 # parameters do, and no record can tell them apart.
 SAME = 1e-3
-# A parameter within this share of its range from an end of it is held there.
-AT_END = 1e-3
 # A direction smaller than this share of the channels themselves is the rounding of the integrator.
 ROUNDING = 1e-12
 
@@ -120,9 +118,7 @@ class Base:
     @cached_property
     def moving(self) -> NDArray[np.int64]:
         """The free parameters (indices) that are not held by an end of their range: one that is can take nothing more."""
-        problem = self.problem
-        return np.flatnonzero(np.minimum(self.inner - problem.low, problem.high - self.inner)
-                              > AT_END * (problem.high - problem.low))
+        return np.flatnonzero(~self.problem.at_end(self.inner))
 
     def split(self, s: Array) -> tuple[Array, Array]:
         """s without what the free parameters take of it, and the step of theirs that takes it: (n,), (m,)."""

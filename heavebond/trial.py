@@ -6,7 +6,7 @@ that the score asks for, and at the data sheet, for the choices of the shape par
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from time import process_time
 from typing import TYPE_CHECKING
@@ -18,6 +18,7 @@ from heavebond.dae import Array
 from heavebond.errors import HeavebondError, SimulationError, StartError
 from heavebond.experiment import Experiment, Free
 from heavebond.fitting import own_start
+from heavebond.progress import Progress
 from heavebond.quick import QuickSimulator
 from heavebond.residuals import BROKEN, Residuals, Run
 from heavebond.scoring import Base, Score, between, exact_runs, shape_ranges
@@ -26,7 +27,6 @@ from heavebond.units import Range
 if TYPE_CHECKING:
     from scipy.optimize import OptimizeResult
 
-Progress = Callable[[str], None]
 FIRST, LAST = 8, 40  # least squares steps: to compare starts, and to end
 # A refit is not followed to its end where its first steps leave all but this share of a chi-square per sample above LARGE.
 NOTHING, LARGE = 0.02, 10.0
@@ -34,6 +34,7 @@ SECONDS = 60.0  # of this process, after which a refit that has not come far is 
 WIDE = 30.0  # an amplitude is sought up to this many times what would move the channels by their whole misfit
 STARTS = (0.15, 0.5, 0.85)  # shares of the ranges of shapes
 APART = 1.5  # where an amplitude begins that must be above another one
+SMALL = 0.02  # share of the amplitude that a score asks for with which a refit begins besides
 INSIDE = 0.4  # share of its range at which an amplitude begins besides, where the range has an end
 CLOSE = 1e-8  # changes of the sum of squares at which a refit that is compared closely ends
 MOST_SHAPES = 3  # choices of the shapes from which a refit begins
@@ -83,12 +84,12 @@ def tried(base: Base, candidate: Candidate, guesses: Sequence[Score] = (), progr
         return None
 
 
-def polished(base: Base, trial: Trial, guesses: Sequence[Score] = ()) -> Trial:
+def polished(base: Base, trial: Trial, guesses: Sequence[Score] = (), progress: Progress | None = None) -> Trial:
     """A refit followed to the end of its valley: what is compared closely must have arrived."""
     refit = _Refit(base, trial.candidate, guesses)
     start = np.array([c.inner(trial.values[c.free.name]) for c in refit.problem.columns])
     try:
-        better = refit.judged(refit.arrive(start))
+        better = refit.judged(refit.arrive(start, progress or (lambda text: None)))
     except HeavebondError:
         return trial
     return better if better.cost < trial.cost else trial
@@ -144,6 +145,8 @@ class _Refit:
             numbers.update({high: APART * numbers[low] for high, low in self.candidate.orders
                             if high in vanishing and low in vanishing})
             plans += [_Plan(numbers, point), _Plan(numbers, problem.start)]
+            if vanishing:  # next to the base model a refit cannot end above it
+                plans.append(_Plan({**numbers, **{name: neutral[name] + SMALL * size for name in vanishing}}, inside))
         ended = {n.name: n.neutral + INSIDE * (n.high - n.neutral) for n in self.candidate.numbers
                  if n.name in vanishing and n.high is not None}
         if plans and ended:  # at the end of a range a law may have no slope any more
@@ -230,9 +233,9 @@ class _Refit:
         """A few steps that find their way from afar."""
         return self.problem.descend(start, False, progress, most=most, tolerance=tolerance, method="trf")
 
-    def arrive(self, start: Array) -> Array:
+    def arrive(self, start: Array, progress: Progress) -> Array:
         """From near an optimum to it."""
-        return np.asarray(self.problem.minimise(start, False, lambda text: None, most=LAST, tolerance=CLOSE).x)
+        return np.asarray(self.problem.minimise(start, False, progress, most=LAST, tolerance=CLOSE).x)
 
     def judged(self, inner: Array) -> Trial:
         """The figures at the end, from runs of IDAS."""
@@ -241,11 +244,10 @@ class _Refit:
         r, prior = self._residuals(inner, [exact[run.record.name] for run in self.runs]), problem.priors(inner)[0]
         values = [problem.values_of(inner, run.record.name) for run in problem.runs]
         held = held_out(problem, inner, exact)
-        columns = problem.columns
-        at_end = tuple(c.free.name for c, v, low, high in zip(columns, inner, problem.low, problem.high, strict=True)
-                       if c.free.name not in self.ranges and min(v - low, high - v) < 1e-3 * (high - low))
+        at_end = tuple(c.free.name for c, end in zip(problem.columns, problem.at_end(inner), strict=True)
+                       if end and c.free.name not in self.ranges)
         return Trial(self.candidate, problem.experiment, values[0], float(r @ r + prior @ prior), float(r @ r) / len(r),
-                     held[0], len(r), held[1], len(columns), at_end,
+                     held[0], len(r), held[1], len(inner), at_end,
                      max((g.gain for g in self.guesses), default=float("nan")),
                      problem.evaluations)
 

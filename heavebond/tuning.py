@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 
@@ -73,6 +73,28 @@ def tune(model: Model | Assembly | Objective, task: Task, *, explore: int = 5, s
     limits = dict(zip(task.limits, best.best.limits.tolist(), strict=True))
     return Tuned(task, problem.values(best.best.at), best.best.cost, _before(problem), dict(best.best.cases),
                  limits, tuple(_path(problem, f) for f in found), problem.runs, problem.simulations, best.message)
+
+
+def sweep_in_turn(problem: Objective, begin: Mapping[str, float | str], sweeps: Sequence[tuple[str, Sequence[float]]], *,
+                  progress: Progress | None = None) -> Tuned:
+    """Sweep one parameter after the other over values (SI), each at the best of those before: how gains are tuned by hand.
+
+    The other free parameters stand at `begin`, else at the diagram's own values. A run that breaks down costs infinity.
+    """
+    values = {name: problem.assembly.with_parameters(begin).parameter_values[name] for name in problem.names}
+    steps: list[tuple[Step, Evaluation]] = []
+    for name, numbers in sweeps:
+        for k, number in enumerate(numbers, 1):
+            if progress:
+                progress(f"{name}, {k} of {len(numbers)}")
+            found = problem.at({**values, name: number})
+            steps.append((Step({**values, name: float(number)}, found.cost), found))
+        values = min(steps[-len(numbers):], key=lambda pair: (not pair[1].kept, pair[1].cost))[0].values
+    best, found = min(steps, key=lambda pair: (not pair[1].kept, pair[1].cost))
+    runs, simulations = problem.runs, problem.simulations
+    limits = dict(zip(problem.task.limits, found.limits.tolist(), strict=True))
+    return Tuned(problem.task, best.values, best.cost, _before(problem), dict(found.cases), limits,
+                 (tuple(step for step, _ in steps),), runs, simulations, "swept")
 
 
 def _rank(found: Found) -> tuple[bool, float]:

@@ -88,6 +88,11 @@ class Unit:
         """Value in this unit of an SI value (also element by element for arrays)."""
         return (value - self.offset) / self.scale
 
+    def written(self, value: float) -> str:
+        """`46.998 kN/m`: an SI value in this unit, to six digits."""
+        number = f"{self.from_si(value):.6g}"
+        return number if self.text in ("1", "") else f"{number} {self.text}"
+
 
 DIMENSIONLESS = Unit("1", 1.0, 0.0, ONE)
 
@@ -237,15 +242,6 @@ def _number(text: str, whole: str) -> float:
     if not isfinite(number):
         raise UnitProblem("number-too-large", f"'{whole}' is too large a number", "The largest is about 1e308.")
     return number
-
-
-def parse_number(text: str) -> float:
-    """A plain number (`1e6`, `010` is ten); raises UnitProblem otherwise."""
-    if _DECIMAL_COMMA.search(text):
-        raise UnitProblem("decimal-comma", f"'{text}' has a decimal comma", f"Write {text.replace(',', '.')}.")
-    if not re.fullmatch(NUMBER, text.strip()):
-        raise UnitProblem("not-a-number", f"'{text}' is not a number")
-    return float(text)
 
 
 def parse_quantity(text: str) -> tuple[float, Unit | None]:

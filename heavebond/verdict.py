@@ -16,7 +16,6 @@ from heavebond.fitting import Fit
 from heavebond.presentation import number
 from heavebond.rung import Step
 
-VERDICTS = ("nothing", "parameters", "effect", "one_of", "shape", "undetermined")
 NEAR = 1.5  # chi-square per sample on what was not fitted, up to which what is left is near the noise
 SIGMAS = 3.0  # standard deviations of that figure, up to which what is left is noise
 # Shares of chi-square above the noise that a name must take away where the noise is not reached: near it, and far from it.
@@ -45,19 +44,15 @@ def explained(ladder: Sequence[Rung], findings: Sequence[Finding]) -> bool:
         return _held(ladder[-1]) <= NEAR
     last = _held(findings[-1].rung)
     first = min(_held(r) for r in ladder[:2] if r is not findings[0].rung)
-    if not _noise_given(findings[-1].rung):
+    if not findings[-1].rung.comparison.experiment.noise_given:
         return last <= NEAR or first - last >= GONE_ESTIMATED * (first - 1) > 0
     return is_noise(findings[-1].rung) or first - last >= (NEARLY if last <= NEAR else GONE) * (first - 1) > 0
 
 
-def _noise_given(rung: Rung) -> bool:
-    return all(c.noise_given for r in rung.comparison.records.values() for c in r.channels.values())
-
-
 def is_noise(rung: Rung) -> bool:
     """Whether what a model leaves on what was not fitted is no more than the given noise can be."""
-    samples = sum(int(c.counts.sum()) for p in rung.comparison.parts if p.use != "fit" for c in p.channels.values())
-    return _noise_given(rung) and samples > 0 and rung.chi2_held_out <= 1 + SIGMAS * (2 / samples) ** 0.5
+    samples = rung.samples_held_out
+    return rung.comparison.experiment.noise_given and samples > 0 and rung.chi2_held_out <= 1 + SIGMAS * (2 / samples) ** 0.5
 
 
 def _held(rung: Rung) -> float:
@@ -71,7 +66,7 @@ def misses(ladder: Sequence[Rung], findings: Sequence[Finding], steps: Sequence[
 
 def verdict(base: Fit | None, ladder: Sequence[Rung], findings: Sequence[Finding], steps: Sequence[Step],
             shape: Finding | None) -> str:
-    """One of VERDICTS."""
+    """One of the six words."""
     if not steps[0].left.significant:
         if _still(ladder[0]):
             return "undetermined"

@@ -3,27 +3,19 @@ candidate after the other."""
 
 from __future__ import annotations
 
-import multiprocessing
-import os
-import signal
 import time as clock
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from typing import Any, TypeVar
 
 from heavebond.catalogue import Candidate
 from heavebond.dae import Array
 from heavebond.experiment import Experiment
+from heavebond.processes import Processes, as_done, forks, heed, processors
 from heavebond.scoring import Base, Score, scored, searched
 from heavebond.trial import Trial, polished, tried
 
 T = TypeVar("T")
 _base: Base | None = None  # of this worker process
-
-
-def processors() -> int:
-    """How many this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 class Workers:
@@ -32,24 +24,18 @@ class Workers:
     def __init__(self, base: Base, number: int | None = None):
         self.base = base
         self.number = number or processors()
-        self.pool: ProcessPoolExecutor | None = None
+        self.processes: Processes | None = None
 
     def __enter__(self) -> Workers:
         if self.number > 1:
             # forked workers have the base model already; where there is no fork they make it
-            if "fork" in multiprocessing.get_all_start_methods():
-                self.pool = ProcessPoolExecutor(self.number, multiprocessing.get_context("fork"), _forked, (self.base,))
-            else:
-                self.pool = ProcessPoolExecutor(self.number, multiprocessing.get_context("spawn"), _spawned,
-                                                (self.base.problem.experiment, self.base.inner))
+            self.processes = Processes(self.number, _kept, (self.base,)) if forks() else \
+                Processes(self.number, _made, (self.base.problem.experiment, self.base.inner))
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self.pool is not None:
-            processes = list((self.pool._processes or {}).values())
-            self.pool.shutdown(wait=False, cancel_futures=True)
-            for process in processes:  # what still runs is not wanted any more
-                process.terminate()
+        if self.processes is not None:
+            self.processes.__exit__()
 
     def score(self, candidates: Sequence[Candidate], until: float = float("inf")) -> Iterator[tuple[Candidate, list[Score]]]:
         """The scores of each candidate, in the order in which they are done; those not begun at `until` are left out."""
@@ -66,32 +52,22 @@ class Workers:
 
     def _each(self, remote: Callable[..., T], here: Callable[..., T], jobs: Sequence[tuple[Any, ...]],
               keys: Sequence[Candidate], until: float) -> Iterator[tuple[Candidate, T]]:
-        if self.pool is None:
+        if self.processes is None:
             for key, job in zip(keys, jobs, strict=True):
                 if clock.perf_counter() > until:
                     return
                 yield key, here(self.base, *job)
             return
-        waiting = list(zip(keys, jobs, strict=True))[::-1]
-        running: dict[Future[T], Candidate] = {}
-        while waiting or running:
-            while waiting and len(running) <= self.number and clock.perf_counter() <= until:
-                key, job = waiting.pop()
-                running[self.pool.submit(remote, *job)] = key
-            if not running:
-                return
-            for done in wait(running, return_when=FIRST_COMPLETED).done:
-                yield running.pop(done), done.result()
+        yield from as_done(self.processes.pool, remote, list(zip(keys, jobs, strict=True)), self.number + 1, until)
 
 
-def _forked(base: Base) -> None:
+def _kept(base: Base) -> None:
     global _base
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that collects
     _base = base
 
 
-def _spawned(experiment: Experiment, inner: Array) -> None:
-    _forked(Base.at(searched(experiment), inner))
+def _made(experiment: Experiment, inner: Array) -> None:
+    _kept(Base.at(searched(experiment), inner))
 
 
 def _score(candidate: Candidate) -> list[Score]:
@@ -101,9 +77,9 @@ def _score(candidate: Candidate) -> list[Score]:
 
 def _refit(candidate: Candidate, guesses: Sequence[Score]) -> Trial | None:
     assert _base is not None
-    return tried(_base, candidate, guesses)
+    return tried(_base, candidate, guesses, heed)
 
 
 def _polish(trial: Trial, guesses: Sequence[Score]) -> Trial:
     assert _base is not None
-    return polished(_base, trial, guesses)
+    return polished(_base, trial, guesses, heed)

@@ -23,8 +23,7 @@ from heavebond.units import Unit, read_unit
 
 def quantity(value: float, unit: Unit) -> str:
     """`46.998 kN/m`: an SI value in a unit, to six digits."""
-    number = f"{unit.from_si(value):.6g}"
-    return number if unit.text in ("1", "") else f"{number} {unit.text}"
+    return unit.written(value)
 
 
 def fitted_diagram(fit: Fit, path: Path) -> str:

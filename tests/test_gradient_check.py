@@ -291,8 +291,8 @@ def test_the_command_on_a_bundled_diagram(tmp_path: Path) -> None:
 
 def test_the_command_on_a_study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    Path("study.yaml").write_text("study: small\nmodel: slider.yaml\nfree: {damper.d: 1 .. 20 N*s/m}\n"
-                                  "cost: rms(load.x)/1 mm\n")
+    Path("study.yaml").write_text("study: small\nmodel: slider.yaml\ntune:\n  free: {damper.d: 1 .. 20 N*s/m}\n"
+                                  "  cost: rms(load.x)/1 mm\n")
     for more in ([], ["--backwards"]):
         code, said = _call(tmp_path, "study.yaml", *more)
         assert code == 0, said

@@ -14,15 +14,16 @@ from heavebond.study import load_study
 
 STUDY = """study: soft landing
 model: absorber.yaml
-free: {damper.d: 1 .. 200 N*s/m}
 evaluate: {from: 10 s, to: 20 s}
-cost: rms(load.x)/1 mm
-limits: [peak(load.x) < 60 mm, damping(least) > 0.1]
 modes: {cart.m: 12 kg}
-cases:
-  light: {cart.m: 8 kg}
-  heavy: {cart.m: 14 kg, weight: 3}
-uncertain: {spring.c: 20 %, cart.m: 1 kg}
+tune:
+  free: {damper.d: 1 .. 200 N*s/m}
+  cost: rms(load.x)/1 mm
+  limits: [peak(load.x) < 60 mm, damping(least) > 0.1]
+  over:
+    light: {cart.m: 8 kg}
+    heavy: {cart.m: 14 kg, weight: 3}
+  uncertain: {spring.c: 20 %, cart.m: 1 kg}
 """
 
 
@@ -48,7 +49,7 @@ def _told(folder: Path, *arguments: str) -> tuple[int, dict[str, object]]:
 
 
 def test_all_entries_are_read(folder: Path) -> None:
-    task = load_study(_study(folder, STUDY)).task
+    task = load_study(_study(folder, STUDY)).tuning
     assert task.limits == ("peak(load.x) < 60 mm", "damping(least) > 0.1")
     assert task.modes == {"cart.m": "12 kg"}
     assert task.uncertain == {"spring.c": "20 %", "cart.m": "1 kg"}
@@ -57,20 +58,20 @@ def test_all_entries_are_read(folder: Path) -> None:
 
 
 @pytest.mark.parametrize(("old", "new", "message"), [
-    ("from: 10 s", "from: 10 m", """landing.yaml:4: from: '10 m' is in m; s is needed [unit-wrong]
-    4 | evaluate: {from: 10 m, to: 20 s}
+    ("from: 10 s", "from: 10 m", """landing.yaml:3: from: '10 m' is in m; s is needed [unit-wrong]
+    3 | evaluate: {from: 10 m, to: 20 s}
       |                  ^^^^
   Write it in s or in a multiple of it."""),
-    ("20 %", "some", """landing.yaml:11: spring.c: 'some' is not a number with a unit [not-a-quantity]
-   11 | uncertain: {spring.c: some, cart.m: 1 kg}
-      |                       ^^^^
+    ("20 %", "some", """landing.yaml:12: spring.c: 'some' is not a number with a unit [not-a-quantity]
+   12 |   uncertain: {spring.c: some, cart.m: 1 kg}
+      |                         ^^^^
   Write `20 %` or `3 kN`."""),
-    ("20 %", "0 %", """landing.yaml:11: spring.c: an uncertainty is above 0 [uncertainty-not-positive]
-   11 | uncertain: {spring.c: 0 %, cart.m: 1 kg}
-      |                       ^^^
+    ("20 %", "0 %", """landing.yaml:12: spring.c: an uncertainty is above 0 [uncertainty-not-positive]
+   12 |   uncertain: {spring.c: 0 %, cart.m: 1 kg}
+      |                         ^^^
   Write `20 %` or `3 kN`."""),
-    ("modes:", "mode:", """landing.yaml:7: a study has no entry 'mode' [key-unknown]
-    7 | mode: {cart.m: 12 kg}
+    ("modes:", "mode:", """landing.yaml:4: a study has no entry 'mode' [key-unknown]
+    4 | mode: {cart.m: 12 kg}
       | ^^^^
   Did you mean 'modes' or 'model'?""")])
 def test_wrong_studies_are_refused_with_a_place(folder: Path, old: str, new: str, message: str) -> None:

@@ -156,7 +156,7 @@ def _from_random_starts(name: str, number: int) -> list[Tuned]:
     study, assembly = load_study("cmc_ahc/quality_index"), hb.assemble(hb.load(name))
     rng = np.random.default_rng(7)
     starts = [{"controller.K_p": rng.uniform(0, 8), "controller.K_v": rng.uniform(0, 1.2)} for _ in range(number)]
-    return [tune(assembly.with_parameters(start), study.task, explore=8, seed=seed) for seed, start in enumerate(starts)]
+    return [tune(assembly.with_parameters(start), study.tuning, explore=6, seed=seed) for seed, start in enumerate(starts)]
 
 
 def _check_optimum(name: str, found: list[Tuned]) -> None:
@@ -169,7 +169,7 @@ def _check_optimum(name: str, found: list[Tuned]) -> None:
 
 @pytest.mark.parametrize("name", list(COMPENSATORS))
 def test_compensator_optimum_from_bad_starts(name: str) -> None:
-    """With friction the cost has a second valley, 18 % higher, which five explored points may all lie beside."""
+    """With friction the cost has a second valley, 18 % higher, which five explored points may all lie in."""
     _check_optimum(name, _from_random_starts(name, 3))
 
 

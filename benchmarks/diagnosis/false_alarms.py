@@ -21,7 +21,7 @@ NUMBER = 100
 def judged(rig: Rig, key: str, share: float) -> dict[str, object]:
     """One record without anything hidden, from its making to what was said."""
     with tempfile.TemporaryDirectory() as folder:
-        case = Hidden(rig, (), key, Path(folder), share=share).case()
+        case = Hidden(rig, (), f"{keeping.DRAW}/{key}", Path(folder), share=share).case()
         found = hb.diagnose(case.experiment, number=1)
         row = told(rig, case, found)
         return {"key": key, "rig": rig.name, "share": share, "values": dict(case.values), **row}

@@ -16,7 +16,8 @@ def outcome(rig: Rig, case: Case, found: Diagnosis) -> str:
     one could not be made as large as `SEEN`."""
     said = found.verdict
     if not case.truths:
-        return "right" if said in ("nothing", "parameters") else "false alarm"
+        told = said in ("nothing", "parameters") or (said == "undetermined" and not found.steps[0].left.significant)
+        return "right" if told else "false alarm"
     named = [{_key(rig, f.candidate)} for f in found.findings]
     if all(t.outside for t in case.truths):
         # a law that the catalogue lacks: its shape; or its class and place, where a law of that class comes near

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+DRAW = "second"  # of the cases: those of the first were used to find faults
 RESULTS = Path(__file__).parent / "results"
 
 

@@ -52,7 +52,7 @@ def check_gradient(file: str, of: tuple[str, ...], to: tuple[str, ...], settings
 
     study = _study(file)
     tolerances = Tolerances(rtol, rtol / 100) if rtol else None
-    parameters = listed(to) or (list(study.task.free) if study else [])
+    parameters = listed(to) or (list(study.tuning.free) if study else [])
     if not parameters:
         raise UsageError([Problem("nothing-to-check", "no parameter is named", None, "Add --to crown.m,controller.K_p.")])
     with blamed_on_settings(settings), terminal.working("running") as progress:
@@ -88,7 +88,7 @@ def _subject(file: str, study: Study | None, of: tuple[str, ...], settings: tupl
     formulas = read_signals("--of", of)
     assembly = assembled(with_settings(study.model if study else load(file), settings), "--of", formulas)
     if study and not of:
-        return costs_of(assembly, study.task, tolerances=tolerances, backwards=backwards)
+        return costs_of(assembly, study.tuning, tolerances=tolerances, backwards=backwards)
     return signals_of(assembly, list(formulas), until, tolerances=tolerances)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,9 +24,9 @@ from heavebond.errors import ModelError, Problem, UsageError
 
 if TYPE_CHECKING:
     from heavebond.dae import Array, Assembly
+    from heavebond.model import Model
     from heavebond.objective import Task
     from heavebond.robustness import Robustness
-    from heavebond.study import Study
     from heavebond.tuning import Tuned
     from heavebond.units import Range
 
@@ -87,26 +87,36 @@ def tune(study: str, free: tuple[str, ...], cost: str | None, limits: tuple[str,
 
 
 # -- what is asked -----------------------------------------------------------------------------------------------------
-def _asked(name: str, cost: str | None, limits: tuple[str, ...], evaluate: str | None, reference: tuple[str, ...]) -> Study:
+@dataclass(frozen=True)
+class Asked:
+    """What is to be tuned in which diagram, and how that is called."""
+
+    name: str
+    model: Model
+    task: Task
+
+
+def _asked(name: str, cost: str | None, limits: tuple[str, ...], evaluate: str | None, reference: tuple[str, ...]) -> Asked:
     """The study, with what the options say instead; for a diagram the options alone."""
     from heavebond.model import load
     from heavebond.objective import Task
-    from heavebond.study import Study, load_study
+    from heavebond.study import load_study
 
     try:
         study = load_study(name)
+        model, task, name = study.model, study.tuning, study.name
     except ModelError as error:
         if cost is None or error.problems[0].code != "not-a-study":
             raise
         model = load(name)
-        study = Study(model.name, model.path, model, Task({}, cost))
-    task = replace(study.task, cost=cost or study.task.cost, limits=(*study.task.limits, *limits))
+        task, name = Task({}, cost), model.name
+    task = replace(task, cost=cost or task.cost, limits=(*task.limits, *limits))
     if reference:
         task = replace(task, reference=settings_of("--reference", reference))
     if evaluate is not None:
         begin, end = _seconds(evaluate)
         task = replace(task, begin=begin, end=end)
-    return replace(study, task=task)
+    return Asked(name, model, task)
 
 
 def _seconds(text: str) -> tuple[float, float]:
@@ -215,7 +225,7 @@ def _words(result: Tuned, robust: Robustness) -> Iterator[str]:
         yield f"the cost rises by less than 1 % within {widths}"
 
 
-def _files(asked: Study, result: Tuned, robust: Robustness | None, swept: tuple[list[Array], Array] | None,
+def _files(asked: Asked, result: Tuned, robust: Robustness | None, swept: tuple[list[Array], Array] | None,
            output: Path | None, written: Path | None) -> list[Path]:
     from heavebond import terminal
 

@@ -1,0 +1,259 @@
+"""One case of a study worked out: assembled, tuned where that is asked, run, measured; and what is told before any run."""
+
+from __future__ import annotations
+
+import math
+import time as clock
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from heavebond.axes import StudyCase
+from heavebond.costs import FUNCTIONALS, Cost, Evaluator, read_cost, read_limit
+from heavebond.dae import Array, Assembly, assemble
+from heavebond.errors import HeavebondError, ModelError, Place, Problems, UsageError
+from heavebond.expression import ExpressionProblem, names, parse_formula
+from heavebond.linearisation import ModesAtStart
+from heavebond.modal import NUMBERS, chosen_mode, modal_number
+from heavebond.objective import Objective, check_free
+from heavebond.processes import heed
+from heavebond.progress import Progress
+from heavebond.result import Result, unknown_signal
+from heavebond.simulation import Simulator, grid
+from heavebond.study import COST, SIMULATIONS, Measure, Procedure, Study
+from heavebond.tuning import Tuned, sweep_in_turn, tune
+from heavebond.units import Unit, read_unit
+
+# Signals of pictures are kept to so many digits, on at most so many points.
+DIGITS = 7
+MOST_POINTS = 5000
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came out of one case by one procedure (empty where nothing is tuned): numbers in SI by name, the limits of the
+    tuning (above zero where exceeded), the modes, signals over time in their units; or the problem that kept it from it."""
+
+    case: int
+    procedure: str = ""
+    values: Mapping[str, float] = field(default_factory=dict)
+    limits: Mapping[str, float] = field(default_factory=dict)
+    message: str = ""
+    modes: tuple[Mapping[str, Any], ...] = ()
+    time: tuple[float, ...] = ()
+    signals: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    seconds: float = 0.0
+    problem: str = ""
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return asdict(self)
+
+
+def worked(study: Study, number: int, procedure: Procedure | None, progress: Progress | None = None) -> Outcome:
+    """The case of that number; a problem of the machine in this case is part of what came out."""
+    began = clock.perf_counter()
+    name = procedure.name if procedure is not None else ""
+    try:
+        found = _worked(study, study.cases[number], procedure, progress or heed)
+    except HeavebondError as error:
+        first = error.problems[0]
+        found = Outcome(number, problem=first.message + (f" {first.hint}" if first.hint else ""))
+    return replace(found, case=number, procedure=name, seconds=clock.perf_counter() - began)
+
+
+def _worked(study: Study, case: StudyCase, procedure: Procedure | None, progress: Progress | None) -> Outcome:
+    assembly = assembled(study, case)
+    values: dict[str, float] = {}
+    limits: Mapping[str, float] = {}
+    message = ""
+    if study.task is not None and procedure is not None:
+        tuned = tuned_by(Objective(assembly, study.task), procedure, progress)
+        values = {**tuned.values, COST: tuned.cost, SIMULATIONS: tuned.simulations}
+        limits, message = tuned.limits, tuned.message
+        assembly = assembly.with_parameters(tuned.values)
+    told, run = measured(study, assembly)
+    time, signals = _signals(study, run)
+    return Outcome(0, values={**values, **told}, limits=dict(limits), message=message, modes=_modes(study, assembly),
+                   time=time, signals=signals)
+
+
+def assembled(study: Study, case: StudyCase) -> Assembly:
+    """The diagram of a case, with what was calibrated: a case in which such a parameter has a value of its own keeps it."""
+    assembly = assemble(case.model, named_in(study))
+    own = assembly.parameter_values
+    return assembly.with_parameters({name: after for name, (before, after) in study.calibrated.items()
+                                     if math.isclose(own[name], before, rel_tol=1e-9, abs_tol=0.0)})
+
+
+def tuned_by(problem: Objective, procedure: Procedure, progress: Progress | None = None) -> Tuned:
+    """The free parameters tuned by a procedure of a study."""
+    if procedure.sweeps:
+        return sweep_in_turn(problem, procedure.begin, procedure.sweeps, progress=progress)
+    return tune(problem, problem.task, explore=procedure.explore, starts=procedure.starts, method=procedure.method,
+                progress=progress)
+
+
+# -- measuring ---------------------------------------------------------------------------------------------------------
+def measured(study: Study, assembly: Assembly) -> tuple[dict[str, float], Result | None]:
+    """The measured numbers in SI, and the run that they are of; no run where only modes are asked for."""
+    costs = [read_cost(assembly, measure.text) for measure in study.measures.values()]
+    modes = study.modes or {}
+    if not study.signals and all(f.kind in NUMBERS for cost in costs for f in cost.functionals):
+        return dict(zip(study.measures, _of_modes(assembly, costs, modes), strict=True)), None
+    times = run_times(study, assembly)
+    evaluator = Evaluator(assembly, costs, study.begin, float(times[-1]), modes=modes)
+    run = Simulator(assembly, times=times).run()
+    simulator = Simulator(assembly, times=times)
+    if evaluator.integrated:
+        # the sizes of signals first: a 32nd power of plain newtons would drown everything
+        evaluator.resized(evaluator.largest(run))
+        simulator = Simulator(assembly, times=times, quadratures=evaluator.quadratures, factors=evaluator.factors)
+        run = simulator.run()
+    numbers, _ = evaluator.functional_values(run)
+    references = np.zeros(len(numbers))
+    if any(any(cost.references) for cost in costs):
+        passive = simulator.run(assembly.with_parameters(study.reference).parameter_values)
+        references = evaluator.functional_values(passive)[0]
+    found = evaluator.cost_values(numbers, np.zeros((0, len(numbers))), references, run.p, np.zeros((0, len(run.p))))
+    return {name: value for name, (value, _) in zip(study.measures, found, strict=True)}, run
+
+
+def _of_modes(assembly: Assembly, costs: Sequence[Cost], settings: Mapping[str, float | str]) -> Iterator[float]:
+    """Costs of modes alone."""
+    if not costs:
+        return
+    first, modes = ModesAtStart(assembly.with_parameters(settings)).at({})
+    for cost in costs:
+        numbers = [modal_number(f.kind, chosen_mode(modes, f.kind, f.which)) for f in cost.functionals]
+        yield float(cost.value(numbers, first.p))
+
+
+def run_times(study: Study, assembly: Assembly) -> Array:
+    """Output times of a measured run: the diagram's own, to the end of what is evaluated."""
+    own = grid(assembly.model, study.end, None)
+    return np.union1d(own, [study.begin])
+
+
+def _signals(study: Study, run: Result | None) -> tuple[tuple[float, ...], dict[str, list[float]]]:
+    if run is None or not study.signals:
+        return (), {}
+    step = math.ceil(len(run.time) / MOST_POINTS)
+    found = {name: [float(f"{v:.{DIGITS}g}") for v in values[::step]] for name, values in run.signals(study.signals).items()}
+    return tuple(float(f"{t:.{DIGITS}g}") for t in run.time[::step]), found
+
+
+def _modes(study: Study, assembly: Assembly) -> tuple[dict[str, Any], ...]:
+    """The modes with the share of each component in them, the largest first."""
+    if study.modes is None:
+        return ()
+    found = []
+    for mode in ModesAtStart(assembly.with_parameters(study.modes)).at({})[1]:
+        shares: dict[str, float] = {}
+        for state, share in mode.participation.items():
+            component = state.rpartition(".")[0] or state
+            shares[component] = shares.get(component, 0.0) + share
+        found.append({"frequency": mode.frequency, "damping": mode.damping, "real": mode.value.real,
+                      "imaginary": mode.value.imag, "swings": mode.swings,
+                      "components": dict(sorted(shares.items(), key=lambda pair: -pair[1]))})
+    return tuple(found)
+
+
+# -- what can be told before any run -----------------------------------------------------------------------------------
+def checked(study: Study) -> dict[str, Unit]:
+    """The unit in which each number is told; ModelError with places in the study file for what is wrong in it.
+
+    Diagrams are assembled so often that every level of every axis has been met once.
+    """
+    problems, found = Problems(), {}
+    for case in _covering(study):
+        assembly = assemble(case.model, named_in(study))
+        found = _units(study, assembly, problems)
+        problems.raise_as(ModelError)
+    return found
+
+
+def _covering(study: Study) -> list[StudyCase]:
+    """Cases in which every variant occurs; of a parameter's values, which are of one kind, the first is enough."""
+    numbers = [len(axis.levels) if axis.unit is None else 1 for axis in study.axes]
+    wanted = {tuple(min(k, number - 1) for number in numbers) for k in range(max(numbers, default=1))}
+    return [case for case in study.cases if case.index in wanted]
+
+
+def _units(study: Study, assembly: Assembly, problems: Problems) -> dict[str, Unit]:
+    found: dict[str, Unit] = {}
+    if study.task is not None:
+        with relocated(study.places.get("cost"), problems):
+            read_cost(assembly, study.task.cost)
+        for limit in study.task.limits:
+            with relocated(study.places.get("limits"), problems):
+                read_limit(assembly, limit)
+        with relocated(study.places.get("free"), problems):
+            check_free(assembly, study.task)
+        found = {name: wanted.unit for name, wanted in study.task.free.items()}
+        found |= {COST: read_unit("1"), SIMULATIONS: read_unit("1")}
+    for measure in study.measures.values():
+        with relocated(measure.place, problems):
+            found[measure.name] = _unit(measure, read_cost(assembly, measure.text), problems)
+    for picture in study.pictures:
+        for name in picture.signals:
+            with relocated(picture.place, problems):
+                _check_signal(assembly, name)
+    _check_published(study, found, problems)
+    return found
+
+
+def _unit(measure: Measure, cost: Cost, problems: Problems) -> Unit:
+    if not measure.unit:
+        return read_unit(cost.unit)
+    unit = read_unit(measure.unit)
+    if unit.dimension != cost.dimension:
+        problems.add("unit-wrong", f"'{measure.name}' is in {cost.unit}, not in {measure.unit}", measure.place)
+    return unit
+
+
+def _check_signal(assembly: Assembly, name: str) -> None:
+    if name in assembly.model.show:
+        return
+    try:
+        formula = parse_formula(name)
+        assembly.resolver().dimension(formula)
+        assembly.expression(formula)
+    except ExpressionProblem as problem:
+        raise unknown_signal(assembly, name, problem) from None
+
+
+def _check_published(study: Study, units: Mapping[str, Unit], problems: Problems) -> None:
+    """What others give is of the same kind as what is measured."""
+    for beside in study.beside:
+        for name, numbers in beside.numbers.items():
+            for given in numbers.values():
+                if name in units and given.unit.dimension != units[name].dimension:
+                    problems.add("unit-wrong", f"{name} is given in {given.unit.text}; {units[name].text} is needed",
+                                 given.place)
+
+
+@contextmanager
+def relocated(place: Place | None, problems: Problems) -> Iterator[None]:
+    """Inside, what is wrong in a formula, or in a value that a file gives, is noted at its place in the file."""
+    try:
+        yield
+    except UsageError as error:
+        for problem in error.problems:
+            inner = problem.place
+            at = place.moved(inner.column - 1, inner.length) if place is not None and inner is not None else place
+            problems.add(problem.code, problem.message, at, hint=problem.hint)
+
+
+def named_in(study: Study) -> set[str]:
+    """Names that no equation may use and the study still wants: positions among them."""
+    texts = [*(m.text for m in study.measures.values()), *study.signals,
+             *((study.task.cost, *study.task.limits) if study.task is not None else ())]
+    found: set[str] = set()
+    for text in texts:
+        with suppress(ExpressionProblem):
+            found |= {name.text for name in names(parse_formula(text, functions=FUNCTIONALS))}
+    return found
