@@ -171,7 +171,8 @@ def read_numbers(node: Node, name: str, problems: Problems) -> Numbers | None:
         own = getattr(value.expr, "unit", None) or read_unit("1")
         unit = unit or own
         if own.dimension != unit.dimension:
-            problems.add("unit-wrong", f"{name}: '{scalar.text}' is not in {unit.text} as the first value is", scalar.place)
+            problems.add("unit-wrong", f"{name}: '{scalar.text}' is not in {unit.text} as the first value is", scalar.place,
+                         hint=f"Write it in {unit.text} or in a multiple of it.")
         found.append((scalar, value, number))
     if not scalars:
         problems.add("axis-empty", f"'{name}' has no values", node.place, hint="Write for example `[0.5 Hz, 1 Hz]`.")

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from heavebond.casework import assembled, run_times
+from heavebond.casework import assembled, run_times, tuned_by
 from heavebond.costs import Evaluator, read_cost
 from heavebond.dae import Array, Assembly, assemble
 from heavebond.errors import HeavebondError, Problem, SimulationError, UsageError, suggest
@@ -31,8 +31,7 @@ from heavebond.processes import as_done
 from heavebond.progress import Progress
 from heavebond.search import search
 from heavebond.simulation import Simulator
-from heavebond.study import Calibration, Study
-from heavebond.tuning import tune
+from heavebond.study import Calibration, Procedure, Study
 from heavebond.units import Range
 
 # A case that breaks down counts as so many widths off.
@@ -245,18 +244,20 @@ def at_point(study: Study, number: int, gains: Mapping[str, float] | None) -> Po
         following: dict[str, Array] = {}
         if study.task is not None:
             objective = Objective(assembly, study.task)
-            gains = _tuned(objective, gains)
+            gains = _tuned(study, objective, gains)
             following = _following(objective, gains, _own(study, assembly))
             simulations = objective.simulations
             assembly = assembly.with_parameters(gains)
-        return replace(_differentiated(study, assembly, gains or {}, following), simulations=simulations)
+        found = _differentiated(study, assembly, gains or {}, following)
+        return replace(found, simulations=simulations + found.simulations)
     except HeavebondError:
         return Point(broken=True)
 
 
-def _tuned(objective: Objective, gains: Mapping[str, float] | None) -> dict[str, float]:
+def _tuned(study: Study, objective: Objective, gains: Mapping[str, float] | None) -> dict[str, float]:
+    """From scratch by the study's first procedure with gradients, else from the gains given."""
     if gains is None:
-        return tune(objective, objective.task).values
+        return tuned_by(objective, next((p for p in study.procedures if not p.sweeps), Procedure("gradients"))).values
     first = objective.shares([gains[name] for name in objective.names])
     return objective.values(search(objective, first, "trust", RETUNED, lambda text: None).best.at)
 
@@ -293,7 +294,8 @@ def _differentiated(study: Study, assembly: Assembly, gains: Mapping[str, float]
         for gain, by in zip(gains, moved, strict=True):
             if gain in ways:
                 ways[gain][k] = float(by)
-    return Point(dict(gains), {name: values[name] for name in calibration.targets}, ways)
+    return Point(dict(gains), {name: values[name] for name in calibration.targets}, ways,
+                 1 + len(own) + len(gains) + bool(evaluator.integrated))
 
 
 def _following(objective: Objective, gains: Mapping[str, float], own: Mapping[str, float]) -> dict[str, Array]:

@@ -18,7 +18,7 @@ from heavebond.errors import HeavebondError, ModelError, Place, Problems, UsageE
 from heavebond.expression import ExpressionProblem, names, parse_formula
 from heavebond.linearisation import ModesAtStart
 from heavebond.modal import NUMBERS, chosen_mode, modal_number
-from heavebond.objective import Objective, check_free
+from heavebond.objective import Objective, check_free, check_smooth
 from heavebond.processes import heed
 from heavebond.progress import Progress
 from heavebond.result import Result, unknown_signal
@@ -187,10 +187,10 @@ def _units(study: Study, assembly: Assembly, problems: Problems) -> dict[str, Un
     found: dict[str, Unit] = {}
     if study.task is not None:
         with relocated(study.places.get("cost"), problems):
-            read_cost(assembly, study.task.cost)
+            check_smooth(read_cost(assembly, study.task.cost))
         for limit in study.task.limits:
             with relocated(study.places.get("limits"), problems):
-                read_limit(assembly, limit)
+                check_smooth(read_limit(assembly, limit))
         with relocated(study.places.get("free"), problems):
             check_free(assembly, study.task)
         found = {name: wanted.unit for name, wanted in study.task.free.items()}
@@ -211,7 +211,8 @@ def _unit(measure: Measure, cost: Cost, problems: Problems) -> Unit:
         return read_unit(cost.unit)
     unit = read_unit(measure.unit)
     if unit.dimension != cost.dimension:
-        problems.add("unit-wrong", f"'{measure.name}' is in {cost.unit}, not in {measure.unit}", measure.place)
+        problems.add("unit-wrong", f"'{measure.name}' is in {cost.unit}, not in {measure.unit}", measure.place,
+                     hint="Write a unit of the same kind, or leave it out.")
     return unit
 
 

@@ -127,7 +127,7 @@ def _domains(expanded: Expanded, groups: list[list[str]], group_of: dict[str, in
         if not domains[k] and any(m.startswith("port ") for m in members):
             path = next(m for m in members if m.startswith("port "))[5:]
             leaf = expanded.leaves[path.rpartition(".")[0]]
-            problems.add("domain-open", f"nothing tells whether '{path}' is mechanical, hydraulic or pneumatic",
+            problems.add("domain-open", f"nothing tells the domain of '{path}'",
                          leaf.place, hint="Join it to a port of a component that has a domain.")
     return domains
 

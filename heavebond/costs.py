@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from heavebond.dae import Array, Assembly, Factors
 from heavebond.dimensions import SECOND
-from heavebond.errors import Place, Problem, UsageError
+from heavebond.errors import Place, Problem, UsageError, suggest
 from heavebond.expression import (
     Binary,
     Call,
@@ -142,6 +142,9 @@ class _Reader:
         try:
             value, dimension = self._evaluate(tree, False)
         except ExpressionProblem as problem:
+            if problem.code == "name-unknown":
+                said = self.text[problem.column:problem.column + problem.length]
+                problem.hint = suggest(said, [*self.outputs, *self.assembly.flat.names]) or problem.hint
             raise _problem(self.text, problem) from None
         values = stack(self.symbols)
         p = self.assembly.arguments[3]

@@ -133,8 +133,10 @@ ATTACHES = ("across", "at", "in series", "input", "channel")
 
 @dataclass(frozen=True)
 class Parameter:
-    """A constant of a component; bounds and default in SI. `neutral` is the value at which an effect is absent: such a
-    parameter is a dormant effect, called `kind`, `sought` within a range when it wakes and with it those it `wakes_with`.
+    """A constant of a component, or with `count` a list of them; bounds and default in SI.
+
+    `neutral` is the value at which an effect is absent: such a parameter is a dormant effect, called `kind`, `sought`
+    within a range when it wakes and with it those it `wakes_with`.
     """
 
     name: str
@@ -149,11 +151,12 @@ class Parameter:
     kind: str = ""
     sought: Sought | None = None
     wakes_with: tuple[str, ...] = ()
+    count: Expr | None = None
 
 
 @dataclass(frozen=True)
 class Variable:
-    """An inner unknown of a component; `start` is the guess where nothing else is known.
+    """An inner unknown of a component, or with `count` a list of them; `start` is the guess where nothing else is known.
 
     With `held`, the value that it starts at, it is no unknown: it is constant between events, which alone change it.
     """
@@ -166,6 +169,7 @@ class Variable:
     high: float | None = None
     start: float | None = None
     held: float | None = None
+    count: Expr | None = None
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ EDGE = 20  # px around the drawing
 NARROWEST = 420  # px, so that a title has room
 # told apart by every kind of colour vision (after Okabe and Ito), dark enough for thin lines
 COLOURS = {"translational": "#263238", "rotational": "#7a5200", "hydraulic": "#005a9c", "pneumatic": "#9c3d7e",
-           "signal": "#00734f"}
+           "electrical": "#9b1c1c", "signal": "#00734f"}
 OTHER, QUIET, WARNING, HALO = "#444444", "#5f6368", "#c2410c", "#ffe3d1"
 WIDTHS = {"signal": 1.1}
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from math import isfinite
 
 from heavebond import laws
 from heavebond.definition import Body, Component, End, FileInput, Instance, Parameter, Port, SignalPort, Value, Wire
 from heavebond.errors import HeavebondError, ModelError, Place, Problems, listing, nearest, suggest
-from heavebond.expression import Binary, Expr, Name, Number, constant
+from heavebond.expression import Number
+from heavebond.lists import lengths, short, whole_number, written_out
 from heavebond.model import Model, Setting
 from heavebond.units import is_generic
 from heavebond.values import bounds_text, check_bounds, check_dimension
@@ -191,8 +191,16 @@ class _Opener:
         path = prefix + instance.name
         parameters: dict[str, Bound] = {}
         missing: list[str] = []
+        told = lengths(component, lambda name: name in instance.settings or f"{path}.{name}" in self.unused)
+        for name in (n for n, p in component.parameters.items() if p.integer):
+            bound = self._given(instance, name, prefix, path) or self._told(told, name, instance) \
+                or self._default(component.parameters[name], path)
+            if bound is not None:
+                parameters[name] = bound
+        integers = self._integers(component, parameters, outer)
+        component = written_out(component, integers)
         for name, parameter in component.parameters.items():
-            bound = self._given(instance, name, prefix, path) or self._default(parameter, path)
+            bound = parameters.get(name) or self._given(instance, name, prefix, path) or self._default(parameter, path)
             if bound is None:
                 missing.append(name)
             elif isinstance(bound.value, FileInput):
@@ -205,7 +213,6 @@ class _Opener:
             self._missing(instance.place, path, component, missing)
         inputs = {name: bound for name, port in component.signals.items() if port.direction == "in"
                   and (bound := self._given(instance, name, prefix, path)) is not None}
-        integers = self._integers(component, parameters, outer)
         self.leaves[path] = Leaf(path, component, instance.place, parameters, inputs, integers)
         if component.composite:
             self._body(component.body, path + ".", component, integers, (*kinds, component.name))
@@ -216,6 +223,14 @@ class _Opener:
             return Bound(setting.value, "", setting.place)
         given = instance.settings.get(name)
         return None if given is None else Bound(given, prefix, given.place)
+
+    @staticmethod
+    def _told(told: dict[str, int], name: str, instance: Instance) -> Bound | None:
+        """A whole number that the length of a list tells."""
+        if name not in told:
+            return None
+        value = Value(Number(told[name], None, 0), f"{told[name]} values", instance.place, si=True)
+        return Bound(value, "", instance.place)
 
     @staticmethod
     def _default(parameter: Parameter, path: str) -> Bound | None:
@@ -238,6 +253,12 @@ class _Opener:
     def _missing(self, place: Place, path: str, component: Component, names: list[str]) -> None:
         for name in names:
             parameter = component.parameters[name]
+            if "[" in name:
+                count = sum(other.partition("[")[0] == name.partition("[")[0] for other in component.parameters)
+                self.problems.add("parameter-missing", f"'{path}' ({component.name}) needs a list of {count} values for "
+                                  f"{name.partition('[')[0]} ({parameter.doc}); {name} is not given", place,
+                                  hint=f"Write `{name.partition('[')[0]}: [..., ...]`, each value with its unit.")
+                return
             unit = "" if parameter.integer or parameter.unit.text == "1" else f" {parameter.unit.text}"
             self.problems.add("parameter-missing", f"'{path}' ({component.name}) needs a value for {name}"
                               + (f" ({parameter.doc})" if parameter.doc else ""), place,
@@ -246,10 +267,11 @@ class _Opener:
     def _unknown_settings(self, instance: Instance, component: Component, missing: list[str]) -> bool:
         """Whether settings that the component does not have were found; these then say what it lacks."""
         inputs = [n for n, s in component.signals.items() if s.direction == "in"]
-        settable = [*component.parameters, *inputs]
-        unknown = [name for name in instance.settings if name not in settable]
+        settable = short([*component.parameters, *inputs])
+        unknown = [name for name in instance.settings if name not in component.parameters and name not in inputs]
         groups = (("port", component.ports), ("signal", component.signals), ("variable", component.variables))
-        needs = listing(f"{n} ({p.doc}, {p.unit.text})" for n in missing if (p := component.parameters[n]))
+        needs = listing(f"{n.removesuffix('[1]')} ({'a list, ' * ('[' in n)}{p.doc}, {p.unit.text})" for n in missing
+                        if (p := component.parameters[n]) and ("[" not in n or n.endswith("[1]")))
         for name in unknown:
             what = next((k for k, group in groups if name in group), "")
             self.problems.add("parameter-unknown", f"{component.name} has no parameter '{name}'"
@@ -430,18 +452,3 @@ class _Opener:
             if isinstance(bound.value, Value) and (n := whole_number(bound.value.expr, found)) is not None:
                 found[name] = n
         return found
-
-
-def whole_number(expr: Expr, known: dict[str, int]) -> int | None:
-    """The value of an expression of whole numbers and known names, or None."""
-    if isinstance(expr, Name):
-        return known.get(expr.text)
-    number = constant(expr)
-    if number is not None:
-        return int(number) if isfinite(number) and number == int(number) else None
-    if not isinstance(expr, Binary):
-        return None
-    a, b = whole_number(expr.left, known), whole_number(expr.right, known)
-    if a is None or b is None:
-        return None
-    return {"+": a + b, "-": a - b, "*": a * b}.get(expr.op)

@@ -17,6 +17,8 @@ DECIDES = {
     "translational": "a Fixed, a Mass or a PositionSource on one of these nodes, or a Spring from there to such a node",
     "rotational": "an inertia or a fixed point on one of these nodes",
     "hydraulic": "a Volume, a Tank or a PressureSource on one of these nodes, or an Orifice from there to such a node",
+    "electrical": "an ElectricalGround, a VoltageSource or a Capacitor on one of these nodes, or a Resistor from there to "
+                  "such a node",
     "pneumatic": "a Receiver, an Atmosphere or a PneumaticSource on one of these nodes",
 }
 

@@ -42,6 +42,7 @@ class Scope:
     def __call__(self, name: Name) -> Dimension:
         words = [part for part in name.parts if isinstance(part, str)]
         if len(words) == 1 and words[0] in self.plain:
+            self._indexed(words[0], name)
             return self.plain[words[0]]
         if len(words) == 2 and words[0] in self.component.ports:
             return self._member(words[0], words[1], name)
@@ -53,6 +54,15 @@ class Scope:
         hint = suggest(name.text, known) or f"Known here: {listing(known)}."
         raise ExpressionProblem("name-unknown", f"'{name.text}' is not declared in {self.component.name}",
                                 name.column, name.length, hint)
+
+    def _indexed(self, word: str, name: Name) -> None:
+        """A list is named with an index, and nothing else is."""
+        item = self.component.parameters.get(word) or self.component.variables.get(word)
+        if (item is not None and item.count is not None) != (len(name.parts) > 1):
+            raise ExpressionProblem("list-index", f"'{word}' is a list; an index is missing" if len(name.parts) == 1 else
+                                    f"'{word}' is no list; it has no index", name.column, name.length,
+                                    f"Write `{word}[1]`, or `{word}[i]` after `each i in 1..n:`."
+                                    if len(name.parts) == 1 else f"Write `{word}`, or declare it with `count: n`.")
 
     def _reaches_inside(self, words: list[str]) -> bool:
         return words[0] in self.component.body.instances
@@ -177,7 +187,10 @@ def _own_unknowns(component: Component, domains: Domains) -> list[str]:
         through = ("flow",) if port.domain.startswith("$") else domains[port.domain].through
         unknowns += [f"{port.name}{index}.{member}" for index in indices for member in through]
     unknowns += [s.name for s in component.signals.values() if s.direction == "out" and s.name not in inner]
-    return unknowns + list(component.unknowns)
+    for name, variable in component.unknowns.items():
+        unknowns += [name] if variable.count is None else \
+            [f"{name}[{k + 1}]" for k in range(_integer(variable.count, component))]
+    return unknowns
 
 
 def _repetitions(line: EquationLine, component: Component) -> int:

@@ -262,11 +262,14 @@ class _Parser:
         doc = ""
         if entry is not None:
             doc = reading.text(entry.items.get("doc"), "doc", self.problems)
-            counted = entry.items.get("count")
-            if isinstance(counted, Scalar):
-                count = reading.parsed(lambda t: parse_formula(t, units=False), counted.text, counted.place,
-                                       self.problems)
+            count = self._count(entry)
         ports[key.text] = Port(key.text, domain, key.place, doc, count)
+
+    def _count(self, node: Mapping) -> Expr | None:
+        """How many it is a list of, by whole numbers."""
+        counted = node.items.get("count")
+        return reading.parsed(lambda t: parse_formula(t, units=False), counted.text, counted.place, self.problems) \
+            if isinstance(counted, Scalar) else None
 
     def _signal(self, key: Scalar, node: Mapping) -> SignalPort:
         reading.known_keys(node, ("signal", "unit", "doc"), f"signal '{key.text}'", self.problems, ("unit",))
@@ -279,7 +282,7 @@ class _Parser:
                           reading.text(node.items.get("doc"), "doc", self.problems))
 
     def _parameter(self, key: Scalar, node: Mapping, variables: Dictionary[str, Variable]) -> Parameter:
-        keys = ("unit", "doc", "min", "max", "default", "neutral", "integer", "class", "try", "wakes_with")
+        keys = ("unit", "doc", "min", "max", "default", "neutral", "integer", "class", "try", "wakes_with", "count")
         integer = "integer" in node.items
         reading.known_keys(node, keys, f"parameter '{key.text}'", self.problems, () if integer else ("unit",))
         unit = DIMENSIONLESS if integer else _unit(node.items.get("unit"), self.problems)
@@ -294,11 +297,12 @@ class _Parser:
                          reading.text(node.items.get("doc"), "doc", self.problems), bounds["min"], bounds["max"],
                          default, bounds["neutral"], integer, reading.text(node.items.get("class"), "class", self.problems),
                          sought(node.items.get("try"), unit or DIMENSIONLESS, variables, key.text, self.problems),
-                         tuple(w.text for w in reading.words(node.items.get("wakes_with"), "wakes_with", self.problems)))
+                         tuple(w.text for w in reading.words(node.items.get("wakes_with"), "wakes_with", self.problems)),
+                         self._count(node))
 
     def _variable(self, key: Scalar, node: Mapping) -> Variable:
-        reading.known_keys(node, ("unit", "doc", "min", "max", "start", "held"), f"variable '{key.text}'", self.problems,
-                           ("unit",))
+        reading.known_keys(node, ("unit", "doc", "min", "max", "start", "held", "count"), f"variable '{key.text}'",
+                           self.problems, ("unit",))
         unit = _unit(node.items.get("unit"), self.problems)
         bounds = {name: self._bound(node, name, unit, key) for name in ("min", "max", "start", "held")}
         if "start" in node.items and "held" in node.items:
@@ -306,7 +310,7 @@ class _Parser:
                               hint="`held:` is the value that it starts at; leave `start:` out.")
         return Variable(key.text, unit or DIMENSIONLESS, key.place,
                         reading.text(node.items.get("doc"), "doc", self.problems), bounds["min"], bounds["max"],
-                        bounds["start"], bounds["held"])
+                        bounds["start"], bounds["held"], self._count(node))
 
     def _bound(self, node: Mapping, name: str, unit: Unit | None, key: Scalar) -> float | None:
         """A bound or default in SI; its unit may be left out where the declared one is dimensionless or it is 0.
@@ -383,9 +387,15 @@ class _Parser:
         return self._formula(entry, "power"), reading.text(entry.items.get("why"), "why", self.problems)
 
     def _requires(self, node: Node | None) -> tuple[Formula, ...]:
-        found = [reading.formula_of(word, "requires", self.problems)
-                 for word in reading.words(node, "requires", self.problems)]
+        found = [self._requirement(word) for word in reading.words(node, "requires", self.problems)]
         return tuple(f for f in found if f is not None)
+
+    def _requirement(self, word: Scalar) -> Formula | None:
+        """A comparison; `x[i] < x[i + 1] for i in 1..n - 1` holds where the number of those that do not is 0."""
+        body, loop, rest = word.text.partition(" for ")
+        counted = f"sum(if_else({body}, 0, 1) for {rest}) == 0"
+        read = reading.formula_of(replace(word, text=counted) if loop else word, "requires", self.problems)
+        return read if read is None else replace(read, text=word.text)
 
 
 def _joined(lines: list[Scalar]) -> list[Scalar]:

@@ -284,7 +284,8 @@ FLOWS = {("across", "line"): "laminar leakage", ("across", "root"): "an orifice"
          ("rate", "line"): "a compliance, a hose or entrained air", ("across", "one-sided above"): "a relief valve"}
 
 
-NOUNS = {"translational": "force", "rotational": "torque", "hydraulic": "volume flow", "pneumatic": "mass flow"}
+NOUNS = {"translational": "force", "rotational": "torque", "hydraulic": "volume flow", "pneumatic": "mass flow",
+         "electrical": "current"}
 
 
 def words_of(suspect: Suspect) -> str:

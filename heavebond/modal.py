@@ -15,8 +15,8 @@ WHICH = ("least", "slowest")
 
 
 def part_of(states: Sequence[str], component: str) -> list[str]:
-    """The states that belong to a component (or are it)."""
-    return [name for name in states if name == component or name.startswith(component + ".")]
+    """The states that belong to a component or a block."""
+    return [name for name in states if name.startswith(component + ".")]
 
 
 def chosen_mode(modes: Sequence[Mode], number: str, which: str) -> Mode | None:

@@ -13,7 +13,7 @@ from heavebond.dimensions import dimension
 from heavebond.errors import ModelError, Place, Problem, Problems, UsageError, listing, suggest
 from heavebond.expression import Expr, ExpressionProblem, Name, constant, parse_formula
 from heavebond.library import Library, bundled, library, shown_path
-from heavebond.source import Mapping, Node, Scalar, Source, parse, read
+from heavebond.source import Mapping, Node, Scalar, Sequence, Source, parse, read
 from heavebond.units import Dimension, declared_unit
 from heavebond.values import add_formula_problem, check_dimension
 
@@ -324,10 +324,16 @@ def read_settings(node: Node | None, source: Source, problems: Problems) -> dict
     entries = reading.mapping(node, "set", problems)
     found = {}
     for path, item in (entries.items if entries else {}).items():
-        if isinstance(item, Mapping):
+        if isinstance(item, Mapping) and "values" in item.items and entries:
+            found.update({k: Setting(k, v, entries.keys[path].place)
+                          for k, v in reading.column_values(item, path, source, problems).items()})
+        elif isinstance(item, Mapping):
             record = reading.file_input(item, source, problems)
             if record is not None and entries:
                 found[path] = Setting(path, record, entries.keys[path].place)
+        elif isinstance(item, Sequence) and entries:
+            place = entries.keys[path].place
+            found.update({k: Setting(k, v, place) for k, v in reading.elements(item, path, path, problems).items()})
         elif (value := reading.value(item, path, problems)) is not None and entries:
             found[path] = Setting(path, value, entries.keys[path].place)
     return found

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from heavebond.adjoint import Adjoint
-from heavebond.costs import Evaluator, read_cost, read_limit
+from heavebond.costs import Cost, Evaluator, read_cost, read_limit
 from heavebond.dae import Array, Assembly
 from heavebond.errors import HeavebondError, Problem, SimulationError, StartError, UsageError, suggest
 from heavebond.linearisation import ModesAtStart
@@ -106,10 +106,8 @@ class Objective:
                                       "Evaluate from an earlier time, or simulate longer.")])
         self.times = np.unique([0.0, task.begin, end])
         self.costs = [read_cost(assembly, task.cost), *(read_limit(assembly, t) for t in task.limits)]
-        sampled = [f.kind for cost in self.costs for f in cost.functionals if f.kind in SAMPLED]
-        if sampled:
-            raise UsageError([Problem("cost-sampled", f"{sampled[0]}(...) has kinks, and nothing is tuned by it", None,
-                                      "Tune by peak(...), rms(...) or the like, and measure this one.")])
+        for cost in self.costs:
+            check_smooth(cost)
         # Measured on the compensator, the gradients of k costs by a run backwards take as long as 2 + k/2 plain runs (some 3
         # where no run is known yet), a run with m sensitivities as long as 1.3 + 0.5 m. The way back begins anew at every
         # break of a measured input, which costs more than it saves, and does not go through events.
@@ -272,6 +270,14 @@ class Objective:
 
 def _key(y: Array) -> bytes:
     return np.round(y, 12).tobytes()
+
+
+def check_smooth(cost: Cost) -> None:
+    """UsageError where a cost or limit holds what is taken from samples."""
+    kinds = [f.kind for f in cost.functionals if f.kind in SAMPLED]
+    if kinds:
+        raise UsageError([Problem("cost-sampled", f"{kinds[0]}(...) has kinks, and nothing is tuned by it", None,
+                                  "Tune by peak(...), rms(...) or the like, and measure this one.")])
 
 
 def check_free(assembly: Assembly, task: Task) -> None:

@@ -35,6 +35,7 @@ def plot_study(result: StudyResult, picture: Picture) -> Figure:
         panels: list[Axes] = list(figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0])
         for panel, name in zip(panels, names, strict=True):
             (_courses if picture.signals else _curves)(panel, result, picture, name)
+            panel.label_outer()
             panel.grid(True, color="#e4e4e4", linewidth=0.5)
             panel.spines[["top", "right"]].set_visible(False)
             panel.set_axisbelow(True)
@@ -50,11 +51,16 @@ def plot_study(result: StudyResult, picture: Picture) -> Figure:
         return figure
 
 
-def _labelled(result: StudyResult, outcome: Outcome, without: int = -1) -> str:
-    """The levels of a case, and the procedure where there are several; `without` leaves one axis out."""
-    levels = [level.name if axis.unit is None else f"{axis.name} {level.name}" for k, (axis, level) in
-              enumerate(zip(result.study.axes, result.case_of(outcome).levels, strict=True)) if k != without]
-    return ", ".join([*levels, *([outcome.procedure] if len(result.study.procedures) > 1 else [])])
+def _labelled(result: StudyResult, outcome: Outcome) -> str:
+    """The levels of a case, and the procedure where there are several."""
+    procedure = [outcome.procedure] if len(result.study.procedures) > 1 else []
+    return ", ".join([*_levels(result, outcome), *procedure]) or result.case_of(outcome).name
+
+
+def _levels(result: StudyResult, outcome: Outcome, without: int = -1) -> list[str]:
+    """The levels of a case in words, but for one axis; numbers with the name of theirs."""
+    return [level.name if axis.unit is None else f"{axis.name} {level.name}" for k, (axis, level) in
+            enumerate(zip(result.study.axes, result.case_of(outcome).levels, strict=True)) if k != without]
 
 
 def _courses(panel: Axes, result: StudyResult, picture: Picture, name: str) -> None:
@@ -67,45 +73,46 @@ def _courses(panel: Axes, result: StudyResult, picture: Picture, name: str) -> N
                    linestyle=DASHES[k % len(DASHES)], label=_labelled(result, outcome))
     panel.set_ylabel(f"{name} [{unit_label(shown.unit)}]" if shown is not None else name)
     panel.margins(x=0)
-    if panel.get_subplotspec() is not None and panel.get_subplotspec().is_last_row():  # type: ignore[union-attr]
-        panel.set_xlabel("time [s]")
+    panel.set_xlabel("time [s]")
 
 
 def _curves(panel: Axes, result: StudyResult, picture: Picture, name: str) -> None:
-    """A number over the first axis that has numbers: a line per other combination, what others give as open marks."""
+    """A number over the first axis that has numbers: a colour per combination of the others, a dash per procedure, open
+    marks in the same colour for what others give."""
     k = next(k for k, axis in enumerate(result.study.axes) if axis.unit is not None)
     axis = result.study.axes[k]
     assert axis.unit is not None
+    procedures = list(dict.fromkeys(o.procedure for o in result.outcomes))
     for n, (label, outcomes) in enumerate(_lines(result, k)):
-        x = [axis.unit.from_si(result.case_of(o).levels[k].value) for o in outcomes]
         colour = COLOURS[n % len(COLOURS)]
-        panel.plot(x, [result.value(o, name) for o in outcomes], color=colour, marker=MARKERS[n % len(MARKERS)],
-                   markersize=4, linewidth=1.0, linestyle=DASHES[n % len(DASHES)], label=label or name)
-    _given(panel, result, name, k)
+        for m, procedure in enumerate(procedures):
+            chosen = [o for o in outcomes if o.procedure == procedure]
+            x = [axis.unit.from_si(result.case_of(o).levels[k].value) for o in chosen]
+            words = ", ".join(filter(None, (label, procedure if len(procedures) > 1 else "")))
+            dash = DASHES[(m if len(procedures) > 1 else n) % len(DASHES)]
+            panel.plot(x, [result.value(o, name) for o in chosen], color=colour, marker=MARKERS[m % len(MARKERS)],
+                       markersize=4, linewidth=1.0, linestyle=dash, label=words or name)
+        _given(panel, result, name, label, colour, [o for o in outcomes if o.procedure == procedures[0]], k)
     panel.set_ylabel(f"{name} [{unit_label(result.units[name].text)}]")
     panel.set_xlabel(f"{axis.name} [{unit_label(axis.unit.text)}]")
 
 
 def _lines(result: StudyResult, without: int) -> Iterator[tuple[str, Sequence[Outcome]]]:
+    """Outcomes that differ along one axis (and by procedure), with the levels of the other axes in words."""
     lines: dict[str, list[Outcome]] = {}
     for outcome in result.outcomes:
-        lines.setdefault(_labelled(result, outcome, without), []).append(outcome)
+        lines.setdefault(", ".join(_levels(result, outcome, without)), []).append(outcome)
     yield from lines.items()
 
 
-def _given(panel: Axes, result: StudyResult, name: str, k: int) -> None:
-    """What others give: once per case, whatever the procedures."""
-    axis = result.study.axes[k]
-    assert axis.unit is not None
+def _given(panel: Axes, result: StudyResult, name: str, label: str, colour: str, outcomes: Sequence[Outcome], k: int
+           ) -> None:
+    """What others give for these cases."""
+    unit = result.study.axes[k].unit
+    assert unit is not None
     for source, beside in enumerate(result.study.beside):
-        first: dict[str, list[Outcome]] = {}
-        for outcome in result.outcomes:
-            if outcome.procedure == result.outcomes[0].procedure:
-                levels = result.case_of(outcome).levels
-                first.setdefault(", ".join(lv.name for j, lv in enumerate(levels) if j != k), []).append(outcome)
-        for n, (label, outcomes) in enumerate(first.items()):
-            y = [result.published(o, name, source) for o in outcomes]
-            if np.isfinite(y).any():
-                x = [axis.unit.from_si(result.case_of(o).levels[k].value) for o in outcomes]
-                panel.plot(x, y, linestyle="none", marker=MARKERS[n % len(MARKERS)], markersize=7, markerfacecolor="none",
-                           markeredgecolor="#555555", label=f"{beside.source}, {label}" if label else beside.source)
+        y = [result.published(o, name, source) for o in outcomes]
+        if np.isfinite(y).any():
+            x = [unit.from_si(result.case_of(o).levels[k].value) for o in outcomes]
+            panel.plot(x, y, linestyle="none", marker=MARKERS[(3 + source) % len(MARKERS)], markersize=8, color=colour,
+                       markerfacecolor="none", label=", ".join(filter(None, (label, beside.source))))

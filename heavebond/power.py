@@ -23,6 +23,7 @@ from heavebond.definition import Component, Domain, Parameter
 from heavebond.dimensions import SECOND
 from heavebond.expression import constant
 from heavebond.incidence import UNIT
+from heavebond.lists import written_out
 from heavebond.symbols import split, stack
 from heavebond.template import LEVELS, Template, template
 from heavebond.units import ONE, Dimension, Unit, solved, times
@@ -140,6 +141,8 @@ class _Trial:
     """One component with its ports in given domains."""
 
     def __init__(self, component: Component, domains: Mapping[str, Domain], bound: Mapping[str, str], seed: int):
+        integers = {n: _whole(p) for n, p in component.parameters.items() if p.integer}
+        component = written_out(component, integers)
         self.component, self.domains, self.bound = component, domains, bound
         self.random = np.random.default_rng(seed)
         own = list(dict.fromkeys(bound.values()))
@@ -147,7 +150,6 @@ class _Trial:
         self.generic = {f"{component.ports[port].domain}.{role}": domains[name].members[member].unit.dimension
                         for port, name in bound.items() for role, member in (
                             ("effort", domains[name].effort), ("flow", domains[name].flow)) if member}
-        integers = {n: _whole(p) for n, p in component.parameters.items() if p.integer}
         self.made: Template = template(component, domains, bound, integers)
         self.ports = self._ports()
         self.size = np.array([self._size(slot) for slot in self.made.slots])

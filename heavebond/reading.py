@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from heavebond.definition import Body, End, FileInput, Formula, Instance, Value, Wire
-from heavebond.errors import Place, Problems, nearest, suggest
+from heavebond.errors import HeavebondError, Place, Problems, nearest, suggest
 from heavebond.expression import KEYWORDS, Equation, Expr, ExpressionProblem, Number, constant, names, parse_formula
 from heavebond.source import Mapping, Node, Scalar, Sequence, Source
 from heavebond.units import UnitProblem, check_unit, parse_quantity, read_unit
@@ -270,13 +270,44 @@ def instance(key: Scalar, node: Node, source: Source, problems: Problems) -> Ins
             at = _position(item, problems)
         elif name == "repeat":
             repeat = value(item, "repeat", problems)
+        elif isinstance(item, Mapping) and "values" in item.items:
+            settings.update(column_values(item, name, source, problems))
         elif isinstance(item, Mapping):
             read = file_input(item, source, problems)
             if read:
                 settings[name] = read
+        elif isinstance(item, Sequence):
+            settings.update(elements(item, name, f"{key.text}.{name}", problems))
         elif (number := value(item, f"{key.text}.{name}", problems)) is not None:
             settings[name] = number
     return Instance(key.text, kind.text, key.place, kind.place, settings, at, repeat)
+
+
+def elements(node: Sequence, name: str, what: str, problems: Problems) -> dict[str, Value]:
+    """A list of values under the names of its elements: `x: [0 mm, 2 mm]` is x[1] and x[2]."""
+    found = {f"{name}[{k}]": value(item, f"{what}[{k}]", problems) for k, item in enumerate(node.items, 1)}
+    return {key: number for key, number in found.items() if number is not None}
+
+
+def column_values(node: Mapping, name: str, source: Source, problems: Problems) -> dict[str, Value]:
+    """`{file: curve.csv, values: dp, unit: bar}`: a list that stands in a column of a file; empty cells at its end are none
+    of it."""
+    from heavebond.measurements import column, read_table  # NumPy: only where a file is read
+
+    known_keys(node, ["file", "values", "unit"], "a list from a file", problems, required=["file", "values", "unit"])
+    unit, wanted = node.items.get("unit"), node.items["values"]
+    if not isinstance(unit, Scalar) or not isinstance(wanted, Scalar) or "file" not in node.items \
+            or unit_text(unit, problems) is None:
+        return {}
+    try:
+        file = source.path.parent / text(node.items["file"], "file", problems)
+        numbers = column(read_table(file, place=node.items["file"].place), wanted.text, wanted.place)
+    except HeavebondError as error:
+        problems.extend(error)
+        return {}
+    scale = read_unit(unit.text)
+    return {f"{name}[{k}]": Value(Number(scale.to_si(float(number)), scale, 0), f"{number:g} {unit.text}", wanted.place)
+            for k, number in enumerate(numbers, 1) if number == number}
 
 
 def _position(node: Node, problems: Problems) -> tuple[float, ...] | None:

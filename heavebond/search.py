@@ -30,6 +30,8 @@ FLAT = 1e-4  # the least curvature, as a share of the largest
 FIRST_STEP = 0.15  # of the ranges
 LONGEST_STEP = 0.5
 SHORTEST_STEP = 1e-4
+AT_GUARD = 0.8  # of GROWN: from there on it was the guard of stability that held a search back
+BEYOND = 0.02  # of the ranges: the first step without it
 NEAR = 0.05  # a limit that is kept by more than this share has no force
 ACCEPTED = 0.1  # a step is taken where it gains this share of what was predicted
 GOOD = 0.7  # and the next may be longer from this share on
@@ -101,7 +103,11 @@ def _trust(seen: _Seen, first: Array, most_steps: int) -> str:
         step = _quadratic_step(at, curvature, radii, penalty)
         settled = step.gain < SETTLED * max(abs(at.cost), 1e-300)
         if settled or radii.max() < SHORTEST_STEP or idle >= 2:
-            return "settled" if settled or idle >= 2 else "no shorter step leads on"
+            if not (calm and problem.growth(at.at) > AT_GUARD * GROWN):
+                return "settled" if settled or idle >= 2 else "no shorter step leads on"
+            # held back by the linearised machine alone: friction may hold it still a little further
+            calm, idle, radii = False, 0, np.full(len(first), BEYOND)
+            continue
         trial_at = np.clip(at.at + step.d, 0, 1)
         growth = problem.growth(trial_at)
         if calm and not growth < GROWN:

@@ -97,7 +97,12 @@ def _given(result: StudyResult, outcome: Outcome, name: str, source: int) -> str
     theirs, off = result.published(outcome, name, source), result.difference(outcome, name, source)
     if math.isnan(theirs):
         return ""
-    return number(theirs, 6) + (f" ({100 * off:+.0f}\u00a0%)" if math.isfinite(off) else "")
+    return number(theirs, 6) + (f" ({percent(off)})" if math.isfinite(off) else "")
+
+
+def percent(share: float) -> str:
+    """`+12 %`, on one line; `0 %` without a sign."""
+    return f"{round(100 * share):+d}\u00a0%".replace("+0\u00a0", "0\u00a0")
 
 
 def mode_rows(result: StudyResult) -> Iterator[tuple[str, str, str, str]]:
@@ -128,9 +133,9 @@ def residual_rows(result: StudyResult) -> Iterator[tuple[str, ...]]:
     assert result.calibrated is not None
     for r in result.calibrated.residuals:
         unit = result.units[r.quantity]
-        off = f"{100 * (r.value - r.target) / abs(r.target):+.0f}\u00a0%"
         yield (r.quantity, result.study.cases[r.case].name, number(unit.from_si(r.value), 4),
-               f"{number(unit.from_si(r.target), 6)} {unit.text}".removesuffix(" 1"), off, f"{r.off:+.2f}")
+               f"{number(unit.from_si(r.target), 6)} {unit.text}".removesuffix(" 1"),
+               percent((r.value - r.target) / abs(r.target)), f"{r.off:+.2f}")
 
 
 # -- files -------------------------------------------------------------------------------------------------------------

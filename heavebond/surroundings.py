@@ -15,7 +15,8 @@ from heavebond.places import Node, Place
 
 # A signal that moves by less than this share of its usual size stands still.
 STILL = 1e-9
-PHRASES = {"translational": "speed", "rotational": "angular speed", "hydraulic": "pressure", "pneumatic": "pressure"}
+PHRASES = {"translational": "speed", "rotational": "angular speed", "hydraulic": "pressure", "pneumatic": "pressure",
+           "electrical": "voltage"}
 MOST = 14
 
 

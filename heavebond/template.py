@@ -167,8 +167,9 @@ class _Builder:
 
     def _lines(self) -> tuple[list[Line], list[ca.SX]]:
         lines, residuals = [], []
-        constant = {*self.parameters, *self.held, *self.integers, "pi"}.__contains__
+        known = {*(n.partition("[")[0] for n in (*self.parameters, *self.held)), *self.integers, "pi"}
         for equation in self.component.equations:
+            constant = self._constants({*known, equation.each[0]} if equation.each else known)
             for index in self._indices(equation.each, equation.place):
                 self.context = Context(self._lookup, self._der, {**self.integers, **index}, self.arrays)
                 left = self._evaluated(equation.tree.left, equation.place)
@@ -178,6 +179,10 @@ class _Builder:
                 residuals.append(left - right)
         self.context = Context(self._lookup, self._der, self.integers, self.arrays)
         return lines, residuals
+
+    @staticmethod
+    def _constants(known: set[str]) -> Callable[[str], bool]:
+        return lambda text: text.partition("[")[0] in known
 
     def _indices(self, each: tuple[str, Expr, Expr] | None, place: Place) -> list[dict[str, int]]:
         if each is None:

@@ -35,6 +35,7 @@ from click.testing import CliRunner
 
 import heavebond as hb
 from heavebond import laws
+from heavebond.casework import checked
 from heavebond.cli import main
 from heavebond.initialise import start
 from heavebond.inputs import pieced
@@ -140,7 +141,7 @@ class PageRun:
     # -- files -----------------------------------------------------------------------------------------------------
     def _file(self, block: Block, name: str, *, right: bool) -> None:
         keys = read(Path(name)).root.items if right else {}
-        if "model" in keys or "experiment" in keys:
+        if {"model", "experiment", "study"} & set(keys):
             self.waiting[name] = block
         try:
             _accept(Path(name))
@@ -219,7 +220,8 @@ class PageRun:
 
 
 def _accept(path: Path) -> None:
-    """Load a file as far as it goes: a diagram to its start, a component to its laws, an experiment to its equations."""
+    """Load a file as far as it goes: a diagram to its start, a component to its laws, an experiment and a study
+    to their equations."""
     keys = read(path).root.items
     if "component" in keys:
         known = library([path.parent])
@@ -229,6 +231,8 @@ def _accept(path: Path) -> None:
         assert report.holds, report.verdict
     elif "experiment" in keys:
         hb.load_experiment(path)
+    elif "study" in keys:
+        checked(hb.load_study(path))
     else:
         assembly = hb.assemble(hb.load(path))
         inputs = pieced(assembly.flat, 0.0, 0.0)

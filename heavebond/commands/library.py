@@ -11,7 +11,7 @@ from heavebond.commands.arguments import json_option
 from heavebond.errors import ModelError, Problem, Problems, UsageError, suggest
 
 if TYPE_CHECKING:
-    from heavebond.definition import Component, Parameter
+    from heavebond.definition import Component, Parameter, Variable
     from heavebond.library import Library
 
 OWN = "this folder"
@@ -71,9 +71,9 @@ def _show(component: Component) -> dict[str, object]:
         "Ports": [*((p.name, p.domain, p.doc) for p in component.ports.values()),
                   *((s.name, f"signal {s.direction}", f"{s.unit.text}{', ' * bool(s.doc)}{s.doc}")
                     for s in component.signals.values())],
-        "Parameters": [(p.name, p.unit.text if not p.integer else "integer", _given(p), p.doc)
+        "Parameters": [(p.name, "integer" if p.integer else _unit(p), _given(p), p.doc)
                        for p in component.parameters.values()],
-        "Variables": [(v.name, v.unit.text, v.doc if v.held is None else f"{v.doc} (held)".lstrip())
+        "Variables": [(v.name, _unit(v), v.doc if v.held is None else f"{v.doc} (held)".lstrip())
                       for v in component.variables.values()],
         "Events": [(e.name, f"{e.key}: {e.formula.text}", ", ".join(f"{r.target.text} becomes {r.value.text}"
                                                                     for r in e.resets)) for e in component.when],
@@ -123,6 +123,10 @@ def _text(component: Component, k: int) -> str:
     return written if line.text.strip() in written else line.text.strip()
 
 
+def _unit(item: Parameter | Variable) -> str:
+    return item.unit.text if item.count is None else f"list, {item.unit.text}"
+
+
 def _given(parameter: Parameter) -> str:
     """Default and bounds: `default 0 m, at least 0`."""
     from heavebond.presentation import number
@@ -150,7 +154,8 @@ def _as_dict(component: Component) -> dict[str, object]:
         "signals": {s.name: {"direction": s.direction, "unit": s.unit.text} for s in component.signals.values()},
         "parameters": {p.name: {
             "unit": p.unit.text, "doc": p.doc, "min": p.low, "max": p.high, "neutral": p.neutral,
-            "default": p.default.text if p.default else None} for p in component.parameters.values()},
+            "default": p.default.text if p.default else None, "list": p.count is not None}
+            for p in component.parameters.values()},
         "variables": {v.name: {"unit": v.unit.text, "doc": v.doc} for v in component.variables.values()},
         "events": {e.name: {e.key: e.formula.text, "then": {r.target.text: r.value.text for r in e.resets}}
                    for e in component.when},

@@ -52,8 +52,10 @@ def _tell(result: StudyResult) -> None:
     console = terminal.output()
     _tell_calibration(result)
     head, rows, words = shown(result)
+    if head and result.calibrated is None:
+        console.print(result.study.name, style="bold", soft_wrap=True)
     if head:
-        console.print(terminal.table(result.study.name, head, rows, text=words))
+        console.print(terminal.table("", head, rows, text=words))
     modes = list(mode_rows(result))
     if modes:
         console.print(terminal.table("modes that swing", ("case", "frequency", "damping", "components"), modes, text=4))
@@ -72,9 +74,10 @@ def _tell_calibration(result: StudyResult) -> None:
     if found is None:
         return
     console = terminal.output()
-    console.print(terminal.table(f"{result.study.name}: calibrated", ("parameter", "before", "calibrated", "range", ""),
+    console.print(result.study.name, style="bold", soft_wrap=True)
+    console.print(terminal.table("", ("parameter", "before", "calibrated", "range", ""),
                                  list(calibration_rows(result)), text=1))
-    console.print(terminal.table("beside the targets", ("quantity", "case", "ours", "target", "off", "in widths"),
+    console.print(terminal.table("", ("quantity", "case", "ours", "target", "off", "in widths"),
                                  list(residual_rows(result)), text=2))
     console.print(f"sum of squares {found.history[0]:.4g} before, {min(found.history):.4g} after {len(found.history)} steps "
                   f"and {found.simulations:.0f} simulations: {found.message}", soft_wrap=True)

@@ -1,0 +1,46 @@
+"""Examples of components under `models/examples`, each with numbers from a closed form or an independent computation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import heavebond as hb
+from heavebond.library import bundled
+
+Array = NDArray[np.float64]
+FOLDER = bundled("models") / "examples"
+
+
+@dataclass(frozen=True)
+class Case:
+    """`signal` of an example in SI is `expected(t)` within `tolerance` times its largest value, from `begin` on; `why` says
+    where the expected numbers are from, and what the tolerance leaves room for."""
+
+    example: str
+    signal: str
+    expected: Callable[[Array], Array | float]
+    why: str
+    tolerance: float = 1e-6
+    begin: float = 0.0
+
+
+def check(case: Case) -> None:
+    """Run the example and compare."""
+    result = hb.simulate(hb.load(FOLDER / f"{case.example}.yaml"))
+    late = result.time >= case.begin - 1e-12
+    expected = np.broadcast_to(case.expected(result.time[late]), late.sum())
+    size = float(np.abs(expected).max())
+    assert size > 0, "an example that expects nothing but zero shows nothing"
+    assert result[case.signal][late] == pytest.approx(expected, rel=0, abs=case.tolerance*size)
+
+
+def without_example(folders: Sequence[str], cases: Sequence[Case]) -> list[str]:
+    """Components of these folders of the library that have no example with a number."""
+    stems = [path.stem for folder in folders for path in sorted((bundled("components") / folder).glob("*.yaml"))]
+    shown = {case.example for case in cases}
+    return [stem for stem in stems if stem not in shown or not (FOLDER / f"{stem}.yaml").is_file()]

@@ -1,0 +1,71 @@
+"""Every electrical and bond graph component in a small example, beside its closed form."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from examples import Array, Case, check, without_example
+
+PI = np.pi
+LAW = "network equations; nothing is integrated"
+RUN = "closed form; 1e-6 for the integration"
+
+
+def motor(t: Array, which: int) -> Array:
+    """Current and speed of L*di/dt = u - R*i - k*w, J*dw/dt = k*i from rest, by eigenvalues."""
+    R, L, k, J = 0.6, 0.3e-3, 46e-3, 140e-7
+    a = np.array([[-R/L, -k/L], [k/J, 0]])
+    final = np.array([0, 24/k])
+    values, vectors = np.linalg.eig(a)
+    share = np.linalg.solve(vectors, -final)
+    return np.asarray((final[which] + (vectors[which]*share*np.exp(values*t[:, None])).sum(axis=1)).real)
+
+
+def swing(t: Array) -> Array:
+    """6 W on 1 J, 0.01 s/W and 2 W: natural frequency 10 rad/s, damping ratio 0.1."""
+    own = 10*np.sqrt(1 - 0.1**2)
+    return 6/own*np.exp(-t)*np.sin(own*t)
+
+
+CASES = [
+    Case("resistor", "load.i", lambda t: 3 + 0*t, LAW),
+    Case("electrical_ground", "middle.v", lambda t: 9 + 0*t, LAW),
+    Case("capacitor", "store.u", lambda t: 12*(1 - np.exp(-t/0.2)), RUN),
+    Case("inductor", "coil.i", lambda t: 3*(1 - np.exp(-5*t)), RUN),
+    Case("voltage_source", "load.i", lambda t: 2.5*np.sin(2*PI*t), LAW),
+    Case("current_source", "plus.v", lambda t: 12 + 0*t, LAW),
+    Case("battery", "plus.v", lambda t: 11 + 0*t, LAW),
+    Case("voltage_sensor", "meter.y", lambda t: 3 + 0*t, LAW),
+    Case("current_sensor", "meter.y", lambda t: 3 + 0*t, LAW),
+    Case("electrical_power_sensor", "meter.y", lambda t: 36 + 0*t, LAW),
+    Case("transformer", "load.i", lambda t: 4.6*np.sin(2*PI*t), LAW),
+    Case("transformer", "transformer.i", lambda t: 0.46*np.sin(2*PI*t), LAW),
+    # r**2*C is 1 H
+    Case("gyrator", "gyrator.i_1", lambda t: 12*t, RUN),
+    Case("motor_constant", "shaft.w", lambda t: 2*t, RUN),
+    Case("motor_constant", "plus.v", lambda t: 0.4*t, RUN),
+    Case("dc_motor", "shaft.w", lambda t: motor(t, 1), "eigenvalues; 1e-6 for the integration"),
+    Case("dc_motor", "motor.i", lambda t: motor(t, 0), "eigenvalues; 1e-6 for the integration"),
+    Case("se", "store.a.e", lambda t: 6*(1 - np.exp(-t/0.3)), RUN),
+    Case("sf", "zero.e", lambda t: 6*(1 - np.exp(-t/0.3)), RUN),
+    Case("r", "body.v", lambda t: np.exp(-2*t), RUN),
+    Case("c", "oil.p", lambda t: 1e7*t, RUN),
+    Case("i", "shaft.w", lambda t: 1.5*t, RUN),
+    Case("tf", "loss.a.f", lambda t: 0.5 + 0*t, LAW),
+    Case("gy", "store.a.e", lambda t: 30*t, RUN),
+    Case("gy", "motor.a.f", lambda t: 15*t, RUN),
+    Case("mtf", "loss.a.f", lambda t: 1.5/(1 + t), LAW),
+    Case("mgy", "loss.a.f", lambda t: 0.5*(1 + t), LAW),
+    Case("junction0", "first.a.f", lambda t: 4 + 0*t, LAW),
+    Case("junction0", "second.a.f", lambda t: 2 + 0*t, LAW),
+    Case("junction1", "one.f", swing, RUN),
+]
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case.example}-{case.signal}")
+def test_the_example_shows_the_law(case: Case) -> None:
+    check(case)
+
+
+def test_every_component_has_an_example() -> None:
+    assert without_example(["electrical", "bond_graph"], CASES) == []

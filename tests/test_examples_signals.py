@@ -1,0 +1,194 @@
+"""Every signal component in a small example, beside its closed form."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from examples import Array, Case, check, without_example
+from scipy.integrate import solve_ivp
+from scipy.interpolate import RegularGridInterpolator
+from scipy.signal import step
+
+import heavebond as hb
+from heavebond.symbols import uniform
+
+PI = np.pi
+LAW = "the law itself; nothing is integrated"
+RUN = "closed form; 1e-6 for the integration"
+
+
+def u(t: Array) -> Array:
+    """The input of most examples, V."""
+    return 2*np.sin(2*PI*t)
+
+
+def sampled(t: Array, period: float) -> Array:
+    """What u was at the last sample; an output at a sample shows the new one."""
+    return u(period*np.floor(t/period + 1e-9))
+
+
+def within(t: Array, begin: float, end: float) -> Array:
+    """1 from begin to end of each second."""
+    return ((np.mod(t + 1e-9, 1) >= begin) & (np.mod(t + 1e-9, 1) < end)).astype(float)
+
+
+def chirp(t: Array) -> Array:
+    """Phase as the integral of the frequency, which is piecewise linear: the trapezium rule is exact."""
+    grid = np.union1d(t, [2.0])
+    f = np.minimum(1 + 2*grid, 5)
+    cycles = np.concatenate(([0], np.cumsum(np.diff(grid)*(f[1:] + f[:-1])/2)))
+    return 2*np.sin(2*PI*np.interp(t, grid, cycles))
+
+
+def second_order(t: Array) -> Array:
+    w, zeta = 4*PI, 0.3
+    own = w*np.sqrt(1 - zeta**2)
+    return 2*(1 - np.exp(-zeta*w*t)*(np.cos(own*t) + zeta*w/own*np.sin(own*t)))
+
+
+def pid(t: Array) -> Array:
+    """K_p 2, K_i 1, K_d 0.1 on an error of 1 mm: the same equations by another solver."""
+    def rates(_: float, y: Array) -> Array:
+        w = 2 + y[1] + 0.1*(1 - y[0])/0.01
+        return np.array([(1 - y[0])/0.01, 1 + (np.clip(w, -10, 10) - w)/0.2])
+    z, q = solve_ivp(rates, (0, 1), [0, 0], t_eval=t, rtol=1e-10, atol=1e-12, max_step=1e-3).y
+    return np.asarray(np.clip(2 + q + 10*(1 - z), -10, 10))
+
+
+def trapezium(t: Array) -> Array:
+    """1 m with 1 m/s**2 up to 0.5 m/s, from 0.2 s on."""
+    s = np.clip(t - 0.2, 0, 2.5)
+    return np.where(s < 0.5, s**2/2, np.where(s < 2, 0.125 + 0.5*(s - 0.5), 1 - (2.5 - s)**2/2))
+
+
+def share(t: Array) -> Array:
+    return np.clip((t - 0.2)/2, 0, 1)
+
+
+def sea(t: Array) -> Array:
+    """Forty sines at the middle of equal parts of the energy of a Pierson-Moskowitz spectrum, shaken within half of their
+    part, and enhanced around the peak."""
+    i = np.arange(1, 41)
+    shaken, phase = (np.array([uniform(7, int(k)) for k in i + n]) for n in (0, 40))
+    r = (1.25/-np.log((i - 0.75 + 0.5*shaken)/40))**0.25
+    weight = 3.3**(0.5*np.exp(-0.5*((r - 1)/0.08)**2))
+    waves = weight*np.sin(2*PI*(t[:, None]/10*r + phase))
+    return (1 - np.exp(-(t/4)**3))*2/4*np.sqrt(2/40*(1 - 0.287*np.log(3.3)))*waves.sum(axis=1)
+
+
+MAP = RegularGridInterpolator(([0, 1000, 2000], [0, 100]), [[0.5, 0.6], [0.8, 0.9], [0.7, 0.95]])
+ORDERS = np.arange(1, 11)
+
+CASES = [
+    Case("constant", "part.y", lambda t: 5 + 0*t, LAW),
+    Case("sine", "part.y", lambda t: 1 + 2*np.sin(4*PI*t + PI/6), LAW),
+    Case("step", "part.y", lambda t: np.where(t < 0.305, 1, 3), LAW),
+    Case("ramp", "part.y", lambda t: 1 + 4*(np.clip(t, 0.2, 0.7) - 0.2), LAW),
+    Case("chirp", "part.y", chirp, "sine of the integral of the frequency"),
+    Case("multisine", "part.y", lambda t: np.sqrt(0.2)*np.cos(
+        2*PI*ORDERS*t[:, None] - PI*ORDERS*(ORDERS - 1)/10).sum(axis=1), LAW),
+    Case("square_wave", "part.y", lambda t: 5.0*(np.mod(t + 1e-9, 0.4) < 0.1), LAW),
+    Case("pulse", "part.y", lambda t: 5.0*((t > 0.3 - 1e-9) & (t < 0.55)), LAW),
+    Case("table_source", "part.y", lambda t: np.interp(t, [0.1, 0.3, 0.6, 0.8], [0, 2, 2, -1]), "np.interp"),
+    Case("lookup", "part.y", lambda t: np.interp(u(t), [-1, 0, 1, 2], [-10, 0, 5, 20])/6e4, "np.interp"),
+    Case("lookup2", "part.y", lambda t: MAP(np.column_stack((2000*t, 100*(1 - t)))), "SciPy's RegularGridInterpolator"),
+    Case("record", "part.y", lambda t: np.interp(t, [0, 0.5, 1.5, 2], [0, 0.02, -0.01, 0.03]), "np.interp"),
+    Case("gain", "part.y", lambda t: 6/6e4*u(t), LAW),
+    Case("sensor_gain", "part.y", lambda t: 1.05*u(t), LAW),
+    Case("sensor_offset", "part.y", lambda t: u(t) + 0.3, LAW),
+    Case("sum", "part.y", lambda t: 3 - u(t), LAW),
+    Case("product", "part.y", lambda t: 3*u(t), LAW),
+    Case("division", "part.y", lambda t: 6/(2 + np.sin(2*PI*t)), LAW),
+    Case("integrator", "part.y", lambda t: 1 + 3*2*(1 - np.cos(2*PI*t))/(2*PI), RUN),
+    Case("filtered_derivative", "part.y", lambda t: 4*(1 - np.exp(-t/0.1)), RUN),
+    Case("first_order_lag", "part.y", lambda t: 2*(1 - np.exp(-t/0.2)), RUN),
+    Case("second_order_lag", "part.y", second_order, RUN),
+    Case("transfer_function", "part.y", lambda t: 1.5 - 2*np.exp(-t) + 0.5*np.exp(-2*t), "partial fractions"),
+    Case("state_space", "part.y", lambda t: 2*(1 - 2*np.exp(-t) + np.exp(-2*t)), "partial fractions"),
+    Case("saturation", "part.y", lambda t: np.clip(u(t), -1, 1.5), LAW),
+    Case("dead_band", "part.y", lambda t: u(t) - np.clip(u(t), -0.5, 0.5), LAW),
+    Case("rate_limit", "part.y", lambda t: 3*t, "the limit; 1e-5 for what the smoothing takes near the end", 1e-5),
+    # sin reaches 1/2 at 1/12 s, and falls through -1/4 after half a period
+    Case("relay", "part.y", lambda t: 24*within(t, 1/12, 0.5 + np.arcsin(0.25)/(2*PI)), LAW),
+    Case("comparator", "part.y", lambda t: within(t, 1/12, 5/12), LAW),
+    Case("switch", "part.y", lambda t: np.where(within(t + 0.3/(2*PI), 0, 0.5) == 1, 3, -t), LAW),
+    Case("delay", "part.y", lambda t: 4*(t - 0.1), "a ramp, once exp(-30*t) is gone", 1e-6, 0.6),
+    Case("delay_chain", "part.y", lambda t: 4*(t - 0.1), "a ramp, once exp(-200*t) is gone", 1e-6, 0.4),
+    Case("quantiser", "part.y", lambda t: 0.1*np.round(sampled(t, 0.02)/0.1), "np.round of the samples"),
+    Case("sample_hold", "part.y", lambda t: sampled(t, 0.05), LAW),
+    Case("minimum", "part.y", lambda t: np.minimum(1, u(t)), LAW),
+    Case("maximum", "part.y", lambda t: np.maximum(1, u(t)), LAW),
+    Case("absolute", "part.y", lambda t: np.abs(u(t)), LAW),
+    Case("and", "part.y", lambda t: 1.0*((t > 0.205) & (t < 0.605)), LAW),
+    Case("or", "part.y", lambda t: 1.0*((t > 0.605) | (t < 0.205)), LAW),
+    Case("not", "part.y", lambda t: 1.0*(t <= 0.205), LAW),
+    Case("pid", "part.y", pid, "SciPy's Runge-Kutta with steps of 1 ms; 1e-5 for the corner at the limit", 1e-5),
+    Case("trapezoidal_motion", "part.y", trapezium, "parabola, line, parabola"),
+    Case("trapezoidal_motion", "part.w", lambda t: np.clip(np.minimum(t - 0.2, 2.7 - t), 0, 0.5), "trapezium"),
+    Case("s_curve_motion", "part.y", lambda t: share(t) - np.sin(2*PI*share(t))/(2*PI), LAW),
+    Case("s_curve_motion", "part.w", lambda t: (1 - np.cos(2*PI*share(t)))/2, "its derivative"),
+    Case("polynomial_motion", "part.y", lambda t: np.polyval([6, -15, 10, 0, 0, 0], share(t)), LAW),
+    Case("polynomial_motion", "part.w", lambda t: np.polyval([30, -60, 30, 0, 0], share(t))/2, "its derivative"),
+    Case("regular_sea", "part.z", lambda t: (1 - np.exp(-(t/4)**3))*np.sin(2*PI*t/8), LAW),
+    Case("irregular_sea", "part.z", sea, "the sum of sines in NumPy"),
+    Case("heave_controller", "part.u", lambda t: np.clip(-0.3 - 1.5*np.sin(2*PI*t), -1, 1), LAW),
+    Case("signal_curve", "part.y", lambda t: u(t)*1.1, "cubic splines reproduce the straight line 0.1 V per V"),
+]
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case.example}-{case.signal}")
+def test_the_example_shows_the_law(case: Case) -> None:
+    check(case)
+
+
+def test_every_component_has_an_example() -> None:
+    assert without_example(["signal"], CASES) == []
+
+
+def test_a_multisine_has_its_rms_and_a_low_peak() -> None:
+    wave = hb.simulate(hb.load("examples/multisine"))["part.y"][:1000]   # one period
+    spectrum = np.abs(np.fft.rfft(wave))/1000
+    assert np.sqrt(np.mean(wave**2)) == pytest.approx(1, rel=1e-9)
+    assert spectrum[1:11] == pytest.approx(np.sqrt(0.2)/2, rel=1e-9)
+    assert spectrum[11:] == pytest.approx(0, abs=1e-9)
+    assert np.abs(wave).max() < 1.95   # ten sines in phase: 4.5
+
+
+@pytest.mark.parametrize(("way", "top"), [(0.1, np.sqrt(0.1)), (-0.1, -np.sqrt(0.1)), (2.0, 0.5)])
+def test_a_short_way_is_a_triangle_and_any_way_ends_where_it_should(way: float, top: float) -> None:
+    """A way below v**2/a, 0.25 m, reaches sqrt(a*way) at its middle only."""
+    result = hb.simulate(hb.load("examples/trapezoidal_motion").with_parameters({"part.end": way}), "6 s")
+    assert result["part.y"][-1] == pytest.approx(way, rel=1e-12)
+    # samples every 10 ms miss the tip of a triangle by 10 mm/s at most
+    assert np.abs(result["part.w"]).max() == pytest.approx(abs(top), abs=0.01)
+    assert np.gradient(result["part.y"], result.time) == pytest.approx(result["part.w"], abs=6e-3)
+
+
+def test_the_integral_of_a_controller_is_led_back_from_the_limit() -> None:
+    """An error of 1 V for 10 s would wind an integral of 10 V up; led back it stays within T_t*K_i above the limit."""
+    text = """model: windup
+components:
+  error: {is: Step, t_s: 10.0005 s, before: 1 V, after: -1 V}
+  part:  {is: PID, K_p: 0.1, K_i: 1 1/s, y_min: -1 V, y_max: 1 V, T_t: 0.5 s, r: =error.y, u: 0 V}
+simulate: {until: 12 s, every: 1 ms}
+"""
+    result = hb.simulate(hb.loads(text))
+    held = result["part.q"][result.time <= 10]
+    # der(q) = 1 + (1 - 0.1 - q)/0.5 at rest
+    assert held[-1] == pytest.approx(1.4, rel=1e-6)
+    after = result.time > 10.001
+    falls = result.time[after][result["part.y"][after] < 1][0] - 10
+    # from w = 1.3 with rate -1 + (1 - w)/0.5 down to 1: 0.5*log(1 + 0.3/0.5)
+    assert falls == pytest.approx(0.5*np.log(1.6), abs=3e-3)
+
+
+def test_a_transfer_function_of_third_order_in_milliseconds_and_one_with_a_direct_part() -> None:
+    result = hb.simulate(hb.loads("""model: filters
+components:
+  butterworth: {is: TransferFunction, a: [1, 2, 2, 1], b: [0, 0, 0, 1], T: 100 ms, u: 1 V}
+  lead: {is: TransferFunction, a: [2, 1], b: [1, 0], u: 1 V}
+simulate: {until: 1 s, every: 10 ms}
+"""))
+    _, expected = step(([1], [1, 2, 2, 1]), T=result.time/0.1)
+    assert result["butterworth.y"] == pytest.approx(expected, abs=1e-6)   # integration
+    assert result["lead.y"] == pytest.approx(0.5*np.exp(-result.time/2), abs=1e-9)
