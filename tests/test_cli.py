@@ -305,7 +305,7 @@ def test_demo_tables_and_pictures(folder: Path) -> None:
         assert active["bit off bottom"] == 0
         assert imread(folder / "shown" / "deep" / f"{sea.file}.png").shape[1] == 1200
     # the published wave: what the paper calls active control keeps the weight on bit within some kilonewton
-    assert found["runs"]["regular sea, active"]["WOB variation"] == pytest.approx(2.94, rel=0.02)
+    assert found["runs"]["regular sea, active"]["WOB variation"] == pytest.approx(2.86, rel=0.02)
 
 
 def test_demo_needs_a_folder_that_can_be_made(folder: Path) -> None:
