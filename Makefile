@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 # installed once, and again when the dependencies change
 READY := $(VENV)/.ready
 
-.PHONY: demo test test-slow lint types bench false-alarms confusion detectability clean
+.PHONY: demo test test-slow lint types pages bench fuzz false-alarms confusion detectability clean
 
 demo: $(READY)
 	$(BIN)/heavebond demo --output demo
@@ -22,8 +22,16 @@ lint: $(READY)
 types: $(READY)
 	$(BIN)/mypy
 
+# docs/components/, from the component files; after every change of one
+pages: $(READY)
+	$(BIN)/heavebond library --pages docs/components
+
 bench: $(READY)
 	$(BIN)/python -m benchmarks
+
+# 100 000 random diagrams: hours; goes on where it was stopped
+fuzz: $(READY)
+	$(BIN)/python -m benchmarks.fuzz
 
 # the study of the diagnosis: hours; each goes on where it was stopped
 false-alarms confusion detectability: $(READY)

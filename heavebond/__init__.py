@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from heavebond.misfit import Where, where
     from heavebond.model import Model, load, loads
     from heavebond.result import Result
+    from heavebond.saved import SavedRun, read_run
     from heavebond.simulation import Simulator, simulate
     from heavebond.study import Study, load_study
     from heavebond.tuning import tune
@@ -49,14 +50,14 @@ _WHERE = {
     "load_experiment": "experiment",
     "Assembly": "dae", "assemble": "dae", "DataError": "errors", "HeavebondError": "errors", "ModelError": "errors",
     "SimulationError": "errors", "StartError": "errors", "UsageError": "errors",
-    "Model": "model", "load": "model", "loads": "model", "Result": "result", "Simulator": "simulation",
-    "simulate": "simulation", "Where": "misfit", "where": "misfit",
+    "Model": "model", "load": "model", "loads": "model", "Result": "result", "SavedRun": "saved",
+    "read_run": "saved", "Simulator": "simulation", "simulate": "simulation", "Where": "misfit", "where": "misfit",
 }
 __all__ = [
     "Assembly", "Comparison", "DataError", "Diagnosis", "Experiment", "Fit", "HeavebondError", "Model", "ModelError",
-    "Result", "SimulationError", "Simulator", "StartError", "Study", "StudyResult", "UsageError", "Where", "assemble",
-    "attempt", "audit", "candidates", "compare", "diagnose", "draw", "fit", "ladder", "load", "load_experiment",
-    "load_study", "loads", "run_study", "simulate", "tune", "where",
+    "Result", "SavedRun", "SimulationError", "Simulator", "StartError", "Study", "StudyResult", "UsageError", "Where",
+    "assemble", "attempt", "audit", "candidates", "compare", "diagnose", "draw", "fit", "ladder", "load",
+    "load_experiment", "load_study", "loads", "read_run", "run_study", "simulate", "tune", "where",
 ]
 
 

@@ -64,14 +64,16 @@ class StudyCase:
         return ", ".join(level.name for level in self.levels) or self.model.name
 
 
-def all_cases(axes: Sequence[Axis], model: Model) -> tuple[StudyCase, ...]:
+def indices(axes: Sequence[Axis]) -> list[tuple[int, ...]]:
     """Every combination of the levels, the last axis running fastest."""
-    found = []
-    for index in product(*(range(len(axis.levels)) for axis in axes)):
-        levels = tuple(axis.levels[k] for axis, k in zip(axes, index, strict=True))
-        diagram = next((level.model for level in levels if level.model is not None), model)
-        found.append(StudyCase(index, levels, changed(diagram, [level.settings for level in levels])))
-    return tuple(found)
+    return list(product(*(range(len(axis.levels)) for axis in axes)))
+
+
+def case_at(axes: Sequence[Axis], model: Model, index: tuple[int, ...]) -> StudyCase:
+    """One combination of the levels."""
+    levels = tuple(axis.levels[k] for axis, k in zip(axes, index, strict=True))
+    diagram = next((level.model for level in levels if level.model is not None), model)
+    return StudyCase(index, levels, changed(diagram, [level.settings for level in levels]))
 
 
 def changed(model: Model, settings: Sequence[dict[str, Setting]]) -> Model:

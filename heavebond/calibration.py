@@ -22,10 +22,10 @@ from typing import Any
 
 import numpy as np
 
-from heavebond.casework import assembled, run_times, tuned_by
+from heavebond.casework import assembled, own_values, run_times, tuned_by
 from heavebond.costs import Evaluator, read_cost
-from heavebond.dae import Array, Assembly, assemble
-from heavebond.errors import HeavebondError, Problem, SimulationError, UsageError, suggest
+from heavebond.dae import Array, Assembly
+from heavebond.errors import HeavebondError, Problem, SimulationError
 from heavebond.objective import TOLERANCES, Objective
 from heavebond.processes import as_done
 from heavebond.progress import Progress
@@ -127,7 +127,7 @@ class _Problem:
     def __init__(self, study: Study, calibration: Calibration, executor: Executor | None, ahead: int, say: Progress):
         self.study, self.calibration, self.executor, self.ahead, self.say = study, calibration, executor, ahead, say
         self.names, self.ranges = list(calibration.free), list(calibration.free.values())
-        self.before = _before(study, calibration)
+        self.before = own_values(study.model, calibration)
         given = study.beside[calibration.source].numbers
         self.targets = {k: {q: given[q][case.index].value for q in calibration.targets if case.index in given[q]}
                         for k, case in enumerate(study.cases)}
@@ -202,20 +202,6 @@ class _Problem:
         return found
 
 
-def _before(study: Study, calibration: Calibration) -> dict[str, float]:
-    """The diagram's own values; UsageError for names that are no parameters, or other units."""
-    assembly = assemble(study.model)
-    units = {q.name: q.unit for q in assembly.flat.parameters}
-    for name, wanted in calibration.free.items():
-        if name not in units:
-            raise UsageError([Problem("free-unknown", f"'{name}' is no parameter that may be free", None,
-                                      suggest(name, units))])
-        if units[name].dimension != wanted.unit.dimension:
-            raise UsageError([Problem("unit-wrong", f"the range of {name} is in {wanted.unit.text}; "
-                                      f"{units[name].text} is needed")])
-    return {name: assembly.parameter_values[name] for name in calibration.free}
-
-
 def _share(wanted: Range, value: float) -> float:
     if wanted.low > 0:
         return float(np.log(max(value, wanted.low) / wanted.low) / np.log(wanted.high / wanted.low))
@@ -240,7 +226,7 @@ def at_point(study: Study, number: int, gains: Mapping[str, float] | None) -> Po
     Nothing is kept between two calls, so that the same values give the same point in whichever process.
     """
     try:
-        assembly, simulations = assembled(study, study.cases[number]), 0.0
+        assembly, simulations = assembled(study, study.case(number)), 0.0
         following: dict[str, Array] = {}
         if study.task is not None:
             objective = Objective(assembly, study.task)

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -47,7 +48,12 @@ class StudyResult:
 
     def case_of(self, outcome: Outcome) -> StudyCase:
         """The case that an outcome is of."""
-        return self.study.cases[outcome.case]
+        return self.cases[outcome.case]
+
+    @cached_property
+    def cases(self) -> tuple[StudyCase, ...]:
+        """Every case of the study."""
+        return self.study.cases
 
     def value(self, outcome: Outcome, quantity: str) -> float:
         """A number in the unit in which it is told; NaN where there is none."""
@@ -154,7 +160,7 @@ class _Told:
 
     def inside(self, study: Study, number: int) -> Progress:
         """Progress of a case that is worked here."""
-        name = study.cases[number].name
+        name = study.case(number).name
         return lambda text: self.say(f"{self.words}; {name}: {text}")
 
     @property
@@ -208,8 +214,9 @@ class Kept:
 
 
 def fingerprint(study: Study) -> str:
-    """What tells whether an outcome is still of the same study: its file, its diagrams, their components and records."""
-    files = {study.path}
+    """What tells whether an outcome is still of the same study: its file, its diagrams, their components and records, the
+    program."""
+    files = {study.path, *Path(__file__).parent.rglob("*.py")}
     for model in {id(case.levels): case.model for case in study.cases}.values():
         files |= {*model.files, *model.library.files.values()}
         files |= {s.value.file for s in model.settings.values() if isinstance(s.value, FileInput)}

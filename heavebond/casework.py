@@ -14,16 +14,17 @@ import numpy as np
 from heavebond.axes import StudyCase
 from heavebond.costs import FUNCTIONALS, Cost, Evaluator, read_cost, read_limit
 from heavebond.dae import Array, Assembly, assemble
-from heavebond.errors import HeavebondError, ModelError, Place, Problems, UsageError
+from heavebond.errors import HeavebondError, ModelError, Place, Problem, Problems, UsageError, suggest
 from heavebond.expression import ExpressionProblem, names, parse_formula
 from heavebond.linearisation import ModesAtStart
 from heavebond.modal import NUMBERS, chosen_mode, modal_number
+from heavebond.model import Model
 from heavebond.objective import Objective, check_free, check_smooth
 from heavebond.processes import heed
 from heavebond.progress import Progress
 from heavebond.result import Result, unknown_signal
 from heavebond.simulation import Simulator, grid
-from heavebond.study import COST, SIMULATIONS, Measure, Procedure, Study
+from heavebond.study import COST, SIMULATIONS, Calibration, Measure, Procedure, Study
 from heavebond.tuning import Tuned, sweep_in_turn, tune
 from heavebond.units import Unit, read_unit
 
@@ -45,6 +46,7 @@ class Outcome:
     modes: tuple[Mapping[str, Any], ...] = ()
     time: tuple[float, ...] = ()
     signals: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    signal_units: Mapping[str, str] = field(default_factory=dict)
     seconds: float = 0.0
     problem: str = ""
 
@@ -58,7 +60,7 @@ def worked(study: Study, number: int, procedure: Procedure | None, progress: Pro
     began = clock.perf_counter()
     name = procedure.name if procedure is not None else ""
     try:
-        found = _worked(study, study.cases[number], procedure, progress or heed)
+        found = _worked(study, study.case(number), procedure, progress or heed)
     except HeavebondError as error:
         first = error.problems[0]
         found = Outcome(number, problem=first.message + (f" {first.hint}" if first.hint else ""))
@@ -78,7 +80,8 @@ def _worked(study: Study, case: StudyCase, procedure: Procedure | None, progress
     told, run = measured(study, assembly)
     time, signals = _signals(study, run)
     return Outcome(0, values={**values, **told}, limits=dict(limits), message=message, modes=_modes(study, assembly),
-                   time=time, signals=signals)
+                   time=time, signals=signals,
+                   signal_units={name: run.unit(name) for name in signals} if run is not None else {})
 
 
 def assembled(study: Study, case: StudyCase) -> Assembly:
@@ -173,7 +176,25 @@ def checked(study: Study) -> dict[str, Unit]:
         assembly = assemble(case.model, named_in(study))
         found = _units(study, assembly, problems)
         problems.raise_as(ModelError)
+    if study.calibration is not None:
+        with relocated(study.places["calibrate"], problems):
+            own_values(study.model, study.calibration)
+        problems.raise_as(ModelError)
     return found
+
+
+def own_values(model: Model, calibration: Calibration) -> dict[str, float]:
+    """What the diagram has where something is to be calibrated; UsageError for no parameter, or another unit."""
+    assembly = assemble(model)
+    units = {q.name: q.unit for q in assembly.flat.parameters}
+    for name, wanted in calibration.free.items():
+        if name not in units:
+            raise UsageError([Problem("free-unknown", f"'{name}' is no parameter that may be free", None,
+                                      suggest(name, units))])
+        if units[name].dimension != wanted.unit.dimension:
+            raise UsageError([Problem("unit-wrong", f"the range of {name} is in {wanted.unit.text}; "
+                                      f"{units[name].text} is needed")])
+    return {name: assembly.parameter_values[name] for name in calibration.free}
 
 
 def _covering(study: Study) -> list[StudyCase]:
@@ -197,7 +218,11 @@ def _units(study: Study, assembly: Assembly, problems: Problems) -> dict[str, Un
         found |= {COST: read_unit("1"), SIMULATIONS: read_unit("1")}
     for measure in study.measures.values():
         with relocated(measure.place, problems):
-            found[measure.name] = _unit(measure, read_cost(assembly, measure.text), problems)
+            cost = read_cost(assembly, measure.text)
+            found[measure.name] = _unit(measure, cost, problems)
+            if study.calibration is not None and measure.name in study.calibration.targets and any(cost.references):
+                problems.add("target-reference", f"'{measure.name}' holds ref(...), and nothing is calibrated by that",
+                             measure.place, hint="Take a number without it as a target.")
     for picture in study.pictures:
         for name in picture.signals:
             with relocated(picture.place, problems):

@@ -97,6 +97,20 @@ class Assembly:
             raise UsageError([Problem(problem.code, f"{name}: {problem.message}", None, problem.hint)]) from None
         return number
 
+    @cached_property
+    def _raw(self) -> ca.Function:
+        return ca.Function("raw", list(self.arguments), [
+            substitute_inputs(self.reduced.expressions, self.flat, self.arguments[0], self.arguments[4])])
+
+    def point(self, t: float, x: Array, z: Array, p: Array, u: Array, rate: float = 1.0) -> dict[int, float]:
+        """The values of all raw symbols of the flat model by their hashes, at values of the arguments."""
+        reduced = self.reduced
+        found = {self.arguments[0].element_hash(): t, self.arguments[5].element_hash(): rate}
+        for symbols, values in ((reduced.symbols, np.array(self._raw(t, x, z, p, u, rate)).ravel()), (reduced.x, x),
+                                (reduced.z, z), (self.flat.p, p)):
+            found |= {s.element_hash(): float(v) for s, v in zip(split(symbols), values, strict=True)}
+        return found
+
     def resolver(self) -> Resolver:
         """Names of the diagram to raw symbols and units."""
         flat = self.flat
@@ -133,9 +147,10 @@ class Assembly:
         return ca.jtimes(value, low, high) + ca.jtimes(value, t, rate)
 
 
-def assemble(model: Model, also: Iterable[str] = ()) -> Assembly:
-    """YAML meaning to runnable equations; `also` names positions wanted beside those the diagram itself names."""
-    return build(reduce(flatten(model, also)))
+def assemble(model: Model, also: Iterable[str] = (), widths: float = 1.0) -> Assembly:
+    """YAML meaning to runnable equations; `also` names positions wanted beside those the diagram itself names, `widths` is
+    a factor on the widths of all transitions."""
+    return build(reduce(flatten(model, also, widths)))
 
 
 def build(reduced: Reduced) -> Assembly:

@@ -12,18 +12,21 @@ from heavebond.units import Range, Unit
 
 @dataclass(frozen=True)
 class Member:
-    """One variable of a port: its unit and the size that it commonly has (for scaling)."""
+    """One variable of a port: its unit, the size that it commonly has (for scaling), what it never falls below, and the
+    guess where a start is searched and nothing else is known."""
 
     name: str
     unit: Unit
     nominal: float
     doc: str = ""
+    low: float | None = None
+    start: float | None = None
 
 
 @dataclass(frozen=True)
 class Domain:
     """What a wire of one kind carries: `across` is shared at a node, `through` sums to zero. `reference` is the component
-    that stands for the surroundings: the ground, a tank."""
+    that stands for the surroundings: the ground, a tank; `medium` the one that sets what flows in a circuit."""
 
     name: str
     members: dict[str, Member]
@@ -34,6 +37,7 @@ class Domain:
     position: str | None
     power: str | None
     reference: str | None = None
+    medium: str | None = None
 
     def role(self, member: str) -> str:
         """The member's own name for `effort` and `flow` as generic ports write them."""
@@ -137,6 +141,8 @@ class Parameter:
 
     `neutral` is the value at which an effect is absent: such a parameter is a dormant effect, called `kind`, `sought`
     within a range when it wakes and with it those it `wakes_with`.
+    `medium` names the parameter of the circuit's medium whose value it takes where it is not given.
+    A `width` is that of a transition which makes a law smooth: results should not depend on it.
     """
 
     name: str
@@ -152,6 +158,8 @@ class Parameter:
     sought: Sought | None = None
     wakes_with: tuple[str, ...] = ()
     count: Expr | None = None
+    medium: str = ""
+    width: bool = False
 
 
 @dataclass(frozen=True)
@@ -252,10 +260,35 @@ class Body:
 
 
 @dataclass(frozen=True)
+class ForeignVariable:
+    """A variable of an FMU by its `name` in the component: its own name, type and value reference; in SI it is
+    scale * value + offset."""
+
+    name: str
+    own: str
+    type: str
+    reference: int
+    scale: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class Foreign:
+    """The FMU behind a component: its file, and what it is given and gives."""
+
+    path: Path
+    identifier: str
+    inputs: tuple[ForeignVariable, ...]
+    outputs: tuple[ForeignVariable, ...]
+    parameters: tuple[ForeignVariable, ...]
+
+
+@dataclass(frozen=True)
 class Component:
     """A component file: ports, parameters, variables, equations and, for a block, what it is composed of.
 
-    `symbol` names the picture that stands for it in drawings; without one it is drawn as a box.
+    `symbol` names the picture that stands for it in drawings; without one it is drawn as a box. `foreign` is the FMU
+    that sets its held variables.
     """
 
     name: str
@@ -279,6 +312,7 @@ class Component:
     source: str = ""
     symbol: str = ""
     effect: Effect | None = None
+    foreign: Foreign | None = None
 
     @property
     def unknowns(self) -> dict[str, Variable]:

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from xml.sax.saxutils import escape, quoteattr
 
 from heavebond.connect import connect
+from heavebond.definition import Component
 from heavebond.expand import expand
 from heavebond.layout import Drawn, Item, Options, Strand, lay_out
 from heavebond.lettering import (
@@ -23,14 +24,14 @@ from heavebond.lettering import (
     wrapped,
 )
 from heavebond.model import Model
-from heavebond.pictograms import SIDES, STRAIGHT, Mark
+from heavebond.pictograms import SIDES, STRAIGHT, Anchor, Mark, Shape, box, symbol
 from heavebond.sheets import NODE, marked_places, opened_blocks, sheet
 
 EDGE = 20  # px around the drawing
 NARROWEST = 420  # px, so that a title has room
 # told apart by every kind of colour vision (after Okabe and Ito), dark enough for thin lines
 COLOURS = {"translational": "#263238", "rotational": "#7a5200", "hydraulic": "#005a9c", "pneumatic": "#9c3d7e",
-           "electrical": "#9b1c1c", "signal": "#00734f"}
+           "electrical": "#9b1c1c", "thermal": "#5e35b1", "signal": "#00734f"}
 OTHER, QUIET, WARNING, HALO = "#444444", "#5f6368", "#c2410c", "#ffe3d1"
 WIDTHS = {"signal": 1.1}
 
@@ -51,6 +52,50 @@ def draw(model: Model, *, open: Iterable[str] = (), open_all: bool = False, valu
     blocks = opened_blocks(expanded, [open] if isinstance(open, str) else open, open_all, marks)
     drawn = lay_out(sheet(expanded, network, blocks), {}, Options(values, marks))
     return _page(model, drawn, marks)
+
+
+def symbol_picture(component: Component) -> str:
+    """The symbol of a component with its ports named, as the text of an SVG file; a box with its ports where it has none."""
+    shape = symbol(component)
+    ports = {**{p.name: p.domain for p in component.ports.values()}, **dict.fromkeys(component.signals, "signal")}
+    if shape is None:
+        shape = box("", component.name, _sides(component))
+        labels: list[Lettering] = []
+    else:
+        labels = [_port_name(anchor) for anchor in {a.port: a for a in reversed(shape.anchors)}.values()
+                  if anchor.port in ports and anchor.port not in {mark.text for mark in shape.marks}]
+    main = shape.domain or next((d for d in ports.values() if d != "signal"), "signal")
+    extent = bounds([Box(shape.left, shape.top, shape.right, shape.bottom), *(label.box for label in labels)])
+    left, top = round(extent.left) - 4, round(extent.top) - 4
+    width, height = round(extent.right) + 4 - left, round(extent.bottom) + 4 - top
+    lines = [f'<svg xmlns="http://www.w3.org/2000/svg" width="{round(1.5 * width)}" height="{round(1.5 * height)}" '
+             f'viewBox="{left} {top} {width} {height}" font-family={quoteattr(FONT)} fill="none" stroke-linejoin="round">',
+             f"<title>{escape(_clean(component.name))}</title>",
+             f'<rect x="{left}" y="{top}" width="{width}" height="{height}" fill="#ffffff"/>',
+             *_picture(shape, _colour(main), main, marked=False)]
+    for anchor in shape.anchors:
+        if anchor.port in ports:
+            lines.append(f'<circle cx="{anchor.x}" cy="{anchor.y}" r="2" fill="{_colour(ports[anchor.port])}"/>')
+    for label in labels:
+        lines += _lettered(label, QUIET, "port")
+    return "\n".join([*lines, "</svg>"]) + "\n"
+
+
+def _sides(component: Component) -> dict[str, list[str]]:
+    """The ports of a box outside a diagram: what goes in on the left, what comes out on the right."""
+    powers = list(component.ports)
+    half = (len(powers) + 1) // 2
+    signals = {direction: [s.name for s in component.signals.values() if s.direction == direction]
+               for direction in ("in", "out")}
+    return {"left": [*powers[:half], *signals["in"]], "right": [*powers[half:], *signals["out"]]}
+
+
+def _port_name(anchor: Anchor) -> Lettering:
+    """The name of a port outside the picture, beside the end of its wire."""
+    dx, dy = SIDES[anchor.side]
+    line = (Line(anchor.port, KIND),)
+    align = {-1: "end", 0: "middle", 1: "start"}[dx]
+    return lettering(line, anchor.x + 5 * dx, anchor.y - 6 + (10 * dy if dy > 0 else 9 * dy), align)
 
 
 def _page(model: Model, drawn: Drawn, marks: Mapping[str, str]) -> str:
@@ -110,7 +155,7 @@ def _item(item: Item, marks: Mapping[str, str], reached: frozenset[tuple[int, in
     if item.inside is not None:
         lines += _inside(item, item.inside, colour, marks)
     else:
-        lines += _picture(item, colour, main)
+        lines += _picture(item.shape, colour, main, "" in item.marks)
     for port in item.marks:
         ends = sorted(item.shape.of(port), key=lambda a: (a.x + item.x, a.y + item.y) not in reached)
         lines += [f'<circle cx="{a.x}" cy="{a.y}" r="6" stroke="{WARNING}" stroke-width="2.5"/>' for a in ends[:1]]
@@ -120,15 +165,14 @@ def _item(item: Item, marks: Mapping[str, str], reached: frozenset[tuple[int, in
     return lines
 
 
-def _picture(item: Item, colour: str, main: str) -> list[str]:
+def _picture(shape: Shape, colour: str, main: str, marked: bool) -> list[str]:
     """The marks of a symbol, turned; writing in it upright."""
-    turn = item.shape.turn
+    turn = shape.turn
     head = f'<g color="{colour}" stroke="currentColor" stroke-width="1.6"'
     lines = [head + (">" if turn == STRAIGHT else ' transform="matrix({} {} {} {} 0 0)">'.format(*turn))]
-    marked = "" in item.marks
-    lines += [_element(mark, marked) for mark in item.shape.marks if mark.tag != "text"]
+    lines += [_element(mark, marked) for mark in shape.marks if mark.tag != "text"]
     lines.append("</g>")
-    for mark in item.shape.marks:
+    for mark in shape.marks:
         if mark.tag == "text":
             lines.append(_writing(mark, turn, WARNING if marked else _colour(main)))
     return lines

@@ -177,7 +177,8 @@ class EffectReader:
                          hint="Write `amplitude: [...]` with those that are 0 where it is absent.")
         said = {word for key in ("amplitude", "try", "start") for word in _named(entry.items.get(key))}
         for parameter in self.parameters.values():
-            if parameter.name not in said and parameter.default is None and parameter.neutral is None:
+            if parameter.name not in said and parameter.default is None and parameter.neutral is None \
+                    and not parameter.medium:
                 problems.add("effect-parameter", f"the effect says nothing of '{parameter.name}', which has no default",
                              place, hint="List it under `try:` with a range, or give it a default.")
 

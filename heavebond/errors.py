@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 WIDEST_EXCERPT = 110
 LONGEST_MESSAGE = 400
+SHORTEST_KIND = 5  # letters from which a capitalised name is taken for a component's in suggestions
 
 
 @dataclass(frozen=True)
@@ -82,9 +83,11 @@ class Problem:
 
 
 class HeavebondError(Exception):
-    """A user's mistake, or a model or record that cannot do what was asked; never a fault of the program."""
+    """A user's mistake, or a model or record that cannot do what was asked; never a fault of the program. `figures` is
+    what was computed all the same, for the JSON file."""
 
     def __init__(self, problems: Iterable[Problem] | str, *, hint: str = ""):
+        self.figures: dict[str, object] = {}
         if isinstance(problems, str):
             problems = [Problem(self.default_code, problems, hint=hint)]
         self.problems = tuple(problems)
@@ -149,7 +152,10 @@ class Problems:
 
 
 def suggest(word: str, candidates: Iterable[str]) -> str:
-    """`Did you mean 'x'?` for the candidates nearest to `word` (case ignored), or an empty text."""
+    """`Did you mean 'x'?` for the candidates nearest to `word` (case ignored), or an empty text.
+
+    The name of a component that stands in the word as a whole (`HydraulicCylinder`, `cylinder`) is the only one.
+    """
     if len(word) > 100:
         return ""
     by_lower: dict[str, str] = {}
@@ -158,6 +164,12 @@ def suggest(word: str, candidates: Iterable[str]) -> str:
     near = difflib.get_close_matches(word.lower(), list(by_lower), n=2, cutoff=0.6)
     if not near:
         return ""
+    kinds = {n: name for n, name in by_lower.items() if name[0].isupper() and len(n) >= SHORTEST_KIND}
+    inside = [n for n in kinds if n in word.lower()]
+    if inside:
+        near = [max(inside, key=len)]
+    elif near[0] in kinds:  # there are many components: a second one is a help only if it is about as near
+        near = near[:1] + difflib.get_close_matches(word.lower(), near[1:], cutoff=0.68)
     return "Did you mean " + " or ".join(f"'{by_lower[n]}'" for n in near) + "?"
 
 

@@ -68,8 +68,20 @@ class Junction:
 
 
 @dataclass(frozen=True)
+class Medium:
+    """What fills a circuit: the part `source` of this `kind` that sets it (empty: nothing does, and its usual values stand
+    in), the nodes of the circuit, and the parameters `takers` that take their values from it."""
+
+    source: str
+    kind: str
+    nodes: tuple[str, ...]
+    takers: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class Expanded:
-    """The opened diagram. `domain` and `signal` tell what each port end carries, by full port path."""
+    """The opened diagram. `ports` and `signals` tell what each port end carries, by full port path; `media` what fills
+    the circuits that have parts which ask for it."""
 
     model: Model
     leaves: dict[str, Leaf]
@@ -77,10 +89,14 @@ class Expanded:
     parameters: dict[str, Bound] = field(default_factory=dict)
     ports: dict[str, Port] = field(default_factory=dict)
     signals: dict[str, SignalPort] = field(default_factory=dict)
+    media: tuple[Medium, ...] = ()
 
 
 def expand(model: Model) -> Expanded:
-    """Open every block of the diagram; ModelError with all that is wrong with names, ports and wires."""
+    """Open every block of the diagram; ModelError with all that is wrong with names, ports and wires.
+
+    Parameters that are taken from the medium of a circuit are still open (see `medium`).
+    """
     opener = _Opener(model)
     opener.top()
     opener.arrays()
@@ -194,13 +210,16 @@ class _Opener:
         told = lengths(component, lambda name: name in instance.settings or f"{path}.{name}" in self.unused)
         for name in (n for n, p in component.parameters.items() if p.integer):
             bound = self._given(instance, name, prefix, path) or self._told(told, name, instance) \
-                or self._default(component.parameters[name], path)
+                or default(component.parameters[name], path)
             if bound is not None:
                 parameters[name] = bound
         integers = self._integers(component, parameters, outer)
         component = written_out(component, integers)
         for name, parameter in component.parameters.items():
-            bound = parameters.get(name) or self._given(instance, name, prefix, path) or self._default(parameter, path)
+            bound = parameters.get(name) or self._given(instance, name, prefix, path)
+            if bound is None and parameter.medium:
+                continue  # its circuit decides
+            bound = bound or default(parameter, path)
             if bound is None:
                 missing.append(name)
             elif isinstance(bound.value, FileInput):
@@ -231,15 +250,6 @@ class _Opener:
             return None
         value = Value(Number(told[name], None, 0), f"{told[name]} values", instance.place, si=True)
         return Bound(value, "", instance.place)
-
-    @staticmethod
-    def _default(parameter: Parameter, path: str) -> Bound | None:
-        if parameter.default is not None:
-            return Bound(parameter.default, path + ".", parameter.default.place)
-        if parameter.neutral is not None:
-            neutral = Value(Number(parameter.neutral, None, 0), "neutral", parameter.place, si=True)
-            return Bound(neutral, "", parameter.place)
-        return None
 
     def _check_literal(self, name: str, parameter: Parameter, value: Value) -> None:
         """A plain quantity has the right unit and lies within its bounds; formulas are checked when all are known."""
@@ -452,3 +462,13 @@ class _Opener:
             if isinstance(bound.value, Value) and (n := whole_number(bound.value.expr, found)) is not None:
                 found[name] = n
         return found
+
+
+def default(parameter: Parameter, path: str) -> Bound | None:
+    """What a parameter of the component at `path` is where nothing is given: its default or its neutral value."""
+    if parameter.default is not None:
+        return Bound(parameter.default, path + ".", parameter.default.place)
+    if parameter.neutral is not None:
+        neutral = Value(Number(parameter.neutral, None, 0), "neutral", parameter.place, si=True)
+        return Bound(neutral, "", parameter.place)
+    return None

@@ -7,38 +7,75 @@ from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
+from heavebond import explain
 from heavebond.dae import Array, Assembly
 from heavebond.errors import Problem, SimulationError, listing
 from heavebond.initialise import Start
+from heavebond.rank import losses
+from heavebond.result import Result, columns
 from heavebond.start_equations import Point
 
 if TYPE_CHECKING:
     from heavebond.simulation import Simulator
 
+# singular values below this share of the largest are on their way to zero where a run stops
+NEAR = 1e-5
+# and in a run that went on: they are zero but for rounding
+SINGULAR = 1e-14
+LOOKED_AT = 60
+FOLDED = ("The links of a mechanism come to lie in one line there, from where it could go on in two ways: its constraints "
+          "depend on each other. No choice of states helps; change a length a little, or add what decides (a spring).")
 _TIME = re.compile(r"[Aa]t t ?= ?([-+.\deE]+)")
 
 
 def explain_failure(simulator: Simulator, assembly: Assembly, first: Start, said: str) -> SimulationError:
     """The error for a run that stopped; looks at the state shortly before it did."""
-    times = [float(t) for t in _TIME.findall(said)]
+    times, chart = [float(t) for t in _TIME.findall(said)], None
     stopped = max(times) if times else float("nan")
     if simulator.switching is not None and simulator.switching.last is not None:
         stretch = simulator.switching.last
         stopped = stretch.time(times[-1]) if times else stretch.begin.t
         last: Point | None = simulator.switching.before(stretch, stopped)
+        assembly, chart = stretch.begin.frame.assembly, stretch.begin.frame.chart
     else:
         last = _state_before(simulator, assembly, first, stopped)
     notes: list[str] = []
     hint = "Check the parameters of these components, or loosen the tolerances (--rtol 1e-6)."
     if last is not None:
         cause, notes = _cause(assembly, last.t, last.x, last.z, last.p, last.u)
-        hint = cause or hint
+        hint = FOLDED if chart is not None and chart.folded(last) else cause or hint
     words = [line for line in said.splitlines() if "IDA" in line or "SUNDIALS" in line.upper()]
     solver = re.findall(r"IDA_[A-Z_]+", said)
     notes.append("IDAS said: " + (", ".join(dict.fromkeys(solver)) or (words[0][:160] if words else "nothing")))
     when = f" at t = {stopped:.6g} s" if np.isfinite(stopped) else ""
     return SimulationError([Problem("integration-failed", f"the integration stopped{when}", None, hint, tuple(notes))])
+
+
+def check_decided(result: Result, at: NDArray[np.intp], slopes: ca.Function) -> None:
+    """SimulationError where a run went on although nothing decided an algebraic unknown any more: what it shows of it from
+    there on is chance. `slopes` is d(algebraic equations)/d(algebraic unknowns) in the arguments of the assembly; it is
+    looked at in some of the output points `at`.
+    """
+    assembly, n_z = result.assembly, len(result.assembly.z_nominal)
+    chosen = at[np.unique(np.linspace(0, len(at) - 1, LOOKED_AT).astype(int))]
+    given = [a[:, chosen] for a in columns(result)]
+    matrices = np.array(slopes(*given)).reshape(n_z, len(chosen), n_z).transpose(1, 0, 2) * assembly.z_nominal
+    largest = np.abs(matrices).max(axis=2, keepdims=True)
+    sound = np.isfinite(matrices).all(axis=(1, 2)) & (largest > 0).all(axis=(1, 2))
+    for k, matrix in enumerate(matrices / np.where(largest > 0, largest, 1.0)):
+        if not np.isfinite(matrix).all():
+            continue
+        values = np.linalg.svd(matrix, compute_uv=False)
+        if not sound[k] or values[-1] <= SINGULAR * values[0]:
+            here = [a[:, k] for a in given]
+            t = float(here[0][0])
+            point = assembly.point(t, here[1], here[2], here[3], here[4])
+            found = explain.lost(assembly.flat, losses(assembly.reduced.system, point), f"at t = {t:.6g} s")
+            raise SimulationError(found or [Problem(
+                "loop-singular", f"nothing decides {listing(assembly.algebraic_names, 4)} at t = {t:.6g} s", None,
+                "A closed valve, a dead centre or an open contact does this. Add what decides it there.")])
 
 
 def _state_before(simulator: Simulator, assembly: Assembly, first: Start, stopped: float) -> Point | None:
@@ -69,6 +106,9 @@ def _cause(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array)
     names = [assembly.state_names[k] for k in order]
     notes = [f"{assembly.state_names[k]} = {x[k]:.6g}, changing by {ode[k]:.3g} a second"
              f"   ({owners.get(assembly.state_names[k], '')})" for k in order]
+    at = assembly.point(t, x, z, p, u)
+    if found := _lost(assembly, at, t):
+        return f"{found.message[:1].upper()}{found.message[1:]}.\n{found.hint}", [*notes, *found.notes]
     small = [k for k, value in enumerate(pivots) if value < 1e-9 * max(begin[k], 1e-300) or value == 0]
     if small:
         pivot = assembly.reduced.pivots[small[0]]
@@ -80,13 +120,20 @@ def _cause(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array)
         return (f"From there on {which} has no finite value: a root or logarithm of a negative number, a division by 0.",
                 notes)
     if len(z) and _singular(assembly, t, x, z, p, u):
-        return (f"{listing(assembly.algebraic_names, 4)} cannot be solved for there: a mechanism passes a dead point, a "
-                "valve shuts a volume-free line. Another choice of states may do: give initial values, not guesses, for "
-                "the variables that should be states.", notes)
+        return (f"{listing(assembly.algebraic_names, 4)} cannot be solved for there: a valve shuts a volume-free "
+                "line, or a lever loses its arm. Add what decides it: a leakage, a spring.", notes)
     if rates.size and rates[order[0]] > 1e6:
         return f"{listing(names, 2)} run away: an instability, a wrong sign or a very stiff element.", notes
-    return (f"{listing(names, 2)} change fastest: a kink or jump there that the solver cannot step over; smooth it "
-            "(a transition velocity or pressure), or loosen the tolerances.", notes)
+    return (f"{listing(names, 2)} change fastest: a kink or jump there that the solver cannot step over. Smooth it "
+            "(a transition velocity or pressure), let it happen as an event (`when:`), or loosen the tolerances.", notes)
+
+
+def _lost(assembly: Assembly, at: dict[int, float], t: float) -> Problem | None:
+    """What is on its way to leave something undecided at a point shortly before the end, else what does so there."""
+    system = assembly.reduced.system
+    vanishing = [loss for loss in losses(system, at, NEAR) if loss.zero]
+    found = explain.lost(assembly.flat, vanishing or losses(system, at), f"near t = {t:.4g} s")
+    return found[0] if found else None
 
 
 def _not_finite(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array) -> list[str]:

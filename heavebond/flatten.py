@@ -16,6 +16,7 @@ from heavebond.expand import Bound, Expanded, Leaf, expand
 from heavebond.expression import Expr, ExpressionProblem, constant, names, parse_formula
 from heavebond.happening import FlatEvent, Held, held_bounds, leaf_events, with_held
 from heavebond.incidence import Interval, classify
+from heavebond.medium import with_media
 from heavebond.model import Model
 from heavebond.parameters import (
     FlatParameter,
@@ -23,6 +24,7 @@ from heavebond.parameters import (
     check_values,
     formula_order,
     make_parameters,
+    narrowed,
     parameter_bounds,
     solved_unit,
 )
@@ -32,7 +34,7 @@ from heavebond.template import LEVELS, Template, template
 from heavebond.units import DIMENSIONLESS, ONE, Dimension, Unit, declared_unit, dimension_text, read_unit
 from heavebond.values import add_formula_problem, check_dimension
 
-KELVIN, SECOND = declared_unit("K").dimension, declared_unit("s").dimension
+SECOND = declared_unit("s").dimension
 Entries = list[tuple[int, int]]  # (column, kind); column = level * len(unknowns) + unknown
 
 
@@ -102,9 +104,11 @@ class Flat:
         return {s.element_hash() for k, s in enumerate(split(self.p)) if k not in held}
 
 
-def flatten(model: Model, also: Iterable[str] = ()) -> Flat:
-    """The flat model; `also` names signals that a caller wants beside those that the diagram names itself."""
-    expanded = expand(model)
+def flatten(model: Model, also: Iterable[str] = (), widths: float = 1.0) -> Flat:
+    """The flat model; `also` names signals that a caller wants beside those that the diagram names itself, `widths` is a
+    factor on the widths of all transitions."""
+    expanded = with_media(expand(model))
+    expanded = expanded if widths == 1 else narrowed(expanded, widths)
     order = formula_order(expanded)
     network = connect(expanded, order)
     return _Builder(expanded, network, make_parameters(expanded, network, order)).build(tuple(also))
@@ -234,9 +238,9 @@ class _Builder:
             members.append((domain.position, "position"))
         for name, role in members:
             member: Member = domain.members[name]
-            low = 0.0 if member.unit.dimension == KELVIN else -inf
-            self._unknown(Unknown(f"{group.name}.{name}", member.unit, member.nominal, role, group.place,
-                                  member.doc, low, motion=bool(domain.position) and role == "across"),
+            self._unknown(Unknown(f"{group.name}.{name}", member.unit, member.nominal, role, group.place, member.doc,
+                                  -inf if member.low is None else member.low, start=member.start,
+                                  motion=bool(domain.position) and role == "across"),
                           [f"{alias}.{name}" for alias in group.aliases])
 
     def _through_unknowns(self, path: str, port: str, domain: Domain, leaf: Leaf) -> None:

@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
+from heavebond.co_simulation import Partners
 from heavebond.dae import Array, Assembly
 from heavebond.errors import Problem, SimulationError, listing
 from heavebond.start_equations import Point
@@ -52,6 +53,7 @@ class EventEquations:
         self.states = [None if r.unknown is None else states[(r.unknown, 0)] for r in resets]
         self.held = [r.held for r in resets]
         self.has_loops = bool(z.numel())
+        self.partners = Partners(assembly, self.rows)
         self._values = ca.Function("happenings", arguments, [indicators, values])
         rising = ca.jtimes(indicators, stack([t, x]), stack([ca.SX(1), assembly.ode]))  # right where there are no loops
         self._looked = ca.Function("looked", arguments, [indicators, rising])
@@ -158,6 +160,7 @@ class EventEquations:
         derivative is that for the order in which they stand.
         """
         values, now = np.array(self._values(*point.values())[1]).ravel(), point
+        values = self.partners.exchange(values, point, fired)
         if not moved.x.shape[1]:
             for event in fired:
                 now = self._set(now, values, event)

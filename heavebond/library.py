@@ -27,7 +27,8 @@ from heavebond.definition import (
 from heavebond.effects import EffectReader, sought
 from heavebond.errors import ModelError, Place, Problem, Problems, either, suggest
 from heavebond.expression import Expr, Number, constant, parse_equation, parse_formula
-from heavebond.source import Mapping, Node, Scalar, Source, read, read_text, short_path
+from heavebond.fmu_description import described
+from heavebond.source import Mapping, Node, Scalar, Source, parse, read, read_text, short_path
 from heavebond.units import DIMENSIONLESS, ONE, Unit, UnitProblem, check_unit, generic_unit, is_generic
 from heavebond.when import when_entries
 
@@ -56,8 +57,9 @@ class Library:
     twice: dict[str, tuple[Path, Path]] = field(default_factory=dict)
 
     def names(self) -> list[str]:
-        """Every component that can be named, in the order of their files."""
-        return list(self.files)
+        """Every component in a file of the language, in the order of their files. FMUs are known by name, but a folder may
+        hold some that are no components."""
+        return [name for name, path in self.files.items() if path.suffix != ".fmu"]
 
     def component(self, name: str, place: Place | None = None) -> Component:
         """The component called `name`; ModelError with near names where there is none."""
@@ -68,6 +70,8 @@ class Library:
             files = either(p.name for p in self.twice[name])
             raise ModelError([Problem("component-twice", f"two files describe a component '{name}', {files}", place,
                                       "Give one of them another name.")])
+        if self.files[name].suffix == ".fmu":
+            return _foreign(self.files[name], place)
         return _load(self.files[name], tuple(self.domains.values()))
 
 
@@ -76,8 +80,9 @@ def library(folders: Iterable[Path] = ()) -> Library:
     files: dict[str, Path] = {}
     twice: dict[str, tuple[Path, Path]] = {}
     for folder in folders:
-        for path in (*sorted(folder.glob("*.yaml")), *sorted((folder / "components").rglob("*.yaml"))):
-            name = _name_in(path)
+        for path in (*sorted(folder.glob("*.yaml")), *sorted((folder / "components").rglob("*.yaml")),
+                     *sorted(folder.glob("*.fmu")), *sorted((folder / "components").rglob("*.fmu"))):
+            name = path.name if path.suffix == ".fmu" else _name_in(path)
             if name in files:
                 twice[name] = (files[name], path)
             elif name:
@@ -85,6 +90,14 @@ def library(folders: Iterable[Path] = ()) -> Library:
     for name, path in _bundled_files().items():
         files.setdefault(name, path)
     return Library(_domains(), files, twice)
+
+
+def example(component: Component) -> Path | None:
+    """The smallest diagram that shows a component of the library, `models/examples/` with the name of its file; None where
+    there is none."""
+    path = bundled("models") / "examples" / component.path.name
+    inside = component.path.resolve().is_relative_to(bundled("components").resolve())
+    return path if inside and path.is_file() else None
 
 
 @lru_cache(maxsize=1)
@@ -120,7 +133,7 @@ def _domains() -> dict[str, Domain]:
 
 
 def _domain(name: str, node: Mapping, problems: Problems) -> Domain:
-    keys = ("effort", "flow", "across", "through", "position", "power", "members", "doc", "reference")
+    keys = ("effort", "flow", "across", "through", "position", "power", "members", "doc", "reference", "medium")
     reading.known_keys(node, keys, f"domain '{name}'", problems, required=("across", "through", "members"))
     members = {}
     entries = reading.mapping(node.items.get("members"), "members", problems)
@@ -129,9 +142,8 @@ def _domain(name: str, node: Mapping, problems: Problems) -> Domain:
         if entry is None:
             continue
         unit = _unit(entry.items.get("unit"), problems) or DIMENSIONLESS
-        nominal = reading.value(entry.items.get("nominal", Scalar("1", entry.place)), "nominal", problems)
-        size = constant(nominal.expr) if nominal is not None else None
-        members[key] = Member(key, unit, size or 1.0, reading.text(entry.items.get("doc"), "doc", problems))
+        low, nominal, start = (_figure(entry, name, problems) for name in ("min", "nominal", "start"))
+        members[key] = Member(key, unit, nominal or 1.0, reading.text(entry.items.get("doc"), "doc", problems), low, start)
 
     def listed(key: str) -> tuple[str, ...]:
         return tuple(s.text for s in reading.words(node.items.get(key), key, problems))
@@ -140,7 +152,13 @@ def _domain(name: str, node: Mapping, problems: Problems) -> Domain:
         return reading.text(node.items.get(key), key, problems) or None
 
     return Domain(name, members, listed("across"), listed("through"), single("effort"), single("flow"),
-                  single("position"), single("power"), single("reference"))
+                  single("position"), single("power"), single("reference"), single("medium"))
+
+
+def _figure(entry: Mapping, key: str, problems: Problems) -> float | None:
+    node = entry.items.get(key)
+    found = reading.value(node, key, problems) if node is not None else None
+    return constant(found.expr) if found is not None else None
 
 
 @lru_cache(maxsize=1024)
@@ -152,6 +170,21 @@ def _load(path: Path, domains: tuple[Domain, ...]) -> Component:
     status = path.stat()
     stamp = (status.st_mtime_ns, status.st_size)
     return _load_cached(path.resolve(), shown_path(path), stamp, tuple(d.name for d in domains))
+
+
+def _foreign(path: Path, place: Place | None) -> Component:
+    """The component that an FMU amounts to."""
+    status = path.stat()
+    try:
+        return _foreign_cached(path.resolve(), (status.st_mtime_ns, status.st_size))
+    except ModelError as error:
+        raise ModelError([replace(p, place=p.place or place) for p in error.problems]) from error
+
+
+@lru_cache(maxsize=64)
+def _foreign_cached(path: Path, stamp: tuple[int, int]) -> Component:
+    text, foreign = described(path)
+    return replace(parse_component(parse(text, path, path.name), _domains()), foreign=foreign)
 
 
 def shown_path(path: Path) -> str:
@@ -282,7 +315,8 @@ class _Parser:
                           reading.text(node.items.get("doc"), "doc", self.problems))
 
     def _parameter(self, key: Scalar, node: Mapping, variables: Dictionary[str, Variable]) -> Parameter:
-        keys = ("unit", "doc", "min", "max", "default", "neutral", "integer", "class", "try", "wakes_with", "count")
+        keys = ("unit", "doc", "min", "max", "default", "neutral", "integer", "class", "try", "wakes_with", "count",
+                "medium", "width")
         integer = "integer" in node.items
         reading.known_keys(node, keys, f"parameter '{key.text}'", self.problems, () if integer else ("unit",))
         unit = DIMENSIONLESS if integer else _unit(node.items.get("unit"), self.problems)
@@ -298,7 +332,8 @@ class _Parser:
                          default, bounds["neutral"], integer, reading.text(node.items.get("class"), "class", self.problems),
                          sought(node.items.get("try"), unit or DIMENSIONLESS, variables, key.text, self.problems),
                          tuple(w.text for w in reading.words(node.items.get("wakes_with"), "wakes_with", self.problems)),
-                         self._count(node))
+                         self._count(node), reading.text(node.items.get("medium"), "medium", self.problems),
+                         "width" in node.items)
 
     def _variable(self, key: Scalar, node: Mapping) -> Variable:
         reading.known_keys(node, ("unit", "doc", "min", "max", "start", "held", "count"), f"variable '{key.text}'",

@@ -63,7 +63,7 @@ def plot_signals(result: Result, names: Iterable[str], *, title: str = "") -> Fi
     panels: dict[str, list[tuple[str, Array]]] = {}
     for unit, group in groups.items():
         shown = readable_unit(unit, sizes[unit])
-        panels.setdefault(shown, []).extend((name, _converted(values[name], unit, shown)) for name in group)
+        panels.setdefault(shown, []).extend((name, converted(values[name], unit, shown)) for name in group)
     figure, axes = _stack(len(panels), title or _heading(result))
     for panel, (unit, lines) in zip(axes, panels.items(), strict=True):
         for k, (name, line) in enumerate(lines):
@@ -89,7 +89,7 @@ def plot_runs(runs: Mapping[str, Result], names: Iterable[str], *, title: str = 
     for panel, name in zip(axes, chosen, strict=True):
         unit = next(iter(runs.values())).unit(name)
         shown = readable_unit(unit, max(_size(found[name]) for found in signals.values()))
-        drawn = {label: _converted(found[name], unit, shown) for label, found in signals.items()}
+        drawn = {label: converted(found[name], unit, shown) for label, found in signals.items()}
         for k, (label, line) in enumerate(drawn.items()):
             panel.plot(runs[label].time[inside[label]], line, color=COLOURS[k % len(COLOURS)], linewidth=1.2,
                        label=label, linestyle=DASHES[k // len(COLOURS) % len(DASHES)])
@@ -308,7 +308,8 @@ def _size(values: Array) -> float:
     return float(finite.max()) if finite.size else math.nan
 
 
-def _converted(values: Array, unit: str, shown: str) -> Array:
+def converted(values: Array, unit: str, shown: str) -> Array:
+    """Values in one unit told in another of its kind."""
     if unit == shown:
         return values
     source, target = read_unit(unit), read_unit(shown)
@@ -364,8 +365,8 @@ def _printed(value: float, unit: str, digits: int) -> str:
 # -- a channel of a comparison -------------------------------------------------------------------------------------
 def _channel(upper: Axes, lower: Axes, channel: Channel) -> None:
     shown = readable_unit(channel.unit, _size(channel.measured))
-    measured = _converted(channel.measured, channel.unit, shown)
-    model = _converted(channel.model, channel.unit, shown)
+    measured = converted(channel.measured, channel.unit, shown)
+    model = converted(channel.model, channel.unit, shown)
     dense = len(measured) > DENSE
     upper.plot(channel.time, measured, color=RECORD, label="record", **_style(dense, 2.4))
     upper.plot(channel.time, model, color=MODEL, linewidth=1.2, label="model")

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from heavebond.plot import COLOURS, DASHES, DPI
-from heavebond.presentation import unit_label
+from heavebond.plot import COLOURS, DASHES, DPI, converted
+from heavebond.presentation import readable_unit, unit_label
 from heavebond.study import Picture
 
 if TYPE_CHECKING:
@@ -65,13 +65,15 @@ def _levels(result: StudyResult, outcome: Outcome, without: int = -1) -> list[st
 
 def _courses(panel: Axes, result: StudyResult, picture: Picture, name: str) -> None:
     """A signal over time, a line per case."""
-    shown = result.study.model.show.get(name)
-    for k, outcome in enumerate(o for o in result.outcomes if o.signals):
-        time = np.array(outcome.time)
+    drawn = [o for o in result.outcomes if o.signals]
+    unit = drawn[0].signal_units[name] if drawn else "1"
+    shown = readable_unit(unit, max((float(np.abs(o.signals[name]).max()) for o in drawn), default=0.0))
+    for k, outcome in enumerate(drawn):
+        time, values = np.array(outcome.time), converted(np.array(outcome.signals[name]), unit, shown)
         inside = (time >= (picture.begin or 0.0)) & (time <= (picture.end or math.inf))
-        panel.plot(time[inside], np.array(outcome.signals[name])[inside], color=COLOURS[k % len(COLOURS)], linewidth=1.0,
+        panel.plot(time[inside], values[inside], color=COLOURS[k % len(COLOURS)], linewidth=1.0,
                    linestyle=DASHES[k % len(DASHES)], label=_labelled(result, outcome))
-    panel.set_ylabel(f"{name} [{unit_label(shown.unit)}]" if shown is not None else name)
+    panel.set_ylabel(f"{name} [{unit_label(shown)}]")
     panel.margins(x=0)
     panel.set_xlabel("time [s]")
 

@@ -16,12 +16,14 @@ import casadi as ca
 import numpy as np
 
 from heavebond import explain
+from heavebond.errors import ModelError
 from heavebond.flatten import Flat, FlatEquation
 from heavebond.incidence import DEFINITE, NONLINEAR, PARAMETER, classify
 from heavebond.index_reduction import Pantelides, collapse, pantelides
-from heavebond.states import Column, select_states
+from heavebond.rank import Row, Simultaneous, losses
+from heavebond.states import Column, Constraints, Guess, constraints, select_states
 from heavebond.structure import block_lower_triangular, maximum_matching, tear
-from heavebond.symbols import split, stack
+from heavebond.symbols import split, stack, uniform
 
 
 @dataclass(frozen=True)
@@ -47,7 +49,7 @@ class Reduced:
     """x' = ode(t, x, z, p), 0 = alg(t, x, z, p); every other unknown is an expression in these.
 
     `symbols` and `expressions` map each raw symbol of the flat model (unknowns and their derivatives) to SX in
-    (x, z, p, time, rate, measured inputs).
+    (x, z, p, time, rate, measured inputs); `system` is what was solved, as it stood before.
     """
 
     flat: Flat
@@ -65,6 +67,8 @@ class Reduced:
     differentiated: tuple[tuple[int, int], ...]
     loops: tuple[Loop, ...]
     n_equations: int
+    system: Simultaneous
+    choices: System
 
     def name(self, column: Column) -> str:
         """`crown.x`, or `der(crown.x)` for a derivative."""
@@ -86,12 +90,8 @@ def reduce(flat: Flat) -> Reduced:
     columns, rows, derivative = _columns(flat)
     result = _check_and_differentiate(flat, rows, derivative)
     chain = _chains(columns, result)
-    system = _System(flat, chain, result)
-    states = select_states(flat, result.order, chain.highest, system.p_values)
-    return system.solve(states)
-
-
-Row = tuple[int, int]  # (equation, how often differentiated)
+    system = System(flat, chain, result)
+    return system.solve(select_states(system.constraints, system.p_values))
 
 
 @dataclass(frozen=True)
@@ -149,8 +149,9 @@ def _chains(columns: list[Column], result: Pantelides) -> _Chain:
     return _Chain(done, highest)
 
 
-class _System:
-    """All equations with their derivatives, in symbols for all unknowns with their derivatives."""
+class System:
+    """All equations with their derivatives, in symbols for all unknowns with their derivatives; `constraints` are those
+    that were differentiated. It can be solved for several choices of states, in the same symbols."""
 
     def __init__(self, flat: Flat, chain: _Chain, result: Pantelides):
         self.flat, self.chain, self.order = flat, chain, result.order
@@ -160,6 +161,7 @@ class _System:
             k = len(self.levels)
             self.levels.append([ca.SX.sym("d" * k + u.name) for u in flat.unknowns])
         self.constants = flat.constant_hashes
+        self.constraints: Constraints = constraints(flat, result.order, chain.highest)
         self.p_values = np.array([q.value for q in flat.parameters])
         self.residual: dict[Row, ca.SX] = {(i, 0): r for i, r in enumerate(flat.residuals)}
         self._differentiate()
@@ -182,19 +184,35 @@ class _System:
             k += 1
 
     def solve(self, states: list[Column]) -> Reduced:
+        """x' = f(t, x, z, p), 0 = g(t, x, z, p) for these states (their number is given by the constraints)."""
         known = set(states)
         unknown = [c for c in sorted(self.chain.column) if c not in known]
         rows = list(self.residual)
         entries = self._entries(rows, unknown)
         matching = maximum_matching([[c for c, _ in row] for row in entries], len(unknown))
+        system = Simultaneous(self.flat, tuple(rows), tuple(unknown), stack([self.residual[row] for row in rows]),
+                              stack([self.symbol(c) for c in unknown]))
         if -1 in matching or len(rows) != len(unknown):
-            raise explain.singular(self.flat, collapse_rows(self.flat), [-1] * len(self.flat.equations))
+            raise self._lost(system)
         solver = _Solver(self, rows, unknown, entries)
         blocks = block_lower_triangular([[c for c, _ in row] for row in entries], matching)
         solver.solve_alone([(block[0], matching[block[0]]) for block in blocks if len(block) == 1])
         for block in blocks:
             solver.block(block, [matching[r] for r in block])
-        return solver.reduced(states)
+        reduced = solver.reduced(states, system)
+        if ca.sprank(ca.jacobian(reduced.alg, reduced.z)) < reduced.z.numel():
+            raise self._lost(system)  # terms that cancel whatever the numbers: a circuit of differences without reference
+        return reduced
+
+    def _lost(self, system: Simultaneous) -> ModelError:
+        """The error for equations that depend on each other at the first guess already."""
+        guess = Guess(self.flat)(self.p_values)
+        point = {s.element_hash(): float(v) for s, v in zip(split(self.flat.p), self.p_values, strict=True)}
+        for j, (symbol, unknown) in enumerate(zip(self.flat.levels[0], self.flat.unknowns, strict=True)):
+            point[symbol.element_hash()] = float(guess[j]) or 0.1 * unknown.nominal * (0.5 + uniform(3, j))
+        problems = explain.lost(self.flat, losses(system, point))
+        return ModelError(problems) if problems else \
+            explain.singular(self.flat, collapse_rows(self.flat), [-1] * len(self.flat.equations))
 
     def _entries(self, rows: list[Row], unknown: list[Column]) -> list[list[tuple[int, int]]]:
         """(position in `unknown`, kind) of each row; those of the given equations are known from the templates."""
@@ -233,7 +251,7 @@ class _Solved:
 class _Solver:
     """Solves block after block; collects definitions in the order in which they can be evaluated."""
 
-    def __init__(self, system: _System, rows: list[Row], unknown: list[Column],
+    def __init__(self, system: System, rows: list[Row], unknown: list[Column],
                  entries: list[list[tuple[int, int]]]):
         self.system, self.rows, self.unknown, self.entries = system, rows, unknown, entries
         self.alone: dict[tuple[int, int], _Solved] = {}
@@ -350,7 +368,7 @@ class _Solver:
         self.remaining += [(r, self.rows[i]) for r, i in zip(remaining, residual, strict=True)]
         return torn
 
-    def reduced(self, states: list[Column]) -> Reduced:
+    def reduced(self, states: list[Column], system: Simultaneous) -> Reduced:
         flat, symbol = self.system.flat, self.system.symbol
         x = stack([symbol(s) for s in states])
         z = stack([self._symbol(c) for c in self.torn])
@@ -369,7 +387,8 @@ class _Solver:
             flat, tuple(states), tuple(self.unknown[c] for c in self.torn), x, z, others[0], others[1],
             tuple(flat.equations[row[0]] for _, row in self.remaining), stack(self.defined),
             stack(expressions), pivots, max(order, default=0) + (1 if algebraic else 0),
-            tuple((i, k) for i, k in enumerate(order) if k), tuple(self.loops), len(self.rows))
+            tuple((i, k) for i, k in enumerate(order) if k), tuple(self.loops), len(self.rows), system,
+            self.system)
 
 
 def explicit(residuals: ca.SX, symbols: ca.SX) -> tuple[ca.SX, ca.SX]:

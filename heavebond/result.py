@@ -9,18 +9,20 @@ from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from heavebond.dae import Array, Assembly
 from heavebond.errors import Problem, UsageError, suggest
 from heavebond.expression import ExpressionProblem, parse_formula
 from heavebond.initialise import Start
+from heavebond.saved import SavedRun, write_run
 from heavebond.symbols import split, stack
 from heavebond.units import dimension_text, read_unit
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from heavebond.switching import Instant
+    from heavebond.trace import Instant
 
 
 @dataclass(frozen=True)
@@ -37,11 +39,15 @@ class Along:
     held: Array
 
 
+Stayed = tuple[NDArray[np.intp], "Result"]
+
+
 @dataclass(frozen=True)
 class Result:
     """A run: `time` (N,), states x (n_x, N) and algebraic unknowns z (n_z, N) in SI, and every variable by name;
     `quadratures` (n_q, N) are the integrals that the caller asked for. `p` (n_p,) holds at the start, `held` (n_h, N) are
-    the held variables, and `instants` what happened when; at an instant the values are those after it.
+    the held variables, and `instants` what happened when; at an instant the values are those after it. `stays` are the
+    parts of the run in which other states were integrated: which times (k,), and the same there in those states.
 
     `result["crown.x"]` is in SI; an output under `show:` (`result["pull"]`) is in the unit declared there.
     Any formula of names may be asked for: `result["crown.x - platform.x"]`.
@@ -59,6 +65,7 @@ class Result:
     along: Along | None = None
     held: Array = field(default_factory=lambda: np.zeros((0, 0)))
     instants: tuple[Instant, ...] = ()
+    stays: tuple[Stayed, ...] = ()
 
     @property
     def events(self) -> list[tuple[float, str]]:
@@ -98,33 +105,49 @@ class Result:
         UsageError unless the run was made with `sensitivities=[parameter]`.
         """
         if self.along is None or parameter not in self.along.names:
-            raise UsageError([Problem("sensitivity-missing", f"this run has no sensitivities to '{parameter}'", None,
-                                      f"simulate(..., sensitivities=['{parameter}'])")])
+            raise self._no_sensitivity(parameter)
         return np.asarray(Probe(self.assembly, [name]).sensitivities(self)[self.along.names.index(parameter), 0])
+
+    def event_sensitivity(self, name: str, number: int, parameter: str) -> float:
+        """d (time of the number-th event of a name, from 0) / d parameter, in s per base unit of the parameter.
+
+        UsageError unless the event happened so often, and the run was made with `sensitivities=[parameter]`.
+        """
+        if self.along is None or parameter not in self.along.names:
+            raise self._no_sensitivity(parameter)
+        delays = [delay for i in self.instants for event, delay in zip(i.names, i.delays, strict=True) if event == name]
+        if not -len(delays) <= number < len(delays):
+            raise UsageError([Problem("event-missing", f"'{name}' happened {len(delays)} times in this run", None,
+                                      suggest(name, dict.fromkeys(n for _, n in self.events)))])
+        return float(delays[number][self.along.names.index(parameter)])
+
+    def evaluate(self, raw: ca.SX) -> Array:
+        """An expression (m,) in the raw symbols of the diagram along the run (m, N)."""
+        function = ca.Function("along", list(self.assembly.arguments), [self.assembly.express(raw)])
+        found = np.array(function(*columns(self))).reshape(raw.numel(), len(self.time))
+        for at, stay in self.stays:
+            found[:, at] = stay.evaluate(raw)
+        return found
+
+    @staticmethod
+    def _no_sensitivity(parameter: str) -> UsageError:
+        return UsageError([Problem("sensitivity-missing", f"this run has no sensitivities to '{parameter}'", None,
+                                   f"simulate(..., sensitivities=['{parameter}'])")])
+
+    def saved(self, names: Iterable[str] | None = None) -> SavedRun:
+        """The numbers without the diagram; by default the named outputs and all unknowns."""
+        chosen = list(names) if names is not None else list(dict.fromkeys(
+            [*self.assembly.model.show, *(u.name for u in self.assembly.flat.unknowns),
+             *(h.name for h in self.assembly.flat.held)]))
+        return SavedRun(self.assembly.model.name, self.time, self.signals(chosen), {n: self.unit(n) for n in chosen})
 
     def to_pandas(self, names: Iterable[str] | None = None) -> pd.DataFrame:
         """A table with time as index; by default the named outputs and all unknowns, columns `name [unit]`."""
-        import pandas as pd
-
-        chosen = list(names) if names is not None else \
-            [*self.assembly.model.show, *(u.name for u in self.assembly.flat.unknowns),
-             *(h.name for h in self.assembly.flat.held)]
-        columns = {f"{name} [{self.unit(name)}]": values for name, values in self.signals(chosen).items()}
-        return pd.DataFrame(columns, index=pd.Index(self.time, name="time [s]"))
+        return self.saved(names).to_pandas()
 
     def save(self, path: str | Path, names: Iterable[str] | None = None) -> None:
-        """Write a table as .csv or .parquet; UsageError for another suffix."""
-        path = Path(path)
-        table = self.to_pandas(names)
-        if path.suffix == ".csv":
-            table.to_csv(path)
-        elif path.suffix == ".parquet":
-            try:
-                table.to_parquet(path)
-            except ImportError:
-                raise UsageError("writing Parquet needs pyarrow", hint="pip install 'heavebond[parquet]'") from None
-        else:
-            raise UsageError(f"'{path.name}' has no known suffix", hint="Write .csv or .parquet.")
+        """Write the signals as .csv, .parquet, .mat or .nc; UsageError for another suffix. `read_run` reads them back."""
+        write_run(self.saved(names), path)
 
 
 class Probe:
@@ -133,26 +156,25 @@ class Probe:
     def __init__(self, assembly: Assembly, names: Iterable[str]):
         self.names = tuple(names)
         _, x, z, p, _, _ = assembly.arguments
-        signals = stack([self._signal(assembly, name) for name in self.names])
+        signals = stack([signal_expression(assembly, name) for name in self.names])
         self._values = _Course(assembly, signals)
         slopes = ca.jacobian(signals, stack([x, z, p]))
         self._moving = sorted(set(slopes.sparsity().get_col()))  # which of (x, z, p) the signals contain
         self._slopes = _Course(assembly, ca.vec(ca.densify(slopes[:, self._moving])))
-
-    @staticmethod
-    def _signal(assembly: Assembly, name: str) -> ca.SX:
-        shown = assembly.model.show.get(name)
-        try:
-            if shown is None:
-                return assembly.expression(parse_formula(name))
-            unit = read_unit(shown.unit)
-            return (assembly.expression(shown.expr) - unit.offset) / unit.scale
-        except ExpressionProblem as problem:
-            raise unknown_signal(assembly, name, problem) from None
+        self._others: dict[int, Probe] = {}
 
     def values(self, result: Result) -> Array:
         """The signals of a run (n_signals, N)."""
-        return self._values.of(result)
+        found = self._values.of(result)
+        for at, stay in result.stays:
+            found[:, at] = self._other(stay).values(stay)
+        return found
+
+    def _other(self, stay: Result) -> Probe:
+        """The same signals in other states."""
+        if id(stay.assembly) not in self._others:
+            self._others[id(stay.assembly)] = Probe(stay.assembly, self.names)
+        return self._others[id(stay.assembly)]
 
     def sensitivities(self, result: Result) -> Array:
         """Their derivatives with respect to the parameters of `result.along` (m, n_signals, N)."""
@@ -165,7 +187,10 @@ class Probe:
             moved[:, k] = along.x[:, j] if j < n_x else along.z[:, j - n_x] if j < n_xz else \
                 along.held[:, held[j - n_xz]] if j - n_xz in held else along.p[:, j - n_xz, None]
         slopes = self._slopes.of(result).reshape(len(self._moving), len(self.names), n)
-        return np.asarray(np.einsum("ksn,mkn->msn", slopes, moved))
+        found = np.einsum("ksn,mkn->msn", slopes, moved)
+        for at, stay in result.stays:
+            found[:, :, at] = self._other(stay).sensitivities(stay)
+        return np.asarray(found)
 
 
 class _Course:
@@ -216,6 +241,19 @@ def with_held(result: Result, p: Array, held: Array) -> Array:
     if result.assembly.flat.held:
         found[[h.index for h in result.assembly.flat.held]] = held
     return found
+
+
+def signal_expression(assembly: Assembly, name: str) -> ca.SX:
+    """A signal in the assembly's arguments: an output in its own unit, any other formula in SI; UsageError for a name
+    that is not there."""
+    shown = assembly.model.show.get(name)
+    try:
+        if shown is None:
+            return assembly.expression(parse_formula(name))
+        unit = read_unit(shown.unit)
+        return (assembly.expression(shown.expr) - unit.offset) / unit.scale
+    except ExpressionProblem as problem:
+        raise unknown_signal(assembly, name, problem) from None
 
 
 def unknown_signal(assembly: Assembly, name: str, problem: ExpressionProblem) -> UsageError:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,20 +11,25 @@ import numpy as np
 
 from heavebond.dae import Array, Assembly
 from heavebond.errors import Place
-from heavebond.expression import parse_formula
+from heavebond.expression import Call, Expr, Name, children, parse_formula
 from heavebond.model import Condition
 from heavebond.states import Guess
 from heavebond.symbols import split, stack
 
+# functions whose second argument is the width over which they turn
+REGULARISED = ("smooth_sign", "signed_sqrt")
+
 
 @dataclass(frozen=True)
 class StartRow:
-    """One equation of the start: its residual in the arguments of the assembly, its name for messages, its place."""
+    """One equation of the start: its residual in the arguments of the assembly, its words for messages, its place; `name`
+    is the variable that a condition is about."""
 
     residual: ca.SX
     label: str
     place: Place | None
     steady: bool = False
+    name: str = ""
 
 
 @dataclass(frozen=True)
@@ -102,7 +108,7 @@ class StartEquations:
         number = assembly.flat.constants.get(f"initial.{condition.name}")
         value = assembly.expression(condition.value.expr) if number is None or condition.guess else number
         return StartRow(assembly.expression(parse_formula(condition.name)) - value,
-                        f"{condition.name} = {condition.value.text.lstrip('= ')}", condition.place)
+                        f"{condition.name} = {condition.value.text.lstrip('= ')}", condition.place, name=condition.name)
 
     def _system(self, rows: list[StartRow]) -> StartSystem:
         _, x, z, p, _, _ = self.assembly.arguments
@@ -128,9 +134,34 @@ class StartEquations:
         """The loops alone, for z."""
         return StartSystem(self.assembly, self.loops, self.assembly.arguments[2])
 
+    @cached_property
+    def bounds(self) -> tuple[Array, Array]:
+        """The declared bounds of (x, z, solved parameters)."""
+        assembly, everything = self.assembly, (-np.inf, np.inf)
+        symbols = [*split(assembly.reduced.x), *split(assembly.reduced.z), *(assembly.flat.p[k] for k in self.solved_for)]
+        found = np.array([assembly.flat.bounds.get(s.element_hash(), everything) for s in symbols]).reshape(len(symbols), 2)
+        return found[:, 0], found[:, 1]
+
+    @cached_property
+    def widths(self) -> list[int]:
+        """The parameters that are widths of regularised laws: that over which `smooth_sign` and `signed_sqrt` turn."""
+        names = {name: k for k, name in enumerate(self.assembly.parameter_names)}
+        found = (names.get(f"{path}.{width}") for path, leaf in self.assembly.flat.expanded.leaves.items()
+                 for line in leaf.component.equations for side in (line.tree.left, line.tree.right)
+                 for width in _widths(side))
+        return sorted({k for k in found if k is not None})
+
     def sizes(self, p: Array) -> Array:
         """The usual sizes of (x, z, solved parameters)."""
         assembly = self.assembly
         usual = {u.unit.dimension: u.nominal for u in assembly.flat.unknowns}
         own = [max(abs(p[k]), usual.get(assembly.flat.parameters[k].unit.dimension, 1.0)) for k in self.solved_for]
         return np.concatenate([assembly.x_nominal, assembly.z_nominal, np.array(own)])
+
+
+def _widths(expr: Expr) -> Iterator[str]:
+    """The names of second arguments of `smooth_sign` and `signed_sqrt`."""
+    if isinstance(expr, Call) and expr.function in REGULARISED and isinstance(expr.args[1], Name):
+        yield expr.args[1].text
+    for child in children(expr):
+        yield from _widths(child)

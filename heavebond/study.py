@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from heavebond import reading
-from heavebond.axes import Axis, StudyCase, all_cases, read_axes, read_numbers
+from heavebond.axes import Axis, StudyCase, case_at, indices, read_axes, read_numbers
 from heavebond.definition import FileInput
 from heavebond.errors import ModelError, Place, Problem, Problems, UsageError, listing, suggest
 from heavebond.expression import constant
@@ -99,7 +99,11 @@ class Study:
     @property
     def cases(self) -> tuple[StudyCase, ...]:
         """Every case, the last axis running fastest."""
-        return all_cases(self.axes, self.model)
+        return tuple(case_at(self.axes, self.model, index) for index in indices(self.axes))
+
+    def case(self, number: int) -> StudyCase:
+        """The case of that number in `cases`."""
+        return case_at(self.axes, self.model, indices(self.axes)[number])
 
     @property
     def tuning(self) -> Task:

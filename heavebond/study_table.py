@@ -133,7 +133,7 @@ def residual_rows(result: StudyResult) -> Iterator[tuple[str, ...]]:
     assert result.calibrated is not None
     for r in result.calibrated.residuals:
         unit = result.units[r.quantity]
-        yield (r.quantity, result.study.cases[r.case].name, number(unit.from_si(r.value), 4),
+        yield (r.quantity, result.cases[r.case].name, number(unit.from_si(r.value), 4),
                f"{number(unit.from_si(r.target), 6)} {unit.text}".removesuffix(" 1"),
                percent((r.value - r.target) / abs(r.target)), f"{r.off:+.2f}")
 
@@ -163,7 +163,8 @@ def _csv(rows: Sequence[Sequence[Any]]) -> str:
 def _signal_rows(result: StudyResult) -> list[Row]:
     """Case, procedure, time and signals, one row per time: cases may have times of their own."""
     names = result.study.signals
-    rows: list[Row] = [["case", "procedure", "time [s]", *names]]
+    units = next((o.signal_units for o in result.outcomes if o.signals), {})
+    rows: list[Row] = [["case", "procedure", "time [s]", *(f"{name} [{units.get(name, '1')}]" for name in names)]]
     for outcome in result.outcomes:
         case = result.case_of(outcome).name
         for k, time in enumerate(outcome.time):

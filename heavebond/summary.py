@@ -7,12 +7,15 @@ from dataclasses import asdict, dataclass
 
 from heavebond.dae import Assembly
 from heavebond.errors import listing
+from heavebond.expand import Medium
 from heavebond.flatten import Flat, FlatEquation
+from heavebond.grounding import Circuit, circuits
 from heavebond.initialise import Start, StartLine
 from heavebond.presentation import columns, count, path_text, readable
 from heavebond.states import Column
 
 SHOWN_NAMES = 60
+MOST_OF_A_CIRCUIT = 8
 TIMES = {1: "once", 2: "twice"}
 
 
@@ -55,8 +58,10 @@ class Summary:
     components: dict[str, tuple[str, ...]]
     blocks: dict[str, tuple[str, ...]]
     nodes: tuple[str, ...]
+    media: tuple[str, ...]
     equations: int
     unknowns: int
+    circuits: tuple[Circuit, ...]
     inputs: tuple[str, ...]
     events: tuple[str, ...]
     index: int
@@ -75,7 +80,7 @@ class Summary:
     def text(self, width: int = 100) -> str:
         """The summary as lines of about `width` characters; each section begins with a line that is not indented."""
         return "\n".join([
-            *self._diagram(width), "", *self._equations(width), "", *self._states(width),
+            *self._diagram(width), "", *self._circuits(width), *self._equations(width), "", *self._states(width),
             *(["", *self._start(width)] if self.start or self.solved else [])])
 
     def _diagram(self, width: int) -> list[str]:
@@ -88,11 +93,16 @@ class Summary:
             rows.append(("blocks", ", ".join(f"{path} ({kind})" for kind, paths in self.blocks.items()
                                              for path in paths)))
         rows.append(("nodes", f"{len(self.nodes)}: {listing(self.nodes, SHOWN_NAMES)}"))
+        rows += [("medium", words) for words in self.media]
         if self.inputs:
             rows.append(("measured", ", ".join(self.inputs)))
         if self.events:
             rows.append(("events", f"{len(self.events)}: {listing(self.events, SHOWN_NAMES)}"))
         return [f"Diagram {self.model}", *columns(rows, width)]
+
+    def _circuits(self, width: int) -> list[str]:
+        rows = [(c.domain, f"{listing(c.nodes, MOST_OF_A_CIRCUIT)}: {_tie(c)}") for c in self.circuits]
+        return ["Circuits, and what ties each to a reference", *columns(rows, width), ""] if rows else []
 
     def _equations(self, width: int) -> list[str]:
         left = f"{count(len(self.states), 'differential equation')}, " \
@@ -137,7 +147,9 @@ def summary(assembly: Assembly, start: Start | None) -> Summary:
     return Summary(
         model=model.name, summary=model.summary, files=tuple(map(path_text, model.files)),
         components=_by_kind(assembly, composite=False), blocks=_by_kind(assembly, composite=True),
-        nodes=tuple(expanded.junctions), equations=len(flat.equations), unknowns=len(flat.unknowns),
+        nodes=tuple(expanded.junctions), circuits=circuits(flat),
+        media=tuple(_medium(assembly, medium) for medium in expanded.media),
+        equations=len(flat.equations), unknowns=len(flat.unknowns),
         inputs=tuple(f"{k.name} ({k.source.column} in {k.source.file.name})" for k in flat.inputs),
         events=tuple(f"{event.name} ({event.text})" for event in flat.events), index=reduced.index,
         differentiated=tuple(_differentiation(flat.equations[i], times) for i, times in reduced.differentiated),
@@ -150,12 +162,36 @@ def summary(assembly: Assembly, start: Start | None) -> Summary:
         solved=tuple(line for line in table if line.name in asked))
 
 
+def _tie(circuit: Circuit) -> str:
+    """`held by tank`; `carried by oil, its level is a matter of the start`."""
+    if circuit.held:
+        return f"held by {listing(circuit.held, 6)}"
+    return f"carried by {listing(circuit.carried, 6)}; its level is a matter of the start" if circuit.carried else \
+        "held by nothing"
+
+
 def _by_kind(assembly: Assembly, *, composite: bool) -> dict[str, tuple[str, ...]]:
     found: dict[str, tuple[str, ...]] = {}
     for path, leaf in assembly.flat.expanded.leaves.items():
         if leaf.component.composite == composite:
             found[leaf.component.name] = (*found.get(leaf.component.name, ()), path)
     return found
+
+
+def _medium(assembly: Assembly, medium: Medium) -> str:
+    """What fills a circuit, and on whose word; values that are formulas of other parameters are not repeated."""
+    values, units, leaves = assembly.parameter_values, assembly.flat.units, assembly.flat.expanded.leaves
+    told: dict[str, str] = {}
+    for taker in medium.takers:
+        path, _, name = taker.rpartition(".")
+        asked = leaves[path].component.parameters[name].medium
+        number = values.get(f"{medium.source}.{asked}" if medium.source else taker)
+        if number is not None:
+            told.setdefault(asked, f"{asked} {readable(number, units[taker].text)}")
+    circuit, numbers = f"the circuit of {listing(medium.nodes, 3)}", ", ".join(told.values())
+    if medium.source:
+        return f"{medium.source} ({medium.kind}) fills {circuit}" + (f": {numbers}" if numbers else "")
+    return f"no {medium.kind} in {circuit}; usual values for {listing(medium.takers, 6)}: {numbers}"
 
 
 def _tidy(line: StartLine, nominal: float) -> StartLine:

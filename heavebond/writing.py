@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from heavebond.calibration import Calibrated
 from heavebond.change import Change, block, quoted
 from heavebond.errors import Problem, UsageError
 from heavebond.experiment import FIXED, Experiment, load_experiment
@@ -17,6 +18,7 @@ from heavebond.model import Model
 from heavebond.objective import Task
 from heavebond.presentation import readable_unit
 from heavebond.separation import Separation
+from heavebond.study import Study
 from heavebond.tuning import Tuned
 from heavebond.units import Unit, read_unit
 
@@ -57,6 +59,17 @@ def tuned_diagram(model: Model, task: Task, result: Tuned, path: Path) -> str:
             f"summary: {model.name}, tuned to a cost of {result.cost:.5g}.",
             f"extends: {_from(path, model.path)}"]
     return "\n".join([*head, *block("set", values)]) + "\n"
+
+
+def calibrated_diagram(study: Study, found: Calibrated, path: Path) -> str:
+    """The text of a diagram at `path` that extends a study's diagram and sets what was calibrated."""
+    assert study.calibration is not None
+    values = {name: quantity(after, study.calibration.free[name].unit) for name, (_, after) in found.values.items()}
+    notes = {name: f"at the {end} end of its range" for name, end in found.at_end.items()}
+    source = study.beside[study.calibration.source].source
+    head = [f"model: {path.stem}", f"summary: {study.model.name}, calibrated to what {source} gives.",
+            f"extends: {_from(path, study.model.path)}"]
+    return "\n".join([*head, *block("set", values, notes)]) + "\n"
 
 
 def _from(path: Path, model: Path) -> str:

@@ -276,7 +276,7 @@ def test_library_tells_all_about_a_component() -> None:
         assert words in answer.stdout
     found = figures("library", "Spring")["component"]
     assert found["parameters"]["c"] == {"unit": "N/m", "doc": "stiffness", "min": 0.0, "max": None, "neutral": None,
-                                        "default": None}
+                                        "default": None, "medium": None, "list": False}
     assert found["stores"] == "1/2 * c * s**2"
 
 

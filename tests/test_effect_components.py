@@ -439,6 +439,18 @@ initial: {vessel.p: 2 bar}
 show: {vessel.p: {unit: Pa}}
 simulate: {until: 20 s, every: 50 ms}
 """
+HEAT = """
+components:
+  loss: {is: HeatSource, u: "=200 W + 100 W*sin(2*pi*time/60 s)"}
+  block: {is: HeatCapacity, m: 2 kg, c: 460 J/(kg*K)}
+  path: {is: ThermalResistance, R: 0.2 K/W}
+  case: {is: HeatCapacity, m: 1 kg, c: 900 J/(kg*K)}
+  skin: {is: ThermalResistance, R: 0.1 K/W}
+  room: {is: Ambient}
+nodes: {block: [loss.a, block.a, path.a], case: [path.b, case.a, skin.a], room: [skin.b, room.a]}
+show: {block.T: {unit: K}, case.T: {unit: K}}
+simulate: {until: 120 s, every: 1 s}
+"""
 SERVO = """
 components:
   sine: {is: Sine, a: 0.2 m, T: 4 s}
@@ -457,6 +469,7 @@ PLACES = {
     "rotational": (SHAFT, ("frame", "load"), "load", ("spring.a", "frame")),
     "hydraulic": (CIRCUIT, ("high", "low"), "low", ("throttle.a", "high")),
     "pneumatic": (GAS, ("vessel", "air"), "vessel", ("outlet.a", "vessel")),
+    "thermal": (HEAT, ("block", "room"), "case", ("skin.a", "case")),
 }
 OLD = {"Spring": (HANGING, "gas", "c: 5 kN/m"), "SpringDamper": (HANGING, "rope", "c: 9 kN/m, d: 200 N*s/m"),
        "LaminarLeakage": (CIRCUIT, "throttle", "C: 4e-10 m**3/(s*Pa)"), "PressureSource": (CIRCUIT, "tank", "p_0: 2 bar"),
@@ -576,8 +589,9 @@ KINDS = {"dry friction", "pressure-dependent friction", "viscous damping", "quad
          "nonlinear stiffness", "backlash", "slack", "end stop", "constant force", "series compliance", "added mass",
          "leakage", "internal leakage", "orifice law", "line resistance", "line inertance", "hose compliance",
          "entrained air", "cavitation", "supply droop", "relief valve", "tank overflow", "valve overlap", "choked flow",
-         "polytropic exponent", "heat exchange", "sensor offset", "sensor gain", "lag", "delay", "saturation", "dead band",
-         "rate limit", "unknown law", "external leakage", "wire taken up"}
+         "polytropic exponent", "heat exchange", "heat loss", "heat capacity", "sensor offset", "sensor gain", "lag",
+         "delay", "saturation", "dead band", "rate limit", "unknown law", "mechanical loss",
+         "external leakage", "wire taken up"}
 
 
 def test_kinds_are_called_by_the_same_words() -> None:

@@ -357,6 +357,7 @@ def test_wrong_studies_are_refused_with_a_place(folder: Path, old: str, new: str
     ("beside:", "calibrate: {free: {machine.m: 1 .. 2 t}, targets: {motion: 5 %}}\nbeside:", "target-unknown"),
     ("beside: {us", "calibrate: {free: {machine.m: 1 .. 2 t}, targets: {damper.d: 5 %}, to: them}\nbeside: {us",
      "source-unknown"),
+    ("beside: {us", "calibrate: {free: {machine.n: 1 .. 2 t}, targets: {damper.d: 5 %}}\nbeside: {us", "free-unknown"),
     ("cases: {f:", "cases: {g:", "setting-unknown")])
 def test_wrong_tunings_are_refused_before_any_run(folder: Path, old: str, new: str, code: str) -> None:
     assert old in TUNING

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from heavebond.model import Model
 
 Command = TypeVar("Command", bound=Callable[..., Any])
-TABLES = (".csv", ".parquet")
 
 
 def json_option(command: Command) -> Command:

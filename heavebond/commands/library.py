@@ -19,11 +19,15 @@ OWN = "this folder"
 
 @click.command(short_help="List the components, or tell all about one.")
 @click.argument("name", required=False)
+@click.option("--pages", metavar="FOLDER", type=click.Path(path_type=Path, file_okay=False),
+              help="Write a page (Markdown, SVG) about each component of the library into FOLDER.")
 @json_option
-def library(name: str | None) -> dict[str, object]:
+def library(name: str | None, pages: Path | None) -> dict[str, object]:
     """List the components by domain, those of the current folder first; with NAME tell all about one."""
     from heavebond.library import library as load_library
 
+    if pages is not None:
+        return _pages(pages)
     known = load_library([Path.cwd()])
     if name is None:
         return _list(known)
@@ -31,6 +35,18 @@ def library(name: str | None) -> dict[str, object]:
         raise UsageError([Problem("component-unknown", f"there is no component '{name}'", None, suggest(
             name, known.files) or "`heavebond library` lists every component.")])
     return _show(known.component(name))
+
+
+def _pages(folder: Path) -> dict[str, object]:
+    from heavebond.component_pages import write_pages
+    from heavebond.terminal import output
+
+    try:
+        written = write_pages(folder)
+    except OSError as error:
+        raise UsageError([Problem("file-unwritable", f"'{folder}' cannot be written: {error.strerror or error}")]) from None
+    output().print(f"wrote pages about {written} components to {folder}", soft_wrap=True)
+    return {"folder": str(folder), "components": written}
 
 
 def _list(known: Library) -> dict[str, object]:
@@ -41,7 +57,8 @@ def _list(known: Library) -> dict[str, object]:
     problems = Problems()
     folders: dict[str, dict[str, str]] = {}
     root = bundled("components").resolve()
-    for name, path in known.files.items():
+    for name in known.names():
+        path = known.files[name]
         inside = path.resolve().is_relative_to(root)
         folder = path.resolve().relative_to(root).parts[0] if inside else OWN
         try:
@@ -87,6 +104,7 @@ def _show(component: Component) -> dict[str, object]:
             for line in columns(rows, console.width):
                 console.print(line.rstrip(), soft_wrap=True)
     _equations(component)
+    _example(component)
     console.print(f"\n{path_text(component.path)}", style="dim", soft_wrap=True)
     return {"component": _as_dict(component)}
 
@@ -116,6 +134,20 @@ def _equations(component: Component) -> None:
             console.print(line, soft_wrap=True)
 
 
+def _example(component: Component) -> None:
+    from heavebond.library import example
+    from heavebond.source import read_text
+    from heavebond.terminal import output
+
+    path = example(component)
+    if path is None:
+        return
+    console = output()
+    console.print(f"\nExample (heavebond run examples/{path.stem})", style="bold")
+    for line in read_text(path).splitlines():
+        console.print(f"  {line}", soft_wrap=True)
+
+
 def _text(component: Component, k: int) -> str:
     """An equation as its author wrote it, `each` included."""
     line = component.equations[k]
@@ -136,6 +168,8 @@ def _given(parameter: Parameter) -> str:
         parts.append(f"default {parameter.default.text}")
     if parameter.neutral is not None:
         parts.append(f"absent at {number(parameter.neutral)}")
+    if parameter.medium:
+        parts.append(f"{parameter.medium} of the Fluid")
     if parameter.low is not None:
         parts.append(f">= {number(parameter.low)}")
     if parameter.high is not None:
@@ -144,17 +178,22 @@ def _given(parameter: Parameter) -> str:
 
 
 def _as_dict(component: Component) -> dict[str, object]:
+    from heavebond.library import example
+
+    shown = example(component)
     formulas = {key: formula.text for key, formula in (
         ("stores", component.stores), ("dissipates", component.dissipates), ("unbalanced", component.unbalanced))
         if formula}
     return {
         "name": component.name, "summary": component.summary, "restrictions": component.restrictions,
-        "source": component.source, "file": str(component.path), "power": component.power, **formulas,
+        "source": component.source, "file": str(component.path),
+        "example": str(shown) if shown else None, "power": component.power, **formulas,
         "ports": {p.name: p.domain for p in component.ports.values()},
         "signals": {s.name: {"direction": s.direction, "unit": s.unit.text} for s in component.signals.values()},
         "parameters": {p.name: {
             "unit": p.unit.text, "doc": p.doc, "min": p.low, "max": p.high, "neutral": p.neutral,
-            "default": p.default.text if p.default else None, "list": p.count is not None}
+            "default": p.default.text if p.default else None, "list": p.count is not None,
+            "medium": p.medium or None}
             for p in component.parameters.values()},
         "variables": {v.name: {"unit": v.unit.text, "doc": v.doc} for v in component.variables.values()},
         "events": {e.name: {e.key: e.formula.text, "then": {r.target.text: r.value.text for r in e.resets}}

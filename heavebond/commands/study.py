@@ -35,7 +35,7 @@ def study(file: str, output: Path | None, processes: int | None, fresh: bool) ->
     with terminal.working("study") as progress:
         result = run_study(asked, folder=folder, processes=processes, fresh=fresh, progress=progress)
     _tell(result)
-    files = [*write_files(result, folder), *_pictures(result, folder)]
+    files = [*write_files(result, folder), *_diagram(result, folder), *_pictures(result, folder)]
     console = terminal.output()
     for path in files:
         console.print(f"wrote {path}", soft_wrap=True)
@@ -81,6 +81,17 @@ def _tell_calibration(result: StudyResult) -> None:
                                  list(residual_rows(result)), text=2))
     console.print(f"sum of squares {found.history[0]:.4g} before, {min(found.history):.4g} after {len(found.history)} steps "
                   f"and {found.simulations:.0f} simulations: {found.message}", soft_wrap=True)
+
+
+def _diagram(result: StudyResult, folder: Path) -> list[Path]:
+    """What was calibrated as a diagram."""
+    from heavebond.writing import calibrated_diagram
+
+    if result.calibrated is None:
+        return []
+    path = folder / "calibrated.yaml"
+    path.write_text(calibrated_diagram(result.study, result.calibrated, path), encoding="utf-8")
+    return [path]
 
 
 def _pictures(result: StudyResult, folder: Path) -> list[Path]:

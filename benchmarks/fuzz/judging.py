@@ -1,0 +1,103 @@
+"""What becomes of one diagram, and whether that may be."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+import traceback
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+
+import heavebond as hb
+from heavebond.dae import Array
+from heavebond.errors import HeavebondError
+from heavebond.result import Result, columns
+from heavebond.symbols import split, stack
+
+# an energy that does not close to this share at the usual tolerances is looked at again with tighter ones
+OPEN = 1e-5
+# the equations of the diagram themselves must hold along the run to this share of their terms
+WRONG = 1e-6
+# a diagram at rest has but the rounding of its numbers, in J
+NOTHING = 1e-9
+# of the usual size of an unknown, added to its terms
+SMALL = 1e-3
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """`outcome`: refused (with the codes), ran, or one of the FAULTS, `what` it was, `seconds` it took."""
+
+    seed: int
+    outcome: str
+    what: str
+    seconds: float
+
+    def as_dict(self) -> dict[str, object]:
+        """For a line of JSON."""
+        return asdict(self)
+
+
+FAULTS = ("traceback", "hang", "no advice", "equation", "energy")
+
+
+def judge(seed: int, text: str) -> Verdict:
+    """Read, check and run a diagram, and account for its energy."""
+    began = time.perf_counter()
+    try:
+        outcome, what = _judged(text)
+    except HeavebondError as error:
+        outcome, what = "refused", " ".join(sorted({p.code for p in error.problems}))
+        silent = [p for p in error.problems if not p.hint.strip() or not p.message.strip()]
+        if silent or not error.problems:
+            outcome, what = "no advice", str(error)
+    except Exception:
+        outcome, what = "traceback", traceback.format_exc(limit=-6)
+    return Verdict(seed, outcome, what, time.perf_counter() - began)
+
+
+def _judged(text: str) -> tuple[str, str]:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "random.yaml"
+        path.write_text(text, encoding="utf-8")
+        assembly = hb.assemble(hb.load(path))
+        audit = hb.audit(assembly)
+    wrong, equation = violation(audit.result)
+    if wrong > WRONG:
+        return "equation", f"{equation} is off by {wrong:.2g} of its terms"
+    worst = max(audit.imbalance, audit.nodes)
+    if worst > OPEN and audit.largest > NOTHING:
+        audit = hb.audit(assembly, rtol=1e-11, atol=1e-13)
+        if max(audit.imbalance, audit.nodes) > max(OPEN, worst / 10):
+            return "energy", f"{audit.imbalance:.2g} of {audit.largest:.3g} J, nodes {audit.nodes:.2g}"
+    return "ran", f"{worst:.1e}"
+
+
+def violation(result: Result) -> tuple[float, str]:
+    """How far the equations of the diagram, as written, are from holding along a run: the largest residual over the sum of
+    the sizes of its terms (each unknown's share), and the text of that equation. Rates come from the reduced model."""
+    assembly, flat = result.assembly, result.assembly.flat
+    known = {s.element_hash() for s in split(assembly.reduced.symbols)}
+    known |= {s.element_hash() for a in assembly.arguments for s in split(a)}
+    rows = [k for k, r in enumerate(flat.residuals) if {s.element_hash() for s in ca.symvar(r)} <= known]
+    if not rows:
+        return 0.0, ""
+    residuals = stack([flat.residuals[k] for k in rows])
+    symbols = ca.symvar(residuals)
+    usual = {s.element_hash(): u.nominal for level in flat.levels for s, u in zip(level, flat.unknowns, strict=True)}
+    terms = stack([ca.fabs(s) + SMALL * usual.get(s.element_hash(), 0.0) for s in symbols])
+    sizes = ca.fabs(ca.jacobian(residuals, stack(symbols))) @ terms if symbols else ca.SX(len(rows), 1)
+    both = ca.Function("both", list(assembly.arguments), [assembly.express(residuals), assembly.express(sizes)])
+    off, terms = (np.array(v) for v in both.map(len(result.time))(*columns(result)))
+    share = _share(off, terms)
+    k = int(np.argmax(share.max(axis=1)))
+    return float(share.max()), flat.equations[rows[k]].text
+
+
+def _share(off: Array, terms: Array) -> Array:
+    """|residual| over the largest size that its terms have during the run."""
+    size = np.nanmax(np.where(np.isfinite(terms), terms, 0.0), axis=1, keepdims=True)
+    return np.where(np.isfinite(off), np.abs(off), np.inf) / np.maximum(size, 1e-12)

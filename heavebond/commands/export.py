@@ -1,0 +1,53 @@
+"""`heavebond export`: a diagram for other programs, as an FMU or as C."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from heavebond.commands.arguments import blamed_on_settings, check_writable, json_option, set_option, with_settings
+
+if TYPE_CHECKING:
+    from heavebond.portable import Quantity
+
+SUFFIXES = (".fmu", ".c")
+
+
+@click.command(short_help="Write a diagram as an FMU or as C for other programs.")
+@click.argument("model")
+@click.option("-o", "--output", metavar="FILE", required=True, type=click.Path(path_type=Path),
+              help="model.fmu (FMI 3.0 for model exchange; needs a C compiler) or model.c.")
+@click.option("--input", "inputs", metavar="SIGNAL", multiple=True,
+              help="Make a signal input of the diagram an input of what is written, e.g. --input deck.u. May be repeated.")
+@set_option
+@json_option
+def export(model: str, output: Path, inputs: tuple[str, ...], settings: tuple[str, ...]) -> dict[str, object]:
+    """Write the diagram MODEL as an FMU or as C: its states, parameters, inputs, and as outputs what it has under `show:`.
+
+    It starts as the diagram says. Measured inputs become inputs, and those named by --input.
+    """
+    from heavebond import terminal
+    from heavebond.c_code import export_c
+    from heavebond.fmu_export import export_fmu
+    from heavebond.model import load
+
+    check_writable(output, SUFFIXES)
+    with blamed_on_settings(settings), terminal.working("writing"):
+        write = export_fmu if output.suffix.lower() == ".fmu" else export_c
+        made = write(with_settings(load(model), settings), output, inputs)
+    console = terminal.output()
+    kept = [q for q, own in zip(made.parameters, made.tunable, strict=True) if own]
+    groups = {"inputs": made.inputs, "outputs": made.outputs, "states": made.states, "algebraic unknowns": made.algebraic,
+              "parameters": kept}
+    console.print(terminal.table(made.name, ("", "name", "unit", "start"), [
+        (title, q.name, q.unit.text, f"{q.start:.6g}") for title in ("inputs", "outputs") for q in groups[title]], text=3))
+    console.print(", ".join(f"{len(found)} {name}" for name, found in groups.items() if found), soft_wrap=True)
+    console.print(f"wrote {output}", soft_wrap=True)
+    return {"model": made.name, "file": str(output), **{name.replace(" ", "_"): _listed(g) for name, g in groups.items()}}
+
+
+def _listed(quantities: Sequence[Quantity]) -> list[dict[str, object]]:
+    return [{"name": q.name, "unit": q.unit.text, "start": q.start} for q in quantities]

@@ -1,0 +1,31 @@
+"""`heavebond new`: a folder to begin with."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from heavebond.commands.arguments import json_option
+
+
+@click.command(short_help="Make a folder with a diagram, an experiment and records to begin with.")
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.option("--from", "origin", metavar="MACHINE", help="Copy a bundled machine, e.g. --from passive_rig.")
+@json_option
+def new(folder: Path, origin: str | None) -> dict[str, object]:
+    """Make FOLDER with a diagram, an experiment, records and a README that says what to type.
+
+    Without --from it is a load on a spring, with records that hold one effect more than the diagram knows.
+    """
+    from heavebond import terminal
+    from heavebond.starter_folder import start_folder
+
+    with terminal.working("writing"):
+        made = start_folder(folder, origin)
+    console = terminal.output()
+    for path in made.files:
+        console.print(f"wrote {path}", soft_wrap=True)
+    console.print(f"go on: cd {folder}; heavebond run {made.diagrams[0].name}; then as {folder / 'README.md'} says",
+                  soft_wrap=True)
+    return {"folder": str(folder), "files": [str(path) for path in made.files]}

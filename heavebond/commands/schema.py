@@ -1,0 +1,61 @@
+"""`heavebond schema`: what an editor needs to complete and check the files of a folder."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+
+from heavebond.commands.arguments import check_writable, json_option
+from heavebond.errors import Problem, UsageError
+
+NAME = "heavebond.schema.json"
+
+
+@click.command(short_help="Let an editor complete keys, components, parameters and units.")
+@click.option("--for", "folder", metavar="FOLDER", type=click.Path(path_type=Path), default=Path(),
+              help="Where your diagrams are; its components are known too.  [default: the current folder]")
+@click.option("-o", "--output", metavar="FILE", type=click.Path(path_type=Path),
+              help=f"Where to write the schema (.json).  [default: FOLDER/.vscode/{NAME}]")
+@json_option
+def schema(folder: Path, output: Path | None) -> dict[str, object]:
+    """Write a JSON Schema of diagrams, components, experiments and studies, and the settings for Visual Studio Code.
+
+    Its extension YAML (redhat.vscode-yaml) then completes while you type and underlines what is wrong. Run this again after
+    you have added a component.
+    """
+    from heavebond.library import library
+    from heavebond.schema import schema as make
+    from heavebond.terminal import output as console
+
+    if not folder.is_dir():
+        raise UsageError([Problem("folder-missing", f"there is no folder '{folder}'", None,
+                                  "Give --for a folder that is there.")])
+    path, files = output or folder / ".vscode" / NAME, []
+    if output is None:
+        path.parent.mkdir(exist_ok=True)
+    check_writable(path, (".json",))
+    path.write_text(json.dumps(make(library([folder])), ensure_ascii=False, separators=(",", ":")) + "\n", encoding="utf-8")
+    files.append(path)
+    settings = folder / ".vscode" / "settings.json"
+    snippet = {"yaml.schemas": {_from(folder, path): "*.yaml"}}
+    if path.parent == settings.parent and not settings.exists():
+        settings.write_text(json.dumps(snippet, indent=2) + "\n", encoding="utf-8")
+        files.append(settings)
+    else:
+        console().print("Put this into the settings of your editor (.vscode/settings.json):", soft_wrap=True)
+        console().print(json.dumps(snippet, indent=2), soft_wrap=True, highlight=False, markup=False)
+    for written in files:
+        console().print(f"wrote {written}", soft_wrap=True)
+    console().print("Or begin a single file with the line", soft_wrap=True)
+    console().print(f"# yaml-language-server: $schema={_from(folder, path)}", soft_wrap=True, highlight=False, markup=False)
+    return {"files": [str(written) for written in files], "settings": snippet}
+
+
+def _from(folder: Path, path: Path) -> str:
+    """The file as an editor that has the folder open names it."""
+    try:
+        return path.resolve().relative_to(folder.resolve()).as_posix()
+    except ValueError:
+        return path.resolve().as_posix()

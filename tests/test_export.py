@@ -1,0 +1,297 @@
+"""Diagrams as C and as FMUs: compiled, called, and simulated by another program to the same result."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import shutil
+import subprocess
+import zipfile
+from pathlib import Path
+from xml.etree import ElementTree as Xml
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import heavebond as hb
+from heavebond.c_code import c_name, c_text, export_c
+from heavebond.cli import main
+from heavebond.fmu_export import export_fmu
+from heavebond.library import bundled
+from heavebond.portable import Portable, portable
+
+COMPILER = next((found for name in ("cc", "gcc", "clang") if (found := shutil.which(name))), None)
+compiled = pytest.mark.skipif(COMPILER is None, reason="there is no C compiler here")
+
+# two orifices in series with nothing between them: their common pressure is an algebraic unknown
+LOOP = """
+model: loop
+components:
+  pump:   {is: FlowSource, u: 12 L/min}
+  oil:    {is: Volume, V: 2 L, beta: 1.5 GPa}
+  first:  {is: Orifice, q_r: 20 L/min, dp_r: 10 bar}
+  second: {is: Orifice, q_r: 10 L/min, dp_r: 10 bar}
+  tank:   {is: Tank}
+nodes:
+  inlet:  [pump.a, oil.a, first.a]
+  middle: [first.b, second.a]
+  back:   [second.b, tank.a]
+show:
+  inlet:  {is: inlet.p, unit: bar}
+  middle: {is: middle.p, unit: bar}
+  flow:   {is: second.q, unit: L/min}
+simulate: {until: 1 s, every: 10 ms}
+"""
+DRIVEN = """
+model: driven
+components:
+  heave:  {is: Sine, a: 0.1 m, T: 2 s}
+  deck:   {is: PositionSource}
+  spring: {is: SpringDamper, c: 4 kN/m, d: 300 N*s/m}
+  load:   {is: Mass, m: 100 kg}
+  push:   {is: ForceSource, u: 20 N}
+nodes:
+  heave: [heave.y, deck.u]
+  deck:  [deck.a, spring.a]
+  load:  [spring.b, load.a, push.a]
+initial: {start: rest, load.x: 5 mm}
+show:
+  load: {is: load.x, unit: mm}
+  warm: {is: load.x*1 K/1 m, unit: degC}
+simulate: {until: 2 s, every: 10 ms}
+"""
+
+
+def call(*words: str) -> object:
+    return CliRunner().invoke(main, list(words))
+
+
+class Compiled:
+    """A C file of heavebond, compiled and called through ctypes."""
+
+    def __init__(self, made: Portable, path: Path):
+        library = path.with_suffix(".so")
+        assert COMPILER
+        subprocess.run([COMPILER, "-O1", "-std=c99", "-Wall", "-Werror", "-Wpedantic", "-shared", "-fPIC", str(path), "-o",
+                        str(library), "-lm"], check=True)
+        self.made, self.prefix, self.library = made, path.stem, ctypes.CDLL(str(library))
+
+    def start(self, letter: str, n: int) -> np.ndarray:
+        return np.array((ctypes.c_double * n).in_dll(self.library, f"{self.prefix}_{letter}_start"))
+
+    def __call__(self, t: float, *given: np.ndarray) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
+        x, z, p, u = (np.array(g, float) for g in given)
+        dx, y = np.zeros(max(1, len(x))), np.zeros(max(1, len(self.made.outputs)))
+        pointers = [a.ctypes.data_as(ctypes.c_void_p) for a in (x, z, p, u, dx, y)]
+        code = getattr(self.library, f"{self.prefix}_evaluate")(ctypes.c_double(t), *pointers)
+        return code, dx[: len(x)], y[: len(self.made.outputs)], z
+
+
+def check_agreement(model: hb.Model, folder: Path) -> None:
+    """The C of a diagram gives the rates, outputs and algebraic unknowns of its run, at three points of it."""
+    code = Compiled(export_c(model, folder / "m.c"), folder / "m.c")
+    run = hb.simulate(model)
+    p, u = code.start("p", len(run.p)), np.zeros(0)
+    assert not code.made.inputs
+    assert np.array_equal(p, run.p)
+    assert np.array_equal(code.start("x", len(run.x)), run.start.x)
+    rates = run.assembly.rates
+    largest = np.abs(np.array(rates(run.time[None, :], run.x, run.z, p, np.zeros((0, 1)), 1.0)[0])).max(axis=1)
+    for k in (0, len(run.time) // 3, len(run.time) - 1):
+        # from a guess 20 % off: the algebraic unknowns have to be found
+        status, dx, y, z = code(run.time[k], run.x[:, k], 0.8 * run.z[:, k] + 1.0, p, u)
+        assert status == 0
+        exact = np.array(rates(run.time[k], run.x[:, k], run.z[:, k], p, u, 1.0)[0]).ravel()
+        # the same formulas; sums of terms that cancel are rounded in another way, by 1e-16 of the terms
+        assert np.all(np.abs(dx - exact) <= 1e-12 * largest + 1e-15), (dx, exact)
+        assert z == pytest.approx(run.z[:, k], rel=1e-9)
+        for output, value in zip(code.made.outputs, y, strict=True):
+            course = run[output.name]
+            assert value == pytest.approx(course[k], rel=1e-9, abs=1e-12 + 1e-9 * np.abs(course).max()), output.name
+
+
+@compiled
+@pytest.mark.parametrize("name", ["passive_rig", "cmc_ahc", "receiver_rig", "LOOP"])
+def test_compiled_c_gives_the_same_rates_and_outputs(name: str, tmp_path: Path) -> None:
+    check_agreement(hb.loads(LOOP) if name == "LOOP" else hb.load(name), tmp_path)
+
+
+@compiled
+@pytest.mark.slow
+def test_every_example_of_the_library_as_c(tmp_path: Path) -> None:
+    refused = []
+    for path in sorted((bundled("models") / "examples").glob("*.yaml")):
+        model = hb.load(path)
+        flat = hb.assemble(model).flat
+        if flat.events:
+            with pytest.raises(hb.ModelError, match="export-events"):
+                export_c(model, tmp_path / "m.c")
+            refused.append(path.stem)
+        elif not flat.inputs:  # a record becomes an input
+            (tmp_path / path.stem).mkdir()
+            check_agreement(model, tmp_path / path.stem)
+    assert "sample_hold" in refused and len(refused) < 20, refused
+
+
+@compiled
+def test_c_says_where_the_algebraic_unknowns_are_not_found(tmp_path: Path) -> None:
+    code = Compiled(export_c(hb.loads(LOOP), tmp_path / "m.c"), tmp_path / "m.c")
+    made = code.made
+    x, z, p = code.start("x", 1), code.start("z", len(made.algebraic)), code.start("p", len(made.parameters))
+    assert code(0.0, x, z, p, np.zeros(1))[0] == 0
+    assert code(0.0, np.full_like(x, np.nan), z, p, np.zeros(1))[0] == 1
+
+
+def test_the_head_of_the_c_lists_everything() -> None:
+    made = portable(hb.loads(DRIVEN), ["deck.u"], "rig_equations")
+    text = c_text(made, "rig")
+    head = text[: text.index("*/", text.index("y[1]"))]
+    for words in ("x[0]", "load.v", "m/s", "spring.c", "4000", "u[0]  deck.u", "u[1]  der(deck.u)", "y[0]", "mm", "degC"):
+        assert words in head
+    assert [q.name for q in made.inputs] == ["deck.u", "der(deck.u)"]
+    assert made.inputs[1].start == pytest.approx(0.1 * 2 * np.pi * 0.5)
+
+
+@pytest.mark.parametrize(("text", "name"), [("rig", "rig"), ("2 rig-a", "m_2_rig_a"), ("for", "m_for"), ("_x", "m__x")])
+def test_names_in_c(text: str, name: str) -> None:
+    assert c_name(text) == name
+
+
+def test_measured_inputs_become_inputs(tmp_path: Path) -> None:
+    times = np.arange(0, 0.5, 0.01)
+    np.savetxt(tmp_path / "heave.csv", np.column_stack([times, 0.1 + 0.2 * times + times**2]), delimiter=",", header="t,z",
+               comments="")
+    text = DRIVEN.replace("{is: PositionSource}", "{is: PositionSource, u: {file: heave.csv, column: z, unit: m, "
+                          "between: spline}}").replace("[heave.y, deck.u]", "[heave.y]")
+    made = portable(hb.loads(text, tmp_path))
+    assert {q.name: q.start for q in made.inputs} == pytest.approx({"deck.u": 0.1, "der(deck.u)": 0.2})
+    assert not any(shown for q, shown in zip(made.parameters, made.tunable, strict=True) if q.name == "scale.deck.u")
+
+
+# -- FMU -------------------------------------------------------------------------------------------------------------
+@compiled
+@pytest.mark.parametrize("name", ["passive_rig", "cmc_ahc", "LOOP"])
+def test_fmpy_simulates_an_fmu_to_the_same_result(name: str, tmp_path: Path) -> None:
+    fmpy = pytest.importorskip("fmpy", reason="FMPy is not installed")
+    from fmpy.validation import validate_fmu
+
+    model = hb.loads(LOOP) if name == "LOOP" else hb.load(name)
+    path = tmp_path / "m.fmu"
+    export_fmu(model, path)
+    assert validate_fmu(str(path)) == []
+    run = hb.simulate(model)
+    found = fmpy.simulate_fmu(str(path), fmi_type="ModelExchange", solver="CVode", relative_tolerance=1e-9,
+                              stop_time=float(run.time[-1]), output_interval=float(run.time[1]), record_events=False)
+    assert found.dtype.names[1:] == tuple(model.show)
+    assert len(found) == len(run.time)
+    for output in model.show:
+        exact = run[output]
+        # two integrators with errors of 1e-8 and 1e-9 a step, over thousands of steps
+        assert np.abs(found[output] - exact).max() < 1e-4 * np.abs(exact).max(), output
+
+
+@compiled
+def test_parameters_inputs_and_units_of_an_fmu(tmp_path: Path) -> None:
+    fmpy = pytest.importorskip("fmpy", reason="FMPy is not installed")
+    model, path = hb.loads(DRIVEN), tmp_path / "driven.fmu"
+    export_fmu(model, path, ["deck.u", "push.u"])
+    known = {v.name: v for v in fmpy.read_model_description(str(path)).modelVariables}
+    assert {n for n, v in known.items() if v.causality == "input"} == {"deck.u", "der(deck.u)", "push.u"}
+    assert (known["push.u"].start, known["push.u"].unit) == ("20.0", "N")
+    assert (known["spring.d"].unit, known["spring.d"].variability, known["spring.d"].min) == ("N.s/m", "tunable", "0.0")
+    assert not any(name.startswith(("scale.", "initial.")) for name in known)
+    units = {u.name: u.baseUnit for u in fmpy.read_model_description(str(path)).unitDefinitions}
+    assert (units["N.s/m"].kg, units["N.s/m"].m, units["N.s/m"].s) == (1, 0, -1)
+    assert (units["mm"].m, units["mm"].factor, units["degC"].offset) == (1, 0.001, 273.15)
+    times = np.arange(4001) * 0.0005
+    signals = np.array(list(zip(times, 0.05 * times**2, 0.1 * times, 10 + 0 * times, strict=True)),
+                       dtype=[(n, float) for n in ("time", "deck.u", "der(deck.u)", "push.u")])
+    found = fmpy.simulate_fmu(str(path), fmi_type="ModelExchange", solver="CVode", relative_tolerance=1e-9, stop_time=2.0,
+                              output_interval=0.0005, input=signals, start_values={"spring.c": 6000.0}, record_events=False)
+    free = hb.loads(DRIVEN.replace("[heave.y, deck.u]", "[heave.y]"))
+    run = hb.simulate(free.with_parameters({"deck.u": "=0.05 m/s**2*time**2", "push.u": "10 N", "spring.c": "6 kN/m"}))
+    # FMPy holds an input over a step of 0.5 ms, in which the deck moves by 0.1 mm at most
+    assert found["load"][::20] == pytest.approx(run["load"], abs=0.1)
+    assert np.ptp(run["load"]) > 50
+
+
+@compiled
+def test_an_fmu_brings_its_sources_and_is_the_same_each_time(tmp_path: Path) -> None:
+    for name in "ab":
+        export_fmu(hb.loads(LOOP), tmp_path / f"{name}.fmu")
+    a, b = (zipfile.ZipFile(tmp_path / f"{name}.fmu") for name in "ab")
+    assert {"modelDescription.xml", "sources/model.c", "sources/fmi3.c", "sources/buildDescription.xml"} < set(a.namelist())
+    assert a.read("modelDescription.xml") == b.read("modelDescription.xml")
+    assert Xml.fromstring(a.read("modelDescription.xml")).get("instantiationToken") in a.read("sources/model.c").decode()
+
+
+def test_names_of_outputs_that_are_taken(tmp_path: Path) -> None:
+    from heavebond.fmu_export import description
+
+    text = LOOP.replace("inlet:  {is: inlet.p, unit: bar}", "inlet.p: {unit: bar}")
+    names = [v.get("name") for v in Xml.fromstring(description(portable(hb.loads(text)), "m", "t")).iter("Float64")]
+    assert len(set(names)) == len(names)
+    assert {"inlet.p", "show.inlet.p"} < set(names)
+
+
+# -- messages --------------------------------------------------------------------------------------------------------
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "driven.yaml").write_text(DRIVEN)
+    sampled = DRIVEN.replace("{is: ForceSource, u: 20 N}", "{is: ForceSource, u: =hold.y}")
+    (tmp_path / "sampled.yaml").write_text(sampled.replace(
+        "nodes:", "  hold: {is: SampleHold, T_s: 40 ms, u: =1 N*s/m * load.v}\nnodes:"))
+    return tmp_path
+
+
+@pytest.mark.parametrize(("words", "code", "said"), [
+    (("driven.yaml", "-o", "m.exe"), "file-suffix", ".fmu or .c"), (("driven.yaml",), "usage", "--output"),
+    (("driven.yaml", "-o", "m.c", "--input", "deck.v"), "input-unknown", "Did you mean 'deck.u'"),
+    (("driven.yaml", "-o", "m.c", "--input", "nothing"), "input-unknown", "Signal inputs: "),
+    (("driven.yaml", "-o", "nowhere/m.c"), "file-unwritable", "no folder"),
+    (("driven.yaml", "-o", "m.c", "--set", "spring.k=1 N/m"), "setting-unknown", "spring.c"),
+])
+def test_wrong_usage(folder: Path, words: tuple[str, ...], code: str, said: str) -> None:
+    answer = call("export", *words)
+    assert answer.exit_code == 2
+    assert f"[{code}]" in answer.stderr
+    assert said in answer.stderr
+    assert not list(folder.glob("m.*"))
+
+
+def test_events_are_refused(folder: Path) -> None:
+    answer = call("export", "sampled.yaml", "-o", "m.c")
+    assert answer.exit_code == 1
+    assert "[export-events]" in answer.stderr
+    assert "hold.sample" in answer.stderr
+
+
+def test_without_a_compiler(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("CC", raising=False)
+    monkeypatch.setenv("PATH", str(folder))
+    answer = call("export", "driven.yaml", "-o", "m.fmu")
+    assert answer.exit_code == 2
+    assert "[compiler-missing]" in answer.stderr
+    assert "-o model.c" in answer.stderr
+    assert call("export", "driven.yaml", "-o", "m.c").exit_code == 0
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs a script as compiler")
+def test_a_compiler_that_fails(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (folder / "badcc").write_text("#!/bin/sh\necho 'x.c:1: error: no such processor' >&2\nexit 1\n")
+    (folder / "badcc").chmod(0o755)
+    monkeypatch.setenv("CC", str(folder / "badcc"))
+    answer = call("export", "driven.yaml", "-o", "m.fmu")
+    assert answer.exit_code == 2
+    assert "no such processor" in answer.stderr
+
+
+@compiled
+def test_the_command_tells_what_it_wrote(folder: Path) -> None:
+    answer = call("export", "driven.yaml", "-o", "m.fmu", "--input", "deck.u", "--json", "out.json")
+    assert answer.exit_code == 0, answer.output
+    assert "der(deck.u)" in answer.stdout
+    assert "wrote m.fmu" in answer.stdout
+    assert zipfile.is_zipfile(folder / "m.fmu")

@@ -1,0 +1,251 @@
+"""FMUs as components: read without running them, run beside a diagram where that is allowed, refused elsewhere."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import heavebond as hb
+from heavebond.cli import main
+from heavebond.fmu_export import export_fmu, platform_of
+
+pytest.importorskip("fmpy", reason="FMPy is not installed")
+COMPILER = next((found for name in ("cc", "gcc", "clang") if (found := shutil.which(name))), None)
+compiled = pytest.mark.skipif(COMPILER is None, reason="there is no C compiler here")
+SOURCE = Path(__file__).parent / "fmu" / "controller.c"
+UNITS = """<UnitDefinitions><Unit name="mm"><BaseUnit m="1" factor="0.001"/></Unit>
+<Unit name="kN"><BaseUnit kg="1" m="1" s="-2" factor="1000"/></Unit></UnitDefinitions>"""
+FMI2 = f"""<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="2.0" modelName="Controller" guid="1" description="A sampled controller">
+<CoSimulation modelIdentifier="controller"/>{UNITS}<DefaultExperiment stepSize="0.02"/><ModelVariables>
+<ScalarVariable name="position" valueReference="0" causality="input" description="where it is"><Real unit="mm" start="0"/>
+</ScalarVariable>
+<ScalarVariable name="law.gain" valueReference="1" causality="parameter" variability="fixed"><Real start="-10"/>
+</ScalarVariable>
+<ScalarVariable name="force" valueReference="2" causality="output" initial="calculated"><Real unit="kN"/></ScalarVariable>
+<ScalarVariable name="count" valueReference="3" causality="output"><Integer/></ScalarVariable>
+<ScalarVariable name="in" valueReference="4" causality="input"><Boolean start="true"/></ScalarVariable>
+</ModelVariables><ModelStructure/></fmiModelDescription>"""
+FMI3 = f"""<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="3.0" modelName="Controller" instantiationToken="1" description="A sampled controller">
+<CoSimulation modelIdentifier="controller"/>{UNITS}<DefaultExperiment stepSize="0.02"/><ModelVariables>
+<Float64 name="position" valueReference="0" causality="input" unit="mm" start="0" description="where it is"/>
+<Float64 name="law.gain" valueReference="1" causality="parameter" variability="fixed" start="-10"/>
+<Float64 name="force" valueReference="2" causality="output" unit="kN"/>
+<Int32 name="count" valueReference="3" causality="output"/>
+<Boolean name="in" valueReference="4" causality="input" start="true"/>
+</ModelVariables><ModelStructure/></fmiModelDescription>"""
+FMI1 = """<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="1.0" modelName="C" modelIdentifier="c" guid="1" numberOfContinuousStates="0"
+numberOfEventIndicators="0"><ModelVariables/></fmiModelDescription>"""
+RIG = """
+model: rig
+components:
+  cart:   {is: Mass, m: 2 t}
+  spring: {is: SpringDamper, c: 20 kN/m, d: 200 N*s/m}
+  wall:   {is: Fixed}
+  pull:   {is: ForceSource}
+  where:  {is: PositionSensor}
+  controller: {is: controller.fmu, step: 40 ms, law_gain: -0.02, in_2: 1}
+nodes:
+  wall:  [wall.a, spring.a]
+  cart:  [cart.a, spring.b, pull.a, where.a]
+  place: [where.y, controller.position]
+  force: [controller.force, pull.u]
+initial: {cart.x: 50 mm, cart.v: 0 m/s}
+show:
+  place: {is: cart.x, unit: mm}
+  force: {is: pull.u, unit: N}
+simulate: {until: 2 s, every: 10 ms}
+"""
+# the same in the language: what is sampled at one instant is given out at the next; -0.02 kN/mm
+LIKE = RIG.replace("{is: controller.fmu, step: 40 ms, law_gain: -0.02, in_2: 1}", "{is: SampleHold, T_s: 40 ms}").replace(
+    "  pull: ", "  late:   {is: SampleHold, T_s: 40 ms, u: =-20 kN/m*controller.y}\n  pull: ").replace(
+    "controller.position", "controller.u").replace("controller.force", "late.y")
+
+
+def make_fmu(path: Path, description: str) -> Path:
+    """A packed FMU, compiled where there is a compiler."""
+    folder, suffix = platform_of()
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("modelDescription.xml", description)
+        if COMPILER:
+            library = path.with_suffix(".so")
+            version = ["-DFMI3"] if description is FMI3 else []
+            subprocess.run([COMPILER, "-std=c99", "-shared", "-fPIC", *version, str(SOURCE), "-o", str(library)], check=True)
+            for name in (folder, f"{'darwin' if sys.platform == 'darwin' else 'linux'}64"):
+                archive.write(library, f"binaries/{name}/controller{suffix}")
+    return path
+
+
+@pytest.fixture(params=["2.0", "3.0"])
+def rig(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with a diagram and the FMU in it, in both versions of the standard."""
+    monkeypatch.chdir(tmp_path)
+    make_fmu(tmp_path / "controller.fmu", FMI2 if request.param == "2.0" else FMI3)
+    (tmp_path / "rig.yaml").write_text(RIG)
+    return tmp_path
+
+
+@compiled
+def test_a_controller_in_an_fmu_is_one_in_the_language(rig: Path) -> None:
+    model = hb.load("rig.yaml")
+    run, like = hb.simulate(model, allow_fmu=True), hb.simulate(hb.loads(LIKE))
+    assert np.ptp(like["force"]) > 500
+    # the same events at the same instants; the numbers went through mm and kN and back
+    assert run["place"] == pytest.approx(like["place"], abs=1e-6)
+    assert run["force"] == pytest.approx(like["force"], abs=1e-4)
+    assert run["controller.count"][-1] == 50
+    assert [time for time, _ in run.events][:3] == pytest.approx([0, 0.04, 0.08])
+    again = hb.simulate(model, allow_fmu=True)
+    assert np.array_equal(again["place"], run["place"])
+
+
+@compiled
+def test_inputs_parameters_and_the_step_of_an_fmu(rig: Path) -> None:
+    model = hb.load("rig.yaml")
+    off = hb.simulate(model.with_parameters({"controller.in_2": 0}), allow_fmu=True)
+    assert not off["force"].any()
+    twice = hb.simulate(model.with_parameters({"controller.law_gain": "-0.04", "controller.step": "10 ms"}), allow_fmu=True)
+    assert twice["controller.count"][-1] == 200
+    assert twice["force"][1] == pytest.approx(-40e3 * 0.05)
+
+
+def test_an_fmu_is_described_without_being_run(rig: Path) -> None:
+    component = hb.load("rig.yaml").library.component("controller.fmu")
+    assert component.summary == "A sampled controller"
+    assert {n: (s.direction, s.unit.text) for n, s in component.signals.items()} == {
+        "position": ("in", "m"), "in_2": ("in", "1"), "force": ("out", "N"), "count": ("out", "1")}
+    assert component.parameters["law_gain"].doc == "law.gain"
+    assert component.parameters["step"].default is not None
+    for words in (("check", "rig.yaml"), ("library", "controller.fmu"), ("draw", "rig.yaml", "-o", "rig.svg")):
+        answer = CliRunner().invoke(main, list(words))
+        assert answer.exit_code == 0, answer.output
+
+
+@pytest.mark.parametrize("unit", ["", ' unit="m.kg/s2"', ' unit="nothing"'])
+def test_signals_without_unit_definitions(unit: str, tmp_path: Path) -> None:
+    """What an FMU does not say is solved from the wires; what it says in the common way is read."""
+    text = FMI2.replace(UNITS, "").replace(' unit="mm"', "").replace(' unit="kN"', unit)
+    make_fmu(tmp_path / "controller.fmu", text)
+    flat = hb.assemble(hb.loads(RIG, tmp_path)).flat
+    assert flat.unknowns[flat.names["controller.position"]].unit.text == "m"
+    assert flat.unknowns[flat.names["controller.force"]].unit.text == "N"
+
+
+def test_nothing_is_run_unless_the_user_says_so(rig: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import fmpy
+
+    monkeypatch.setattr(fmpy, "extract", lambda *_, **__: pytest.fail("the FMU was opened"))
+    answer = CliRunner().invoke(main, ["run", "rig.yaml"])
+    assert answer.exit_code == 2
+    assert "[fmu-not-allowed]" in answer.stderr
+    assert "--allow-fmu" in answer.stderr
+    with pytest.raises(hb.UsageError, match="fmu-not-allowed"):
+        hb.simulate(hb.load("rig.yaml"))
+    with pytest.raises(hb.UsageError, match="no derivatives through"):
+        hb.simulate(hb.load("rig.yaml"), allow_fmu=True, sensitivities=["cart.m"])
+
+
+@compiled
+def test_the_command_runs_it_where_it_is_allowed(rig: Path) -> None:
+    answer = CliRunner().invoke(main, ["run", "rig.yaml", "--allow-fmu"])
+    assert answer.exit_code == 0, answer.output
+    assert "51 events" in answer.stdout
+
+
+@compiled
+def test_an_fmu_that_fails_is_told_with_its_own_words(rig: Path) -> None:
+    model = hb.load("rig.yaml").with_parameters({"initial.cart.x": "3 m"})
+    with pytest.raises(hb.SimulationError, match="fmu-failed") as caught:
+        hb.simulate(model, allow_fmu=True)
+    assert "controller (controller.fmu) failed at t = 0.04 s" in str(caught.value)
+    assert "out of reach" in str(caught.value)
+
+
+def test_an_fmu_for_another_machine(rig: Path) -> None:
+    with zipfile.ZipFile("controller.fmu") as old:
+        description = old.read("modelDescription.xml")
+    with zipfile.ZipFile("controller.fmu", "w") as new:
+        new.writestr("modelDescription.xml", description)
+    with pytest.raises(hb.SimulationError, match="cannot be loaded on this machine"):
+        hb.simulate(hb.load("rig.yaml"), allow_fmu=True)
+
+
+@pytest.mark.parametrize(("text", "said"), [
+    ("nonsense", "not an FMU"), (FMI1, "written in FMI 1.0"),
+    (FMI2.replace("CoSimulation", "ModelExchange"), "model exchange only"),
+    (FMI2.replace('causality="output"', 'causality="local"').replace(' initial="calculated"', ""), "no outputs"),
+    (FMI2.replace('<Boolean start="true"/>', '<String start="a"/>'), "no single numbers: in"),
+])
+def test_fmus_that_cannot_be_used(text: str, said: str, tmp_path: Path) -> None:
+    if text == "nonsense":
+        (tmp_path / "controller.fmu").write_text(text)
+    else:
+        make_fmu(tmp_path / "controller.fmu", text)
+    with pytest.raises(hb.ModelError, match="fmu-un") as caught:
+        hb.assemble(hb.loads(RIG, tmp_path))
+    assert said in str(caught.value)
+    assert caught.value.problems[0].place is not None
+
+
+def test_a_misspelt_fmu_and_fmpy_missing(rig: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(hb.ModelError, match=r"Did you mean 'controller\.fmu'"):
+        hb.assemble(hb.loads(RIG.replace("controller.fmu", "controler.fmu"), rig))
+    (rig / "other.fmu").write_bytes((rig / "controller.fmu").read_bytes())
+    monkeypatch.setitem(sys.modules, "fmpy", None)
+    with pytest.raises(hb.ModelError, match=r"heavebond\[fmu\]"):
+        hb.assemble(hb.loads(RIG.replace("controller.fmu", "other.fmu"), rig))
+
+
+def test_fmus_that_are_no_components_do_not_disturb(rig: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from heavebond.library import library
+    from heavebond.schema import schema
+
+    (rig / "broken.fmu").write_text("nonsense")
+    assert "broken.fmu" not in library([rig]).names()
+    assert CliRunner().invoke(main, ["library"]).exit_code == 0
+    kinds = schema(library([rig]))["definitions"]["components"]["additionalProperties"]["properties"]["is"]["enum"]
+    assert "controller.fmu" in kinds and "broken.fmu" not in kinds
+    hb.assemble(hb.load("rig.yaml"))
+
+
+SWITCHED = """
+component: Latch
+summary: Notes how often a load passes a place, and kicks it.
+ports: {a: translational}
+parameters: {x_0: {unit: m, default: 10 mm}}
+variables: {count: {unit: 1, held: 0}}
+equations: |
+  a.f = 0
+when:
+  passes: {condition: a.x > x_0, then: {count: count + 1, a.v: 0.9*a.v}}
+"""
+
+
+@compiled
+def test_events_of_the_diagram_between_communications(rig: Path) -> None:
+    """What happens in between is found by integrating again; the FMU goes through each of its steps once."""
+    (rig / "latch.yaml").write_text(SWITCHED)
+    more = [text.replace("nodes:", "  latch: {is: Latch}\nnodes:").replace("pull.a, ", "pull.a, latch.a, ")
+            for text in (RIG, LIKE)]
+    run, like = hb.simulate(hb.loads(more[0], rig), allow_fmu=True), hb.simulate(hb.loads(more[1], rig))
+    passed = [time for time, name in run.events if name == "latch.passes"]
+    assert passed == pytest.approx([time for time, name in like.events if name == "latch.passes"])
+    assert passed and all(abs(time / 0.04 - round(time / 0.04)) > 0.01 for time in passed)
+    assert run["place"] == pytest.approx(like["place"], abs=1e-5)
+    assert run["controller.count"][-1] == 50
+
+
+@compiled
+def test_an_fmu_of_ours_is_refused_with_a_reason(tmp_path: Path) -> None:
+    export_fmu(hb.loads(LIKE.replace("SampleHold, T_s: 40 ms", "Gain, k: 1")), tmp_path / "controller.fmu")
+    with pytest.raises(hb.ModelError, match="model exchange only"):
+        hb.assemble(hb.loads(RIG, tmp_path))

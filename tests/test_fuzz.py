@@ -1,0 +1,75 @@
+"""Random diagrams from the library end in a run whose equations hold and whose energy closes, or in advice.
+
+A few hundred here; `make fuzz` judges a hundred thousand, each within a time limit, and goes on where it was stopped.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+
+import pytest
+
+from benchmarks.fuzz import __main__ as command
+from benchmarks.fuzz.campaign import Judge, smallest
+from benchmarks.fuzz.diagrams import Diagram, Part, diagram
+from benchmarks.fuzz.judging import FAULTS, Verdict, judge
+
+
+@pytest.mark.parametrize("first", range(0, 120, 20))
+def test_random_diagrams_end_well(first: int) -> None:
+    verdicts = [judge(seed, diagram(seed).text()) for seed in range(first, first + 20)]
+    assert not [(v.seed, v.outcome, v.what) for v in verdicts if v.outcome in FAULTS]
+
+
+def test_a_good_share_of_the_diagrams_runs() -> None:
+    """What is refused at the first glance would try nothing."""
+    outcomes = [judge(seed, diagram(seed).text()).outcome for seed in range(1000, 1020)]
+    assert outcomes.count("ran") >= 2
+
+
+def test_a_seed_gives_the_same_text() -> None:
+    assert diagram(12).text() == diagram(12).text() != diagram(13).text()
+
+
+@pytest.fixture
+def rig() -> Diagram:
+    return Diagram(7, (Part("a", "Mass", {"m": "1 kg"}), Part("b", "Mass", {"m": "2 kg"}), Part("c", "Fixed")),
+                   {"t0": ("a.a",), "t1": ("b.a",), "t2": ("c.a",)}, {}, 1.0)
+
+
+def test_a_fault_is_shown_with_the_parts_that_it_needs(rig: Diagram) -> None:
+    def judged(seed: int, text: str) -> Verdict:
+        return Verdict(seed, "energy" if "b:" in text else "ran", "", 0.0)
+
+    fewer = smallest(judged, rig, "energy")
+    assert [part.name for part in fewer.parts] == ["b"]
+    assert fewer.nodes == {"t1": ("b.a",)}
+
+
+def test_a_wrong_answer_is_a_fault(rig: Diagram, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert judge(7, rig.text()).outcome == "ran"
+    monkeypatch.setattr("benchmarks.fuzz.judging.violation", lambda result: (1e-3, "a.f = 0"))
+    found = judge(7, rig.text())
+    assert (found.outcome, found.what) == ("equation", "a.f = 0 is off by 0.001 of its terms")
+    monkeypatch.setattr("benchmarks.fuzz.judging.violation", lambda result: 1 / 0)
+    assert judge(7, rig.text()).outcome == "traceback"
+
+
+@pytest.mark.slow
+def test_a_diagram_that_takes_too_long_is_a_hang_and_the_next_is_judged(rig: Diagram) -> None:
+    judged = Judge(limit=0.0, first=0.0)
+    assert judged(7, rig.text()).outcome == "hang"
+    judged.limit = judged.first = 60.0
+    assert judged(7, rig.text()).outcome == "ran"
+    judged.close()
+
+
+@pytest.mark.slow
+def test_the_campaign_goes_on_where_it_was_stopped(tmp_path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+    results = tmp_path / "results.jsonl"
+    for seeds in ("3", "5"):
+        monkeypatch.setattr(sys, "argv", ["fuzz", "--seeds", seeds, "--results", str(results)])
+        command.main()
+    assert [json.loads(line)["seed"] for line in results.read_text().splitlines()] == [0, 1, 2, 3, 4]
+    assert "5 diagrams: " in capsys.readouterr().out

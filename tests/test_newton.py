@@ -1,0 +1,89 @@
+"""Nonlinear equations from far guesses: where Newton's method alone fails, and what its helpers are for."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from heavebond.newton import Frame, continued, newton, settled
+
+FREE = Frame(np.ones(1), np.full(1, -np.inf), np.full(1, np.inf))
+
+
+def scalar(f, slope):
+    """A system of one equation in one unknown."""
+    return lambda y: (np.array([f(y[0])]), np.array([[slope(y[0])]]))
+
+
+def test_newton_finds_a_root_and_counts_its_steps() -> None:
+    found = newton(scalar(lambda x: x**3 - 8, lambda x: 3 * x**2), np.array([5.0]), FREE)
+    assert found.good
+    assert found.y[0] == pytest.approx(2.0, rel=1e-9)
+    assert 3 <= found.steps <= 10
+
+
+def test_steps_stay_within_the_bounds() -> None:
+    roots = scalar(lambda x: x**2 - 4, lambda x: 2 * x)
+    inside = Frame(np.ones(1), np.zeros(1), np.full(1, np.inf))
+    assert newton(roots, np.array([0.01]), inside).y[0] == pytest.approx(2.0)
+    assert newton(roots, np.array([-0.01]), FREE).y[0] == pytest.approx(-2.0)
+    beyond = newton(roots, np.array([0.5]), Frame(np.ones(1), np.zeros(1), np.ones(1)))
+    assert not beyond.good and beyond.y[0] == 1.0
+
+
+def test_a_step_of_least_norm_leaves_what_nothing_decides() -> None:
+    # x + y = 2: the nearest point to the guess
+    found = newton(lambda y: (np.array([y[0] + y[1] - 2]), np.array([[1.0, 1.0]])), np.array([3.0, 1.0]),
+                   Frame(np.ones(2), np.full(2, -np.inf), np.full(2, np.inf)))
+    assert found.y == pytest.approx([2.0, 0.0])
+
+
+def test_what_is_no_number_is_not_good() -> None:
+    with np.errstate(invalid="ignore"):
+        found = newton(lambda y: (np.log(y - 2), np.array([[1.0]])), np.array([1.0]), FREE)
+    assert not found.good
+    assert found.size == np.inf
+
+
+def test_continuation_follows_a_path_on_which_newton_stalls() -> None:
+    # a minimum of |f| beside the way: f falls from the guess on to a place that is no root, where its slope is zero
+    def f(x: float) -> float:
+        return (x - 4) * ((x + 1) ** 2 + 0.1)
+
+    def slope(x: float) -> float:
+        return (x + 1) ** 2 + 0.1 + 2 * (x - 4) * (x + 1)
+
+    system = scalar(f, slope)
+    assert not newton(system, np.array([-2.0]), FREE).good
+    # the homotopy must turn round there too; from the other side it goes through
+    found = continued(scalar(lambda x: np.arctan(50 * (x - 3)), lambda x: 50 / (1 + 2500 * (x - 3) ** 2)),
+                      np.array([0.0]), FREE)
+    assert found.good
+    assert found.y[0] == pytest.approx(3.0, abs=1e-6)
+
+
+def test_a_machine_settles_where_its_law_has_no_gradient_at_the_guess() -> None:
+    # a tank that fills until it overflows at 5
+    def rate(x: float) -> float:
+        return 1 - 10 * max(x - 5, 0.0)
+
+    def slope(x: float) -> float:
+        return -10.0 if x > 5 else 0.0
+
+    system = scalar(rate, slope)
+
+    def slowed(before, step):
+        return scalar(lambda x: rate(x) - (x - before[0]) / step, lambda x: slope(x) - 1 / step)
+
+    assert not newton(system, np.zeros(1), FREE).good
+    assert not continued(system, np.zeros(1), FREE).good
+    found = settled(system, slowed, np.zeros(1), FREE)
+    assert found.good
+    assert found.y[0] == pytest.approx(5.1)
+
+
+def test_what_never_settles_is_given_up() -> None:
+    def slowed(before, step):
+        return scalar(lambda x: 1 - (x - before[0]) / step, lambda x: -1 / step)
+
+    assert not settled(scalar(lambda x: 1.0, lambda x: 0.0), slowed, np.zeros(1), FREE).good
