@@ -51,7 +51,8 @@ class OperatingPoints:
             result = self._simulator.run(parameters)
             if any(len(result.time) - 1 in at for at, _ in result.stays):
                 raise UsageError([Problem("other-states", f"at {self.time:g} s this diagram is integrated in other states "
-                                          "than at its start, which is not linearised", None, "Take a time before that event.")])
+                                          "than at its start, which is not linearised", None,
+                                          "Take a time before that event.")])
             t, x, z, p, u, _ = (values[:, -1] for values in columns(result))
             return Point(float(t[0]), x, z, p, _begun_at(u, float(t[0])), 1.0)
         assembly = self.assembly.with_parameters(parameters) if parameters else self.assembly
