@@ -342,13 +342,13 @@ free: {step.t_s: 0.5 .. 1.2 s, step.after: 10 .. 60 N}
 
 
 def test_the_compensator_is_switched_on() -> None:
-    run = hb.simulate(hb.load("cmc_ahc/passive_then_active"), "96 s", every="0.1 s")
-    active = hb.simulate(hb.load("cmc_ahc"), "96 s", every="0.1 s")
+    run = hb.simulate(hb.load("cmc_ahc/passive_then_active"), "144 s", every="0.1 s")
+    active = hb.simulate(hb.load("cmc_ahc"), "144 s", every="0.1 s")
     assert run.events == [(48.0, "switch.switch")]
     moved = {name: np.sqrt(np.mean(values["crown.x"][(run.time >= begin) & (run.time < begin + 24)]**2))
-             for name, values, begin in (("off", run, 24), ("on", run, 72), ("active", active, 72))}
+             for name, values, begin in (("off", run, 24), ("on", run, 120), ("active", active, 120))}
     assert moved["off"] > 10 * moved["on"]
-    # what is left of the passive motion after two periods
+    # what is left of the passive motion after six periods
     assert moved["on"] == pytest.approx(moved["active"], rel=0.02)
 
 
