@@ -232,7 +232,8 @@ class StateSpaces:
 
 def spread(poles: Complex, all_poles: Complex) -> Array:
     """Frequencies in Hz (N,) around the poles (1/s) of a channel, with points close to every resonance."""
-    sizes = np.abs(poles) if len(poles) else np.array([2 * np.pi])
+    sizes = np.abs(poles)
+    sizes = sizes[sizes > FREE * sizes.max(initial=0.0)] if sizes.any() else np.array([2 * np.pi])
     low, high = 0.1 * float(sizes.min()), 10 * float(sizes.max())
     plain = np.geomspace(low, high, POINTS)
     near = [pole.imag + max(-pole.real, 1e-6 * abs(pole)) * np.linspace(-8, 8, 65)

@@ -26,6 +26,7 @@ from heavebond.simulation import Time
 
 # A direct share of the loop so large that nothing is left of what is added: it cannot be cut there.
 UNCUT = 1e-12
+NOTHING = 1e-12  # a loop of no more gain than this at any frequency is rounding
 # Crossings are looked for until the gain is so low that nobody would raise it as far, or for so many octaves.
 WEAK, DOUBLINGS = 0.01, 16
 CUT = "behind the cut at "
@@ -79,9 +80,7 @@ def open_loop(closed: StateSpace) -> StateSpace:
     a = closed.a - closed.b @ closed.c / d
     loop = replace(closed, inputs=(f"{CUT}{name}",), a=a, b=closed.b / d, c=-closed.c / d,
                    d=np.array([[-(1 - 1 / d)]]))
-    strength = np.abs(closed.c / d * closed.sizes) @ np.abs(np.linalg.lstsq(
-        np.atleast_2d(a) + 1e-9 * np.eye(len(a)), closed.b / d, rcond=None)[0] / closed.sizes[:, None]) if len(a) else 0.0
-    if not np.any(strength) and d == 1.0:
+    if not np.any(np.abs(loop.response(2j * np.pi * spread(loop.poles, loop.poles))) > NOTHING):
         raise UsageError([Problem("loop-none", f"'{name}' is in no loop: what is added to it does not come back")])
     return loop
 

@@ -62,7 +62,7 @@ def bode(folder: Path) -> Path:
 
 def locus(folder: Path) -> Path:
     """The poles of the compensator over its position gain."""
-    found = hb.root_locus(hb.load("cmc_ahc"), "controller.K_p", parse_range("0 .. 5 1/m"))
+    found = hb.root_locus(hb.load("cmc_ahc"), "controller.K_p", parse_range("0 .. 8 1/m"))
     return plot.save(plot_linear.plot_root_locus(found, title="cmc_ahc: poles over controller.K_p"), folder / "locus.png")
 
 
