@@ -30,6 +30,7 @@ from heavebond.commands.ladder import ladder
 from heavebond.commands.library import library
 from heavebond.commands.modes import modes
 from heavebond.commands.new import new
+from heavebond.commands.plot import plot
 from heavebond.commands.run import run
 from heavebond.commands.schema import schema
 from heavebond.commands.sensitivity import sensitivity
@@ -169,6 +170,6 @@ def main() -> None:
     """
 
 
-for _command in (check, draw, run, compare, fit, where, candidates, try_effect, diagnose, ladder, tune, study, modes,
+for _command in (check, draw, run, plot, compare, fit, where, candidates, try_effect, diagnose, ladder, tune, study, modes,
                  sensitivity, check_gradient, library, demo, export, schema, new):
     main.add_command(_command)
