@@ -16,6 +16,7 @@ from typing import Any, NoReturn
 import click
 
 from heavebond import __version__
+from heavebond.commands.animate import animate
 from heavebond.commands.arguments import check_writable
 from heavebond.commands.candidates import candidates
 from heavebond.commands.check import check
@@ -170,6 +171,6 @@ def main() -> None:
     """
 
 
-for _command in (check, draw, run, plot, compare, fit, where, candidates, try_effect, diagnose, ladder, tune, study, modes,
-                 sensitivity, check_gradient, library, demo, export, schema, new):
+for _command in (check, draw, run, plot, animate, compare, fit, where, candidates, try_effect, diagnose, ladder, tune,
+                 study, modes, sensitivity, check_gradient, library, demo, export, schema, new):
     main.add_command(_command)

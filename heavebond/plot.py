@@ -15,7 +15,7 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from heavebond.errors import Problem, UsageError, listing, suggest
-from heavebond.presentation import number, quantity, readable, readable_unit, unit_label
+from heavebond.presentation import converted, number, quantity, readable, readable_unit, unit_label
 from heavebond.units import read_unit
 
 if TYPE_CHECKING:
@@ -81,8 +81,8 @@ def plot_runs(runs: Mapping[str, SavedRun], names: Iterable[str], *, title: str 
               measured: Collection[str] = ()) -> Figure:
     """The same signals of several runs, and of records beside them: one axes per signal, one line per run that holds it.
 
-    `window` is the stretch of time to draw, `shaded` one to mark (begin, end in s). Those called in `measured` are records, grey
-    dots beneath the others. Raises UsageError for a signal that none of the runs holds, or whose units differ in kind.
+    `window` is the stretch of time to draw, `shaded` one to mark (begin, end in s). Those in `measured` are records, grey dots
+    beneath the others. Raises UsageError for a signal that none of the runs holds, or whose units differ in kind.
     """
     chosen = list(dict.fromkeys(names))
     holders = {name: _holders(runs, name) for name in chosen}
@@ -334,14 +334,6 @@ def _legend_above(axes: Axes) -> None:
 def _size(values: Array) -> float:
     finite = np.abs(values[np.isfinite(values)])
     return float(finite.max()) if finite.size else math.nan
-
-
-def converted(values: Array, unit: str, shown: str) -> Array:
-    """Values in one unit told in another of its kind."""
-    if unit == shown:
-        return values
-    source, target = read_unit(unit), read_unit(shown)
-    return np.asarray((values * source.scale + source.offset - target.offset) / target.scale)
 
 
 # -- influences ----------------------------------------------------------------------------------------------------

@@ -7,8 +7,13 @@ import re
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from heavebond.units import UnitProblem, dimension_text, read_unit
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 # Base unit -> (from this size in SI on, unit to show), largest first.
 READABLE: dict[str, tuple[tuple[float, str], ...]] = {
@@ -51,6 +56,14 @@ def readable_unit(unit: str, size: float) -> str:
     if unit not in READABLE or not math.isfinite(size) or size == 0:
         return unit
     return next(shown for least, shown in READABLE[unit] if abs(size) >= least)
+
+
+def converted(values: NDArray[np.float64], unit: str, shown: str) -> NDArray[np.float64]:
+    """Values in one unit told in another of its kind."""
+    if unit == shown:
+        return values
+    source, target = read_unit(unit), read_unit(shown)
+    return (values * source.scale + source.offset - target.offset) / target.scale
 
 
 def readable(value: float, unit: str, digits: int = 5) -> str:
