@@ -15,7 +15,7 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from heavebond.errors import Problem, UsageError, listing, suggest
-from heavebond.presentation import converted, number, quantity, readable, readable_unit, unit_label
+from heavebond.presentation import converted, number, quantity, readable_unit, unit_label, written
 from heavebond.units import read_unit
 
 if TYPE_CHECKING:
@@ -342,7 +342,7 @@ def _bars(axes: Axes, row: Ranking, influences: Sequence[Influence]) -> None:
     values = np.array([i.relative for i in influences])
     places = np.arange(len(values))
     axes.barh(places, values, color=[COLOURS[0 if i.peak >= 0 else 1] for i in influences], height=0.7)
-    axes.set_yticks(places, [f"{i.parameter} = {_printed(i.value, i.unit.text, 4)}" for i in influences], fontsize=9)
+    axes.set_yticks(places, [f"{i.parameter} = {written(i.value, i.unit.text, 4)}" for i in influences], fontsize=9)
     axes.invert_yaxis()
     most = float(values.max(initial=0.0))
     least = float(values[values > 0].min(initial=most))
@@ -354,7 +354,7 @@ def _bars(axes: Axes, row: Ranking, influences: Sequence[Influence]) -> None:
     for place, value in zip(places, values, strict=True):
         axes.annotate(number(value, 3), (max(value, axes.get_xlim()[0]), place), (4, 0), textcoords="offset points",
                       va="center", fontsize=8)
-    size = f"rms {_printed(row.size, row.unit, 3)} " + ("(it stands still)" if row.still else "about its mean")
+    size = f"rms {written(row.size, row.unit, 3)} " + ("(it stands still)" if row.still else "about its mean")
     axes.set_title(f"{row.signal}: {size}", loc="left", fontsize=10, fontweight="bold")
     axes.grid(True, axis="x", color="#e4e4e4", linewidth=0.6)
     axes.spines[["top", "right"]].set_visible(False)
@@ -374,12 +374,6 @@ def _courses(axes: Axes, row: Ranking, time: Array, influences: Sequence[Influen
     handles, labels = axes.get_legend_handles_labels()
     axes.legend(handles, labels, loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False, fontsize=8,
                 borderaxespad=0.1, ncols=2, columnspacing=1.2)
-
-
-def _printed(value: float, unit: str, digits: int) -> str:
-    """A value with its unit as on paper: `0.017 m²`."""
-    first, *rest = readable(value, unit, digits).split(" ", 1)
-    return " ".join([first, *map(unit_label, rest)])
 
 
 # -- a channel of a comparison -------------------------------------------------------------------------------------
@@ -422,7 +416,7 @@ def _style(dense: bool, linewidth: float) -> dict[str, Any]:
 
 
 def _figures(channel: Channel) -> str:
-    error = _printed(channel.error, channel.unit, 3)
+    error = written(channel.error, channel.unit, 3)
     return f"rms error {error}, fit {number(channel.fit, 4)} %, χ² {number(channel.chi2, 3)} a sample"
 
 

@@ -74,6 +74,12 @@ def readable(value: float, unit: str, digits: int = 5) -> str:
     return f"{number(value, digits)} {shown}" if shown != "1" else number(value, digits)
 
 
+def written(value: float, unit: str, digits: int) -> str:
+    """A value with its unit as on paper: `0.017 m²`."""
+    first, *rest = readable(value, unit, digits).split(" ", 1)
+    return " ".join([first, *map(unit_label, rest)])
+
+
 def readable_time(seconds: float, *others: float) -> list[str]:
     """A stretch of time and others in the unit that suits it, to three digits: `21.3 ms`."""
     unit, scale = next(((u, k) for u, k in (("s", 1.0), ("ms", 1e-3)) if abs(seconds) >= k), ("us", 1e-6))
