@@ -48,7 +48,9 @@ def draw(model: Model, *, open: Iterable[str] = (), open_all: bool = False, valu
     `values` writes what is set on each component below its name. `highlight` marks components, nodes or ports in a warning
     colour, each with a short label if a mapping is given: by path, as `cmc.gas`, `platform`, `ahc.cylinder.A`, and `node
     crown` where a component has the node's name. Blocks around them are opened. `colour` (see `heavebond.painting.paint`)
-    colours components and wires by what a run found, and writes it at the components. Raises ModelError for a diagram or a symbol
+    colours components and wires by what a run found, and writes it at the components.
+
+    Raises ModelError for a diagram or a symbol
     that cannot be read, UsageError for names that the diagram does not have.
     """
     expanded = expand(model)
@@ -131,7 +133,7 @@ def _port_name(anchor: Anchor) -> Lettering:
 
 
 def _page(model: Model, drawn: Drawn, look: Look) -> str:
-    extent = _extent(drawn)
+    extent = extent_of(drawn)
     width = max(extent.right - extent.left, NARROWEST)
     heading = lettering((Line(model.name, TITLE), *wrapped(model.summary, SUMMARY, width)), extent.left, 0, "start")
     shift = heading.box.bottom - heading.box.top + 14
@@ -150,7 +152,7 @@ def _page(model: Model, drawn: Drawn, look: Look) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _extent(drawn: Drawn) -> Box:
+def extent_of(drawn: Drawn) -> Box:
     """All that stands on the outermost sheet."""
     boxes = [item.extent for item in drawn.items]
     boxes += [item.caption.box for item in drawn.items if item.caption]
@@ -271,7 +273,7 @@ def _wire(line: Strand, look: Look) -> list[str]:
     lines = []
     if marked:
         lines.append(f'<path d="{paths}" stroke="{HALO}" stroke-width="10" stroke-linecap="round"/>')
-    told = "" if value is None or look.paint is None else f"<title>{escape(line.net.path)}: {look.paint.text(value)}</title>"
+    told = f"<title>{escape(line.net.path)}: {look.paint.text(value)}</title>" if look.paint and value is not None else ""
     head = f'<path class="wire" d="{paths}" stroke="{colour}" stroke-width="{width}"'
     lines.append(f"{head}>{told}</path>" if told else f"{head}/>")
     lines += [f'<circle class="dot" cx="{x}" cy="{y}" r="3" fill="{colour}"/>' for x, y in line.wire.dots]

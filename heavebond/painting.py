@@ -1,7 +1,7 @@
 """What of a run a drawing shows by colour: the power that components and nodes pass on, or any variable of theirs.
 
-Of the powers P_k = effort * flow at the ports of a component, the positive ones come in and the negative ones go out; what it
-passes on is the larger of the two sums: all that enters a damper, all that leaves a source, and what goes through a lever.
+Of the powers P_k = effort * flow at the ports of a component, the positive ones come in and the negative ones go out;
+what it passes on is the larger of the two sums: all that enters a damper, all that leaves a source, and what goes through a lever.
 At a node both sums are equal.
 """
 
@@ -32,7 +32,7 @@ Quantities = dict[str, list[str]]
 
 @dataclass(frozen=True)
 class Paint:
-    """Values by the paths of components and of nodes, in `unit`, of the base unit `base`; colours run from `low` to `high`."""
+    """Values by the paths of components and of nodes, in `unit` (`base` in SI); colours run from `low` to `high`."""
 
     title: str
     unit: str
