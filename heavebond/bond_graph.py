@@ -1,10 +1,10 @@
 """A diagram as a bond graph: junctions from its nodes, elements from its components, causal strokes by SCAP.
 
 A node whose ports share a flow (a velocity) is a 1-junction, one whose ports share an effort (a pressure, a voltage) a
-0-junction. A component with two ports through which the same effort or flow goes (`b.f = F`, `a.f = -F`) stands on a junction
-of the other kind between its nodes. Its letter follows from what it stores and dissipates: C, I, R, both side by side, Se and
-Sf for what imposes an effort or a flow, TF and GY for two ports whose equations tie like to like, or effort to flow. What is
-more than that is a word with its bonds.
+0-junction. A component with two ports through which the same effort or flow goes (`b.f = F`, `a.f = -F`) stands on a
+junction of the other kind between its nodes. Its letter follows from what it stores and dissipates: C, I, R, both side
+by side, Se and Sf for what imposes an effort or a flow, TF and GY for two ports whose equations tie like to like, or
+effort to flow. What is more than that is a word with its bonds.
 
 Causality is assigned in sequence: sources, then stores by preference in integral form, then what is left, each followed by
 all that it compels. D. C. Karnopp, D. L. Margolis, R. C. Rosenberg, System Dynamics, 5th ed., Wiley 2012, chapter 5,
@@ -21,6 +21,7 @@ from heavebond.definition import Component, Domain
 from heavebond.expand import Expanded, Leaf, expand
 from heavebond.expression import names
 from heavebond.model import Model
+from heavebond.presentation import count
 
 ZERO, ONE_JUNCTION, WORD = "0", "1", "word"
 SOURCES, STORES = ("Se", "Sf"), ("I", "C")
@@ -166,7 +167,8 @@ class _Builder:
         else:
             self._side_by_side(path, letters, domain, {port: 1}, ports)
 
-    def _between(self, path: str, component: Component, power: list[str], signs: dict[str, int], ports: dict[str, int]) -> None:
+    def _between(self, path: str, component: Component, power: list[str], signs: dict[str, int],
+                 ports: dict[str, int]) -> None:
         """One junction between two nodes, and on it the element."""
         letters = self._letters(path, component, power)
         found = self._domain(path, power[0])
@@ -180,9 +182,9 @@ class _Builder:
         else:
             self._side_by_side(path, letters, found.name, signs, ports)
 
-    def _side_by_side(self, path: str, letters: tuple[str, ...], domain: str, signs: dict[str, int], ports: dict[str, int]
-                      ) -> None:
-        """Store and loss as two elements that share what the ports have as a difference (or, for one port, what they have)."""
+    def _side_by_side(self, path: str, letters: tuple[str, ...], domain: str, signs: dict[str, int],
+                      ports: dict[str, int]) -> None:
+        """Store and loss as two elements that share what two ports have as a difference, or what one port has."""
         self.beside.append(path)
         found = self._domains()[domain]
         middle, kinds = f"{path} on", (ZERO, ONE_JUNCTION) if _shares_flow(found) else (ONE_JUNCTION, ZERO)
@@ -229,7 +231,7 @@ class _Builder:
         return "C"
 
     def _imposed(self, path: str, component: Component, power: list[str]) -> str:
-        """Se or Sf by the members of the ports that the equations name; R where they name both kinds, but a source that names
+        """Se or Sf by the members of the ports that the equations name; R where they name both kinds; a source that names
         what its nodes share imposes that."""
         domain = self._domain(path, power[0])
         assert domain is not None
@@ -396,8 +398,8 @@ def told(graph: BondGraph) -> list[str]:
     if graph.derivative:
         found.append(f"derivative causality: {listed(graph.derivative)} (a state less for each)")
     if graph.choices:
-        found.append(f"{graph.choices} causal {'stroke' if graph.choices == 1 else 'strokes'} chosen freely: an algebraic loop, or a "
-                     "word that decides it inside")
+        found.append(f"{count(graph.choices, 'causal stroke')} chosen freely: an algebraic loop, or a word that decides it "
+                     "inside")
     if broken := [v.label or v.key for v in graph.vertices.values() if v.broken]:
         found.append(f"no causality satisfies: {listed(broken)}")
     if graph.beside:

@@ -9,7 +9,7 @@ from heavebond.bond_graph import WORD, Bond, BondGraph, Vertex, bond_graph, told
 from heavebond.definition import Component
 from heavebond.drawing import COLOURS, EDGE, OTHER, QUIET, WARNING, extent_of
 from heavebond.errors import Place
-from heavebond.layout import Drawn, Item, Options, Strand, lay_out
+from heavebond.layout import Item, Options, Strand, lay_out
 from heavebond.lettering import FONT, KIND, NAME, SUMMARY, TITLE, text_width, wrapped
 from heavebond.model import Model
 from heavebond.sheets import Net, Part, Sheet
@@ -78,7 +78,8 @@ def _vertex(vertex: Vertex, item: Item) -> list[str]:
 
 def _text(x: float, y: float, text: str, size: int, colour: str, bold: bool, align: str = "middle") -> str:
     weight = ' font-weight="bold"' if bold else ""
-    return f'<text x="{x:g}" y="{y:g}" font-size="{size}"{weight} fill="{colour}" text-anchor="{align}">{escape(text)}</text>'
+    return f'<text x="{x:g}" y="{y:g}" font-size="{size}"{weight} fill="{colour}" text-anchor="{align}">' \
+        f"{escape(text)}</text>"
 
 
 def _bond(graph: BondGraph, bond: Bond, strand: Strand, items: dict[str, Item]) -> list[str]:

@@ -176,7 +176,8 @@ def _sheet(drawn: Drawn, look: Look) -> list[str]:
         lines += _item(item, look, reached)
     for line in drawn.lines:
         if line.caption is not None:
-            lines += _lettered(line.caption, _colour(line.net.domain) if look.paint is None else QUIET, "formula" if line.net.given else "node")
+            colour = _colour(line.net.domain) if look.paint is None else QUIET
+            lines += _lettered(line.caption, colour, "formula" if line.net.given else "node")
     return lines
 
 
@@ -356,8 +357,8 @@ def _bar(paint: Paint, x: float, y: float) -> tuple[list[str], Box]:
     lines = [f'<text class="bar" x="{x:g}" y="{y:g}" font-size="{VALUE.size}" fill="#000000">{escape(paint.title)} '
              f"[{escape(unit_label(paint.unit))}]</text>"]
     for k in range(steps):
-        lines.append(f'<rect x="{x + length * k / steps:g}" y="{y + 7:g}" width="{length / steps + 0.5:g}" height="{height}" '
-                     f'fill="{paint.colour(paint.at((k + 0.5) / steps))}"/>')
+        lines.append(f'<rect x="{x + length * k / steps:g}" y="{y + 7:g}" width="{length / steps + 0.5:g}" '
+                     f'height="{height}" fill="{paint.colour(paint.at((k + 0.5) / steps))}"/>')
     for share in ticks:
         lines.append(f'<text x="{x + share * length:g}" y="{y + 29:g}" font-size="{KIND.size}" fill="{QUIET}" '
                      f'text-anchor="middle">{number(paint.at(share), 3)}</text>')

@@ -1,8 +1,8 @@
 """What of a run a drawing shows by colour: the power that components and nodes pass on, or any variable of theirs.
 
 Of the powers P_k = effort * flow at the ports of a component, the positive ones come in and the negative ones go out;
-what it passes on is the larger of the two sums: all that enters a damper, all that leaves a source, and what goes through a lever.
-At a node both sums are equal.
+what it passes on is the larger of the two sums: all that enters a damper, all that leaves a source, and what
+goes through a lever. At a node both sums are equal.
 """
 
 from __future__ import annotations
@@ -82,8 +82,8 @@ def paint(model: Model, what: str, *, at: Time | None = None, over: str = MEAN, 
     result = Simulator(assembly, until).run()
     moment = None if at is None else seconds(at, "--at")
     if moment is not None and not result.time[0] <= moment <= result.time[-1]:
-        raise UsageError([Problem("time-outside", f"--at {at}: the run goes from {result.time[0]:g} to {result.time[-1]:g} s",
-                                  None, "Give a time within the run, or --until a later end.")])
+        raise UsageError([Problem("time-outside", f"--at {at}: the run goes from {result.time[0]:g} to "
+                                  f"{result.time[-1]:g} s", None, "Give a time within the run, or --until a later end.")])
     when = f"at {moment:g} s" if moment is not None else f"{over} over {result.time[0]:g} to {result.time[-1]:g} s"
     expanded = assembly.flat.expanded
     if what == POWER:

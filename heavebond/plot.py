@@ -81,8 +81,8 @@ def plot_runs(runs: Mapping[str, SavedRun], names: Iterable[str], *, title: str 
               measured: Collection[str] = ()) -> Figure:
     """The same signals of several runs, and of records beside them: one axes per signal, one line per run that holds it.
 
-    `window` is the stretch of time to draw, `shaded` one to mark (begin, end in s). Those in `measured` are records, grey dots
-    beneath the others. Raises UsageError for a signal that none of the runs holds, or whose units differ in kind.
+    `window` is the stretch of time to draw, `shaded` one to mark (begin, end in s). Those in `measured` are records, grey
+    dots beneath the others. Raises UsageError for a signal that none of the runs holds, or whose units differ in kind.
     """
     chosen = list(dict.fromkeys(names))
     holders = {name: _holders(runs, name) for name in chosen}

@@ -34,8 +34,8 @@ from heavebond.errors import Problem, UsageError
               help="With --colour: what is taken of the run.")
 @set_option
 @json_option
-def draw(model: str, output: Path | None, opened: tuple[str, ...], open_all: bool, values: bool, marked: tuple[str, ...], bonds: bool,
-         colour: str | None, at: str | None, over: str, settings: tuple[str, ...]) -> dict[str, object]:
+def draw(model: str, output: Path | None, opened: tuple[str, ...], open_all: bool, values: bool, marked: tuple[str, ...],
+         bonds: bool, colour: str | None, at: str | None, over: str, settings: tuple[str, ...]) -> dict[str, object]:
     """Draw the diagram MODEL as an SVG picture.
 
     MODEL is a YAML file or the name of a bundled diagram (cmc_ahc, cmc_ahc/passive). Parts stand where `at: [column, row]`
