@@ -115,7 +115,9 @@ class _Builder:
         silent = [p for p in ports if _right_side(component, p.removeprefix(path + "."), self._through(path, p)) == "0"]
         power = [p for p in ports if p not in silent]
         if not power:  # a sensor: it takes nothing
-            self._joined(Vertex(path, "De" if len(ports) == 1 else WORD, path, ""), dict.fromkeys(ports, 0), ports, True)
+            domain = self._domain(path, next(iter(ports)))
+            letter = WORD if len(ports) > 1 else "Df" if domain is not None and _shares_flow(domain) else "De"
+            self._joined(Vertex(path, letter, path, ""), dict.fromkeys(ports, 1), ports, True)
             return
         kinds = {self.network.domains[path].get(_array(p, path), "") for p in power}
         if len(power) == 1:
@@ -150,7 +152,7 @@ class _Builder:
     def _joined(self, vertex: Vertex, signs: dict[str, int], ports: dict[str, int], modulated: bool = False) -> None:
         self.vertices[vertex.key] = vertex
         for port, sign in signs.items():
-            self._bond(vertex.key, port, ports[port], sign or 1, modulated)
+            self._bond(vertex.key, port, ports[port], sign, modulated)
 
     def _bond(self, key: str, port: str, group: int, sign: int, modulated: bool = False) -> None:
         node = f"node {group}"

@@ -83,7 +83,7 @@ def paint(model: Model, what: str, *, at: Time | None = None, over: str = MEAN, 
     moment = None if at is None else seconds(at, "--at")
     if moment is not None and not result.time[0] <= moment <= result.time[-1]:
         raise UsageError([Problem("time-outside", f"--at {at}: the run goes from {result.time[0]:g} to "
-                                  f"{result.time[-1]:g} s", None, "Give a time within the run, or --until a later end.")])
+                                  f"{result.time[-1]:g} s", None, "Give a time within the run.")])
     when = f"at {moment:g} s" if moment is not None else f"{over} over {result.time[0]:g} to {result.time[-1]:g} s"
     expanded = assembly.flat.expanded
     if what == POWER:

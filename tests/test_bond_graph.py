@@ -101,6 +101,12 @@ def test_transformers_keep_and_gyrators_turn_causality(letter: str) -> None:
     assert not any(v.broken for v in graph.vertices.values())
 
 
+def test_a_sensor_takes_no_power() -> None:
+    graph = bond_graph(hb.load("dc_stage"))
+    assert graph.vertices["scale"].letter == "Df"  # of a position
+    assert [b.modulated for b in graph.bonds if "scale" in (b.tail, b.head)] == [True]
+
+
 def test_two_flow_sources_on_one_junction_are_told() -> None:
     vertices = {k: Vertex(k, kind, k, "bond") for k, kind in {"a": "Sf", "b": "Sf", "j": "1"}.items()}
     graph = causal(BondGraph(vertices, (Bond("a", "j", "bond"), Bond("b", "j", "bond"))))
