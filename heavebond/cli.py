@@ -16,6 +16,7 @@ from typing import Any, NoReturn
 import click
 
 from heavebond import __version__
+from heavebond.commands.animate import animate
 from heavebond.commands.arguments import check_writable
 from heavebond.commands.candidates import candidates
 from heavebond.commands.check import check
@@ -32,6 +33,7 @@ from heavebond.commands.library import library
 from heavebond.commands.linear import linear
 from heavebond.commands.modes import modes
 from heavebond.commands.new import new
+from heavebond.commands.plot import plot
 from heavebond.commands.run import run
 from heavebond.commands.schema import schema
 from heavebond.commands.sensitivity import sensitivity
@@ -171,6 +173,6 @@ def main() -> None:
     """
 
 
-for _command in (check, draw, run, compare, fit, where, candidates, try_effect, diagnose, ladder, tune, study, modes,
-                 linear, energy, sensitivity, check_gradient, library, demo, export, schema, new):
+for _command in (check, draw, run, plot, animate, compare, fit, where, candidates, try_effect, diagnose, ladder, tune,
+                 study, modes, linear, energy, sensitivity, check_gradient, library, demo, export, schema, new):
     main.add_command(_command)

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from heavebond.plot import COLOURS, DASHES, DPI, converted
-from heavebond.presentation import readable_unit, unit_label
+from heavebond.plot import COLOURS, DASHES, DPI
+from heavebond.presentation import converted, readable_unit, unit_label
 from heavebond.study import Picture
 
 if TYPE_CHECKING:

@@ -27,6 +27,8 @@ from heavebond.schema_values import (
     units,
 )
 from heavebond.units import unit
+from heavebond.view import COLOURS, PAIRS, WIDE
+from heavebond.view import KINDS as SHAPES
 from heavebond.when import KINDS
 
 DRAFT = "http://json-schema.org/draft-07/schema#"
@@ -75,7 +77,17 @@ def diagram() -> Schema:
         "show": _each(_object({"is": _said("a formula; without it the name itself", FORMULA), "unit": UNIT}, ["unit"]),
                       "named outputs"),
         "simulate": _object({"until": TIME, "every": TIME}, description="how long, and the time between output points"),
+        "view": _each({"anyOf": [seen(kind) for kind in SHAPES]}, "shapes that `heavebond animate` moves"),
         "source": _said("where it is from"), "notes": _said("text for readers", {})}, ["model"])
+
+
+def seen(kind: str) -> Schema:
+    """A shape of a kind under `view:`."""
+    needed, more, colour = SHAPES[kind]
+    pair = {"type": "array", "items": FORMULA, "minItems": 2, "maxItems": 2}
+    sizes = {key: pair if key in PAIRS and kind not in WIDE else FORMULA for key in (*needed, *more)}
+    return _object({"is": {"enum": [kind]}, **sizes, "colour": _said(f"{colour} without it", {"enum": list(COLOURS)}),
+                    "label": _said("what is written at it")}, ["is", *needed])
 
 
 def experiment() -> Schema:

@@ -309,7 +309,7 @@ def grid(model: Model, until: Time | None, every: Time | None) -> Array:
 
 
 def seconds(given: Time, what: str) -> float:
-    """A time in s; UsageError, with what it is, for a text that is no time."""
+    """A time in s from a number or a text such as `2 min`; UsageError that begins with `what` for anything else."""
     if isinstance(given, (int, float)):
         return float(given)
     try:

@@ -15,7 +15,7 @@ from heavebond.units import parse_range
 
 def weight_on_bit(folder: Path) -> Path:
     """The published wave (0.5 m, 12 s), passive beside active, both with seal friction."""
-    runs = {"passive": hb.simulate(hb.load("cmc_ahc/passive")), "active": hb.simulate(hb.load("cmc_ahc"))}
+    runs = {"passive": hb.simulate(hb.load("cmc_ahc/passive")).saved(), "active": hb.simulate(hb.load("cmc_ahc")).saved()}
     title = "Crown-mounted compensator, heave 0.5 m at 12 s"
     figure = plot.plot_runs(runs, ["WOB", "crown"], title=title, shaded=(72.0, 96.0))
     return plot.save(figure, folder / "passive_active.png")
