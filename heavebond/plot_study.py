@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from heavebond.plot import COLOURS, DASHES, DPI, converted
+from heavebond.plot_sample import PANEL, SMALL, WIDTH, headed, histograms, maps, quiet, shares, tornados
 from heavebond.presentation import readable_unit, unit_label
 from heavebond.study import Picture
 
@@ -19,9 +20,6 @@ if TYPE_CHECKING:
     from heavebond.campaign import StudyResult
     from heavebond.casework import Outcome
 
-WIDTH = 6.7  # inches: the text of an A4 page
-PANEL = 2.3
-SMALL: Any = {"font.size": 8, "axes.titlesize": 9, "legend.fontsize": 8, "axes.labelsize": 8}
 MARKERS = ("o", "s", "^", "D", "v", "P")
 
 
@@ -29,19 +27,19 @@ def plot_study(result: StudyResult, picture: Picture) -> Figure:
     """The picture of a study; signals and curves share their axis, one panel each."""
     from matplotlib import rc_context
 
+    drawing = {"map": maps, "histogram": histograms, "tornado": tornados, "indices": shares}.get(picture.kind)
     with rc_context(SMALL):
-        names = picture.signals or picture.curves
+        if drawing is not None:
+            return drawing(result, picture)
+        names = picture.names
         figure = Figure(figsize=(WIDTH, 0.9 + PANEL * len(names)), dpi=2 * DPI, layout="constrained")
         panels: list[Axes] = list(figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0])
         for panel, name in zip(panels, names, strict=True):
-            (_courses if picture.signals else _curves)(panel, result, picture, name)
+            (_courses if picture.kind == "signals" else _curves)(panel, result, picture, name)
             panel.label_outer()
-            panel.grid(True, color="#e4e4e4", linewidth=0.5)
-            panel.spines[["top", "right"]].set_visible(False)
-            panel.set_axisbelow(True)
+            quiet(panel)
             panel.ticklabel_format(axis="y", useOffset=False)
-        if picture.title:
-            figure.suptitle(picture.title, x=0.01, ha="left", fontsize=9)
+        headed(figure, picture)
         handles, labels = panels[0].get_legend_handles_labels()
         if len(labels) > 1:
             longest = max(map(len, labels))
