@@ -33,6 +33,7 @@ from heavebond.commands.new import new
 from heavebond.commands.run import run
 from heavebond.commands.schema import schema
 from heavebond.commands.sensitivity import sensitivity
+from heavebond.commands.signal import signal
 from heavebond.commands.study import study
 from heavebond.commands.sweep import sweep
 from heavebond.commands.try_effect import try_effect
@@ -170,6 +171,6 @@ def main() -> None:
     """
 
 
-for _command in (check, draw, run, compare, fit, where, candidates, try_effect, diagnose, ladder, tune, study, sweep, modes,
-                 sensitivity, check_gradient, library, demo, export, schema, new):
+for _command in (check, draw, run, compare, fit, where, candidates, try_effect, diagnose, ladder, tune, study, sweep, signal,
+                 modes, sensitivity, check_gradient, library, demo, export, schema, new):
     main.add_command(_command)

@@ -11,7 +11,7 @@ from matplotlib.patches import Patch
 
 from heavebond.plot import COLOURS, DPI
 from heavebond.presentation import number, unit_label
-from heavebond.uncertainty import Indices, Slopes, Swing, drawn, groups, indices, slopes, swings
+from heavebond.uncertainty import QUANTILES, Indices, Slopes, Swing, drawn, groups, indices, slopes, swings
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -67,10 +67,11 @@ def histograms(result: StudyResult, picture: Picture) -> Figure:
         for k, (others, values) in enumerate(found):
             colour = COLOURS[k % len(COLOURS)]
             panel.hist(values, bins, color=colour, alpha=0.55 if len(found) > 1 else 0.8, label=others or name)
-            for low in np.quantile(values, (0.05, 0.5, 0.95)) if len(values) else ():
+            for share in QUANTILES if len(values) else ():
+                low = float(np.quantile(values, share))
                 panel.axvline(low, color=colour, linestyle=(0, (4, 2)), linewidth=1.0)
-                panel.annotate(number(low, 3), (low, 1.0), (2, -1), xycoords=("data", "axes fraction"),
-                               textcoords="offset points", fontsize=7, color=colour, va="top")
+                panel.annotate(f"{100 * share:.0f} %: {number(low, 3)}", (low, 1.0), (2, -1), fontsize=7, color=colour,
+                               va="top", xycoords=("data", "axes fraction"), textcoords="offset points")
         panel.set_xlabel(_label(result, name))
         panel.set_ylabel("cases")
         quiet(panel, "y")
@@ -102,9 +103,11 @@ def _tornado(panel: Axes, rows: list[Swing]) -> None:
         panel.barh(places, values - middle, left=middle, color=colour, height=0.7)
         for place, value in zip(places, values, strict=True):
             if np.isfinite(value):
-                right = value > middle or (value == middle and end == "high")
-                panel.annotate(number(value, 3), (value, place), (3 if right else -3, 0), textcoords="offset points",
-                               va="center", ha="left" if right else "right", fontsize=7)
+                other = rows[int(place)].high if end == "low" else rows[int(place)].low
+                within = (value - middle) * (other - value) > 0  # inside the bar of the other end
+                right = (value > middle) != within
+                panel.annotate(number(value, 3), (middle if within else value, place), (3 if right else -3, 0),
+                               textcoords="offset points", va="center", ha="left" if right else "right", fontsize=7)
     panel.axvline(middle, color="black", linewidth=0.8)
     panel.set_yticks(places, [row.parameter for row in rows])
     panel.invert_yaxis()
