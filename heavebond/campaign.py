@@ -87,7 +87,7 @@ def run_study(study: Study | str | Path, *, folder: Path | None = None, processe
 
     With `folder` each case is kept there as JSON when it is done; a later call with the same files takes it from there
     (unless `fresh`). `processes` many cases are worked side by side (by default as many as there are processors), or those
-    that `executor` takes. A case whose process dies is tried once more, then it is a row that says so. Ctrl-C ends it; what
+    that `executor` takes. A case whose process dies is tried again, then it is a row that says so. Ctrl-C ends it; what
     is done by then is returned. ModelError for what is wrong in the study.
     """
     study = study if isinstance(study, Study) else load_study(study)

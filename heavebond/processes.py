@@ -16,6 +16,7 @@ from heavebond.threads import single
 T = TypeVar("T")
 K = TypeVar("K")
 Lost = tuple[tuple[K, tuple[Any, ...]], BaseException]  # a job, its key and what is given, and how it ended
+ALONE = 2  # a job may never have begun when others took its process away: only so many deaths alone are its own
 _stop: Event | None = None  # of a process that works for another one: set where what it does is not wanted any more
 
 
@@ -94,7 +95,7 @@ def as_done(executor: Executor, function: Callable[..., T], jobs: Sequence[tuple
     """The key of each job and function(*arguments), in the order in which they are done; `ahead` jobs are handed over at a
     time, none after `until` (of `time.perf_counter`). What a job raises is raised here.
 
-    Where a worker dies, the jobs that were lost with it are tried once more, each alone, so that the one to blame is known;
+    Where a worker dies, the jobs that were lost with it are tried again, each alone, so that the one to blame is known;
     `instead(key, error)` stands for what comes of that one. Without it the error is raised.
     """
     waiting = list(jobs)[::-1]
@@ -136,11 +137,12 @@ def _again(workers: Workers, function: Callable[..., T], lost: Sequence[Lost[K]]
     """Jobs that were lost with a worker, each tried alone where it need not be the one to blame."""
     workers.renew()
     for (key, given), error in lost:
-        if workers.together:
+        for _ in range(ALONE if workers.together else 0):
             again = workers.submit(function, *given)
             if not isinstance(found := again.exception(), workers.died):
                 yield key, again.result()
-                continue
+                break
             error = found
             workers.renew()
-        yield key, instead(key, error)
+        else:
+            yield key, instead(key, error)

@@ -151,19 +151,26 @@ def indices(result: StudyResult) -> list[Indices]:
 
 
 def _indices(quantity: str, others: str, parameters: tuple[str, ...], table: Array) -> Indices:
+    """From a number at the points of A, B and the mixtures (m + 2, n). The intervals are percentiles of rows drawn anew, by
+    the same dice every time."""
+    first, total = _estimated(table)
+    rows = np.random.default_rng(1).integers(table.shape[1], size=(RESAMPLED, table.shape[1]))
+    drawn_anew = np.array([_estimated(table[:, chosen]) for chosen in rows])
+    low, high = np.quantile(drawn_anew, ((1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2), axis=0)
+    ends = [tuple(map(tuple, np.column_stack([low[k], high[k]]).tolist())) for k in range(2)]
+    return Indices(quantity, others, parameters, tuple(first.tolist()), tuple(total.tolist()), ends[0], ends[1],
+                   table.shape[1])
+
+
+def _estimated(table: Array) -> tuple[Array, Array]:
+    """Indices of first and total order (m,)."""
     from scipy.stats import sobol_indices
 
-    known: Any = sobol_indices(func={"f_A": table[:1], "f_B": table[1:2], "f_AB": table[2:, None, :]}, n=table.shape[1])
-    spread: Any = known.bootstrap(confidence_level=CONFIDENCE, n_resamples=RESAMPLED)
-
-    def row(values: Any) -> tuple[float, ...]:
-        return tuple(np.atleast_1d(values).tolist())
-
-    def intervals(one: Any) -> tuple[tuple[float, float], ...]:
-        return tuple(zip(row(one.confidence_interval.low), row(one.confidence_interval.high), strict=True))
-
-    return Indices(quantity, others, parameters, row(known.first_order), row(known.total_order),
-                   intervals(spread.first_order), intervals(spread.total_order), table.shape[1])
+    # twice the same number: of one number by one parameter SciPy makes no table
+    both = np.stack([table, table], axis=1)
+    found: Any = sobol_indices(func={"f_A": both[0], "f_B": both[1], "f_AB": both[2:]}, n=table.shape[1])
+    first, total = (np.reshape(values, (2, len(table) - 2))[0] for values in (found.first_order, found.total_order))
+    return first, total
 
 
 def slopes(result: StudyResult) -> list[Slopes]:
