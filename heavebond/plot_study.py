@@ -49,10 +49,10 @@ def plot_study(result: StudyResult, picture: Picture) -> Figure:
         return figure
 
 
-def _labelled(result: StudyResult, outcome: Outcome) -> str:
-    """The levels of a case, and the procedure where there are several."""
+def _labelled(result: StudyResult, outcome: Outcome, without: int = -1) -> str:
+    """The levels of a case, but for one axis, and the procedure where there are several."""
     procedure = [outcome.procedure] if len(result.study.procedures) > 1 else []
-    return ", ".join([*_levels(result, outcome), *procedure]) or result.case_of(outcome).name
+    return ", ".join([*_levels(result, outcome, without), *procedure]) or result.study.model.name
 
 
 def _levels(result: StudyResult, outcome: Outcome, without: int = -1) -> list[str]:
@@ -62,15 +62,23 @@ def _levels(result: StudyResult, outcome: Outcome, without: int = -1) -> list[st
 
 
 def _courses(panel: Axes, result: StudyResult, picture: Picture, name: str) -> None:
-    """A signal over time, a line per case."""
+    """A signal over time, a line per case; thin ones in one colour for the points of a sample."""
     drawn = [o for o in result.outcomes if o.signals]
+    sample = result.study.sample
+    at = result.study.axes.index(sample) if sample is not None else -1
+    labels = list(dict.fromkeys(_labelled(result, o, at) for o in drawn))
     unit = drawn[0].signal_units[name] if drawn else "1"
     shown = readable_unit(unit, max((float(np.abs(o.signals[name]).max()) for o in drawn), default=0.0))
-    for k, outcome in enumerate(drawn):
+    told: set[str] = set()
+    for outcome in drawn:
+        label = _labelled(result, outcome, at)
+        k = labels.index(label)
         time, values = np.array(outcome.time), converted(np.array(outcome.signals[name]), unit, shown)
         inside = (time >= (picture.begin or 0.0)) & (time <= (picture.end or math.inf))
-        panel.plot(time[inside], values[inside], color=COLOURS[k % len(COLOURS)], linewidth=1.0,
-                   linestyle=DASHES[k % len(DASHES)], label=_labelled(result, outcome))
+        panel.plot(time[inside], values[inside], color=COLOURS[k % len(COLOURS)],
+                   linewidth=1.0 if sample is None else 0.4, linestyle=DASHES[k % len(DASHES)] if sample is None else "-",
+                   label=None if label in told else label)
+        told.add(label)
     panel.set_ylabel(f"{name} [{unit_label(shown)}]")
     panel.margins(x=0)
     panel.set_xlabel("time [s]")

@@ -110,7 +110,8 @@ def study() -> Schema:
         "uncertain": _each(TEXT, "how far parameters may be off: `20 %`"),
         "by": _each({"type": ["object", "null"]}, "procedures")}, ["free", "cost"])
     steps = _object({"from": QUANTITY, "to": QUANTITY, "number": {"type": ["integer", "string"]}}, ["from", "to", "number"])
-    drawn = _object({**dict.fromkeys((*DRAWN, "seed"), {"type": ["integer", "string"]})}, description="how points are drawn")
+    whole: Schema = {"type": ["integer", "string"]}
+    drawn = _object(dict.fromkeys((*DRAWN, "seed"), whole), description="how points are drawn")
     sample = _object({"sample": {"anyOf": [{"enum": list(NAMED)}, drawn]}, "over": ranges}, ["sample", "over"])
     cases = {"anyOf": [{"type": "array"}, steps, sample, _each({"anyOf": [values, {"type": "null"}]})]}
     return _object({

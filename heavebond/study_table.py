@@ -88,7 +88,7 @@ def shown(result: StudyResult) -> tuple[list[str], list[list[str]], int]:
     if len(study.procedures) > 1:
         columns.append(("procedure", [o.procedure for o in result.outcomes]))
     for name, unit in result.units.items():
-        parts = ["simu-", "lations"] if name == SIMULATIONS else _clear(result, name).split(" ")
+        parts = ["simu-", "lations"] if name == SIMULATIONS else [name] if "(" in name else _clear(result, name).split(" ")
         head = "\n".join([*parts, *([f"[{unit.text}]"] if unit.text != "1" else [])])
         columns.append((head, [_number(name, result.value(o, name)) for o in result.outcomes]))
         for k, beside in enumerate(study.beside):
@@ -112,7 +112,8 @@ def _level(result: StudyResult, outcome: Outcome, k: int) -> str:
 def _clear(result: StudyResult, name: str) -> str:
     """`K_p` of `controller.K_p`, unless another one ends like it."""
     short = name.rpartition(".")[2]
-    return short if " " not in name and sum(other.rpartition(".")[2] == short for other in result.units) == 1 else name
+    alone = sum(other.rpartition(".")[2] == short for other in result.units) == 1
+    return short if alone and not set(" (") & set(name) else name
 
 
 def _number(name: str, value: float) -> str:

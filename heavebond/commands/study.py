@@ -101,9 +101,9 @@ def _tell_sample(result: StudyResult) -> None:
         if rows:
             kept = [k for k, name in enumerate(head) if name or any(row[k] for row in rows)]
             words -= len([k for k in range(words) if k not in kept])
-            console.print()
+            console.print(f"\n{title}", style="bold", soft_wrap=True)
             told = [[row[k] for k in kept] for row in rows]
-            console.print(terminal.table(title, [head[k] for k in kept], told, text=words))
+            console.print(terminal.table("", [head[k] for k in kept], told, text=words))
 
 
 def _tell_calibration(result: StudyResult) -> None:
