@@ -6,10 +6,11 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from heavebond.plot import COLOURS, DPI
+from heavebond.plot import COLOURS, DPI, WIDE
 from heavebond.presentation import number, unit_label
 from heavebond.uncertainty import QUANTILES, Indices, Slopes, Swing, drawn, groups, indices, slopes, swings
 
@@ -76,7 +77,7 @@ def histograms(result: StudyResult, picture: Picture) -> Figure:
         panel.set_ylabel("cases")
         quiet(panel, "y")
         if len(found) > 1:
-            panel.legend(frameon=False)
+            panel.legend(frameon=False, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.1, ncols=4)
     return figure
 
 
@@ -169,15 +170,17 @@ def _map(figure: Figure, panel: Axes, result: StudyResult, name: str, outcomes: 
     for outcome in outcomes:
         index = result.case_of(outcome).index
         table[index[at[1]], index[at[0]]] = result.value(outcome, name)
-    drawn_map = panel.pcolormesh(np.ma.masked_invalid(table), cmap="cividis", edgecolors="white", linewidth=0.4)
+    known = table[np.isfinite(table)]
+    # a case that breaks out must not leave all others one colour
+    scale = LogNorm() if len(known) and known.min() > 0 and known.max() > WIDE * known.min() else Normalize()
+    drawn_map = panel.pcolormesh(np.ma.masked_invalid(table), cmap="cividis", norm=scale, edgecolors="white", linewidth=0.4)
     panel.set_facecolor(NO_NUMBER)
     for axis, ticks, label in ((axes[0], panel.set_xticks, panel.set_xlabel), (axes[1], panel.set_yticks, panel.set_ylabel)):
         assert axis.unit is not None
         ticks(np.arange(len(axis.levels)) + 0.5, [number(axis.unit.from_si(level.value), 3) for level in axis.levels])
         label(f"{axis.name} [{unit_label(axis.unit.text)}]")
     if table.size <= NUMBERED:
-        middle = np.nanmean([np.nanmin(table), np.nanmax(table)]) if np.isfinite(table).any() else 0.0
         for (row, column), value in np.ndenumerate(table):
             panel.text(column + 0.5, row + 0.5, number(value, 3), ha="center", va="center", fontsize=7,
-                       color="white" if value < middle else "black")
+                       color="white" if np.isfinite(value) and scale(value) < 0.5 else "black")
     figure.colorbar(drawn_map, ax=panel, label=_label(result, name))

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from heavebond.spectra import Swinging
 
 CLASSES = 20
+FEW = 10  # cycles in a class, up to which their axis is not logarithmic
 WIDTH, HEIGHT = 11.0, 2.4  # inches of a row
 SHOWN = 0.9995  # of m_0 lies below the last frequency that is drawn, and a half more
 
@@ -62,14 +63,16 @@ def _spectrum(panel: Axes, one: Swinging) -> None:
     panel.set_xlim(left=0)
     panel.set_ylim(bottom=0)
     panel.set_xlabel("frequency [Hz]")
-    panel.set_ylabel(f"density [({_unit(one)})²/Hz]")
+    unit = _unit(one)
+    panel.set_ylabel(f"density [{unit}²/Hz]" if unit.isalpha() else f"density [({unit})²/Hz]")
     panel.legend(frameon=False)
 
 
 def _cycles(panel: Axes, one: Swinging) -> None:
     edges, counts = one.cycles.classes(CLASSES)
     panel.barh(edges[:-1], counts, np.diff(edges), align="edge", color=COLOURS[2], edgecolor="white", linewidth=0.4)
-    panel.set_xscale("symlog", linthresh=1.0)
+    if counts.max() > FEW:
+        panel.set_xscale("symlog", linthresh=1.0)
     panel.set_xlim(left=0)
     panel.set_xlabel("rainflow cycles")
     panel.set_ylabel(f"range [{_unit(one)}]")
