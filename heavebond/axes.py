@@ -37,7 +37,7 @@ INITIAL = "initial."
 @dataclass(frozen=True)
 class Level:
     """One value on an axis: its name, what is set, the diagram where it is another one, the number (SI) of an axis of
-    numbers; what is set as plain numbers (SI), and the parameters by which slopes are wanted."""
+    numbers; of a point of a sample its numbers (SI), and the parameters by which slopes are wanted."""
 
     name: str
     settings: dict[str, Setting]
@@ -60,13 +60,11 @@ class Axis:
 
 @dataclass(frozen=True)
 class StudyCase:
-    """One combination: which level of each axis, the diagram as it stands there, and without the plain numbers of its levels
-    (`values`)."""
+    """One combination: which level of each axis, and the diagram as it stands there."""
 
     index: tuple[int, ...]
     levels: tuple[Level, ...]
     model: Model
-    bare: Model
 
     @property
     def name(self) -> str:
@@ -83,8 +81,7 @@ def case_at(axes: Sequence[Axis], model: Model, index: tuple[int, ...]) -> Study
     """One combination of the levels."""
     levels = tuple(axis.levels[k] for axis, k in zip(axes, index, strict=True))
     diagram = next((level.model for level in levels if level.model is not None), model)
-    return StudyCase(index, levels, changed(diagram, [level.settings for level in levels]),
-                     changed(diagram, [level.settings for level in levels if not level.values]))
+    return StudyCase(index, levels, changed(diagram, [level.settings for level in levels]))
 
 
 def changed(model: Model, settings: Sequence[dict[str, Setting]]) -> Model:
@@ -176,8 +173,7 @@ def _numeric(name: str, paths: list[str], node: Mapping | Items, place: Place, p
     if found is None:
         return None
     texts, unit = found
-    levels = tuple(Level(s.text, {path: Setting(path, value, s.place) for path in paths}, None, number,
-                         dict.fromkeys(paths, number))
+    levels = tuple(Level(s.text, {path: Setting(path, value, s.place) for path in paths}, None, number)
                    for s, value, number in texts)
     return Axis(name, levels, place, unit)
 

@@ -13,12 +13,12 @@ import numpy as np
 
 from heavebond.axes import StudyCase, case_at, changed
 from heavebond.costs import FUNCTIONALS, Cost, Evaluator, read_cost, read_limit
-from heavebond.dae import Array, Assembly, assemble, may_move
+from heavebond.dae import Array, Assembly, assemble
 from heavebond.errors import HeavebondError, ModelError, Place, Problem, Problems, UsageError, suggest
-from heavebond.expression import ExpressionProblem, Number, names, parse_formula
+from heavebond.expression import ExpressionProblem, names, parse_formula
 from heavebond.linearisation import ModesAtStart
 from heavebond.modal import NUMBERS, chosen_mode, modal_number
-from heavebond.model import Model, Setting
+from heavebond.model import Model
 from heavebond.objective import Objective, check_free, check_smooth
 from heavebond.processes import Stopped, heed
 from heavebond.progress import Progress
@@ -26,7 +26,7 @@ from heavebond.result import Result, unknown_signal
 from heavebond.simulation import Simulator, grid
 from heavebond.study import COST, SIMULATIONS, Calibration, Measure, Procedure, Study
 from heavebond.tuning import Tuned, sweep_in_turn, tune
-from heavebond.units import Unit, UnitProblem, check_unit, read_unit
+from heavebond.units import Unit, read_unit
 
 # Signals of pictures are kept to so many digits, on at most so many points.
 DIGITS = 7
@@ -95,7 +95,7 @@ def _worked(study: Study, case: StudyCase, procedure: Procedure | None, progress
 
 def assembled(study: Study, case: StudyCase) -> Assembly:
     """The diagram of a case, with what was calibrated: a case in which such a parameter has a value of its own keeps it."""
-    assembly = _renumbered(case, named_in(study)) or assemble(case.model, named_in(study))
+    assembly = assemble(case.model, named_in(study))
     own = assembly.parameter_values
     return assembly.with_parameters({name: after for name, (before, after) in study.calibrated.items()
                                      if math.isclose(own[name], before, rel_tol=1e-9, abs_tol=0.0)})
@@ -107,39 +107,6 @@ def tuned_by(problem: Objective, procedure: Procedure, progress: Progress | None
         return sweep_in_turn(problem, procedure.begin, procedure.sweeps, progress=progress)
     return tune(problem, problem.task, explore=procedure.explore, starts=procedure.starts, method=procedure.method,
                 progress=progress)
-
-
-_last: list[tuple[Model, set[str], Assembly]] = []  # what this process has assembled for the numbers of cases to be set in
-
-
-def _renumbered(case: StudyCase, also: set[str]) -> Assembly | None:
-    """The diagram of a case by setting the numbers of its points in the same equations, which takes less than assembling;
-    None where that cannot be: a number that shapes equations, that is wrong, or that a component relates to others."""
-    points = [level for level in case.levels if level.values]
-    if not points:
-        return None
-    numbers = {path: setting for level in points for path, setting in level.settings.items()}
-    if any(case.model.settings.get(path) is not setting for path, setting in numbers.items()):
-        return None
-    known = next((assembly for model, names, assembly in _last if names == also and model == case.bare), None)
-    if known is None:
-        known = assemble(case.bare, also)
-        _last[:] = [(case.bare, also, known), *_last[:3]]
-    units = {q.name: q.unit for q in known.flat.parameters}
-    if not all(path in units and _fits(setting, units[path]) for path, setting in numbers.items()):
-        return None
-    assembly = known.with_parameters({path: value for level in points for path, value in level.values.items()})
-    return assembly if may_move(known.flat, known.p, assembly.p) else None
-
-
-def _fits(setting: Setting, wanted: Unit) -> bool:
-    """Whether a plain number is in a unit in which it may be set as it is."""
-    number = getattr(setting.value, "expr", None)
-    try:
-        check_unit(getattr(number, "unit", None), wanted, getattr(number, "value", 0.0), getattr(setting.value, "text", ""))
-    except UnitProblem:
-        return False
-    return isinstance(number, Number)
 
 
 # -- measuring ---------------------------------------------------------------------------------------------------------

@@ -152,24 +152,6 @@ def assemble(model: Model, also: Iterable[str] = ()) -> Assembly:
     return build(reduce(flatten(model, also)))
 
 
-def may_move(flat: Flat, old: Array, new: Array) -> bool:
-    """Whether independent parameters may go from numbers (n_p,) to others in the same equations without being checked anew:
-    all stay within their bounds, and none moves that a component relates to others or that events depend on."""
-    names = list(flat.constants)
-    both = ca.Function("constants", [flat.p], [stack([flat.constants[name] for name in names])])
-    before, after = (dict(zip(names, np.array(both(p)).ravel().tolist(), strict=True)) for p in (old, new))
-    for path, leaf in flat.expanded.leaves.items():
-        for name, parameter in leaf.component.parameters.items():
-            own = f"{path}.{name}"
-            if own not in after or before[own] == after[own]:
-                continue
-            low, high = parameter.low, parameter.high
-            outside = (low is not None and after[own] < low) or (high is not None and after[own] > high)
-            if leaf.component.requires or outside or not np.isfinite(after[own]):
-                return False
-    return not flat.events
-
-
 def build(reduced: Reduced) -> Assembly:
     """The CasADi functions of a reduced model."""
     flat = reduced.flat

@@ -17,7 +17,6 @@ from heavebond.commands.arguments import (
     set_option,
     with_settings,
 )
-from heavebond.errors import Problem, UsageError
 
 if TYPE_CHECKING:
     from heavebond.spectra import Course, Swinging
@@ -51,11 +50,12 @@ def signal(file: str, signals: tuple[str, ...], begin: str | None, end: str | No
     """
     from heavebond import terminal
     from heavebond.signal_files import read_courses
+    from heavebond.simulation import in_seconds
     from heavebond.spectra import Swinging
 
     check_picture(output)
-    window = _seconds("--from", begin, 0.0), _seconds("--to", end, float("inf"))
-    length = None if segment is None else _seconds("--segment", segment, 0.0)
+    window = in_seconds(begin or 0.0, "--from"), in_seconds(end or float("inf"), "--to")
+    length = None if segment is None else in_seconds(segment, "--segment")
     if Path(file).suffix.lower() in DIAGRAMS:
         courses = _run(file, signals, settings, until, every, window)
     else:
@@ -94,19 +94,6 @@ def _run(file: str, signals: tuple[str, ...], settings: tuple[str, ...], until: 
     inside = (result.time >= window[0]) & (result.time <= window[1])
     return [evenly(name, result.unit(name), result.time[inside], values[inside])
             for name, values in result.signals(signals).items()]
-
-
-def _seconds(option: str, text: str | None, default: float) -> float:
-    from heavebond.units import UnitProblem, check_unit, parse_quantity, read_unit
-
-    if text is None:
-        return default
-    try:
-        number, unit = parse_quantity(text)
-        check_unit(unit, read_unit("s"), number, text)
-    except UnitProblem as problem:
-        raise UsageError([Problem(problem.code, f"{option}: {problem.message}", None, problem.hint)]) from None
-    return number
 
 
 def _figures(one: Swinging, slope: float) -> dict[str, Any]:
