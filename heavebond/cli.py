@@ -24,10 +24,12 @@ from heavebond.commands.compare import compare
 from heavebond.commands.demo import demo
 from heavebond.commands.diagnose import diagnose
 from heavebond.commands.draw import draw
+from heavebond.commands.energy import energy
 from heavebond.commands.export import export
 from heavebond.commands.fit import fit
 from heavebond.commands.ladder import ladder
 from heavebond.commands.library import library
+from heavebond.commands.linear import linear
 from heavebond.commands.modes import modes
 from heavebond.commands.new import new
 from heavebond.commands.run import run
@@ -65,7 +67,7 @@ class Commands(click.Group):
                 check_writable(Path(path))
             code, figures = self._run(given, prog_name)
         except HeavebondError as error:
-            problems = list(error.problems)
+            problems, figures = list(error.problems), error.figures
             code = WRONG_USAGE if isinstance(error, UsageError) else AT_FAULT
         except BrokenPipeError:
             _forget_output()
@@ -172,5 +174,5 @@ def main() -> None:
 
 
 for _command in (check, draw, run, compare, fit, where, candidates, try_effect, diagnose, ladder, tune, study, sweep, signal,
-                 modes, sensitivity, check_gradient, library, demo, export, schema, new):
+                 modes, linear, energy, sensitivity, check_gradient, library, demo, export, schema, new):
     main.add_command(_command)

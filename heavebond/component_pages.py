@@ -169,6 +169,9 @@ def _parameters(component: Component) -> list[str]:
 
 
 def _default(parameter: Parameter) -> str:
+    if parameter.medium:
+        own = f"; without one `{parameter.default.text}`" if parameter.default is not None else ""
+        return f"`{parameter.medium}` of the circuit's medium{own}"
     if parameter.neutral is not None and parameter.default is None:
         return f"{number(parameter.neutral)} (absent)"
     return f"`{parameter.default.text}`" if parameter.default is not None else "must be given"

@@ -114,7 +114,8 @@ class Assembly:
     def resolver(self) -> Resolver:
         """Names of the diagram to raw symbols and units."""
         flat = self.flat
-        return Resolver(flat.names, flat.constants, flat.units, flat.unknowns, flat.levels, flat.time, flat.rate)
+        return Resolver(flat.names, flat.constants, flat.units, flat.unknowns, flat.levels, flat.time, flat.rate,
+                        {name: (b.effort, b.flow) for name, b in flat.bonds.items()})
 
     def expression(self, expr: Expr) -> ca.SX:
         """A formula of the diagram's names as SX in `arguments`; ExpressionProblem for an unknown name."""
@@ -147,9 +148,10 @@ class Assembly:
         return ca.jtimes(value, low, high) + ca.jtimes(value, t, rate)
 
 
-def assemble(model: Model, also: Iterable[str] = ()) -> Assembly:
-    """YAML meaning to runnable equations; `also` names positions wanted beside those the diagram itself names."""
-    return build(reduce(flatten(model, also)))
+def assemble(model: Model, also: Iterable[str] = (), widths: float = 1.0) -> Assembly:
+    """YAML meaning to runnable equations; `also` names positions wanted beside those the diagram itself names, `widths` is
+    a factor on the widths of all transitions."""
+    return build(reduce(flatten(model, also, widths)))
 
 
 def build(reduced: Reduced) -> Assembly:

@@ -26,7 +26,7 @@ DECIDES = {
 }
 # what ends a rigid loop, by domain
 ELASTIC = {"translational": "a Spring", "rotational": "a TorsionSpring", "hydraulic": "a LineResistance",
-           "pneumatic": "a PneumaticLine"}
+           "pneumatic": "a PneumaticLine", "electrical": "a Resistor"}
 
 
 def singular(flat: Flat, rows: Sequence[Sequence[int]], matching: Sequence[int]) -> ModelError:
@@ -247,15 +247,21 @@ def _noun(doc: str) -> str:
 
 
 def _domain(flat: Flat, unknown: Unknown) -> Domain | None:
-    """The domain to whose node an across variable or a position belongs: the one that has all of the node's members."""
+    """The domain to whose node an across variable or a position belongs."""
     node, _, member = unknown.name.rpartition(".")
-    for domain in flat.expanded.model.library.domains.values():
-        if member in (*domain.across, domain.position) and all(f"{node}.{m}" in flat.names for m in domain.across):
-            size = len(domain.across)
-            others = [d for d in flat.expanded.model.library.domains.values() if len(d.across) > size
-                      and member in d.across and all(f"{node}.{m}" in flat.names for m in d.across)]
-            return others[0] if others else domain
-    return None
+    domain = domain_at(flat, node)
+    return domain if domain is not None and member in (*domain.across, domain.position) else None
+
+
+def domain_at(flat: Flat, path: str) -> Domain | None:
+    """The domain of a node or port: the one of which it has the most across variables, all of them and in their units."""
+    def has(domain: Domain) -> bool:
+        found = [flat.names.get(f"{path}.{member}") for member in domain.across]
+        return all(j is not None and flat.unknowns[j].unit.dimension == domain.members[member].unit.dimension
+                   for j, member in zip(found, domain.across, strict=True))
+
+    fitting = [domain for domain in flat.expanded.model.library.domains.values() if has(domain)]
+    return max(fitting, key=lambda domain: len(domain.across), default=None)
 
 
 def bookkeeping(equation: FlatEquation) -> bool:

@@ -24,6 +24,7 @@ from heavebond.parameters import (
     check_values,
     formula_order,
     make_parameters,
+    narrowed,
     parameter_bounds,
     solved_unit,
 )
@@ -57,6 +58,16 @@ class KnownInput:
     source: FileInput
     unit: Unit
     symbols: ca.SX
+
+
+@dataclass(frozen=True)
+class Bond:
+    """The power into a component over one port: effort times flow, or one variable that is a power itself (an enthalpy
+    flow; then `effort` is None). Numbers of unknowns."""
+
+    owner: str
+    effort: int | None
+    flow: int
 
 
 @dataclass(frozen=True)
@@ -95,6 +106,7 @@ class Flat:
     bounds: dict[int, Interval] = field(default_factory=dict)
     held: tuple[Held, ...] = ()
     events: tuple[FlatEvent, ...] = ()
+    bonds: dict[str, Bond] = field(default_factory=dict)
 
     @property
     def constant_hashes(self) -> set[int]:
@@ -103,9 +115,11 @@ class Flat:
         return {s.element_hash() for k, s in enumerate(split(self.p)) if k not in held}
 
 
-def flatten(model: Model, also: Iterable[str] = ()) -> Flat:
-    """The flat model; `also` names signals that a caller wants beside those that the diagram names itself."""
+def flatten(model: Model, also: Iterable[str] = (), widths: float = 1.0) -> Flat:
+    """The flat model; `also` names signals that a caller wants beside those that the diagram names itself, `widths` is a
+    factor on the widths of all transitions."""
     expanded = with_media(expand(model))
+    expanded = expanded if widths == 1 else narrowed(expanded, widths)
     order = formula_order(expanded)
     network = connect(expanded, order)
     return _Builder(expanded, network, make_parameters(expanded, network, order)).build(tuple(also))
@@ -125,6 +139,7 @@ class _Builder:
         self.residuals: list[ca.SX] = []
         self.entries: list[Entries] = []
         self.energetics: list[Energetics] = []
+        self.bonds: dict[str, Bond] = {}
         self.held: tuple[Held, ...] = ()
         self.events: list[FlatEvent] = []
         self.templates: dict[str, Template] = {}
@@ -153,7 +168,7 @@ class _Builder:
         return Flat(self.expanded, tuple(self.unknowns), tuple(tuple(level) for level in self.levels),
                     self.parameters.independent, self.parameters.p, self.time, self.rate, tuple(self.inputs),
                     tuple(self.equations), tuple(self.residuals), tuple(self.entries), self.names, self.constants,
-                    self.parameters.units, tuple(self.energetics), bounds, self.held, tuple(self.events))
+                    self.parameters.units, tuple(self.energetics), bounds, self.held, tuple(self.events), self.bonds)
 
     def _numbers_of_a_run(self) -> None:
         """Initial values (`initial.crown.x`) and the scales of measured inputs (`scale.heave.u`, 1) as parameters, so
@@ -181,7 +196,8 @@ class _Builder:
 
     def _resolver(self) -> Resolver:
         return Resolver(self.names, self.constants, self.parameters.units, tuple(self.unknowns),
-                        tuple(tuple(level) for level in self.levels), self.time, self.rate)
+                        tuple(tuple(level) for level in self.levels), self.time, self.rate,
+                        {name: (b.effort, b.flow) for name, b in self.bonds.items()})
 
     # -- unknowns --------------------------------------------------------------------------------------------------
     def _make_templates(self) -> None:
@@ -250,6 +266,10 @@ class _Builder:
                 member = domain.members[name]
                 self._unknown(Unknown(f"{path}.{copy}.{name}", member.unit, member.nominal, "through", leaf.place,
                                       member.doc), ())
+            if not leaf.component.composite:
+                effort, flow = (domain.effort, domain.flow) if not domain.power else (None, domain.power)
+                self.bonds[f"{path}.{copy}"] = Bond(path, None if effort is None else self.names[f"{path}.{copy}.{effort}"],
+                                                    self.names[f"{path}.{copy}.{flow}"])
 
     def _positions(self, also: tuple[str, ...]) -> set[int]:
         """The groups whose position is named by an equation, an input, an initial value, an output or a caller."""

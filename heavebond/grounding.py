@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from heavebond.definition import Domain
-from heavebond.explain import bookkeeping
+from heavebond.explain import bookkeeping, domain_at
 from heavebond.flatten import Flat
 from heavebond.structure import components_of
 from heavebond.symbols import split, stack
@@ -45,6 +45,7 @@ class _Finder:
         for i, e in enumerate(flat.equations):
             if not bookkeeping(e):  # a node may have the name of a component
                 self.equations.setdefault(e.owner, []).append(i)
+        self.domains: dict[str, Domain | None] = {}
         self.ports: dict[str, list[str]] = {}
         arrays: dict[str, dict[str, None]] = {}
         for name in flat.names:
@@ -76,13 +77,9 @@ class _Finder:
 
     def _across(self, domain: Domain, path: str) -> int | None:
         """The unknown that is the (first) across variable of a node or port; None where it is of another domain."""
-        def has(other: Domain) -> bool:
-            return all(f"{path}.{member}" in self.flat.names for member in other.across)
-
-        others = self.flat.expanded.model.library.domains.values()
-        if not has(domain) or any(has(o) for o in others if len(o.across) > len(domain.across)):
-            return None
-        return self.flat.names[f"{path}.{domain.across[0]}"]
+        if path not in self.domains:
+            self.domains[path] = domain_at(self.flat, path)
+        return self.flat.names[f"{path}.{domain.across[0]}"] if self.domains[path] is domain else None
 
     def _levels(self, domain: Domain, nodes: Sequence[int]) -> list[ca.SX]:
         """The across variables of nodes, and their positions."""

@@ -132,7 +132,7 @@ def plot_comparison(comparison: Comparison) -> Figure:
     handles, labels = figure.axes[0].get_legend_handles_labels()
     more, words = figure.axes[1].get_legend_handles_labels()
     figure.legend(handles + more, labels + words, loc="outside upper right", ncols=6, frameon=False)
-    _title(figure, comparison.experiment.name)
+    figure_title(figure, comparison.experiment.name)
     figure.align_ylabels()
     return figure
 
@@ -180,7 +180,7 @@ def plot_influence(found: Rankings, *, bars: int = 12, courses: int = 4, title: 
     figure = Figure(figsize=(WIDTH if courses else 0.7 * WIDTH, 1.0 + len(rows) * max(3.0, 0.9 + 0.24 * longest)), dpi=DPI,
                     layout="constrained")
     figure.get_layout_engine().set(rect=RECT, hspace=0.04)  # type: ignore[union-attr,call-arg]
-    _title(figure, title)
+    figure_title(figure, title)
     panels = figure.subplots(len(rows), 2 if courses else 1, squeeze=False, width_ratios=(1, 1.15) if courses else None)
     for row, (panel, *others) in zip(rows, panels, strict=True):
         _bars(panel, row, [i for i in row.influences if i.relative > 0][:bars] or row.influences[:bars])
@@ -200,7 +200,7 @@ def plot_ladder(rungs: Sequence[Rung], *, title: str = "The error on the ladder"
     and where noise alone would be (measured error divided by the root of chi-square per sample)."""
     figure = Figure(figsize=(WIDTH, 2.2 + 0.62 * len(rungs)), dpi=DPI)
     axes = figure.add_subplot()
-    _title(figure, title)
+    figure_title(figure, title)
     places = np.arange(len(rungs))[::-1]
     for offset, colour, label, errors in (
             (0.19, COLOURS[0], "fitted", [r.error_fit for r in rungs]),
@@ -252,13 +252,14 @@ def _stack(n: int, title: str) -> tuple[Figure, list[Axes]]:
     """n axes above each other that share their time axis."""
     figure = Figure(figsize=(WIDTH, max(8.0 if n > 2 else 5.5, 0.9 + 1.75 * n)), dpi=DPI, layout="constrained")
     figure.get_layout_engine().set(rect=RECT)  # type: ignore[union-attr,call-arg]
-    _title(figure, title)
+    figure_title(figure, title)
     column: list[Axes] = list(figure.subplots(n, 1, sharex=True, squeeze=False)[:, 0])
     figure.align_ylabels(column)
     return figure, column
 
 
-def _title(figure: Figure, title: str) -> None:
+def figure_title(figure: Figure, title: str) -> None:
+    """A title over the whole figure, to the left."""
     if title:
         figure.suptitle(textwrap.fill(title, TITLE_LINE), x=0.01, ha="left", fontsize=12)
 

@@ -20,19 +20,22 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from heavebond.catalogue import Candidate, quantity
+from heavebond.catalogue import Candidate, Sized, quantity
 from heavebond.dae import Array
 from heavebond.errors import HeavebondError
 from heavebond.experiment import Experiment
 from heavebond.quick import QuickSimulator
 from heavebond.residuals import Residuals, Run
 from heavebond.simulation import Simulator, Tolerances
+from heavebond.symbols import kinked
 
 # A search needs no more: at these the run errs by less than a tenth of the noise, which every refit would absorb.
 SEARCH = Tolerances(1e-5, 1e-7)
 # Of a direction less than this share is left when what is free has taken its part: the candidate acts as the free
 # parameters do, and no record can tell them apart.
 SAME = 1e-3
+# Share of the amplitude that would move the channels by the whole misfit, at which the tangent beside a kink is taken.
+BESIDE = 1e-3
 # A direction smaller than this share of the channels themselves is the rounding of the integrator.
 ROUNDING = 1e-12
 
@@ -41,7 +44,8 @@ ROUNDING = 1e-12
 class Score:
     """One candidate at one choice of its shapes: z (see the module), the amplitude that the score asks for, `step` of the
     free parameters with it (in inner unknowns), the size |s| of its direction and the share of it that the free parameters
-    do not take; `direction` (n,) is s_o / |s_o|. An unseen one moves no channel beyond a thousandth of the noise."""
+    do not take; `direction` (n,) is s_o / |s_o|. An unseen one moves no channel beyond a thousandth of the noise. A law
+    with a kink at amplitude zero has another tangent on either `side` (1, -1; 0: one for both), each with its own score."""
 
     candidate: Candidate
     shapes: Mapping[str, float]
@@ -51,6 +55,7 @@ class Score:
     size: float
     share: float
     direction: Array
+    side: int = 0
 
     @property
     def gain(self) -> float:
@@ -59,9 +64,8 @@ class Score:
 
     @property
     def signed(self) -> bool:
-        """Whether the amplitude may be negative."""
-        return self.candidate.vanishes and any(n.amplitude and (n.low is None or n.low < n.neutral)
-                                               for n in self.candidate.numbers)
+        """Whether the amplitude may have either sign."""
+        return self.side == 0 and self.candidate.vanishes and any(_below(n) for n in self.candidate.numbers)
 
     @property
     def told_apart(self) -> bool:
@@ -144,13 +148,39 @@ def scored(base: Base, candidate: Candidate) -> list[Score]:
     except HeavebondError:
         return []
     found = []
+    sides = _sides(base, candidate)
     for shapes in points:
         try:
             s = _direction(base, runs, shapes) if candidate.vanishes else _difference(base, runs, shapes)
+            first = _scored(base, candidate, shapes, s)
+            found += [_beside(base, first, runs, side) for side in sides] if first.size > 0 and sides else [first]
         except HeavebondError:  # this choice of the shapes cannot be simulated
             continue
-        found.append(_scored(base, candidate, shapes, s))
     return found
+
+
+def _below(number: Sized) -> bool:
+    """Whether it is an amplitude that may be less than neutral."""
+    return number.amplitude and (number.low is None or number.low < number.neutral)
+
+
+def _sides(base: Base, candidate: Candidate) -> tuple[int, ...]:
+    """On which sides of amplitude zero tangents are to be taken; none where its law has no kink there."""
+    amplitudes = {n.name.rpartition(".")[2]: n for n in candidate.numbers if n.amplitude and n.sought is None}
+    component = base.problem.experiment.model.library.component(candidate.component)
+    if not any(kinked(side, amplitudes) for line in component.equations for side in (line.tree.left, line.tree.right)):
+        return ()
+    return (1, -1) if any(_below(n) for n in amplitudes.values()) else (1,)
+
+
+def _beside(base: Base, at_zero: Score, runs: Sequence[Run], side: int) -> Score:
+    """The score from a tangent at so small an amplitude that it does next to nothing: at a kink itself the derivative is
+    of neither side (of a valve whose edges shut at the same point, a thousand times that of either)."""
+    candidate = at_zero.candidate
+    step = side * BESIDE * float(np.linalg.norm(base.r)) / at_zero.size
+    moved = {n.name: n.neutral + step for n in candidate.numbers if n.amplitude and n.sought is None}
+    found = _scored(base, candidate, at_zero.shapes, side * _direction(base, runs, {**at_zero.shapes, **moved}))
+    return replace(found, amplitude=side * found.amplitude, side=side)
 
 
 def _settled(candidate: Candidate, runs: Sequence[Run], base: Base) -> Candidate:

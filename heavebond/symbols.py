@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Container, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import cast
 
@@ -205,3 +205,10 @@ def nonsmooth(expr: Expr, constants: Callable[[str], bool]) -> str | None:
     if isinstance(expr, Call) and expr.function in NONSMOOTH and varies(expr, constants):
         return expr.function
     return next((found for child in children(expr) if (found := nonsmooth(child, constants))), None)
+
+
+def kinked(expr: Expr, among: Container[str]) -> bool:
+    """Whether one of these names stands inside a function that has a kink."""
+    if isinstance(expr, Call) and expr.function in NONSMOOTH and any(n.text in among for n in names(expr)):
+        return True
+    return any(kinked(child, among) for child in children(expr))

@@ -138,7 +138,7 @@ class _Refit:
         plans = []
         for guess in sorted(self.guesses, key=lambda g: -g.gain)[:MOST_SHAPES]:
             right = bool(vanishing) and (guess.signed or guess.z > 0)
-            size = guess.amplitude if right else 0.1 * self._scale(guess)
+            size = guess.amplitude if right else (guess.side or 1) * 0.1 * self._scale(guess)
             point = np.clip(inside + guess.step, problem.low, problem.high) if right else inside
             numbers = {**{name: neutral[name] + size for name in vanishing}, **guess.shapes}
             # what must be above another amplitude begins there: at the same value its shapes would have no effect yet

@@ -69,7 +69,8 @@ def test_every_page_is_reached_from_the_index() -> None:
 
 def test_pictures_can_be_drawn_anew(tmp_path: Path) -> None:
     draw = runpy.run_path(str(ROOT / "docs" / "pictures" / "draw.py"))
-    drawn = {draw[name](tmp_path).name for name in ("weight_on_bit", "friction", "choked", "implied_friction")}
+    drawn = {draw[name](tmp_path).name for name in ("weight_on_bit", "friction", "choked", "implied_friction",
+                                                  "published_fig6", "published_fig8", "bode", "locus", "flow")}
     assert drawn == {path.name for path in (ROOT / "docs" / "pictures").glob("*.png")}
 
 

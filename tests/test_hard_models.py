@@ -7,6 +7,7 @@ read in the diff); the others end at values from a formula beside them.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -87,9 +88,12 @@ def test_what_cannot_run_is_named(name: str, monkeypatch: pytest.MonkeyPatch, re
     with pytest.raises(HeavebondError) as caught:
         hb.simulate(hb.load(f"{name}.yaml"))
     golden = HARD / f"{name}.txt"
+    # lines of library files move whenever something is written into these, and the columns of a table with them
+    said = re.sub(r"(components/\w+/\w+\.yaml):\d+", r"\1", f"{caught.value}\n")
+    said = re.sub(r"(?<=\S) {2,}", "  ", said)
     if request.config.getoption("--update-golden"):
-        golden.write_text(f"{caught.value}\n", encoding="utf-8")
-    assert f"{caught.value}\n" == golden.read_text(encoding="utf-8")
+        golden.write_text(said, encoding="utf-8")
+    assert said == golden.read_text(encoding="utf-8")
     assert all(problem.hint for problem in caught.value.problems)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -82,3 +84,53 @@ def test_a_small_effect_is_said_to_be_as_large_as_it_is(problem: Residuals) -> N
     score, = scored(fitted, candidate)
     assert score.z > 1
     assert score.amplitude == pytest.approx(true, rel=0.25)  # it is not quite linear in b_cr
+
+
+SHUT = """\
+model: shut
+summary: A valve that is shut at the start; what leaks past its edges decides the pressures of a blocked cylinder.
+components:
+  pump:  {is: PressureSource, p_0: 200 bar}
+  tank:  {is: Tank}
+  valve: {is: ProportionalValve43, u: 0, q_r: 10 L/min, dp_r: 35 bar, f_n: 5 Hz, zeta: 0.8, leakage: 1e-12 m**3/(s*Pa)}
+  left:  {is: Volume, V: 1 L, beta: 1e9 Pa}
+  right: {is: Volume, V: 1 L, beta: 1e9 Pa}
+  path:  {is: LaminarLeakage, C: 2e-12 m**3/(s*Pa)}
+nodes:
+  supply: [pump.a, valve.P]
+  return: [tank.a, valve.T]
+  a: [valve.A, left.a, path.a]
+  b: [valve.B, right.a, path.b]
+initial: {start: steady}
+simulate: {until: 1 s}
+"""
+BESIDE = """\
+experiment: shut
+model: shut.yaml
+records: {train: {file: train.csv, use: fit}}
+time: {column: t, unit: s}
+inputs: {valve.u: {column: u, unit: 1, between: spline}}
+outputs: {left.a.p: {column: p, unit: bar, noise: 0.1 bar}}
+free: {left.beta: 1e9 Pa +- 10 %}
+"""
+
+
+def test_a_kink_at_amplitude_zero_has_a_tangent_of_its_own_on_either_side(tmp_path: Path) -> None:
+    """Overlap of a valve that is shut at rest: the derivative at zero itself is of neither side."""
+    (tmp_path / "shut.yaml").write_text(SHUT)
+    (tmp_path / "shut_at_rest.yaml").write_text(BESIDE)
+    t = np.linspace(0, 4, 201)
+    u = 1e-3 * np.where(t > 1, np.sin(3 * (t - 1)), 0) ** 3
+    np.savetxt(tmp_path / "train.csv", np.stack([t, u, 100 + 0 * t], 1), delimiter=",", header="t,u,p", comments="")
+    problem = searched(load_experiment(tmp_path / "shut_at_rest.yaml"))
+    base = Base.at(problem, problem.start)
+    candidate = _candidate(problem, "ProportionalValve43 in valve (overlap)")
+    run, = base.runs(candidate.change.on_experiment(problem.experiment), [candidate.numbers[0].name])
+
+    def tangent(amplitude: float) -> float:
+        return float(np.linalg.norm(run.residuals({candidate.numbers[0].name: amplitude})[1][0]))
+
+    sides = {s.side: s.size for s in scored(base, candidate)}
+    assert sides[1] == pytest.approx(tangent(1e-9), rel=0.05)  # beside zero it hardly changes
+    assert sides[-1] == pytest.approx(tangent(-1e-9), rel=0.05)
+    assert tangent(0.0) > 1.1 * max(sides.values())  # at the kink both edges count half

@@ -13,7 +13,7 @@ from random import Random
 from heavebond.definition import Component, Parameter
 from heavebond.library import library
 
-DOMAINS = ("translational", "rotational", "hydraulic", "pneumatic")
+DOMAINS = ("translational", "rotational", "hydraulic", "pneumatic", "electrical")
 # usual sizes by base unit, as text; what is not here is 1
 SIZES = {
     "N": 1e3, "m": 0.1, "m/s": 0.3, "N/m": 1e4, "N*s/m": 300.0, "kg": 20.0, "Pa": 2e6, "m**3/s": 2e-4, "m**3": 2e-3,
@@ -26,7 +26,7 @@ ANY_UNIT = ("m", "N", "Pa", "m**3/s", "1", "m/s", "rad", "N*m")
 
 # what decides a node, by the first letter of its domain; the first is the commonest
 HOLDS = {"t": ("Mass", "Fixed"), "r": ("Inertia", "FixedShaft"), "h": ("Volume", "Tank", "PressureSource"),
-         "p": ("ReceiverWithHeat", "Atmosphere", "Receiver")}
+         "p": ("ReceiverWithHeat", "Atmosphere", "Receiver"), "e": ("ElectricalGround", "Capacitor")}
 
 
 @dataclass(frozen=True)
@@ -215,7 +215,7 @@ class _Maker:
     def _member(self) -> str:
         """A unit of a node's member; `_measured` is its name."""
         members = {"t": [("v", "m/s"), ("x", "m")], "r": [("w", "rad/s"), ("phi", "rad")], "h": [("p", "Pa")],
-                   "p": [("p", "Pa"), ("T", "K")]}
+                   "p": [("p", "Pa"), ("T", "K")], "e": [("v", "V")]}
         node = self.random.choice([n for n in self.nodes if n[0] in members] or [""])
         if not node:
             self._measured, unit = "time", "s"

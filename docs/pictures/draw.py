@@ -6,8 +6,11 @@ import sys
 from pathlib import Path
 
 import heavebond as hb
-from heavebond import plot
+from heavebond import plot, plot_energy, plot_linear
+from heavebond.energy_flow import energy_flow
+from heavebond.plot_study import plot_study
 from heavebond.plot_where import plot_place
+from heavebond.units import parse_range
 
 
 def weight_on_bit(folder: Path) -> Path:
@@ -34,7 +37,43 @@ def implied_friction(folder: Path) -> Path:
     return plot.save(plot_place(found, found.suspects[0].place.name), folder / "implied_friction.png")
 
 
+def _of_study(name: str, folder: Path) -> Path:
+    result = hb.run_study(f"cmc_ahc/studies/{name}", processes=1)
+    return plot.save(plot_study(result, result.study.pictures[0]), folder / f"published_{name}.png")
+
+
+def published_fig6(folder: Path) -> Path:
+    """Weight on bit, passive, with and without friction."""
+    return _of_study("fig6", folder)
+
+
+def published_fig8(folder: Path) -> Path:
+    """Weight on bit, active with tuned gains, with and without friction."""
+    return _of_study("fig8", folder)
+
+
+def bode(folder: Path) -> Path:
+    """Crown and string force of the passive rig over the motion of the platform."""
+    system = hb.state_space(hb.load("passive_rig"), ["vessel.u"], ["crown.x", "string_force"])
+    channels = [system.channel(name, "vessel.u") for name in system.outputs]
+    return plot.save(plot_linear.plot_bode(channels, channels[0].frequencies(), title="passive_rig at its start"),
+                     folder / "bode.png")
+
+
+def locus(folder: Path) -> Path:
+    """The poles of the compensator over its position gain."""
+    found = hb.root_locus(hb.load("cmc_ahc"), "controller.K_p", parse_range("0 .. 5 1/m"))
+    return plot.save(plot_linear.plot_root_locus(found, title="cmc_ahc: poles over controller.K_p"), folder / "locus.png")
+
+
+def flow(folder: Path) -> Path:
+    """The energy of the compensator in its wave."""
+    found = hb.audit(hb.load("cmc_ahc"))
+    return plot.save(plot_energy.plot_energy_flow(energy_flow(found), title="cmc_ahc: energy over 96 s"),
+                     folder / "energy_flow.png")
+
+
 if __name__ == "__main__":
     target = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent
-    for draw in (weight_on_bit, friction, choked, implied_friction):
+    for draw in (weight_on_bit, friction, choked, implied_friction, published_fig6, published_fig8, bode, locus, flow):
         print(f"wrote {draw(target)}")

@@ -39,6 +39,20 @@ def set_option(command: Command) -> Command:
                         help="Set a parameter or an input, e.g. --set gas.c='40 kN/m'. May be repeated.")(command)
 
 
+def at_options(command: Command) -> Command:
+    """--at TIME and --steady; see `operating_time`."""
+    command = click.option("--steady", is_flag=True, help="Linearise in the steady state, not at the start.")(command)
+    return click.option("--at", metavar="TIME", help="Run to this time first, and linearise there.")(command)
+
+
+def operating_time(at: str | None, steady: bool) -> str | None:
+    """What `OperatingPoints` takes; UsageError where both are asked for."""
+    if at is not None and steady:
+        raise UsageError([Problem("at-and-steady", "--at and --steady name two operating points", None,
+                                  "Give one of them.")])
+    return "steady" if steady else at
+
+
 def picture_option(words: str) -> Callable[[Command], Command]:
     """--output PICTURE."""
     return click.option("--output", metavar="PICTURE", type=click.Path(path_type=Path),

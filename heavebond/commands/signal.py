@@ -50,12 +50,12 @@ def signal(file: str, signals: tuple[str, ...], begin: str | None, end: str | No
     """
     from heavebond import terminal
     from heavebond.signal_files import read_courses
-    from heavebond.simulation import in_seconds
+    from heavebond.simulation import seconds
     from heavebond.spectra import Swinging
 
     check_picture(output)
-    window = in_seconds(begin or 0.0, "--from"), in_seconds(end or float("inf"), "--to")
-    length = None if segment is None else in_seconds(segment, "--segment")
+    window = seconds(begin or 0.0, "--from"), seconds(end or float("inf"), "--to")
+    length = None if segment is None else seconds(segment, "--segment")
     if Path(file).suffix.lower() in DIAGRAMS:
         courses = _run(file, signals, settings, until, every, window)
     else:
