@@ -37,7 +37,9 @@ from heavebond.commands.plot import plot
 from heavebond.commands.run import run
 from heavebond.commands.schema import schema
 from heavebond.commands.sensitivity import sensitivity
+from heavebond.commands.signal import signal
 from heavebond.commands.study import study
+from heavebond.commands.sweep import sweep
 from heavebond.commands.try_effect import try_effect
 from heavebond.commands.tune import tune
 from heavebond.commands.where import where
@@ -173,6 +175,6 @@ def main() -> None:
     """
 
 
-for _command in (check, draw, run, plot, animate, compare, fit, where, candidates, try_effect, diagnose, ladder, tune,
-                 study, modes, linear, energy, sensitivity, check_gradient, library, demo, export, schema, new):
+for _command in (check, draw, run, plot, animate, compare, fit, where, candidates, try_effect, diagnose, ladder, tune, study,
+                 sweep, signal, modes, linear, energy, sensitivity, check_gradient, library, demo, export, schema, new):
     main.add_command(_command)

@@ -27,6 +27,12 @@ def json_option(command: Command) -> Command:
                         help="Write the figures to FILE as JSON, problems too.")(command)
 
 
+def scheduler_option(command: Command) -> Command:
+    """--scheduler ADDRESS."""
+    return click.option("--scheduler", metavar="ADDRESS",
+                        help="Work on the workers of this dask scheduler, e.g. tcp://host:8786.")(command)
+
+
 def set_option(command: Command) -> Command:
     """--set PATH=VALUE, as often as wanted."""
     return click.option("--set", "settings", metavar="PATH=VALUE", multiple=True,
