@@ -57,7 +57,8 @@ def on_page_content(content: str, page: Page, config: MkDocsConfig, files: Files
 
 
 def _mathml(found: re.Match[str]) -> str:
-    return convert(html.unescape(found.group(3)).strip(), display="inline" if found.group(2) == "(" else "block")
+    tex = html.unescape(found.group(3)).strip().replace("{aligned}", "{align*}")  # the one that the converter knows
+    return convert(tex, display="inline" if found.group(2) == "(" else "block")
 
 
 # -- links -------------------------------------------------------------------------------------------------------------
