@@ -24,9 +24,10 @@ import numpy as np
 from heavebond.costs import CostSlopes, Evaluator
 from heavebond.dae import Array, Assembly
 from heavebond.errors import Problem, SimulationError, UsageError
+from heavebond.idas import caught_errors, integrator_options
 from heavebond.initialise import Start, Tangent, start, tangent
 from heavebond.result import Result, columns
-from heavebond.simulation import Simulator, caught_errors, integrator_options
+from heavebond.simulation import Simulator
 from heavebond.symbols import stack
 
 # The multipliers jump with s and with the inputs, and the error control backward cannot leave them out as it does the

@@ -63,7 +63,7 @@ class Commands(click.Group):
                 check_writable(Path(path))
             code, figures = self._run(given, prog_name)
         except HeavebondError as error:
-            problems = list(error.problems)
+            problems, figures = list(error.problems), error.figures
             code = WRONG_USAGE if isinstance(error, UsageError) else AT_FAULT
         except BrokenPipeError:
             _forget_output()

@@ -147,9 +147,10 @@ class Assembly:
         return ca.jtimes(value, low, high) + ca.jtimes(value, t, rate)
 
 
-def assemble(model: Model, also: Iterable[str] = ()) -> Assembly:
-    """YAML meaning to runnable equations; `also` names positions wanted beside those the diagram itself names."""
-    return build(reduce(flatten(model, also)))
+def assemble(model: Model, also: Iterable[str] = (), widths: float = 1.0) -> Assembly:
+    """YAML meaning to runnable equations; `also` names positions wanted beside those the diagram itself names, `widths` is
+    a factor on the widths of all transitions."""
+    return build(reduce(flatten(model, also, widths)))
 
 
 def build(reduced: Reduced) -> Assembly:

@@ -142,6 +142,7 @@ class Parameter:
     `neutral` is the value at which an effect is absent: such a parameter is a dormant effect, called `kind`, `sought`
     within a range when it wakes and with it those it `wakes_with`.
     `medium` names the parameter of the circuit's medium whose value it takes where it is not given.
+    A `width` is that of a transition which makes a law smooth: results should not depend on it.
     """
 
     name: str
@@ -158,6 +159,7 @@ class Parameter:
     wakes_with: tuple[str, ...] = ()
     count: Expr | None = None
     medium: str = ""
+    width: bool = False
 
 
 @dataclass(frozen=True)

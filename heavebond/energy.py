@@ -25,7 +25,7 @@ from heavebond.dae import Array, Assembly, assemble
 from heavebond.errors import Problem, SimulationError
 from heavebond.flatten import Energetics
 from heavebond.model import Model
-from heavebond.result import Result, columns
+from heavebond.result import Result
 from heavebond.simulation import Simulator, Time, Tolerances
 from heavebond.symbols import split, stack
 
@@ -137,10 +137,9 @@ def audit(model: Model | Assembly, until: Time | None = None, *, every: Time | N
     tolerances = Tolerances(rtol, atol)
     leaves = assembly.flat.expanded.leaves
     parts = [e for e in assembly.flat.energetics if leaves[e.owner].component.ports or leaves[e.owner].component.stores]
-    powers = assembly.express(stack([stack([e.power, e.dissipated, e.unbalanced]) for e in parts]))
-    energy = assembly.express(stack([e.energy for e in parts]))
+    raw, energy = stack([stack([e.power, e.dissipated, e.unbalanced]) for e in parts]), stack([e.energy for e in parts])
     before = Simulator(assembly, until, every=every, tolerances=tolerances).run(parameters)
-    rates, held = _along(before, powers), _along(before, energy)
+    rates, held, powers = before.evaluate(raw), before.evaluate(energy), assembly.express(raw)
     # integrals in units of a common size, as the error control has one absolute tolerance for all that is integrated;
     # what is always zero would only dilute its norm
     duration = before.time[-1] - before.time[0]
@@ -151,7 +150,7 @@ def audit(model: Model | Assembly, until: Time | None = None, *, every: Time | N
     integrals = np.zeros(rates.shape)
     if chosen:
         integrals[chosen] = size * result.quadratures
-    energies = _along(result, energy)
+    energies = result.evaluate(energy)
     stored, jumps = energies - energies[:, :1], _jumps(result, energy)
     ports = rates[::QUADRATURES]
     total = np.abs(ports).sum(axis=0).max(initial=0.0)
@@ -172,19 +171,13 @@ def _line(part: Energetics, integrals: Array, stored: float, jumps: float) -> En
 
 def _jumps(result: Result, energy: ca.SX) -> Array:
     """What each of the stored energies (m,) gains at all events of a run after its start."""
-    function = ca.Function("energy", list(result.assembly.arguments), [energy])
     total = np.zeros(energy.numel())
     for instant in result.instants:
         if instant.time > result.time[0]:
+            function = ca.Function("energy", list(instant.assembly.arguments), [instant.assembly.express(energy)])
             before, after = (np.array(function(*point.values())).ravel() for point in (instant.before, instant.after))
             total += after - before
     return total
-
-
-def _along(result: Result, expression: ca.SX) -> Array:
-    """An expression (m,) in the arguments of the assembly along a run, (m, N)."""
-    function = ca.Function("along", list(result.assembly.arguments), [expression])
-    return np.asarray(function(*columns(result))).reshape(expression.numel(), len(result.time))
 
 
 def table(found: EnergyAudit) -> Table:

@@ -83,9 +83,11 @@ class Problem:
 
 
 class HeavebondError(Exception):
-    """A user's mistake, or a model or record that cannot do what was asked; never a fault of the program."""
+    """A user's mistake, or a model or record that cannot do what was asked; never a fault of the program. `figures` is
+    what was computed all the same, for the JSON file."""
 
     def __init__(self, problems: Iterable[Problem] | str, *, hint: str = ""):
+        self.figures: dict[str, object] = {}
         if isinstance(problems, str):
             problems = [Problem(self.default_code, problems, hint=hint)]
         self.problems = tuple(problems)

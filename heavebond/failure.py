@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from heavebond import explain
 from heavebond.dae import Array, Assembly
@@ -24,24 +25,27 @@ NEAR = 1e-5
 # and in a run that went on: they are zero but for rounding
 SINGULAR = 1e-14
 LOOKED_AT = 60
+FOLDED = ("The links of a mechanism come to lie in one line there, from where it could go on in two ways: its constraints "
+          "depend on each other. No choice of states helps; change a length a little, or add what decides (a spring).")
 _TIME = re.compile(r"[Aa]t t ?= ?([-+.\deE]+)")
 
 
 def explain_failure(simulator: Simulator, assembly: Assembly, first: Start, said: str) -> SimulationError:
     """The error for a run that stopped; looks at the state shortly before it did."""
-    times = [float(t) for t in _TIME.findall(said)]
+    times, chart = [float(t) for t in _TIME.findall(said)], None
     stopped = max(times) if times else float("nan")
     if simulator.switching is not None and simulator.switching.last is not None:
         stretch = simulator.switching.last
         stopped = stretch.time(times[-1]) if times else stretch.begin.t
         last: Point | None = simulator.switching.before(stretch, stopped)
+        assembly, chart = stretch.begin.frame.assembly, stretch.begin.frame.chart
     else:
         last = _state_before(simulator, assembly, first, stopped)
     notes: list[str] = []
     hint = "Check the parameters of these components, or loosen the tolerances (--rtol 1e-6)."
     if last is not None:
         cause, notes = _cause(assembly, last.t, last.x, last.z, last.p, last.u)
-        hint = cause or hint
+        hint = FOLDED if chart is not None and chart.folded(last) else cause or hint
     words = [line for line in said.splitlines() if "IDA" in line or "SUNDIALS" in line.upper()]
     solver = re.findall(r"IDA_[A-Z_]+", said)
     notes.append("IDAS said: " + (", ".join(dict.fromkeys(solver)) or (words[0][:160] if words else "nothing")))
@@ -49,13 +53,13 @@ def explain_failure(simulator: Simulator, assembly: Assembly, first: Start, said
     return SimulationError([Problem("integration-failed", f"the integration stopped{when}", None, hint, tuple(notes))])
 
 
-def check_decided(result: Result, slopes: ca.Function) -> None:
+def check_decided(result: Result, at: NDArray[np.intp], slopes: ca.Function) -> None:
     """SimulationError where a run went on although nothing decided an algebraic unknown any more: what it shows of it from
     there on is chance. `slopes` is d(algebraic equations)/d(algebraic unknowns) in the arguments of the assembly; it is
-    looked at in some of the output points.
+    looked at in some of the output points `at`.
     """
     assembly, n_z = result.assembly, len(result.assembly.z_nominal)
-    chosen = np.unique(np.linspace(0, len(result.time) - 1, LOOKED_AT).astype(int))
+    chosen = at[np.unique(np.linspace(0, len(at) - 1, LOOKED_AT).astype(int))]
     given = [a[:, chosen] for a in columns(result)]
     matrices = np.array(slopes(*given)).reshape(n_z, len(chosen), n_z).transpose(1, 0, 2) * assembly.z_nominal
     largest = np.abs(matrices).max(axis=2, keepdims=True)
@@ -65,9 +69,9 @@ def check_decided(result: Result, slopes: ca.Function) -> None:
             continue
         values = np.linalg.svd(matrix, compute_uv=False)
         if not sound[k] or values[-1] <= SINGULAR * values[0]:
-            at = [a[:, k] for a in given]
-            t = float(at[0][0])
-            point = assembly.point(t, at[1], at[2], at[3], at[4])
+            here = [a[:, k] for a in given]
+            t = float(here[0][0])
+            point = assembly.point(t, here[1], here[2], here[3], here[4])
             found = explain.lost(assembly.flat, losses(assembly.reduced.system, point), f"at t = {t:.6g} s")
             raise SimulationError(found or [Problem(
                 "loop-singular", f"nothing decides {listing(assembly.algebraic_names, 4)} at t = {t:.6g} s", None,
@@ -116,13 +120,12 @@ def _cause(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array)
         return (f"From there on {which} has no finite value: a root or logarithm of a negative number, a division by 0.",
                 notes)
     if len(z) and _singular(assembly, t, x, z, p, u):
-        return (f"{listing(assembly.algebraic_names, 4)} cannot be solved for there: a mechanism passes a dead point, a "
-                "valve shuts a volume-free line. Another choice of states may do: give initial values, not guesses, for "
-                "the variables that should be states.", notes)
+        return (f"{listing(assembly.algebraic_names, 4)} cannot be solved for there: a valve shuts a volume-free "
+                "line, or a lever loses its arm. Add what decides it: a leakage, a spring.", notes)
     if rates.size and rates[order[0]] > 1e6:
         return f"{listing(names, 2)} run away: an instability, a wrong sign or a very stiff element.", notes
-    return (f"{listing(names, 2)} change fastest: a kink or jump there that the solver cannot step over; smooth it "
-            "(a transition velocity or pressure), or loosen the tolerances.", notes)
+    return (f"{listing(names, 2)} change fastest: a kink or jump there that the solver cannot step over. Smooth it "
+            "(a transition velocity or pressure), let it happen as an event (`when:`), or loosen the tolerances.", notes)
 
 
 def _lost(assembly: Assembly, at: dict[int, float], t: float) -> Problem | None:

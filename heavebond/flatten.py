@@ -24,6 +24,7 @@ from heavebond.parameters import (
     check_values,
     formula_order,
     make_parameters,
+    narrowed,
     parameter_bounds,
     solved_unit,
 )
@@ -103,9 +104,11 @@ class Flat:
         return {s.element_hash() for k, s in enumerate(split(self.p)) if k not in held}
 
 
-def flatten(model: Model, also: Iterable[str] = ()) -> Flat:
-    """The flat model; `also` names signals that a caller wants beside those that the diagram names itself."""
+def flatten(model: Model, also: Iterable[str] = (), widths: float = 1.0) -> Flat:
+    """The flat model; `also` names signals that a caller wants beside those that the diagram names itself, `widths` is a
+    factor on the widths of all transitions."""
     expanded = with_media(expand(model))
+    expanded = expanded if widths == 1 else narrowed(expanded, widths)
     order = formula_order(expanded)
     network = connect(expanded, order)
     return _Builder(expanded, network, make_parameters(expanded, network, order)).build(tuple(also))

@@ -60,6 +60,10 @@ def _kind(coefficient: ca.SX, unknown: int, constants: set[int], bounds: Mapping
     return DEFINITE if low >= 0 or high <= 0 else INDEFINITE
 
 
+# An end at zero is taken as approached only. A truth value, and what a condition leaves out, is zero: beyond by this much.
+REACHED = 1e-200
+
+
 def interval(expression: ca.SX, bounds: Mapping[int, Interval]) -> Interval:
     """An interval that surely holds the scalar `expression` while its symbols keep to their `bounds`."""
     symbols = ca.symvar(expression)
@@ -110,13 +114,13 @@ def _function(op: int, a: Interval, b: Interval) -> Interval:
     if op in (ca.OP_SIN, ca.OP_COS):
         return -1.0, 1.0
     if op in (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_AND, ca.OP_OR, ca.OP_NOT):
-        return 0.0, 1.0
+        return -REACHED, 1.0
     if op == ca.OP_FMIN:
         return min(a[0], b[0]), min(a[1], b[1])
     if op == ca.OP_FMAX:
         return max(a[0], b[0]), max(a[1], b[1])
     if op == ca.OP_IF_ELSE_ZERO:
-        return min(0.0, b[0]), max(0.0, b[1])
+        return min(-REACHED, b[0]), max(REACHED, b[1])
     if op in (ca.OP_POW, ca.OP_CONSTPOW) and a[0] >= 0:
         return 0.0, inf
     return EVERYTHING

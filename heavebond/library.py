@@ -316,7 +316,7 @@ class _Parser:
 
     def _parameter(self, key: Scalar, node: Mapping, variables: Dictionary[str, Variable]) -> Parameter:
         keys = ("unit", "doc", "min", "max", "default", "neutral", "integer", "class", "try", "wakes_with", "count",
-                "medium")
+                "medium", "width")
         integer = "integer" in node.items
         reading.known_keys(node, keys, f"parameter '{key.text}'", self.problems, () if integer else ("unit",))
         unit = DIMENSIONLESS if integer else _unit(node.items.get("unit"), self.problems)
@@ -332,7 +332,8 @@ class _Parser:
                          default, bounds["neutral"], integer, reading.text(node.items.get("class"), "class", self.problems),
                          sought(node.items.get("try"), unit or DIMENSIONLESS, variables, key.text, self.problems),
                          tuple(w.text for w in reading.words(node.items.get("wakes_with"), "wakes_with", self.problems)),
-                         self._count(node), reading.text(node.items.get("medium"), "medium", self.problems))
+                         self._count(node), reading.text(node.items.get("medium"), "medium", self.problems),
+                         "width" in node.items)
 
     def _variable(self, key: Scalar, node: Mapping) -> Variable:
         reading.known_keys(node, ("unit", "doc", "min", "max", "start", "held", "count"), f"variable '{key.text}'",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from graphlib import CycleError, TopologicalSorter
 from math import inf, isfinite
 
@@ -16,7 +16,7 @@ from heavebond.definition import Domain, Formula, Parameter, Value
 from heavebond.dimensions import number_dimension
 from heavebond.errors import ModelError, Place, Problems, listing, suggest
 from heavebond.expand import Bound, Expanded, Leaf
-from heavebond.expression import Call, Expr, ExpressionProblem, Name, Number, children, names
+from heavebond.expression import Binary, Call, Expr, ExpressionProblem, Name, Number, children, names
 from heavebond.incidence import Interval
 from heavebond.symbols import Context, evaluate, stack
 from heavebond.template import Template
@@ -72,6 +72,20 @@ def declared(expanded: Expanded) -> Iterator[tuple[str, Bound, Leaf | None]]:
         for name, bound in leaf.parameters.items():
             if not leaf.component.parameters[name].integer:
                 yield f"{path}.{name}", bound, leaf
+
+
+def narrowed(expanded: Expanded, factor: float) -> Expanded:
+    """The opened diagram with every width of a transition (`width` in its component) times a factor."""
+    def times(value: Value) -> Value:
+        expr = Binary("*", value.expr, Number(factor, None, 0), 0)
+        return replace(value, expr=expr, text=f"({value.text}) * {factor:g}")
+
+    leaves = {}
+    for path, leaf in expanded.leaves.items():
+        given = {name: replace(bound, value=times(bound.value)) for name, bound in leaf.parameters.items()
+                 if leaf.component.parameters[name].width and isinstance(bound.value, Value)}
+        leaves[path] = replace(leaf, parameters={**leaf.parameters, **given}) if given else leaf
+    return replace(expanded, leaves=leaves)
 
 
 # -- names -----------------------------------------------------------------------------------------------------------

@@ -183,11 +183,13 @@ class _Trial:
                 residuals.append(levels[1][x] - levels[0][v])
                 orders.append(1)
         rows = stack([*residuals, *self._derivatives(residuals, orders, levels, t)])
-        energy = split(self.made.energy(*given))[:4]
+        *energy, store = split(self.made.energy(*given))
         own = [self._port_power(port, domain, levels[0], place) for port, domain in self.ports.items()]
+        # what is exchanged between the stores of one component may cancel, in a pendulum all of it
+        exchanged = ca.dot(ca.fabs(ca.gradient(store, stack(levels[:-1]))), ca.fabs(stack(levels[1:])))
         apparent = sum((a for _, a in own), ca.SX(0))
         return (ca.Function("system", [y, p, t], [rows, ca.densify(ca.jacobian(rows, y))]),
-                ca.Function("terms", [y, p, t], [stack([*energy, apparent, *(power for power, _ in own)])]))
+                ca.Function("terms", [y, p, t], [stack([*energy, apparent, exchanged, *(power for power, _ in own)])]))
 
     def _derivatives(self, residuals: list[ca.SX], orders: list[int], levels: list[ca.SX], t: ca.SX) -> list[ca.SX]:
         """The time derivatives of equations that the jet holds: two of one without derivatives, one of first order."""

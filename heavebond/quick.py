@@ -15,8 +15,9 @@ import numpy as np
 
 from heavebond.dae import Array, Assembly
 from heavebond.errors import Problem, SimulationError
+from heavebond.idas import integrator_options
 from heavebond.initialise import Start
-from heavebond.simulation import Simulator, integrator_options
+from heavebond.simulation import Simulator
 
 # Steps between two output points after which a candidate is given up.
 MOST_STEPS = 2000

@@ -21,7 +21,7 @@ from heavebond.flatten import Flat, FlatEquation
 from heavebond.incidence import DEFINITE, NONLINEAR, PARAMETER, classify
 from heavebond.index_reduction import Pantelides, collapse, pantelides
 from heavebond.rank import Row, Simultaneous, losses
-from heavebond.states import Column, Guess, select_states
+from heavebond.states import Column, Constraints, Guess, constraints, select_states
 from heavebond.structure import block_lower_triangular, maximum_matching, tear
 from heavebond.symbols import split, stack, uniform
 
@@ -68,6 +68,7 @@ class Reduced:
     loops: tuple[Loop, ...]
     n_equations: int
     system: Simultaneous
+    choices: System
 
     def name(self, column: Column) -> str:
         """`crown.x`, or `der(crown.x)` for a derivative."""
@@ -89,9 +90,8 @@ def reduce(flat: Flat) -> Reduced:
     columns, rows, derivative = _columns(flat)
     result = _check_and_differentiate(flat, rows, derivative)
     chain = _chains(columns, result)
-    system = _System(flat, chain, result)
-    states = select_states(flat, result.order, chain.highest, system.p_values)
-    return system.solve(states)
+    system = System(flat, chain, result)
+    return system.solve(select_states(system.constraints, system.p_values))
 
 
 @dataclass(frozen=True)
@@ -149,8 +149,9 @@ def _chains(columns: list[Column], result: Pantelides) -> _Chain:
     return _Chain(done, highest)
 
 
-class _System:
-    """All equations with their derivatives, in symbols for all unknowns with their derivatives."""
+class System:
+    """All equations with their derivatives, in symbols for all unknowns with their derivatives; `constraints` are those
+    that were differentiated. It can be solved for several choices of states, in the same symbols."""
 
     def __init__(self, flat: Flat, chain: _Chain, result: Pantelides):
         self.flat, self.chain, self.order = flat, chain, result.order
@@ -160,6 +161,7 @@ class _System:
             k = len(self.levels)
             self.levels.append([ca.SX.sym("d" * k + u.name) for u in flat.unknowns])
         self.constants = flat.constant_hashes
+        self.constraints: Constraints = constraints(flat, result.order, chain.highest)
         self.p_values = np.array([q.value for q in flat.parameters])
         self.residual: dict[Row, ca.SX] = {(i, 0): r for i, r in enumerate(flat.residuals)}
         self._differentiate()
@@ -182,6 +184,7 @@ class _System:
             k += 1
 
     def solve(self, states: list[Column]) -> Reduced:
+        """x' = f(t, x, z, p), 0 = g(t, x, z, p) for these states (their number is given by the constraints)."""
         known = set(states)
         unknown = [c for c in sorted(self.chain.column) if c not in known]
         rows = list(self.residual)
@@ -248,7 +251,7 @@ class _Solved:
 class _Solver:
     """Solves block after block; collects definitions in the order in which they can be evaluated."""
 
-    def __init__(self, system: _System, rows: list[Row], unknown: list[Column],
+    def __init__(self, system: System, rows: list[Row], unknown: list[Column],
                  entries: list[list[tuple[int, int]]]):
         self.system, self.rows, self.unknown, self.entries = system, rows, unknown, entries
         self.alone: dict[tuple[int, int], _Solved] = {}
@@ -384,7 +387,8 @@ class _Solver:
             flat, tuple(states), tuple(self.unknown[c] for c in self.torn), x, z, others[0], others[1],
             tuple(flat.equations[row[0]] for _, row in self.remaining), stack(self.defined),
             stack(expressions), pivots, max(order, default=0) + (1 if algebraic else 0),
-            tuple((i, k) for i, k in enumerate(order) if k), tuple(self.loops), len(self.rows), system)
+            tuple((i, k) for i, k in enumerate(order) if k), tuple(self.loops), len(self.rows), system,
+            self.system)
 
 
 def explicit(residuals: ca.SX, symbols: ca.SX) -> tuple[ca.SX, ca.SX]:

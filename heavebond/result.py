@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from heavebond.dae import Array, Assembly
 from heavebond.errors import Problem, UsageError, suggest
@@ -21,7 +22,7 @@ from heavebond.units import dimension_text, read_unit
 if TYPE_CHECKING:
     import pandas as pd
 
-    from heavebond.switching import Instant
+    from heavebond.trace import Instant
 
 
 @dataclass(frozen=True)
@@ -38,11 +39,15 @@ class Along:
     held: Array
 
 
+Stayed = tuple[NDArray[np.intp], "Result"]
+
+
 @dataclass(frozen=True)
 class Result:
     """A run: `time` (N,), states x (n_x, N) and algebraic unknowns z (n_z, N) in SI, and every variable by name;
     `quadratures` (n_q, N) are the integrals that the caller asked for. `p` (n_p,) holds at the start, `held` (n_h, N) are
-    the held variables, and `instants` what happened when; at an instant the values are those after it.
+    the held variables, and `instants` what happened when; at an instant the values are those after it. `stays` are the
+    parts of the run in which other states were integrated: which times (k,), and the same there in those states.
 
     `result["crown.x"]` is in SI; an output under `show:` (`result["pull"]`) is in the unit declared there.
     Any formula of names may be asked for: `result["crown.x - platform.x"]`.
@@ -60,6 +65,7 @@ class Result:
     along: Along | None = None
     held: Array = field(default_factory=lambda: np.zeros((0, 0)))
     instants: tuple[Instant, ...] = ()
+    stays: tuple[Stayed, ...] = ()
 
     @property
     def events(self) -> list[tuple[float, str]]:
@@ -99,9 +105,34 @@ class Result:
         UsageError unless the run was made with `sensitivities=[parameter]`.
         """
         if self.along is None or parameter not in self.along.names:
-            raise UsageError([Problem("sensitivity-missing", f"this run has no sensitivities to '{parameter}'", None,
-                                      f"simulate(..., sensitivities=['{parameter}'])")])
+            raise self._no_sensitivity(parameter)
         return np.asarray(Probe(self.assembly, [name]).sensitivities(self)[self.along.names.index(parameter), 0])
+
+    def event_sensitivity(self, name: str, number: int, parameter: str) -> float:
+        """d (time of the number-th event of a name, from 0) / d parameter, in s per base unit of the parameter.
+
+        UsageError unless the event happened so often, and the run was made with `sensitivities=[parameter]`.
+        """
+        if self.along is None or parameter not in self.along.names:
+            raise self._no_sensitivity(parameter)
+        delays = [delay for i in self.instants for event, delay in zip(i.names, i.delays, strict=True) if event == name]
+        if not -len(delays) <= number < len(delays):
+            raise UsageError([Problem("event-missing", f"'{name}' happened {len(delays)} times in this run", None,
+                                      suggest(name, dict.fromkeys(n for _, n in self.events)))])
+        return float(delays[number][self.along.names.index(parameter)])
+
+    def evaluate(self, raw: ca.SX) -> Array:
+        """An expression (m,) in the raw symbols of the diagram along the run (m, N)."""
+        function = ca.Function("along", list(self.assembly.arguments), [self.assembly.express(raw)])
+        found = np.array(function(*columns(self))).reshape(raw.numel(), len(self.time))
+        for at, stay in self.stays:
+            found[:, at] = stay.evaluate(raw)
+        return found
+
+    @staticmethod
+    def _no_sensitivity(parameter: str) -> UsageError:
+        return UsageError([Problem("sensitivity-missing", f"this run has no sensitivities to '{parameter}'", None,
+                                   f"simulate(..., sensitivities=['{parameter}'])")])
 
     def saved(self, names: Iterable[str] | None = None) -> SavedRun:
         """The numbers without the diagram; by default the named outputs and all unknowns."""
@@ -130,10 +161,20 @@ class Probe:
         slopes = ca.jacobian(signals, stack([x, z, p]))
         self._moving = sorted(set(slopes.sparsity().get_col()))  # which of (x, z, p) the signals contain
         self._slopes = _Course(assembly, ca.vec(ca.densify(slopes[:, self._moving])))
+        self._others: dict[int, Probe] = {}
 
     def values(self, result: Result) -> Array:
         """The signals of a run (n_signals, N)."""
-        return self._values.of(result)
+        found = self._values.of(result)
+        for at, stay in result.stays:
+            found[:, at] = self._other(stay).values(stay)
+        return found
+
+    def _other(self, stay: Result) -> Probe:
+        """The same signals in other states."""
+        if id(stay.assembly) not in self._others:
+            self._others[id(stay.assembly)] = Probe(stay.assembly, self.names)
+        return self._others[id(stay.assembly)]
 
     def sensitivities(self, result: Result) -> Array:
         """Their derivatives with respect to the parameters of `result.along` (m, n_signals, N)."""
@@ -146,7 +187,10 @@ class Probe:
             moved[:, k] = along.x[:, j] if j < n_x else along.z[:, j - n_x] if j < n_xz else \
                 along.held[:, held[j - n_xz]] if j - n_xz in held else along.p[:, j - n_xz, None]
         slopes = self._slopes.of(result).reshape(len(self._moving), len(self.names), n)
-        return np.asarray(np.einsum("ksn,mkn->msn", slopes, moved))
+        found = np.einsum("ksn,mkn->msn", slopes, moved)
+        for at, stay in result.stays:
+            found[:, :, at] = self._other(stay).sensitivities(stay)
+        return np.asarray(found)
 
 
 class _Course:

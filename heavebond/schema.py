@@ -129,7 +129,8 @@ def component_file(known: Library) -> Schema:
     parameter = _object({
         "unit": UNIT, "doc": TEXT, "min": QUANTITY, "max": QUANTITY, "default": QUANTITY, "neutral": QUANTITY,
         "integer": _said("a whole number; written without a value", {}), "class": TEXT, "try": TEXT, "wakes_with": WORDS,
-        "count": COUNT, "medium": _said("the property of the medium in its circuit that it is taken from")})
+        "count": COUNT, "medium": _said("the property of the medium in its circuit that it is taken from"),
+        "width": _said("the width of a transition that makes a law smooth; written without a value", {})})
     variable = _object({"unit": UNIT, "doc": TEXT, "min": QUANTITY, "max": QUANTITY, "start": QUANTITY, "held": QUANTITY,
                         "count": COUNT}, ["unit"])
     event = _object({**dict.fromkeys((*KINDS, "from"), FORMULA), "then": _each(FORMULA)}, ["then"])

@@ -2,53 +2,35 @@
 
 from __future__ import annotations
 
-import io
-import os
-import sys
-import tempfile
 import time as clock
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager, redirect_stderr
-from dataclasses import dataclass
-from functools import cached_property
-from typing import Any
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
+from heavebond.charts import Chart, Charts
 from heavebond.co_simulation import check_allowed
-from heavebond.dae import Array, Assembly, Factors, Integrand, assemble, integrand
+from heavebond.dae import Array, Assembly, Factors, Integrand, assemble, integrand, substitute_inputs
 from heavebond.definition import Value
 from heavebond.errors import Problem, SimulationError, UsageError
 from heavebond.expression import constant
+from heavebond.idas import MOST_STEPS, Idas, caught_errors
+from heavebond.idas import Tolerances as Tolerances  # a part of this module's interface
 from heavebond.initialise import Start, Tangent, start, tangent
 from heavebond.inputs import Pieced, pieced
 from heavebond.jumps import EventEquations
 from heavebond.model import Model
-from heavebond.result import Along, Result
+from heavebond.result import Along, Result, Stayed
 from heavebond.start_equations import StartEquations
-from heavebond.switching import Switching, Trace
+from heavebond.switching import MOST_STEPS_IN_CHART, Switching, settled
 from heavebond.symbols import stack
+from heavebond.trace import Frame, Trace
 from heavebond.units import UnitProblem, check_unit, parse_quantity, unit
 
 Time = float | str
 POINTS = 1000  # output points where nothing is said
-# Steps between two output points, after which a run is given up: at a value that is no number IDAS would halve its
-# step for minutes.
-MOST_STEPS = 300_000
-
-
-@dataclass(frozen=True)
-class Tolerances:
-    """Error control of the integrator: relative, and absolute in each unknown's nominal size.
-
-    `along` is the weight of forward sensitivities in it: at 1 they are as accurate as the states, at twice the steps;
-    at 1e-3 they ride on the steps of the states and are right to some 1e-4 of their largest value.
-    """
-
-    rtol: float = 1e-8
-    atol: float = 1e-10
-    along: float = 1e-3
 
 
 def simulate(model: Model | Assembly, until: Time | None = None, *, every: Time | None = None,
@@ -89,7 +71,7 @@ class Simulator:
         self.time = grid(assembly.model, until, every) if times is None else np.asarray(times, float)
         self.pieces: Pieced = driven or (like.pieces if like is not None and self._driven_as(like) else
                                          pieced(assembly.flat, float(self.time[0]), float(self.time[-1])))
-        self.factors = factors
+        self.quadratures, self.factors = quadratures, factors
         self.integrand = _with_integrals(integrand(assembly, quadratures, len(self.sensitivities)), factors)
         self.integrals = 0 if quadratures is None else quadratures.numel() * (1 + len(self.sensitivities))
         self.stops = np.union1d(self.time, self.pieces.inner_breaks(self.time[0], self.time[-1]))
@@ -97,22 +79,36 @@ class Simulator:
         self.loops = _loops(self.integrand)
         self.start_equations: StartEquations = like.start_equations \
             if like is not None and like.assembly.reduced is assembly.reduced else StartEquations(assembly)
-        self.switching = self._switching(quadratures) if assembly.flat.events else None
+        self._known_slopes: dict[int, ca.Function] = {}
+        charts = Charts(assembly)
+        self.switching = self._switching(charts) if assembly.flat.events or charts.needed else None
 
-    def _switching(self, quadratures: ca.SX | None) -> Switching:
-        equations = EventEquations(self.assembly, ca.SX(0, 1) if quadratures is None else quadratures,
-                                   ca.SX(0, 1) if self.factors is None else self.factors.symbols)
-        return Switching(equations, self.integrand, self.integrals, len(self.sensitivities), self.stops, self.inputs,
-                         lambda made, grid: _integrator(made, grid, self.tolerances), self._settled)
+    def _switching(self, charts: Charts) -> Switching:
+        return Switching(charts, self._framed, self.integrals, self.stops, self.inputs,
+                         lambda made, grid: Idas(made, grid, self.tolerances,
+                                                 MOST_STEPS_IN_CHART if charts.needed else MOST_STEPS))
+
+    def _framed(self, chart: Chart) -> Frame:
+        """The equations in the states of a chart; quadratures are given in those of the first."""
+        factors = ca.SX(0, 1) if self.factors is None else self.factors.symbols
+        quadratures = ca.SX(0, 1) if self.quadratures is None else self.quadratures
+        if chart.assembly is self.assembly:
+            return Frame(chart, EventEquations(chart.assembly, quadratures, factors), self.integrand, self.loops)
+        u = chart.assembly.arguments[4]
+        raw = chart.assembly.reduced.express(ca.substitute(quadratures, self.assembly.arguments[4], u))
+        quadratures = substitute_inputs(raw, self.assembly.flat, self.assembly.flat.time, u)
+        made = _with_integrals(integrand(chart.assembly, None if self.quadratures is None else quadratures,
+                                         len(self.sensitivities)), self.factors)
+        return Frame(chart, EventEquations(chart.assembly, quadratures, factors), made, _loops(made))
 
     def _driven_as(self, like: Simulator) -> bool:
         """Whether another simulator has the same measured inputs over the same time."""
         own, others = ([(k.source, k.unit.text) for k in s.assembly.flat.inputs] for s in (self, like))
         return own == others and self.time[0] == like.time[0] and self.time[-1] == like.time[-1]
 
-    def _integrator(self) -> ca.Function:
+    def _integrator(self) -> Idas | ca.Function:
         """From the first stop to the others."""
-        return _integrator(self.integrand, self.stops, self.tolerances)
+        return Idas(self.integrand, self.stops, self.tolerances)
 
     def _driven(self, times: Array) -> dict[str, Array]:
         """What drives the integrator between its stops, at times between them."""
@@ -136,7 +132,7 @@ class Simulator:
         """One run from given states x (n_x,) in SI instead of the diagram's start; after the parameters, the
         sensitivities are with respect to these states (needs `free_start`)."""
         assembly = self.assembly.with_parameters(parameters) if parameters else self.assembly
-        if self.switching is not None:
+        if assembly.flat.events:
             raise UsageError([Problem("events-midway", "a run cannot begin midway where a diagram has events: what is held "
                                       "there is not known", None, "Run it from its start.")])
         n_x, n_z = len(assembly.x_nominal), len(assembly.z_nominal)
@@ -155,35 +151,48 @@ class Simulator:
         started = clock.perf_counter()
         found = self._integrate(assembly, first, moved)
         seconds = {"start": started - began, "integration": clock.perf_counter() - started}
-        keep = np.searchsorted(self.stops, self.time)
-        n_x, n_z = len(assembly.x_nominal), len(assembly.z_nominal)
+        statistics = {"solver": "idas", "seconds": seconds, "start_steps": first.steps, **found.statistics}
+        keep, sizes = np.searchsorted(self.stops, self.time), self._sizes(moved)
+        instants = found.instants if moved is None else tuple(replace(i, delays=i.delays / sizes) for i in found.instants)
         n_q = self.integrals // (1 + len(self.sensitivities))
-        x, z, quadratures = (values[:, keep] for values in (found.x, found.z, found.quadratures))
-        result = Result(assembly, self.time, x[:n_x], z[:n_z], self.pieces.at(self.time), first.p, first,
-                      {"solver": "idas", "seconds": seconds, "start_steps": first.steps, **found.statistics},
-                      quadratures[:n_q],
-                      self._along(x[n_x:], z[n_z:], quadratures[n_q:], found.held_along[..., keep], moved),
-                      found.held[:, keep], found.instants)
-        if n_z:
-            from heavebond.failure import check_decided
 
-            check_decided(result, self._slopes)
+        def taken(of: Assembly, at: NDArray[np.intp], x: Array, z: Array, stays: tuple[Stayed, ...] = ()) -> Result:
+            """The run at some of its times, from x and z there in the states of an assembly."""
+            stops, n_x, n_z = keep[at], len(of.x_nominal), len(of.z_nominal)
+            along = None if moved is None else Along(
+                self.sensitivities, _by_direction(x[n_x:, stops], sizes), _by_direction(z[n_z:, stops], sizes),
+                (moved.p / sizes).T, _by_direction(found.quadratures[n_q:, stops], sizes),
+                found.held_along[..., stops] / sizes[:, None, None])
+            return Result(of, self.time[at], x[:n_x, stops], z[:n_z, stops], self.pieces.at(self.time[at]), first.p, first,
+                          statistics, found.quadratures[:n_q, stops], along, found.held[:, stops], instants, stays)
+
+        others = ((np.flatnonzero(stay.at[keep]), stay) for stay in found.stays)
+        stays = tuple((at, taken(stay.assembly, at, stay.x, stay.z)) for at, stay in others)
+        result = taken(assembly, np.arange(len(keep)), found.x, found.z, stays)
+        self._check_decided(result)
         return result
 
-    @cached_property
-    def _slopes(self) -> ca.Function:
-        return ca.Function("slopes", list(self.assembly.arguments), [
-            ca.densify(ca.jacobian(self.assembly.alg, self.assembly.arguments[2]))])
+    def _check_decided(self, result: Result) -> None:
+        """SimulationError where a run went on although nothing decided an algebraic unknown, in any of its charts."""
+        elsewhere = np.concatenate([np.zeros(0, int), *(at for at, _ in result.stays)])
+        own = np.setdiff1d(np.arange(len(result.time)), elsewhere)
+        for part, at in ((result, own), *((stay, np.arange(len(stay.time))) for _, stay in result.stays)):
+            if len(part.z) and len(at):
+                from heavebond.failure import check_decided
 
-    def _along(self, x: Array, z: Array, q: Array, held: Array, moved: Tangent | None) -> Along | None:
-        """The sensitivities of the states per unit of each parameter (or of each state at the first time)."""
-        if moved is None:
-            return None
-        m, n = len(self.sensitivities), len(self.time)
+                check_decided(part, at, self._slopes(part.assembly))
+
+    def _slopes(self, assembly: Assembly) -> ca.Function:
+        if id(assembly.reduced) not in self._known_slopes:
+            jacobian = ca.densify(ca.jacobian(assembly.alg, assembly.arguments[2]))
+            self._known_slopes[id(assembly.reduced)] = ca.Function("slopes", list(assembly.arguments), [jacobian])
+        return self._known_slopes[id(assembly.reduced)]
+
+    def _sizes(self, moved: Tangent | None) -> Array:
+        """The length of each direction, in units of its parameter (or of the state at the first time)."""
         of_parameters = np.abs(self.along).max(axis=0, initial=0.0)
-        sizes = np.where(of_parameters > 0, of_parameters, np.abs(moved.x).max(axis=0, initial=0.0))
-        x, z, q = (block.reshape(m, len(block) // m, n) / sizes[:, None, None] for block in (x, z, q))
-        return Along(self.sensitivities, x, z, (moved.p / sizes).T, q, held / sizes[:, None, None])
+        return of_parameters if moved is None else np.asarray(
+            np.where(of_parameters > 0, of_parameters, np.abs(moved.x).max(axis=0, initial=0.0)))
 
     def _integrate(self, assembly: Assembly, first: Start, moved: Tangent | None) -> Trace:
         if len(self.stops) == 1 and self.switching is None:
@@ -238,13 +247,13 @@ class Simulator:
         return self._trace(x, z, q, statistics)
 
     def _settled(self, x: Array, z: Array, p: ca.DM, times: Array) -> Array:
-        """Algebraic unknowns solved anew at every stop: between its steps IDAS only interpolates them, and where the
-        states are quiet its steps are long (and at a jump of an input they belong to the time before it)."""
-        if self.loops is None:
-            return z
-        given = np.vstack([times[None, :], x, np.tile(np.array(p), (1, len(times))), self.inputs(times)])
-        settled = np.array(self.loops(z, given))
-        return np.where(np.isfinite(settled).all(axis=0), settled, z)
+        return settled(self.loops, x, z, p, times, self.inputs(times))
+
+
+def _by_direction(values: Array, sizes: Array) -> Array:
+    """Blocks of sensitivities one below the other (m n, N) as (m, n, N), per unit of each parameter."""
+    m = len(sizes)
+    return values.reshape(m, len(values) // m if m else 0, values.shape[1]) / sizes[:, None, None]
 
 
 def _loops(made: Integrand) -> ca.Function | None:
@@ -281,21 +290,6 @@ def _with_integrals(made: Integrand, factors: Factors | None) -> Integrand:
     return Integrand(dae, made.hoist)
 
 
-def _integrator(made: Integrand, stops: Array, tolerances: Tolerances) -> ca.Function:
-    outputs = list(stops[1:]) if len(stops) > 1 else [stops[0] + 1.0]
-    return ca.integrator("run", "idas", made.dae, float(stops[0]), outputs, integrator_options(made.dae, tolerances))
-
-
-def integrator_options(dae: Mapping[str, ca.SX], tolerances: Tolerances) -> dict[str, Any]:
-    """What IDAS is told of a DAE."""
-    return {
-        "reltol": tolerances.rtol, "abstol": tolerances.atol, "max_num_steps": MOST_STEPS, "print_time": False,
-        # small models factorise fastest by sparse QR; large ones by CSparse
-        "linear_solver": "qr" if dae["x"].numel() + dae["z"].numel() < 100 else "csparse",
-        "suppress_algebraic": bool(dae["z"].numel()),
-    }
-
-
 def grid(model: Model, until: Time | None, every: Time | None) -> Array:
     """Output times from 0 to the end, the end included; UsageError where they make no sense."""
     end = _seconds(until, "until") if until is not None else _from_model(model.until)
@@ -327,22 +321,3 @@ def _seconds(given: Time, what: str) -> float:
 
 def _from_model(value: Value | None) -> float | None:
     return None if value is None else constant(value.expr)
-
-
-@contextmanager
-def caught_errors() -> Iterator[list[str]]:
-    """Catch what is written to standard error: the time and step at which SUNDIALS gave up are said only there, by C
-    itself or by CasADi through Python's `sys.stderr`."""
-    sys.stderr.flush()
-    kept = os.dup(2)
-    heard: list[str] = []
-    words = io.StringIO()
-    with tempfile.TemporaryFile() as file, redirect_stderr(words):
-        os.dup2(file.fileno(), 2)
-        try:
-            yield heard
-        finally:
-            os.dup2(kept, 2)
-            os.close(kept)
-            file.seek(0)
-            heard.append(file.read().decode(errors="replace") + words.getvalue())

@@ -41,6 +41,10 @@ class Scalar:
     _block_lines: tuple[Scalar, ...] = ()
 
 
+# keys written without a value, as in `{integer, min: 1}`
+FLAGS = ("integer", "width")
+
+
 @dataclass(frozen=True)
 class Mapping:
     """Keys in the order of the file; `keys[name]` is the key's own scalar."""
@@ -48,7 +52,7 @@ class Mapping:
     items: dict[str, Node]
     keys: dict[str, Scalar]
     place: Place
-    # keys written without a value, as `integer` in `{integer, min: 1}`
+    # those of its keys that have no value
     bare: frozenset[str] = frozenset()
 
     kind = "a list of `key: value` entries"
@@ -301,7 +305,7 @@ class _Builder:
         """A key without value; most often a value that a comma, or a missing space behind `:`, has cut off."""
         order = list(keys)
         for name in bare:
-            if name == "integer":
+            if name in FLAGS:
                 continue
             key = keys[name]
             at = order.index(name)

@@ -46,7 +46,9 @@ def failure(equations: StartEquations, point: Point, residual: Array, system: St
         hint, zero = _cure(equations.assembly, point, lambda p: bool(np.all(np.isfinite(system.at(p)[0]))))
         return StartError([Problem("start-failed", "the start cannot be computed: an equation has no finite value at the "
                                    "first guess", zero or place, hint, tuple(notes))])
-    if conflict := [rows[k] for k in _conflict(system, point, sizes)]:
+    conflict = [rows[k] for k in _conflict(system, point, sizes)]
+    own = {id(row) for row in equations.loops}
+    if any(id(row) not in own for row in conflict):  # the diagram's own equations are no values to be removed
         settled = _settling(equations, system, point, sizes)
         follow = f"\nOr let a parameter follow: `solve: [{settled[0]}]`" if settled else ""
         more = f", or {listing(settled[1:], MOST_NAMED)}" if len(settled) > 1 else ""

@@ -7,7 +7,8 @@ x_2 (travelling block and top drive), x_3 (bit) and z (platform), chamber pressu
     m_2 a_2 = F_wire - F_string - m_2 g
     m_3 a_3 = F_string + N - m_3 g
     V_A/beta dp_A/dt = q_A - A v,   V_B/beta dp_B/dt = q_B + A v
-    d2y/dt2 = w^2 (u - y) - 2 zeta w dy/dt,   u = -K_p x_1 - K_v dz/dt within -1..1
+    d2y/dt2 = w^2 (u - y) - 2 zeta w dy/dt,   u = -K_p x_1 - K_v ds/dt within -1..1
+    ds/dt = (z - s)/t_m   (the motion reference unit's heave s)
 
 SI units throughout.
 """
@@ -28,23 +29,23 @@ ACTIVE: dict[str, float] = {
     # wave
     "a": 0.5, "T": 12.0, "t_r": 6.0,
     # masses and the structure
-    "m_1": 30e3, "m_2": 90e3, "m_3": 43e3, "g": 9.81,
-    "k_wire": 4.0e6, "d_wire": 120e3, "k_string": 298e3, "d_string": 20e3,
-    "k_form": 1.0e6, "d_form": 150e3, "e_t": 1e-3, "WOB": 30e3,
+    "m_1": 30e3, "m_2": 66.5e3, "m_3": 66.5e3, "g": 9.81,
+    "k_wire": 4.0e6, "d_wire": 30e3, "k_string": 298e3, "d_string": 10e3,
+    "k_form": 1.0e6, "d_form": 220e3, "e_t": 1e-3, "WOB": 30e3,
     # passive part
-    "c": 42e3, "d": 52e3, "A_plunger": math.pi / 4 * 0.4**2, "A_eq": 67e-4, "h": 4.0,
+    "c": 42e3, "d": 52e3, "A_plunger": math.pi / 4 * 0.4**2, "A_eq": 69e-4, "h": 4.0,
     "F_c": 12e3, "F_s": 22.8e3, "v_s": 0.1, "v_t": 1e-3, "sigma_2": 10e3, "k_p": 0.4e-4,
     # active part
-    "A": math.pi / 2 * (0.2**2 - 0.17**2), "V_0": 0.067, "beta": 1.75e9, "leak_piston": 1.5e-11,
+    "A": math.pi / 2 * (0.2**2 - 0.17**2), "V_0": 0.067, "beta": 1.75e9, "leak_piston": 2.5e-11,
     "p_s": 345e5, "q_r": 920 / 60e3, "dp_r": 35e5, "dp_t": 1e4, "leak_edge": 1e-12,
     "q_bypass": 4000 / 60e3, "dp_bypass": 5e5, "bypass": 0.0,
-    "f_n": 0.75, "zeta": 1.1, "K_p": 3.02, "K_v": 0.55,
+    "f_n": 0.75, "zeta": 0.88, "K_p": 3.02, "K_v": 0.55, "t_m": 0.01,
 }
 PASSIVE = {**ACTIVE, "bypass": 1.0, "K_p": 0.0, "K_v": 0.0}
 FRICTIONLESS = {"F_c": 0.0, "F_s": 0.0, "sigma_2": 0.0, "k_p": 0.0}
 
-# the size of each state: x_1, v_1, x_2, v_2, x_3, v_3, p_A, p_B, y, dy/dt
-SIZES = np.array([1, 1, 1, 1, 1, 1, 1e7, 1e7, 1, 1.0])
+# the size of each state: x_1, v_1, x_2, v_2, x_3, v_3, p_A, p_B, y, dy/dt, s
+SIZES = np.array([1, 1, 1, 1, 1, 1, 1e7, 1e7, 1, 1, 1.0])
 OUTPUTS = ("WOB", "crown", "crown_speed", "platform", "extension", "p_A", "p_B", "spool", "command", "friction",
            "p_main")
 
@@ -58,17 +59,17 @@ def wave(t: float, p: Parameters) -> tuple[float, float]:
 
 
 def steady(p: Parameters) -> tuple[Array, float, float]:
-    """State (10,) at rest with x_1 = 0 and the wanted weight on bit; the gas preload and the sea bed's height."""
+    """State (11,) at rest with x_1 = 0 and the wanted weight on bit; the gas preload and the sea bed's height."""
     preload = (p["m_1"] + p["m_2"] + p["m_3"]) * p["g"] - p["WOB"]
     x_2 = -((p["m_2"] + p["m_3"]) * p["g"] - p["WOB"]) / p["k_wire"]
     x_3 = x_2 - (p["m_3"] * p["g"] - p["WOB"]) / p["k_string"]
     half = p["p_s"] / 2
-    return np.array([0, 0, x_2, 0, x_3, 0, half, half, 0, 0.0]), preload, x_3 + p["WOB"] / p["k_form"]
+    return np.array([0, 0, x_2, 0, x_3, 0, half, half, 0, 0, 0.0]), preload, x_3 + p["WOB"] / p["k_form"]
 
 
 def command(t: float, y: Array, p: Parameters) -> float:
-    """Valve command: feedback of the crown block's position, feed-forward of the platform's velocity."""
-    return float(min(max(-p["K_p"] * y[0] - p["K_v"] * wave(t, p)[1], -1.0), 1.0))
+    """Valve command: feedback of the crown block's position, feed-forward of the rate of the measured heave."""
+    return float(min(max(-p["K_p"] * y[0] - p["K_v"] * (wave(t, p)[0] - y[10]) / p["t_m"], -1.0), 1.0))
 
 
 def passive_forces(t: float, y: Array, p: Parameters, preload: float) -> tuple[float, float, float]:
@@ -107,8 +108,8 @@ def chamber_flows(y: Array, p: Parameters) -> tuple[float, float]:
 
 
 def derivative(t: float, y: Array, p: Parameters, preload: float, seabed: float) -> Array:
-    """d(state)/dt (10,)."""
-    x_1, v_1, x_2, v_2, x_3, v_3, p_a, p_b, spool, rate = y
+    """d(state)/dt (11,)."""
+    x_1, v_1, x_2, v_2, x_3, v_3, p_a, p_b, spool, rate, heave = y
     z, dz = wave(t, p)
     lift, friction, _ = passive_forces(t, y, p, preload)
     wire = p["k_wire"] * (x_1 - x_2) + p["d_wire"] * (v_1 - v_2)
@@ -121,7 +122,8 @@ def derivative(t: float, y: Array, p: Parameters, preload: float, seabed: float)
         v_3, (string + contact(y, p, seabed)) / p["m_3"] - p["g"],
         p["beta"] / (p["V_0"] + p["A"] * (x_1 - z)) * (q_a - swept),
         p["beta"] / (p["V_0"] - p["A"] * (x_1 - z)) * (q_b + swept),
-        rate, w**2 * (command(t, y, p) - spool) - 2 * p["zeta"] * w * rate])
+        rate, w**2 * (command(t, y, p) - spool) - 2 * p["zeta"] * w * rate,
+        (z - heave) / p["t_m"]])
 
 
 def outputs(t: float, y: Array, p: Parameters, preload: float, seabed: float) -> tuple[float, ...]:

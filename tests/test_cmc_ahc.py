@@ -42,7 +42,7 @@ def test_the_assembled_model_has_states_only() -> None:
     assert assembly.reduced.index == 2
     assert set(assembly.state_names) == {
         "crown.x", "crown.v", "drilling.hook.x", "drilling.hook.v", "drilling.bit.x", "drilling.bit.v",
-        "ahc.chamber_a.p", "ahc.chamber_b.p", "ahc.valve.x", "ahc.valve.w"}
+        "ahc.chamber_a.p", "ahc.chamber_b.p", "ahc.valve.x", "ahc.valve.w", "platform_heave"}
 
 
 def test_the_start_hangs_in_balance() -> None:

@@ -9,6 +9,7 @@ import pytest
 
 from heavebond.definition import Component
 from heavebond.errors import ModelError
+from heavebond.expression import Call, Name, children
 from heavebond.laws import check
 from heavebond.library import bundled, library, parse_component
 from heavebond.power import TOLERANCE, PowerReport, check_power
@@ -49,6 +50,19 @@ def test_everything_is_said(path: Path) -> None:
     for line in component.equations:
         assert line.label, f"the equation `{line.text.strip()}` has no name"
     assert all(port.domain for port in component.ports.values())
+
+
+@every_file
+def test_widths_of_transitions_are_declared(path: Path) -> None:
+    """`heavebond run --verify` narrows the parameters that say `width`; the second argument of a smooth law is one."""
+    component = load(path)
+    waiting = [side for line in component.equations for side in (line.tree.left, line.tree.right)]
+    while waiting:
+        expr = waiting.pop()
+        waiting += children(expr)
+        if isinstance(expr, Call) and expr.function in ("smooth_sign", "signed_sqrt") and isinstance(expr.args[1], Name):
+            name = expr.args[1].text
+            assert name not in component.parameters or component.parameters[name].width, f"{name} has no `width`"
 
 
 def test_names_are_unique() -> None:

@@ -29,7 +29,7 @@ def test_leakage_inside_a_block_is_found_beside_the_other_effects_of_its_block(t
     assert named(found) == {("internal leakage", CYLINDER)}
     (size,) = found.findings[0].parameters
     assert size.interval[0] < leakage < size.interval[1]
-    assert found.findings[0].rung.chi2_held_out < 1.1 < 1.5 < found.ladder[1].chi2_held_out  # 1806 samples: 1 +- 0.03
+    assert found.findings[0].rung.chi2_held_out < 1.1 < 1.2 < found.ladder[1].chi2_held_out  # 1806 samples: 1 +- 0.03
 
 
 def test_effects_are_tried_on_nodes_inside_blocks(tmp_path: Path) -> None:
@@ -37,7 +37,7 @@ def test_effects_are_tried_on_nodes_inside_blocks(tmp_path: Path) -> None:
     there = {(c.component, frozenset(c.where)) for c in candidates(experiment)}
     assert ("LaminarLeakage", frozenset({"ahc.chamber_a", "ahc.chamber_b"})) in there
     assert ("CoulombFriction", frozenset({"drilling.hook", "drilling.bit"})) in there
-    assert ("SeriesCompliance", frozenset({"crown", "drilling"})) in there
+    assert ("SeriesCompliance", frozenset({"falls", "drilling"})) in there
     assert ("ProportionalValve43", frozenset({"ahc.valve"})) in there
 
 

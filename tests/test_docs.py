@@ -68,10 +68,9 @@ def test_every_page_is_reached_from_the_index() -> None:
 
 
 def test_pictures_can_be_drawn_anew(tmp_path: Path) -> None:
-    draw = runpy.run_path(str(ROOT / "docs" / "pictures" / "draw.py"))
-    for name in ("weight_on_bit", "friction", "choked", "implied_friction", "session", "compensator"):
-        draw[name](tmp_path)
-    draw["tuning"](tmp_path, points=2)
+    drawing = runpy.run_path(str(ROOT / "docs" / "pictures" / "draw.py"))
+    for draw in drawing["DRAWN"]:
+        draw(tmp_path, **({"points": 2} if draw.__name__ == "tuning" else {}))
     there = {path.name for path in (ROOT / "docs" / "pictures").glob("*.[ps][nv]g")} - {"icon.svg", "layers.svg"}
     assert {path.name for path in tmp_path.iterdir()} == there
 

@@ -342,13 +342,13 @@ free: {step.t_s: 0.5 .. 1.2 s, step.after: 10 .. 60 N}
 
 
 def test_the_compensator_is_switched_on() -> None:
-    run = hb.simulate(hb.load("cmc_ahc/passive_then_active"), "96 s", every="0.1 s")
-    active = hb.simulate(hb.load("cmc_ahc"), "96 s", every="0.1 s")
+    run = hb.simulate(hb.load("cmc_ahc/passive_then_active"), "144 s", every="0.1 s")
+    active = hb.simulate(hb.load("cmc_ahc"), "144 s", every="0.1 s")
     assert run.events == [(48.0, "switch.switch")]
     moved = {name: np.sqrt(np.mean(values["crown.x"][(run.time >= begin) & (run.time < begin + 24)]**2))
-             for name, values, begin in (("off", run, 24), ("on", run, 72), ("active", active, 72))}
+             for name, values, begin in (("off", run, 24), ("on", run, 120), ("active", active, 120))}
     assert moved["off"] > 10 * moved["on"]
-    # what is left of the passive motion after two periods
+    # what is left of the passive motion after six periods
     assert moved["on"] == pytest.approx(moved["active"], rel=0.02)
 
 
@@ -409,13 +409,13 @@ when:
   up:   {condition: x < 0, then: {v: abs(v)}}
 """, encoding="utf-8")
     assembly = built("model: relay\ncomponents: {r: {is: Relay}}\ninitial: {r.x: -0.5 m}\nsimulate: {until: 1 s}", folder)
-    with pytest.raises(hb.SimulationError, match=r"'r\.(up|down)' happens 30 times .* t = 0\.5 s") as caught:
+    with pytest.raises(hb.SimulationError, match=r"'r\.(up|down)' happens 4 times .* t = 0\.5 s") as caught:
         hb.simulate(assembly)
     assert "a band between switching on and off" in str(caught.value)
 
 
 def test_a_ball_that_comes_to_rest_is_chattering(folder: Path) -> None:
-    with pytest.raises(hb.SimulationError, match=r"'floor\.impact' happens 30 times"):
+    with pytest.raises(hb.SimulationError, match=r"'floor\.impact' happens 4 times"):
         hb.simulate(built(BALL, folder), "6 s")
 
 

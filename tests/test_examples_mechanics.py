@@ -52,6 +52,12 @@ def swing(t: Array) -> Array:
     return 0.01*np.exp(-t)*(np.cos(own*t) + np.sin(own*t)/own)
 
 
+def bounced(t: Array) -> Array:
+    """From 0.8 m under 10 m/s2: down after 0.4 s with 4 m/s, up with 2 m/s for 0.4 s, with 1 m/s for 0.2 s."""
+    first, second = t - 0.4, t - 0.8
+    return np.select([t < 0.4, t < 0.8], [0.8 - 5*t**2, 2*first - 5*first**2], second - 5*second**2)
+
+
 def crank(t: Array) -> Array:
     return 0.05*np.cos(10*t) + np.sqrt(0.15**2 - (0.05*np.sin(10*t))**2)
 
@@ -73,6 +79,9 @@ CASES = [
     Case("directional_friction", "part.F", lambda t: np.where(v(t) > 0, 300, 200)*np.tanh(v(t)/1e-3), LAW
          + "; at the turns of the motion the speed is within the transition", 1e-3),
     Case("drag", "sledge.v", lambda t: 1/(1 + 0.5*t), RUN),
+    # it stops after 0.5 s
+    Case("dry_friction", "sledge.v", lambda t: np.maximum(1 - 2*t, 0), RUN),
+    Case("dry_friction", "part.F", lambda t: np.select([t < 0.5 - 1e-9, t < 0.7 - 1e-9], [20.0, 0.0], 25.0), RUN),
     Case("end_stop", "part.F", lambda t: 1e5*bump(x(t)), LAW),
     Case("fixed", "load.x", lambda t: 0.1 + 0.01*np.cos(10*t), RUN),
     Case("force_curve_of_pressure", "part.F", lambda t: 10.0 + 0*t, "splines reproduce the line 10 N per knot"),
@@ -129,6 +138,7 @@ CASES = [
     Case("power_sensor", "sensor.y", lambda t: 20*t, RUN),
     Case("gear_backlash", "part.M", lambda t: 1e4*outside(phi(t), 0.05) + 20*w(t), LAW),
     Case("rotational_damper", "part.M", lambda t: 20*w(t), LAW),
+    Case("rigid_stop", "ball.x", bounced, RUN),
     Case("rotational_coulomb_friction", "part.M", lambda t: 30*np.tanh(w(t)/0.01), LAW),
     Case("rotational_stribeck_friction", "part.M",
          lambda t: (30 + 20*np.exp(-(w(t)/0.5)**2))*np.tanh(w(t)/0.01) + 10*w(t), LAW),

@@ -115,6 +115,7 @@ CASES = [
     Case("delay", "part.y", lambda t: 4*(t - 0.1), "a ramp, once exp(-30*t) is gone", 1e-6, 0.6),
     Case("delay_chain", "part.y", lambda t: 4*(t - 0.1), "a ramp, once exp(-200*t) is gone", 1e-6, 0.4),
     Case("quantiser", "part.y", lambda t: 0.1*np.round(sampled(t, 0.02)/0.1), "np.round of the samples"),
+    Case("delayed_sample_hold", "part.y", lambda t: np.where(t < 0.02, 0, sampled(np.maximum(t - 0.02, 0), 0.05)), LAW),
     Case("sample_hold", "part.y", lambda t: sampled(t, 0.05), LAW),
     Case("minimum", "part.y", lambda t: np.minimum(1, u(t)), LAW),
     Case("maximum", "part.y", lambda t: np.maximum(1, u(t)), LAW),

@@ -98,8 +98,8 @@ def test_numbers_of_modes_move_as_differences_say(name: str, number: str, which:
         value = assembly.parameter_values[parameter]
         low, high = (modal_number(number, chosen_mode(modes.at({parameter: value * (1 + h)})[1], number, which))
                      for h in (-1e-5, 1e-5))
-        # differences over 1e-5 of numbers that are right to 1e-11
-        assert slope == pytest.approx((high - low) / (2e-5 * value), rel=1e-4, abs=1e-6 / value)
+        # differences over 1e-5 of numbers that are right to 3e-11
+        assert slope == pytest.approx((high - low) / (2e-5 * value), rel=1e-4, abs=3e-6 / value)
 
 
 def test_modes_with_a_loop_inside_move_as_differences_say() -> None:
@@ -137,5 +137,5 @@ def test_the_command_lists_modes_and_says_what_grows(tmp_path: Path, monkeypatch
         assert set(mode["participation"]) == {"load.x", "load.v"}
         assert ("mode grows" in capsys.readouterr().out) is grows
     with pytest.raises(SystemExit):
-        main(["modes", "cmc_ahc", "--set", "controller.K_p=3.5 1/m"])
+        main(["modes", "cmc_ahc", "--set", "controller.K_p=7 1/m"])
     assert "1 mode grows" in capsys.readouterr().out

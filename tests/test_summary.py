@@ -127,7 +127,7 @@ def test_parameters_solved_for_stand_apart() -> None:
     assert not {line.name for line in found.start} & {"cmc.gas.F_0", "drilling.seabed.x0"}
     assert found.start_mode == "steady"
     assert found.blocks == {"PassiveCompensator": ("cmc",), "ActiveCompensator": ("ahc",), "DrillString": ("drilling",)}
-    assert sum(map(len, found.components.values())) == 23
+    assert sum(map(len, found.components.values())) == 24
     # Newton's rounding is shown as the zero that it means
     assert next(line for line in found.start if line.name == "crown.v").used == 0
 

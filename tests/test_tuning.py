@@ -149,14 +149,14 @@ def test_integrals_of_one_signal_are_taken_once(absorber: Assembly) -> None:
     assert len(Objective(absorber, task).cases[0].evaluator.integrated) == 3
 
 
-COMPENSATORS = {"cmc_ahc": (3.435, 0.520, 0.05526), "cmc_ahc/active_frictionless": (3.478, 0.512, 0.1356)}
+COMPENSATORS = {"cmc_ahc": (3.133, 0.523, 0.04904), "cmc_ahc/active_frictionless": (3.197, 0.512, 0.1241)}
 
 
 def _from_random_starts(name: str, number: int) -> list[Tuned]:
     study, assembly = load_study("cmc_ahc/quality_index"), hb.assemble(hb.load(name))
     rng = np.random.default_rng(7)
     starts = [{"controller.K_p": rng.uniform(0, 8), "controller.K_v": rng.uniform(0, 1.2)} for _ in range(number)]
-    return [tune(assembly.with_parameters(start), study.tuning, seed=seed) for seed, start in enumerate(starts)]
+    return [tune(assembly.with_parameters(start), study.tuning, explore=8, seed=seed) for seed, start in enumerate(starts)]
 
 
 def _check_optimum(name: str, found: list[Tuned]) -> None:
@@ -169,14 +169,14 @@ def _check_optimum(name: str, found: list[Tuned]) -> None:
 
 @pytest.mark.parametrize("name", list(COMPENSATORS))
 def test_compensator_optimum_from_bad_starts(name: str) -> None:
-    """With friction the cost has a second valley, 5 % higher."""
+    """With friction the cost has a second valley, 18 % higher, which five explored points may all lie in."""
     _check_optimum(name, _from_random_starts(name, 3))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", list(COMPENSATORS))
 def test_compensator_optimum_from_ten_bad_starts_with_little_effort(name: str) -> None:
-    """All in less time than forty runs of the diagram as `heavebond run` makes them; most of the starts are beyond the limit
+    """All in less time than fifty runs of the diagram as `heavebond run` makes them; most of the starts are beyond the limit
     of stability."""
     plain = hb.Simulator(hb.assemble(hb.load(name)))
     plain.run()
@@ -185,7 +185,7 @@ def test_compensator_optimum_from_ten_bad_starts_with_little_effort(name: str) -
         plain.run()
     one, began = (clock.process_time() - began) / 5, clock.process_time()
     _check_optimum(name, _from_random_starts(name, 10))
-    assert (clock.process_time() - began) / 10 < 40 * one
+    assert (clock.process_time() - began) / 10 < 50 * one
 
 
 def test_a_sweep_is_never_below_the_optimum(absorber: Assembly) -> None:

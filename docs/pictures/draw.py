@@ -9,6 +9,7 @@ from pathlib import Path
 import heavebond as hb
 from heavebond import plot
 from heavebond.objective import Objective
+from heavebond.plot_study import plot_study
 from heavebond.plot_where import plot_place
 from heavebond.starter_folder import start_folder
 from heavebond.study import load_study
@@ -85,9 +86,36 @@ def compensator(folder: Path) -> Path:
     return path
 
 
+def _of_study(name: str, folder: Path) -> Path:
+    result = hb.run_study(f"cmc_ahc/studies/{name}", processes=1)
+    return plot.save(plot_study(result, result.study.pictures[0]), folder / f"published_{name}.png")
+
+
+def published_fig6(folder: Path) -> Path:
+    """Weight on bit, passive, with and without friction."""
+    return _of_study("fig6", folder)
+
+
+def published_fig8(folder: Path) -> Path:
+    """Weight on bit, active with tuned gains, with and without friction."""
+    return _of_study("fig8", folder)
+
+
+DRAWN = (
+    weight_on_bit,
+    friction,
+    choked,
+    implied_friction,
+    published_fig6,
+    published_fig8,
+    session,
+    tuning,
+    compensator,
+)
+
 if __name__ == "__main__":
     target = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent
-    for draw in (weight_on_bit, friction, choked, implied_friction, session, tuning, compensator):
+    for draw in DRAWN:
         drawn = draw(target)
         for path in drawn if isinstance(drawn, list) else [drawn]:
             print(f"wrote {path}")

@@ -24,6 +24,7 @@ from heavebond.errors import Problem, UsageError
 
 if TYPE_CHECKING:
     from heavebond.result import Result
+    from heavebond.verification import Verification
 
 
 @click.command(short_help="Simulate a diagram; draw and save what comes of it.")
@@ -40,17 +41,24 @@ if TYPE_CHECKING:
               help="Relative tolerance of the integrator.")
 @click.option("--allow-fmu", is_flag=True,
               help="Run the programs in the FMUs of the diagram. Do so only with FMUs you trust.")
+@click.option("--verify", "verified", is_flag=True, help="Repeat with tighter tolerances and a tenth of the widths of all "
+              "transitions; tell which outputs move.")
+@click.option("--within", metavar="SHARE", type=click.FloatRange(0, 1, min_open=True), default=0.01, show_default=True,
+              help="With --verify: by how much of its range an output may move.")
 @json_option
 def run(model: str, settings: tuple[str, ...], until: str | None, every: str | None, plotted: tuple[str, ...],
-        saved: tuple[Path, ...], output: Path | None, rtol: float, allow_fmu: bool) -> dict[str, object]:
+        saved: tuple[Path, ...], output: Path | None, rtol: float, allow_fmu: bool, verified: bool,
+        within: float) -> dict[str, object]:
     """Simulate the diagram MODEL and tell the range of each of its outputs.
 
     MODEL is a YAML file or the name of a bundled diagram (cmc_ahc, cmc_ahc/passive).
     """
     from heavebond import terminal
+    from heavebond.expression import names as names_in
     from heavebond.model import load
     from heavebond.saved import SUFFIXES
-    from heavebond.simulation import simulate
+    from heavebond.simulation import Tolerances, simulate
+    from heavebond.verification import verify
 
     if plotted and output is None:
         output = Path(re.sub(r"\W+", "_", Path(model).stem) + ".png")
@@ -75,10 +83,44 @@ def run(model: str, settings: tuple[str, ...], until: str | None, every: str | N
     for path in files:
         console.print(f"wrote {path}", soft_wrap=True)
     console.print(_statistics(result), soft_wrap=True)
+    for line in _changes(result):
+        console.print(line, soft_wrap=True)
     statistics = {k: v for k, v in result.statistics.items() if k != "quadratures"}
-    return {"model": assembly.model.name, "until": float(result.time[-1]), "points": len(result.time),
+    told: dict[str, object] = {"model": assembly.model.name, "until": float(result.time[-1]), "points": len(result.time),
             "outputs": figures, "events": [{"time": time, "name": name} for time, name in result.events],
             "files": list(map(str, files)), "statistics": statistics}
+    if verified:
+        with blamed_on_settings(settings), terminal.working("repeating with tighter tolerances and narrower transitions"):
+            found = verify(result, names, [n.text for f in formulas.values() for n in names_in(f)], Tolerances(rtol), within)
+        _tell(found, told)
+    return told
+
+
+def _tell(found: Verification, told: dict[str, object]) -> None:
+    """Print how far each output moves, and put it into the figures; SimulationError with these where one moves too far."""
+    from heavebond import terminal
+    from heavebond.verification import raise_if_moved
+
+    terminal.output().print(terminal.table(
+        "what moves, in shares of the range", ("output", "tolerances / 100", "and widths / 10"),
+        [(m.name, f"{m.by_tolerances:.1e}", f"{m.by_widths:.1e}" if found.widths else "-") for m in found.outputs], text=1))
+    shares = {m.name: {"by_tolerances": m.by_tolerances, "by_widths": m.by_widths} for m in found.outputs}
+    told["verify"] = {"allowed": found.allowed, "widths": list(found.widths), "moved": [m.name for m in found.moved],
+                      "outputs": shares}
+    raise_if_moved(found, told)
+
+
+def _changes(result: Result) -> list[str]:
+    """How often the run went on with other states, and why it did first."""
+    from heavebond.presentation import count
+
+    changes = result.statistics.get("state_changes", [])
+    assert isinstance(changes, list)
+    if not changes:
+        return []
+    first = changes[0]
+    before, after = (", ".join(first[k]) for k in ("before", "after"))
+    return [f"{count(len(changes), 'change')} of states, the first at {first['time']:.4g} s: {before} -> {after}"]
 
 
 def _figures(result: Result, names: Sequence[str]) -> dict[str, dict[str, float | str]]:
