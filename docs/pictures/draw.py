@@ -72,10 +72,10 @@ def session(folder: Path) -> list[Path]:
 
 
 def tuning(folder: Path, points: int = 13) -> Path:
-    """The cost over the two gains of the compensator, `points` along each, and the way of the search."""
+    """The cost over the two gains of the compensator with a slow valve, `points` along each, and the way of the search."""
     study = load_study("cmc_ahc/quality_index")
-    problem = Objective(hb.assemble(study.model), study.tuning)
-    found = tune(problem, study.tuning, explore=0)
+    problem = Objective(hb.assemble(study.model.with_parameters({"ahc.valve.f_n": "0.5 Hz"})), study.tuning)
+    found = tune(problem, study.tuning)
     return plot.save(plot.plot_surface(study.tuning, found, *sweep(problem, [points, points])), folder / "tuning.png")
 
 
