@@ -33,13 +33,14 @@ def picture(table: str) -> str:
     for k, (layer, modules) in enumerate(layers(table).items()):
         lines = _lines(modules)
         height = max(2, len(lines)) * LINE + 16
-        parts.append(f"<rect x='30' y='{y}' width='{WIDTH - 40}' height='{height}' rx='6' fill='{COLOURS[k % len(COLOURS)]}' "
-                     "stroke='#868e96'/>")
+        parts.append(f"<rect x='30' y='{y}' width='{WIDTH - 40}' height='{height}' rx='6' stroke='#868e96' "
+                     f"fill='{COLOURS[k % len(COLOURS)]}'/>")
         parts.append(_text(44, y + 24, layer, "font-family='sans-serif' font-size='15' font-weight='bold'"))
         parts.append(_text(44, y + 41, SAYS.get(layer, ""), "font-family='sans-serif' font-size='10.5'"))
         parts += [_text(LEFT + 50, y + 24 + LINE * n, line, FONT) for n, line in enumerate(lines)]
         y += height + 8
-    arrow = f"<path d='M14 14 V{y - 14} M8 {y - 24} L14 {y - 12} L20 {y - 24}' fill='none' stroke='#495057' stroke-width='2'/>"
+    arrow = f"<path d='M14 14 V{y - 14} M8 {y - 24} L14 {y - 12} L20 {y - 24}' fill='none' stroke='#495057' " \
+        "stroke-width='2'/>"
     return "\n".join([f"<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 {WIDTH} {y + 4}' role='img'>",
                       "<title>The modules by layers; imports point down</title>", arrow, *parts, "</svg>"]) + "\n"
 
