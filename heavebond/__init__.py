@@ -29,10 +29,14 @@ if TYPE_CHECKING:
     from heavebond.experiment import Experiment, load_experiment
     from heavebond.finding import ladder
     from heavebond.fitting import Fit, fit
+    from heavebond.linear_system import StateSpace, state_space
+    from heavebond.locus import root_locus
+    from heavebond.margins import loop_margins
     from heavebond.misfit import Where, where
     from heavebond.model import Model, load, loads
     from heavebond.result import Result
     from heavebond.saved import SavedRun, read_run
+    from heavebond.simplification import simplify
     from heavebond.simulation import Simulator, simulate
     from heavebond.study import Study, load_study
     from heavebond.tuning import tune
@@ -50,14 +54,17 @@ _WHERE = {
     "load_experiment": "experiment",
     "Assembly": "dae", "assemble": "dae", "DataError": "errors", "HeavebondError": "errors", "ModelError": "errors",
     "SimulationError": "errors", "StartError": "errors", "UsageError": "errors",
+    "StateSpace": "linear_system", "state_space": "linear_system", "loop_margins": "margins", "root_locus": "locus",
+    "simplify": "simplification",
     "Model": "model", "load": "model", "loads": "model", "Result": "result", "SavedRun": "saved",
     "read_run": "saved", "Simulator": "simulation", "simulate": "simulation", "Where": "misfit", "where": "misfit",
 }
 __all__ = [
     "Assembly", "Comparison", "DataError", "Diagnosis", "Experiment", "Fit", "HeavebondError", "Model", "ModelError",
-    "Result", "SavedRun", "SimulationError", "Simulator", "StartError", "Study", "StudyResult", "UsageError", "Where",
-    "assemble", "attempt", "audit", "candidates", "compare", "diagnose", "draw", "fit", "ladder", "load",
-    "load_experiment", "load_study", "loads", "read_run", "run_study", "simulate", "tune", "where",
+    "Result", "SavedRun", "SimulationError", "Simulator", "StartError", "StateSpace", "Study", "StudyResult",
+    "UsageError", "Where", "assemble", "attempt", "audit", "candidates", "compare", "diagnose", "draw", "fit", "ladder",
+    "load", "load_experiment", "load_study", "loads", "loop_margins", "read_run", "root_locus", "run_study", "simplify",
+    "simulate", "state_space", "tune", "where",
 ]
 
 

@@ -1,26 +1,30 @@
 """The cases of a study: every combination of the levels of its axes.
 
-An axis is a parameter with a list of values, or words that stand for variants (values set, another diagram):
+An axis is a parameter with a list of values, words that stand for variants (values set, another diagram), or points drawn
+from what is declared of uncertain parameters:
 
     cases:
       ahc.valve.f_n: [0.25 Hz, 0.5 Hz, 1 Hz]                              # a parameter
       amplitude: {set: [wave.a], from: 0.5 m, to: 1.75 m, number: 6}      # one or several parameters, evenly spaced values
       friction: {with: {}, without: {model: frictionless.yaml}}           # variants
+      uncertain: {sample: {sobol: 64}, over: {gas.c: 42 kN/m +- 20 %}}    # points
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import product
+from math import isfinite
 
 import numpy as np
 
 from heavebond import reading
 from heavebond.definition import Value
 from heavebond.errors import Place, Problems
-from heavebond.expression import constant
+from heavebond.expression import Number, constant
 from heavebond.model import Condition, Model, Setting, load_beside, read_settings
+from heavebond.sampling import Sampling, names, points, read_sampling
 from heavebond.source import Mapping, Node, Scalar, Source
 from heavebond.source import Sequence as Items
 from heavebond.units import Unit, UnitProblem, parse_quantity, read_unit
@@ -32,22 +36,26 @@ INITIAL = "initial."
 
 @dataclass(frozen=True)
 class Level:
-    """One value on an axis: its name, what is set, the diagram where it is another one, the number (SI) of a parameter's."""
+    """One value on an axis: its name, what is set, the diagram where it is another one, the number (SI) of an axis of
+    numbers; of a point of a sample its numbers (SI), and the parameters by which slopes are wanted."""
 
     name: str
     settings: dict[str, Setting]
     model: Model | None = None
     value: float = float("nan")
+    values: dict[str, float] = field(default_factory=dict)
+    along: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Axis:
-    """What is varied; `unit` is that of a parameter's values, None where the levels are variants."""
+    """What is varied; `unit` is that of a parameter's values, None where the levels are variants or points of a sample."""
 
     name: str
     levels: tuple[Level, ...]
     place: Place
     unit: Unit | None = None
+    sampling: Sampling | None = None
 
 
 @dataclass(frozen=True)
@@ -98,6 +106,9 @@ def read_axes(node: Node | None, source: Source, problems: Problems) -> tuple[Ax
         if axis is not None and axis.levels:
             found.append(axis)
     _check_diagrams(found, problems)
+    for axis in [axis for axis in found if axis.sampling is not None][1:]:
+        problems.add("axes-samples", f"'{axis.name}' is a second sample; a study has one", axis.place,
+                     hint="Write all uncertain parameters below one `over:`.")
     return tuple(found)
 
 
@@ -116,6 +127,8 @@ def _axis(name: str, item: Node, place: Place, source: Source, problems: Problem
                             "Write values, `[0.5 Hz, 1 Hz]`, or variants, `{on: {}, off: {...}}`.")
     if entry is None:
         return None
+    if "sample" in entry.items:
+        return _sampled(name, entry, place, problems)
     if "set" in entry.items:
         reading.known_keys(entry, ("set", "values", *SPACED), f"'{name}'", problems)
         paths = [word.text for word in reading.words(entry.items["set"], "set", problems)]
@@ -125,6 +138,23 @@ def _axis(name: str, item: Node, place: Place, source: Source, problems: Problem
         return _numeric(name, [name], entry, place, problems)
     levels = (_variant(key, level, source, problems) for key, level in entry.items.items())
     return Axis(name, tuple(level for level in levels if level is not None), place)
+
+
+def _sampled(name: str, entry: Mapping, place: Place, problems: Problems) -> Axis | None:
+    """Points as levels, each setting its parameters."""
+    sampling = read_sampling(entry, name, problems)
+    over = entry.items.get("over")
+    if sampling is None or not isinstance(over, Mapping):
+        return None
+    levels = []
+    for point, row in zip(names(sampling), points(sampling).tolist(), strict=True):
+        values = {path: value for path, value in zip(sampling.over, row, strict=True) if isfinite(value)}
+        settings = {}
+        for path, value in values.items():
+            unit, at = sampling.over[path].unit, over.items[path].place
+            settings[path] = Setting(path, Value(Number(value, unit, 0), unit.written(value), at), at)
+        levels.append(Level(point, settings, values=values, along=tuple(sampling.over) if sampling.kind == "local" else ()))
+    return Axis(name, tuple(levels), place, sampling=sampling)
 
 
 def _variant(name: str, node: Node, source: Source, problems: Problems) -> Level | None:

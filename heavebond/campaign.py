@@ -19,6 +19,7 @@ from heavebond import __version__
 from heavebond.axes import StudyCase
 from heavebond.calibration import Calibrated, calibrate
 from heavebond.casework import Outcome, checked, worked
+from heavebond.cluster import Cluster
 from heavebond.definition import FileInput
 from heavebond.errors import Problem, UsageError
 from heavebond.processes import Processes, as_done, processors
@@ -28,6 +29,7 @@ from heavebond.units import Unit
 
 KEPT = "done"
 CALIBRATION = "calibration"
+DIED = "the process that worked on this case died, also when it was tried again (killed, or out of memory)"
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,8 @@ def run_study(study: Study | str | Path, *, folder: Path | None = None, processe
 
     With `folder` each case is kept there as JSON when it is done; a later call with the same files takes it from there
     (unless `fresh`). `processes` many cases are worked side by side (by default as many as there are processors), or those
-    that `executor` takes. Ctrl-C ends it; what is done by then is returned. ModelError for what is wrong in the study.
+    that `executor` takes. A case whose process dies is tried again, then it is a row that says so. Ctrl-C ends it; what
+    is done by then is returned. ModelError for what is wrong in the study.
     """
     study = study if isinstance(study, Study) else load_study(study)
     units = checked(study)
@@ -94,7 +97,7 @@ def run_study(study: Study | str | Path, *, folder: Path | None = None, processe
     found: dict[int, Outcome] = {}
     calibrated: Calibrated | None = None
     with ExitStack() as stack:
-        number = min(processes or processors(), jobs)
+        number = executor.number if isinstance(executor, Cluster) else min(processes or processors(), jobs)
         if executor is None and number > 1:
             executor = stack.enter_context(Processes(number))
         try:
@@ -134,7 +137,13 @@ def _outcomes(study: Study, kept: Kept | None, fresh: bool, executor: Executor |
         else:
             left.append((k, (study, *job)))
     told_so_far = _Told(say, len(jobs), done)
-    for k, outcome in as_done(executor, worked, left, number + 1) if executor is not None else _here(left, told_so_far):
+
+    def died(k: int, _: BaseException) -> Outcome:
+        case, procedure = jobs[k]
+        return Outcome(case, procedure.name if procedure is not None else "", problem=DIED)
+
+    for k, outcome in as_done(executor, worked, left, number + 1, instead=died) if executor is not None else \
+            _here(left, told_so_far):
         if kept is not None and not outcome.problem:
             kept.write(names[k], outcome.as_dict())
         told_so_far.one_more()

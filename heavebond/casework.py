@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from heavebond.axes import StudyCase
+from heavebond.axes import StudyCase, case_at, changed
 from heavebond.costs import FUNCTIONALS, Cost, Evaluator, read_cost, read_limit
 from heavebond.dae import Array, Assembly, assemble
 from heavebond.errors import HeavebondError, ModelError, Place, Problem, Problems, UsageError, suggest
@@ -20,7 +20,7 @@ from heavebond.linearisation import ModesAtStart
 from heavebond.modal import NUMBERS, chosen_mode, modal_number
 from heavebond.model import Model
 from heavebond.objective import Objective, check_free, check_smooth
-from heavebond.processes import heed
+from heavebond.processes import Stopped, heed
 from heavebond.progress import Progress
 from heavebond.result import Result, unknown_signal
 from heavebond.simulation import Simulator, grid
@@ -36,7 +36,8 @@ MOST_POINTS = 5000
 @dataclass(frozen=True)
 class Outcome:
     """What came out of one case by one procedure (empty where nothing is tuned): numbers in SI by name, the limits of the
-    tuning (above zero where exceeded), the modes, signals over time in their units; or the problem that kept it from it."""
+    tuning (above zero where exceeded), the modes, signals over time in their units; slopes of numbers by parameters and
+    these parameters (`at`), in SI, where that is asked for; or the problem that kept it from it."""
 
     case: int
     procedure: str = ""
@@ -49,6 +50,8 @@ class Outcome:
     signal_units: Mapping[str, str] = field(default_factory=dict)
     seconds: float = 0.0
     problem: str = ""
+    slopes: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    at: Mapping[str, float] = field(default_factory=dict)
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
@@ -56,7 +59,7 @@ class Outcome:
 
 
 def worked(study: Study, number: int, procedure: Procedure | None, progress: Progress | None = None) -> Outcome:
-    """The case of that number; a problem of the machine in this case is part of what came out."""
+    """The case of that number; what goes wrong in this case is part of what came out."""
     began = clock.perf_counter()
     name = procedure.name if procedure is not None else ""
     try:
@@ -64,6 +67,10 @@ def worked(study: Study, number: int, procedure: Procedure | None, progress: Pro
     except HeavebondError as error:
         first = error.problems[0]
         found = Outcome(number, problem=first.message + (f" {first.hint}" if first.hint else ""))
+    except Stopped:
+        raise
+    except Exception as error:  # a fault of the program in one case must not cost the others, which may be hours of work
+        found = Outcome(number, problem=f"the program failed: {type(error).__name__}: {error}")
     return replace(found, case=number, procedure=name, seconds=clock.perf_counter() - began)
 
 
@@ -77,10 +84,12 @@ def _worked(study: Study, case: StudyCase, procedure: Procedure | None, progress
         values = {**tuned.values, COST: tuned.cost, SIMULATIONS: tuned.simulations}
         limits, message = tuned.limits, tuned.message
         assembly = assembly.with_parameters(tuned.values)
-    told, run = measured(study, assembly)
+    by = tuple(name for level in case.levels for name in level.along)
+    told, run, slopes = measured(study, assembly, by)
     time, signals = _signals(study, run)
     return Outcome(0, values={**values, **told}, limits=dict(limits), message=message, modes=_modes(study, assembly),
-                   time=time, signals=signals,
+                   time=time, signals=signals, slopes=slopes,
+                   at={name: assembly.parameter_values[name] for name in by},
                    signal_units={name: run.unit(name) for name in signals} if run is not None else {})
 
 
@@ -101,28 +110,36 @@ def tuned_by(problem: Objective, procedure: Procedure, progress: Progress | None
 
 
 # -- measuring ---------------------------------------------------------------------------------------------------------
-def measured(study: Study, assembly: Assembly) -> tuple[dict[str, float], Result | None]:
-    """The measured numbers in SI, and the run that they are of; no run where only modes are asked for."""
+def measured(study: Study, assembly: Assembly, by: Sequence[str] = ()
+             ) -> tuple[dict[str, float], Result | None, dict[str, dict[str, float]]]:
+    """The measured numbers in SI, the run that they are of (none where only modes are asked for), and their exact
+    derivatives by parameters (`ref(...)` held)."""
     costs = [read_cost(assembly, measure.text) for measure in study.measures.values()]
     modes = study.modes or {}
-    if not study.signals and all(f.kind in NUMBERS for cost in costs for f in cost.functionals):
-        return dict(zip(study.measures, _of_modes(assembly, costs, modes), strict=True)), None
+    if not by and not study.signals and all(f.kind in NUMBERS for cost in costs for f in cost.functionals):
+        return dict(zip(study.measures, _of_modes(assembly, costs, modes), strict=True)), None, {}
     times = run_times(study, assembly)
-    evaluator = Evaluator(assembly, costs, study.begin, float(times[-1]), modes=modes)
-    run = Simulator(assembly, times=times).run()
+    evaluator = Evaluator(assembly, costs, study.begin, float(times[-1]), named=tuple(by), modes=modes)
     simulator = Simulator(assembly, times=times)
+    run = simulator.run()
     if evaluator.integrated:
         # the sizes of signals first: a 32nd power of plain newtons would drown everything
         evaluator.resized(evaluator.largest(run))
         simulator = Simulator(assembly, times=times, quadratures=evaluator.quadratures, factors=evaluator.factors)
         run = simulator.run()
-    numbers, _ = evaluator.functional_values(run)
-    references = np.zeros(len(numbers))
+    references = np.zeros(len(evaluator.functionals))
     if any(any(cost.references) for cost in costs):
         passive = simulator.run(assembly.with_parameters(study.reference).parameter_values)
         references = evaluator.functional_values(passive)[0]
-    found = evaluator.cost_values(numbers, np.zeros((0, len(numbers))), references, run.p, np.zeros((0, len(run.p))))
-    return {name: value for name, (value, _) in zip(study.measures, found, strict=True)}, run
+    if by:
+        run = Simulator(assembly, times=times, quadratures=evaluator.quadratures, factors=evaluator.factors,
+                        sensitivities=by).run()
+    numbers, ways = evaluator.functional_values(run)
+    found = evaluator.cost_values(numbers, ways, references, run.p,
+                                  run.along.p if run.along is not None else np.zeros((0, len(run.p))))
+    return ({name: value for name, (value, _) in zip(study.measures, found, strict=True)}, run,
+            {name: dict(zip(by, slope.tolist(), strict=True)) for name, (_, slope) in zip(study.measures, found, strict=True)
+             } if by else {})
 
 
 def _of_modes(assembly: Assembly, costs: Sequence[Cost], settings: Mapping[str, float | str]) -> Iterator[float]:
@@ -174,6 +191,7 @@ def checked(study: Study) -> dict[str, Unit]:
     problems, found = Problems(), {}
     for case in _covering(study):
         assembly = assemble(case.model, named_in(study))
+        _check_along(study, assembly, problems)
         found = _units(study, assembly, problems)
         problems.raise_as(ModelError)
     if study.calibration is not None:
@@ -181,6 +199,20 @@ def checked(study: Study) -> dict[str, Unit]:
             own_values(study.model, study.calibration)
         problems.raise_as(ModelError)
     return found
+
+
+def _check_along(study: Study, assembly: Assembly, problems: Problems) -> None:
+    """What slopes are taken by are parameters, with ranges of their kind."""
+    axis = study.sample
+    units = {q.name: q.unit for q in assembly.flat.parameters}
+    for name in axis.levels[0].along if axis is not None else ():
+        assert axis is not None and axis.sampling is not None
+        if name not in units:
+            problems.add("parameter-unknown", f"'{name}' is no parameter by which a slope could be taken", axis.place,
+                         hint=suggest(name, units))
+        elif units[name].dimension != axis.sampling.over[name].unit.dimension:
+            problems.add("unit-wrong", f"the range of {name} is in {axis.sampling.over[name].unit.text}; "
+                         f"{units[name].text} is needed", axis.place)
 
 
 def own_values(model: Model, calibration: Calibration) -> dict[str, float]:
@@ -199,9 +231,12 @@ def own_values(model: Model, calibration: Calibration) -> dict[str, float]:
 
 def _covering(study: Study) -> list[StudyCase]:
     """Cases in which every variant occurs; of a parameter's values, which are of one kind, the first is enough."""
-    numbers = [len(axis.levels) if axis.unit is None else 1 for axis in study.axes]
-    wanted = {tuple(min(k, number - 1) for number in numbers) for k in range(max(numbers, default=1))}
-    return [case for case in study.cases if case.index in wanted]
+    numbers = [len(axis.levels) if axis.unit is None and axis.sampling is None else 1 for axis in study.axes]
+    wanted = dict.fromkeys(tuple(min(k, number - 1) for number in numbers) for k in range(max(numbers, default=1)))
+    # of a sample all that is set anywhere, though one point may set one parameter only
+    sampled = [level.settings for axis in study.axes if axis.sampling is not None for level in axis.levels[-1:0:-1]]
+    cases = [case_at(study.axes, study.model, index) for index in wanted]
+    return [replace(case, model=changed(case.model, sampled)) for case in cases]
 
 
 def _units(study: Study, assembly: Assembly, problems: Problems) -> dict[str, Unit]:
@@ -223,8 +258,8 @@ def _units(study: Study, assembly: Assembly, problems: Problems) -> dict[str, Un
             if study.calibration is not None and measure.name in study.calibration.targets and any(cost.references):
                 problems.add("target-reference", f"'{measure.name}' holds ref(...), and nothing is calibrated by that",
                              measure.place, hint="Take a number without it as a target.")
-    for picture in study.pictures:
-        for name in picture.signals:
+    for picture in (p for p in study.pictures if p.kind == "signals"):
+        for name in picture.names:
             with relocated(picture.place, problems):
                 _check_signal(assembly, name)
     _check_published(study, found, problems)

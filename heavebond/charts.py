@@ -59,7 +59,7 @@ class Chart:
 
     def numbers(self, columns: Sequence[Array]) -> Array:
         """The values of the constraints (n, N) at points given by columns (t, x, z, p, u, rate)."""
-        return np.array(self._values(*columns)).reshape(len(self.constraints.entries), -1)
+        return np.array(self._values(*columns)).reshape(len(self.constraints.entries), columns[0].shape[1])
 
     def strain(self, columns: Sequence[Array]) -> Strain:
         """How near this chart is to its end at points given by columns."""

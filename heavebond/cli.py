@@ -16,6 +16,7 @@ from typing import Any, NoReturn
 import click
 
 from heavebond import __version__
+from heavebond.commands.animate import animate
 from heavebond.commands.arguments import check_writable
 from heavebond.commands.candidates import candidates
 from heavebond.commands.check import check
@@ -24,16 +25,21 @@ from heavebond.commands.compare import compare
 from heavebond.commands.demo import demo
 from heavebond.commands.diagnose import diagnose
 from heavebond.commands.draw import draw
+from heavebond.commands.energy import energy
 from heavebond.commands.export import export
 from heavebond.commands.fit import fit
 from heavebond.commands.ladder import ladder
 from heavebond.commands.library import library
+from heavebond.commands.linear import linear
 from heavebond.commands.modes import modes
 from heavebond.commands.new import new
+from heavebond.commands.plot import plot
 from heavebond.commands.run import run
 from heavebond.commands.schema import schema
 from heavebond.commands.sensitivity import sensitivity
+from heavebond.commands.signal import signal
 from heavebond.commands.study import study
+from heavebond.commands.sweep import sweep
 from heavebond.commands.try_effect import try_effect
 from heavebond.commands.tune import tune
 from heavebond.commands.where import where
@@ -169,6 +175,6 @@ def main() -> None:
     """
 
 
-for _command in (check, draw, run, compare, fit, where, candidates, try_effect, diagnose, ladder, tune, study, modes,
-                 sensitivity, check_gradient, library, demo, export, schema, new):
+for _command in (check, draw, run, plot, animate, compare, fit, where, candidates, try_effect, diagnose, ladder, tune, study,
+                 sweep, signal, modes, linear, energy, sensitivity, check_gradient, library, demo, export, schema, new):
     main.add_command(_command)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from xml.sax.saxutils import escape, quoteattr
 
 from heavebond.connect import connect
@@ -14,6 +15,7 @@ from heavebond.lettering import (
     KIND,
     SUMMARY,
     TITLE,
+    VALUE,
     Box,
     Lettering,
     Line,
@@ -24,7 +26,9 @@ from heavebond.lettering import (
     wrapped,
 )
 from heavebond.model import Model
+from heavebond.painting import FADED, Paint
 from heavebond.pictograms import SIDES, STRAIGHT, Anchor, Mark, Shape, box, symbol
+from heavebond.presentation import number, unit_label
 from heavebond.sheets import NODE, marked_places, opened_blocks, sheet
 
 EDGE = 20  # px around the drawing
@@ -37,21 +41,51 @@ WIDTHS = {"signal": 1.1}
 
 
 def draw(model: Model, *, open: Iterable[str] = (), open_all: bool = False, values: bool = False,
-         highlight: Mapping[str, str] | Iterable[str] = ()) -> str:
+         highlight: Mapping[str, str] | Iterable[str] = (), colour: Paint | None = None) -> str:
     """The diagram as the text of an SVG file; the same diagram gives the same text.
 
     `open` names blocks (`cmc`, `ahc`) that are drawn with what is inside, `open_all` opens them all; others are boxes.
     `values` writes what is set on each component below its name. `highlight` marks components, nodes or ports in a warning
     colour, each with a short label if a mapping is given: by path, as `cmc.gas`, `platform`, `ahc.cylinder.A`, and `node
-    crown` where a component has the node's name. Blocks around them are opened. Raises ModelError for a diagram or a symbol
+    crown` where a component has the node's name. Blocks around them are opened. `colour` (see `heavebond.painting.paint`)
+    colours components and wires by what a run found, and writes it at the components.
+
+    Raises ModelError for a diagram or a symbol
     that cannot be read, UsageError for names that the diagram does not have.
     """
     expanded = expand(model)
     network = connect(expanded)
     marks = marked_places(expanded, dict(highlight) if isinstance(highlight, Mapping) else dict.fromkeys(highlight, ""))
     blocks = opened_blocks(expanded, [open] if isinstance(open, str) else open, open_all, marks)
-    drawn = lay_out(sheet(expanded, network, blocks), {}, Options(values, marks))
-    return _page(model, drawn, marks)
+    told = {path: colour.text(value) for path, value in colour.parts.items()} if colour else {}
+    drawn = lay_out(sheet(expanded, network, blocks), {}, Options(values, marks, told))
+    return _page(model, drawn, Look(marks, colour))
+
+
+@dataclass(frozen=True)
+class Look:
+    """What decides on colours besides the domains: marks, and values of a run."""
+
+    marks: Mapping[str, str]
+    paint: Paint | None
+
+    def part(self, item: Item, domain: str) -> str:
+        """The colour of a component."""
+        if "" in item.marks:
+            return WARNING
+        if self.paint is None:
+            return _colour(domain)
+        value = self.paint.parts.get(item.part.path)
+        return FADED if value is None else self.paint.colour(value)
+
+    def net(self, line: Strand) -> str:
+        """The colour of a wire."""
+        if NODE + line.net.path in self.marks:
+            return WARNING
+        if self.paint is None:
+            return _colour(line.net.domain)
+        value = self.paint.nets.get(line.net.path)
+        return FADED if value is None else self.paint.colour(value)
 
 
 def symbol_picture(component: Component) -> str:
@@ -98,12 +132,13 @@ def _port_name(anchor: Anchor) -> Lettering:
     return lettering(line, anchor.x + 5 * dx, anchor.y - 6 + (10 * dy if dy > 0 else 9 * dy), align)
 
 
-def _page(model: Model, drawn: Drawn, marks: Mapping[str, str]) -> str:
-    extent = _extent(drawn)
+def _page(model: Model, drawn: Drawn, look: Look) -> str:
+    extent = extent_of(drawn)
     width = max(extent.right - extent.left, NARROWEST)
     heading = lettering((Line(model.name, TITLE), *wrapped(model.summary, SUMMARY, width)), extent.left, 0, "start")
     shift = heading.box.bottom - heading.box.top + 14
-    legend = _legend(drawn, extent.left, extent.bottom + 24)
+    legend = _legend(drawn, extent.left, extent.bottom + 24) if look.paint is None else \
+        _bar(look.paint, extent.left, extent.bottom + 24)
     box = bounds([extent, heading.box.moved(0, extent.top - shift), legend[1]])
     left, top = round(box.left - EDGE), round(box.top - EDGE)
     whole_x, whole_y = round(box.right + EDGE) - left, round(box.bottom + EDGE) - top
@@ -113,11 +148,11 @@ def _page(model: Model, drawn: Drawn, marks: Mapping[str, str]) -> str:
         f"<title>{escape(_clean(model.name))}</title>",
         f'<rect x="{left}" y="{top}" width="{whole_x}" height="{whole_y}" fill="#ffffff"/>',
         *_lettered(heading.moved(0, extent.top - shift), "#000000", "heading"),
-        *_sheet(drawn, marks), *legend[0], "</svg>"]
+        *_sheet(drawn, look), *legend[0], "</svg>"]
     return "\n".join(lines) + "\n"
 
 
-def _extent(drawn: Drawn) -> Box:
+def extent_of(drawn: Drawn) -> Box:
     """All that stands on the outermost sheet."""
     boxes = [item.extent for item in drawn.items]
     boxes += [item.caption.box for item in drawn.items if item.caption]
@@ -128,34 +163,35 @@ def _extent(drawn: Drawn) -> Box:
 
 
 # -- one sheet ---------------------------------------------------------------------------------------------------------
-def _sheet(drawn: Drawn, marks: Mapping[str, str]) -> list[str]:
+def _sheet(drawn: Drawn, look: Look) -> list[str]:
     lines: list[str] = []
     for item in drawn.items:
-        lines += _halo(item)
+        lines += _halo(item, look)
     for line in drawn.lines:
-        lines += _wire(line, NODE + line.net.path in marks)
+        lines += _wire(line, look)
     for line in drawn.lines:
-        lines += _heads(line, drawn)
+        lines += _heads(line, drawn, look)
     reached = frozenset(point for line in drawn.lines for path in line.wire.lines for point in (path[0], path[-1]))
     for item in drawn.items:
-        lines += _item(item, marks, reached)
+        lines += _item(item, look, reached)
     for line in drawn.lines:
         if line.caption is not None:
-            lines += _lettered(line.caption, _colour(line.net.domain), "formula" if line.net.given else "node")
+            colour = _colour(line.net.domain) if look.paint is None else QUIET
+            lines += _lettered(line.caption, colour, "formula" if line.net.given else "node")
     return lines
 
 
-def _item(item: Item, marks: Mapping[str, str], reached: frozenset[tuple[int, int]]) -> list[str]:
+def _item(item: Item, look: Look, reached: frozenset[tuple[int, int]]) -> list[str]:
     """A part; `reached` are the points where wires end, to mark a port at that of its anchors which is in use."""
     kind = item.part.component
     lines = [f'<g class="part" transform="translate({item.x} {item.y})">',
              f"<title>{escape(_clean(f'{item.part.path}: {kind.name}. {kind.summary}'))}</title>"]
     main = item.shape.domain or next((d for d in item.part.ports.values() if d != "signal"), "signal")
-    colour = WARNING if "" in item.marks else _colour(main)
+    colour = look.part(item, main)
     if item.inside is not None:
-        lines += _inside(item, item.inside, colour, marks)
+        lines += _inside(item, item.inside, colour, look)
     else:
-        lines += _picture(item.shape, colour, main, "" in item.marks)
+        lines += _picture(item.shape, colour, main, "" in item.marks or look.paint is not None)
     for port in item.marks:
         ends = sorted(item.shape.of(port), key=lambda a: (a.x + item.x, a.y + item.y) not in reached)
         lines += [f'<circle cx="{a.x}" cy="{a.y}" r="6" stroke="{WARNING}" stroke-width="2.5"/>' for a in ends[:1]]
@@ -174,7 +210,7 @@ def _picture(shape: Shape, colour: str, main: str, marked: bool) -> list[str]:
     lines.append("</g>")
     for mark in shape.marks:
         if mark.tag == "text":
-            lines.append(_writing(mark, turn, WARNING if marked else _colour(main)))
+            lines.append(_writing(mark, turn, colour if marked else _colour(main)))
     return lines
 
 
@@ -203,7 +239,7 @@ def _writing(mark: Mark, turn: tuple[int, int, int, int], colour: str) -> str:
             f'text-anchor="{given.get("text-anchor", "middle")}">{escape(_clean(mark.text))}</text>')
 
 
-def _inside(item: Item, drawn: Drawn, colour: str, marks: Mapping[str, str]) -> list[str]:
+def _inside(item: Item, drawn: Drawn, colour: str, look: Look) -> list[str]:
     """An open block: a chain-dotted frame, as around an assembly, with its sheet inside."""
     shape, frame = item.shape, drawn.frame
     lines = [f'<rect x="{shape.left}" y="{shape.top}" width="{shape.right - shape.left}" '
@@ -212,39 +248,46 @@ def _inside(item: Item, drawn: Drawn, colour: str, marks: Mapping[str, str]) -> 
              f'<g transform="translate({shape.left - frame.left:g} {shape.top - frame.top:g})">']
     if drawn.title is not None:
         lines += _lettered(drawn.title, colour if colour == WARNING else "#000000", "part")
-    lines += _sheet(drawn, marks)
+    lines += _sheet(drawn, look)
     lines.append("</g>")
     lines += [f'<circle cx="{a.x}" cy="{a.y}" r="2.5" fill="#ffffff" stroke="{_colour(item.part.ports[a.port])}"/>'
               for a in shape.anchors]
     return lines
 
 
-def _halo(item: Item) -> list[str]:
+def _halo(item: Item, look: Look) -> list[str]:
+    box = item.extent
+    if look.paint is not None and "" not in item.marks and item.inside is None and item.part.path in look.paint.parts:
+        return [f'<rect x="{box.left - 3:g}" y="{box.top - 3:g}" width="{box.right - box.left + 6:g}" '
+                f'height="{box.bottom - box.top + 6:g}" rx="4" fill="{look.part(item, "")}" fill-opacity="0.28"/>']
     if "" not in item.marks:
         return []
-    box = item.extent
     return [f'<rect x="{box.left - 6:g}" y="{box.top - 6:g}" width="{box.right - box.left + 12:g}" '
             f'height="{box.bottom - box.top + 12:g}" rx="8" fill="{HALO}"/>']
 
 
-def _wire(line: Strand, marked: bool) -> list[str]:
-    colour = WARNING if marked else _colour(line.net.domain)
+def _wire(line: Strand, look: Look) -> list[str]:
+    colour, marked = look.net(line), NODE + line.net.path in look.marks
+    value = look.paint.nets.get(line.net.path) if look.paint else None
+    width = WIDTHS.get(line.net.domain, 1.6) if value is None else 3.2
     paths = " ".join("M" + " L".join(f"{x} {y}" for x, y in path) for path in line.wire.lines)
     lines = []
     if marked:
         lines.append(f'<path d="{paths}" stroke="{HALO}" stroke-width="10" stroke-linecap="round"/>')
-    lines.append(f'<path class="wire" d="{paths}" stroke="{colour}" stroke-width="{WIDTHS.get(line.net.domain, 1.6)}"/>')
+    told = f"<title>{escape(line.net.path)}: {look.paint.text(value)}</title>" if look.paint and value is not None else ""
+    head = f'<path class="wire" d="{paths}" stroke="{colour}" stroke-width="{width}"'
+    lines.append(f"{head}>{told}</path>" if told else f"{head}/>")
     lines += [f'<circle class="dot" cx="{x}" cy="{y}" r="3" fill="{colour}"/>' for x, y in line.wire.dots]
     if line.free is not None:
         lines.append(f'<circle cx="{line.free[0]}" cy="{line.free[1]}" r="3" fill="#ffffff" stroke="{colour}"/>')
     return lines
 
 
-def _heads(line: Strand, drawn: Drawn) -> list[str]:
+def _heads(line: Strand, drawn: Drawn, look: Look) -> list[str]:
     """Arrow heads where a signal enters."""
     if line.net.domain != "signal":
         return []
-    colour = _colour("signal")
+    colour = look.net(line)
     items = {item.part.name: item for item in drawn.items}
     ends = [a for name, port in line.net.ends if name and port in items[name].part.inputs
             for a in items[name].anchors(port)]
@@ -306,6 +349,22 @@ def _legend(drawn: Drawn, x: float, y: float) -> tuple[list[str], Box]:
                   f'<text x="{right + 25:g}" y="{y + 3:g}" font-size="{KIND.size}" fill="{QUIET}">{escape(domain)}</text>']
         right += 25 + text_width(domain, KIND) + 18
     return lines, Box(x, y - 6, max(right, x + 1), y + 6)
+
+
+def _bar(paint: Paint, x: float, y: float) -> tuple[list[str], Box]:
+    """The bar of colours with its figures."""
+    length, height, steps, ticks = 240, 10, 60, (0.0, 0.25, 0.5, 0.75, 1.0)
+    lines = [f'<text class="bar" x="{x:g}" y="{y:g}" font-size="{VALUE.size}" fill="#000000">{escape(paint.title)} '
+             f"[{escape(unit_label(paint.unit))}]</text>"]
+    for k in range(steps):
+        lines.append(f'<rect x="{x + length * k / steps:g}" y="{y + 7:g}" width="{length / steps + 0.5:g}" '
+                     f'height="{height}" fill="{paint.colour(paint.at((k + 0.5) / steps))}"/>')
+    for share in ticks:
+        lines.append(f'<text x="{x + share * length:g}" y="{y + 29:g}" font-size="{KIND.size}" fill="{QUIET}" '
+                     f'text-anchor="middle">{number(paint.at(share), 3)}</text>')
+    lines += [f'<path d="M{x + length + 40:g} {y + 12:g} h20" stroke="{FADED}" stroke-width="3.2"/>',
+              f'<text x="{x + length + 66:g}" y="{y + 15:g}" font-size="{KIND.size}" fill="{QUIET}">none</text>']
+    return lines, Box(x - 16, y - 10, x + length + 100, y + 34)
 
 
 def _domains(drawn: Drawn) -> set[str]:

@@ -9,13 +9,18 @@ The stored energy is taken from its formula at both ends and at both sides of ev
 an error of the integration shows as an energy that is missing, and a component whose own law is wrong shows by name. At
 the nodes no power is lost (Tellegen's theorem): the powers of all ports sum to zero at every instant.
 
+The activity of a component is the integral of the size of the power that it takes in or gives out (over all its ports
+together): an element through which little power goes matters little. L. S. Louca, J. L. Stein, G. M. Hulbert, J. Sprague,
+Proper model generation: an energy-based methodology, Proc. ICBGM'97, 1997; L. S. Louca, J. L. Stein, Energy-based model
+reduction of linear systems, Proc. ICBGM'99, 1999.
+
 B. D. H. Tellegen, A general network theorem, with applications, Philips Res. Rep. 7 (1952) 259-269.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import casadi as ca
@@ -25,6 +30,7 @@ from heavebond.dae import Array, Assembly, assemble
 from heavebond.errors import Problem, SimulationError
 from heavebond.flatten import Energetics
 from heavebond.model import Model
+from heavebond.presentation import number
 from heavebond.result import Result
 from heavebond.simulation import Simulator, Time, Tolerances
 from heavebond.symbols import split, stack
@@ -34,6 +40,7 @@ if TYPE_CHECKING:
 
 # The integrator keeps states and integrals to 1e-8 a step; over some thousands of steps these errors add up.
 TOLERANCE = 1e-6
+ROUNDING = 1e-9  # of the largest energy: not shown in a table
 QUADRATURES = 3  # energy in, dissipated, unbalanced
 
 
@@ -41,7 +48,8 @@ QUADRATURES = 3  # energy in, dissipated, unbalanced
 class EnergyLine:
     """The energies of one component over the run in J; `supplied` is what a source or a controlled law adds, `events` what
     the store gains where events set states, `imbalance` what is missing, `why` the reason of the unbalanced power, `kind`
-    what stands under `power:`."""
+    what stands under `power:`. `start` and `end` are what the store holds, `delivered` what goes out while power goes out,
+    and `activity` what goes in and out; these two by the trapezoidal rule over the output points."""
 
     component: str
     energy_in: float
@@ -53,6 +61,14 @@ class EnergyLine:
     imbalance: float
     kind: str = ""
     why: str = ""
+    start: float = 0.0
+    delivered: float = 0.0
+    activity: float = 0.0
+
+    @property
+    def end(self) -> float:
+        """What the store holds at the end, in J."""
+        return self.start + self.stored
 
 
 @dataclass(frozen=True)
@@ -61,13 +77,32 @@ class EnergyAudit:
 
     `largest` is the largest energy in J that any component took in, dissipated, left unbalanced or held in store at any
     time: what all errors are compared with, as those of the states are relative too. `nodes` is the largest sum of all
-    port powers over the sum of their sizes.
+    port powers over the sum of their sizes. `ports` is the power in W into a component over each of its ports, (N,) at the
+    times of the result.
     """
 
     lines: tuple[EnergyLine, ...]
     largest: float
     nodes: float
     result: Result
+    ports: Mapping[str, Array] = field(default_factory=dict)
+
+    @property
+    def ranking(self) -> list[tuple[EnergyLine, float]]:
+        """The components that store, dissipate or supply, with their share of the activity of all, the most active first."""
+        total = sum(line.activity for line in self.lines)
+        order = sorted(self.lines, key=lambda line: -line.activity)
+        return [(line, line.activity / total if total else 0.0) for line in order]
+
+    def as_dict(self) -> dict[str, object]:
+        """The audit for machines, in J."""
+        shares = {line.component: share for line, share in self.ranking}
+        return {"until": float(self.result.time[-1]), "supplied": self.supplied, "taken": self.taken, "stored": self.stored,
+                "dissipated": self.dissipated, "unbalanced": self.unbalanced, "events": self.events,
+                "largest": self.largest, "missing": self.imbalance, "missing_at_nodes": self.nodes,
+                "closes": self.closes(),
+                "components": [{**asdict(line), "end": line.end, "activity_share": shares[line.component]}
+                               for line in self.lines]}
 
     @property
     def supplied(self) -> float:
@@ -154,11 +189,21 @@ def audit(model: Model | Assembly, until: Time | None = None, *, every: Time | N
     stored, jumps = energies - energies[:, :1], _jumps(result, energy)
     ports = rates[::QUADRATURES]
     total = np.abs(ports).sum(axis=0).max(initial=0.0)
+    lines = (_line(e, integrals[QUADRATURES * k:QUADRATURES * (k + 1), -1], float(stored[k, -1]), float(jumps[k]))
+             for k, e in enumerate(parts))
     return EnergyAudit(
-        tuple(_line(e, integrals[QUADRATURES * k:QUADRATURES * (k + 1), -1], float(stored[k, -1]), float(jumps[k]))
-              for k, e in enumerate(parts)),
+        tuple(replace(line, start=float(energies[k, 0]),
+                      delivered=float(np.trapezoid(np.maximum(-ports[k], 0.0), result.time)),
+                      activity=float(np.trapezoid(np.abs(ports[k]), result.time))) for k, line in enumerate(lines)),
         max(float(np.abs(values).max(initial=0.0)) for values in (integrals, stored, energies)),
-        float(np.abs(ports.sum(axis=0)).max(initial=0.0) / total) if total else 0.0, result)
+        float(np.abs(ports.sum(axis=0)).max(initial=0.0) / total) if total else 0.0, result, _port_powers(result))
+
+
+def _port_powers(result: Result) -> dict[str, Array]:
+    """The power into a component over each port along a run."""
+    level, bonds = result.assembly.flat.levels[0], result.assembly.flat.bonds
+    powers = [level[b.flow] if b.effort is None else level[b.effort] * level[b.flow] for b in bonds.values()]
+    return dict(zip(bonds, result.evaluate(stack(powers)), strict=True))
 
 
 def _line(part: Energetics, integrals: Array, stored: float, jumps: float) -> EnergyLine:
@@ -181,27 +226,37 @@ def _jumps(result: Result, energy: ca.SX) -> Array:
 
 
 def table(found: EnergyAudit) -> Table:
-    """The audit as a table in kJ, sources first, with what is missing and why some power is unbalanced."""
+    """The audit as a table in kJ, sources first and then the most active first; below it what is missing, and why some power
+    is unbalanced."""
+    from rich import box
     from rich.table import Table
 
+    why = {line.component: line.why for line in found.lines if line.why}
+    notes = [f"* {reason}: {', '.join(name for name, own in why.items() if own == reason)}"
+             for reason in dict.fromkeys(why.values())]
     shown = Table("component", "", title=f"energy over {found.result.time[-1] - found.result.time[0]:.6g} s in kJ",
-                  caption=f"missing: {found.imbalance:.1e} of {found.largest / 1e3:.4g} kJ; at the nodes "
-                  f"{found.nodes:.1e}")
+                  title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False,
+                  caption_justify="left", caption_style="", caption="\n".join([
+                      f"missing: {found.imbalance:.1e} of {found.largest / 1e3:.4g} kJ; at the nodes {found.nodes:.1e}",
+                      *notes]))
     events = ("at events",) if found.result.assembly.flat.events else ()
-    for name in ("supplied", "in", *events, "stored", "dissipated", "unbalanced", "missing"):
+    losing = () if found.closes() else ("missing",)
+    for name in ("supplied", "in", *events, "start", "end", "dissipated", "delivered", *(("unbalanced",) if why else ()),
+                 *losing, "activity"):
         shown.add_column(name, justify="right")
 
-    def row(name: str, what: str, given: tuple[float, float], at_events: float, rest: tuple[float, ...]) -> None:
-        shown.add_row(name, what, *map(_kilojoules, (*given, *((at_events,) if events else ()), *rest)))
+    def row(name: str, what: str, *values: float, share: str = "") -> None:
+        supplied, energy_in, at_events, start, end, dissipated, delivered, unbalanced, missing = (
+            number(value / 1e3, 4) if abs(value) > ROUNDING * found.largest else "" for value in values)
+        shown.add_row(name, what, supplied, energy_in, *((at_events,) if events else ()), start, end, dissipated, delivered,
+                      *((unbalanced,) if why else ()), *((missing,) if losing else ()), share)
 
-    for line in sorted(found.lines, key=lambda line: not line.kind):
-        row(line.component, line.kind.partition(",")[0] or line.why, (line.supplied, line.energy_in), line.events,
-            (line.stored, line.dissipated, line.unbalanced, line.imbalance))
+    for line, share in sorted(found.ranking, key=lambda item: not item[0].kind):
+        row(line.component, line.kind.partition(",")[0] or ("*" if line.why else ""), line.supplied, line.energy_in,
+            line.events, line.start, line.end, line.dissipated, line.delivered, line.unbalanced, line.imbalance,
+            share=f"{number(100 * share, 3)} %" if share > ROUNDING else "")
     shown.add_section()
-    row("all", "", (found.supplied + found.taken, sum(line.energy_in for line in found.lines)), found.events,
-        (found.stored, found.dissipated, found.unbalanced, sum(line.imbalance for line in found.lines)))
+    row("all", "", found.supplied + found.taken, sum(line.energy_in for line in found.lines), found.events,
+        sum(line.start for line in found.lines), sum(line.end for line in found.lines), found.dissipated, 0.0,
+        found.unbalanced, sum(line.imbalance for line in found.lines))
     return shown
-
-
-def _kilojoules(value: float) -> str:
-    return f"{value / 1e3:.4g}" if value else ""

@@ -61,6 +61,16 @@ class KnownInput:
 
 
 @dataclass(frozen=True)
+class Bond:
+    """The power into a component over one port: effort times flow, or one variable that is a power itself (an enthalpy
+    flow; then `effort` is None). Numbers of unknowns."""
+
+    owner: str
+    effort: int | None
+    flow: int
+
+
+@dataclass(frozen=True)
 class Energetics:
     """Power into the ports, rate of the stored energy, dissipation, unbalanced power, and the energy stored."""
 
@@ -96,6 +106,7 @@ class Flat:
     bounds: dict[int, Interval] = field(default_factory=dict)
     held: tuple[Held, ...] = ()
     events: tuple[FlatEvent, ...] = ()
+    bonds: dict[str, Bond] = field(default_factory=dict)
 
     @property
     def constant_hashes(self) -> set[int]:
@@ -128,6 +139,7 @@ class _Builder:
         self.residuals: list[ca.SX] = []
         self.entries: list[Entries] = []
         self.energetics: list[Energetics] = []
+        self.bonds: dict[str, Bond] = {}
         self.held: tuple[Held, ...] = ()
         self.events: list[FlatEvent] = []
         self.templates: dict[str, Template] = {}
@@ -156,7 +168,7 @@ class _Builder:
         return Flat(self.expanded, tuple(self.unknowns), tuple(tuple(level) for level in self.levels),
                     self.parameters.independent, self.parameters.p, self.time, self.rate, tuple(self.inputs),
                     tuple(self.equations), tuple(self.residuals), tuple(self.entries), self.names, self.constants,
-                    self.parameters.units, tuple(self.energetics), bounds, self.held, tuple(self.events))
+                    self.parameters.units, tuple(self.energetics), bounds, self.held, tuple(self.events), self.bonds)
 
     def _numbers_of_a_run(self) -> None:
         """Initial values (`initial.crown.x`) and the scales of measured inputs (`scale.heave.u`, 1) as parameters, so
@@ -184,7 +196,8 @@ class _Builder:
 
     def _resolver(self) -> Resolver:
         return Resolver(self.names, self.constants, self.parameters.units, tuple(self.unknowns),
-                        tuple(tuple(level) for level in self.levels), self.time, self.rate)
+                        tuple(tuple(level) for level in self.levels), self.time, self.rate,
+                        {name: (b.effort, b.flow) for name, b in self.bonds.items()})
 
     # -- unknowns --------------------------------------------------------------------------------------------------
     def _make_templates(self) -> None:
@@ -253,6 +266,10 @@ class _Builder:
                 member = domain.members[name]
                 self._unknown(Unknown(f"{path}.{copy}.{name}", member.unit, member.nominal, "through", leaf.place,
                                       member.doc), ())
+            if not leaf.component.composite:
+                effort, flow = (domain.effort, domain.flow) if not domain.power else (None, domain.power)
+                self.bonds[f"{path}.{copy}"] = Bond(path, None if effort is None else self.names[f"{path}.{copy}.{effort}"],
+                                                    self.names[f"{path}.{copy}.{flow}"])
 
     def _positions(self, also: tuple[str, ...]) -> set[int]:
         """The groups whose position is named by an equation, an input, an initial value, an output or a caller."""

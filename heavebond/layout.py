@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 from heavebond.captions import caption, name_of_node
@@ -21,10 +21,12 @@ OPPOSITE = {"left": "right", "right": "left", "top": "bottom", "bottom": "top"}
 
 @dataclass(frozen=True)
 class Options:
-    """What a drawing shows: values beneath the names, and labels on marked components, nodes and ports."""
+    """What a drawing shows: values beneath the names, labels on marked components, nodes and ports, and what is `told` of
+    components by their paths."""
 
     values: bool
     marks: Mapping[str, str]
+    told: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -123,6 +125,8 @@ def _item(part: Part, placement: Placement, joined: set[tuple[str, str]], option
     marks = marks_on(part.path, options.marks, part.ports)
     tags = tuple(Line(label, TAG) for label in marks.values() if label)
     values = tuple(Line(text, VALUE) for text in part.values) if options.values and not part.inside else ()
+    if part.path in options.told and not part.inside:
+        values = (Line(options.told[part.path], VALUE), *values)
     sides = placement.sides.get(part.name)
     inside = None
     if sides is None:

@@ -21,10 +21,9 @@ from numpy.typing import NDArray
 
 from heavebond.dae import Array, Assembly
 from heavebond.errors import Problem, UsageError
-from heavebond.expression import ExpressionProblem, parse_formula
 from heavebond.initialise import Start, start, tangent
 from heavebond.inputs import pieced
-from heavebond.result import unknown_signal
+from heavebond.result import signal_expression
 from heavebond.simulation import grid
 from heavebond.start_equations import Point, StartEquations
 from heavebond.symbols import stack
@@ -105,33 +104,35 @@ class Linear:
 class Linearisation:
     """The Jacobians of an assembly, compiled once: inputs are names of parameters, outputs are signals.
 
-    UsageError for a name that is not there.
+    `driven` are names of measured inputs: each gives four columns after those of the parameters, for the input and its first
+    three derivatives; they are right at points whose pieces begin at their time (see `operating`). UsageError for a name
+    that is not there.
     """
 
-    def __init__(self, assembly: Assembly, inputs: Sequence[str] = (), outputs: Sequence[str] = ()):
+    def __init__(self, assembly: Assembly, inputs: Sequence[str] = (), outputs: Sequence[str] = (),
+                 driven: Sequence[str] = ()):
         assembly.with_parameters(dict.fromkeys(inputs, 0.0))  # says what is wrong with a name that cannot be set
-        self.assembly, self.inputs, self.outputs = assembly, tuple(inputs), tuple(outputs)
-        _, x, z, p, _, _ = assembly.arguments
-        w = stack([p[assembly.parameter_names.index(name)] for name in inputs])
-        sides = (assembly.ode, assembly.alg, stack([_signal(assembly, name) for name in outputs]))
+        _, x, z, p, u, _ = assembly.arguments
+        known = [k.name for k in assembly.flat.inputs]
+        self.assembly, self.outputs = assembly, tuple(outputs)
+        self.inputs = (*inputs, *(f"der{k}({name})" for name in driven for k in range(4)))
+        w = stack([*(p[assembly.parameter_names.index(name)] for name in inputs),
+                   *(u[1 + 4 * known.index(name) + k] for name in driven for k in range(4))])
+        # a piece is c0 + c1 s + c2 s**2 + c3 s**3: its k-th derivative at s = 0 is k! c_k
+        self._per = np.array([*(1.0 for _ in inputs), *([1.0, 1.0, 0.5, 1 / 6] * len(driven))])
+        sides = (assembly.ode, assembly.alg, stack([signal_expression(assembly, name) for name in outputs]))
         self._jacobians = ca.Function("jacobians", list(assembly.arguments), [
             ca.jacobian(side, by) for side in sides for by in (x, z, w)])
 
     def at(self, point: Point) -> Linear:
         """The linear system near a point; UsageError where an algebraic loop is singular there."""
         f_x, f_z, f_w, g_x, g_z, g_w, h_x, h_z, h_w = (np.array(j.full()) for j in self._jacobians(*point.values()))
+        f_w, g_w, h_w = (j * self._per for j in (f_w, g_w, h_w))
         if len(point.z):
             by_x, by_w = _solved(g_z, g_x), _solved(g_z, g_w)
             f_x, f_w, h_x, h_w = f_x - f_z @ by_x, f_w - f_z @ by_w, h_x - h_z @ by_x, h_w - h_z @ by_w
         assembly = self.assembly
         return Linear(tuple(assembly.state_names), self.inputs, self.outputs, f_x, f_w, h_x, h_w, assembly.x_nominal)
-
-
-def _signal(assembly: Assembly, name: str) -> ca.SX:
-    try:
-        return assembly.expression(parse_formula(name))
-    except ExpressionProblem as problem:
-        raise unknown_signal(assembly, name, problem) from None
 
 
 def _solved(g_z: Array, right: Array) -> Array:

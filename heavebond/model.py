@@ -16,9 +16,10 @@ from heavebond.library import Library, bundled, library, shown_path
 from heavebond.source import Mapping, Node, Scalar, Sequence, Source, parse, read
 from heavebond.units import Dimension, declared_unit
 from heavebond.values import add_formula_problem, check_dimension
+from heavebond.view import Seen, read_view
 
 MODEL_KEYS = ("model", "summary", "extends", "parameters", "components", "nodes", "set", "remove", "initial", "show",
-              "simulate", "source", "notes")
+              "simulate", "view", "source", "notes")
 LONGEST_CHAIN = 50
 SECOND = declared_unit("s")
 STARTS = ("steady", "rest")
@@ -78,6 +79,7 @@ class Model:
     show: dict[str, Shown] = field(default_factory=dict)
     until: Value | None = None
     every: Value | None = None
+    view: dict[str, Seen] = field(default_factory=dict)
     files: tuple[Path, ...] = ()
 
     def with_parameters(self, values: Dictionary[str, float | str]) -> Model:
@@ -271,7 +273,8 @@ def _changed(base: Model, source: Source, problems: Problems) -> Model:
         settings={**base.settings, **read_settings(root.items.get("set"), source, problems)},
         initial=_initial(root.items.get("initial"), base.initial, problems),
         show={**base.show, **_show(root.items.get("show"), problems)},
-        until=until, every=every, files=(*base.files, source.path))
+        until=until, every=every, view={**base.view, **read_view(root.items.get("view"), problems)},
+        files=(*base.files, source.path))
 
 
 def _values(node: Node | None, what: str, problems: Problems) -> dict[str, Value]:

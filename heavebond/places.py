@@ -93,7 +93,7 @@ def nodes_of(flat: Flat) -> dict[str, Node]:
     found = {}
     for path in flat.expanded.junctions:
         domain = next((d for d in domains if all(f"{path}.{m}" in flat.names for m in d.across)
-                       and _balance(d.through[0], path) in balances), None)
+                       and balance(d.through[0], path) in balances), None)
         if domain is None:
             continue
         index = flat.names[f"{path}.{domain.across[0]}"]
@@ -104,7 +104,8 @@ def nodes_of(flat: Flat) -> dict[str, Node]:
     return found
 
 
-def _balance(through: str, path: str) -> str:
+def balance(through: str, path: str) -> str:
+    """The label of the equation that sums a through variable at a node."""
     return f"sum of {through} at node '{path}'"
 
 
@@ -137,7 +138,7 @@ def with_virtual_sources(flat: Flat, nodes: Mapping[str, Node], file: Path) -> F
     row_of = {equation.label: k for k, equation in enumerate(flat.equations)}
     residuals, inputs = list(flat.residuals), list(flat.inputs)
     for node in nodes.values():
-        row = row_of[_balance(node.through, node.name)]
+        row = row_of[balance(node.through, node.name)]
         place = flat.equations[row].place
         name = f"virtual.{node.name}"
         symbols = ca.vertcat(*(ca.SX.sym("d" * k + name) for k in range(4)))

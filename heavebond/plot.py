@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from heavebond.errors import Problem, UsageError
-from heavebond.presentation import number, quantity, readable, readable_unit, unit_label
+from heavebond.errors import Problem, UsageError, listing, suggest
+from heavebond.presentation import converted, number, quantity, readable_unit, unit_label, written
 from heavebond.units import read_unit
 
 if TYPE_CHECKING:
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from heavebond.objective import Task
     from heavebond.result import Result
     from heavebond.robustness import Ellipse
+    from heavebond.saved import SavedRun
     from heavebond.tuning import Tuned
 
 SUFFIXES = (".png", ".svg", ".pdf")
@@ -75,32 +76,59 @@ def plot_signals(result: Result, names: Iterable[str], *, title: str = "") -> Fi
     return figure
 
 
-def plot_runs(runs: Mapping[str, Result], names: Iterable[str], *, title: str = "",
-              window: tuple[float, float] | None = None, shaded: tuple[float, float] | None = None) -> Figure:
-    """The same signals of several runs of one kind of machine: one axes per signal, one line per run.
+def plot_runs(runs: Mapping[str, SavedRun], names: Iterable[str], *, title: str = "",
+              window: tuple[float, float] | None = None, shaded: tuple[float, float] | None = None,
+              measured: Collection[str] = ()) -> Figure:
+    """The same signals of several runs, and of records beside them: one axes per signal, one line per run that holds it.
 
-    `window` is the stretch of time to draw, `shaded` one to mark (begin, end in s).
+    `window` is the stretch of time to draw, `shaded` one to mark (begin, end in s). Those in `measured` are records, grey
+    dots beneath the others. Raises UsageError for a signal that none of the runs holds, or whose units differ in kind.
     """
-    figure, axes = _stack(len(chosen := list(names)), title)
-    begin, end = window or _ends(next(iter(runs.values())).time)
+    chosen = list(dict.fromkeys(names))
+    holders = {name: _holders(runs, name) for name in chosen}
+    figure, axes = _stack(len(chosen), title)
+    ends = [_ends(run.time) for run in runs.values()]
+    begin, end = window or (min(first for first, _ in ends), max(last for _, last in ends))
     inside = {label: (run.time >= begin) & (run.time <= end) for label, run in runs.items()}
-    signals = {label: {name: found[inside[label]] for name, found in run.signals(chosen).items()}
-               for label, run in runs.items()}
+    models = [label for label in runs if label not in measured]
     for panel, name in zip(axes, chosen, strict=True):
-        unit = next(iter(runs.values())).unit(name)
-        shown = readable_unit(unit, max(_size(found[name]) for found in signals.values()))
-        drawn = {label: converted(found[name], unit, shown) for label, found in signals.items()}
-        for k, (label, line) in enumerate(drawn.items()):
-            panel.plot(runs[label].time[inside[label]], line, color=COLOURS[k % len(COLOURS)], linewidth=1.2,
-                       label=label, linestyle=DASHES[k // len(COLOURS) % len(DASHES)])
+        unit = holders[name][0][1].unit(name)
+        found = {label: converted(run[name][inside[label]], run.unit(name), unit) for label, run in holders[name]}
+        shown = readable_unit(unit, max(map(_size, found.values())))
+        drawn = {label: converted(line, unit, shown) for label, line in found.items()}
+        for label, line in drawn.items():
+            time = runs[label].time[inside[label]]
+            if label in measured:
+                panel.plot(time, line, color=RECORD, label=label, zorder=1, **_style(len(time) > DENSE, 2.4))
+            else:
+                k = models.index(label)
+                panel.plot(time, line, color=COLOURS[k % len(COLOURS)], linewidth=1.2, label=label,
+                           linestyle=DASHES[k // len(COLOURS) % len(DASHES)])
         _finish(panel, name, shown, list(drawn.values()))
         if shaded:
             panel.axvspan(*shaded, color="#e9e9e9", zorder=0, linewidth=0, label="evaluated")
     axes[-1].set_xlabel("time [s]")
     axes[0].set_xlim(begin, end)
-    handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper right", ncols=len(labels), frameon=False)
+    entries = {label: handle for panel in axes for handle, label in zip(*panel.get_legend_handles_labels(), strict=True)}
+    ordered = [label for label in (*runs, "evaluated") if label in entries]
+    figure.legend([entries[label] for label in ordered], ordered, loc="outside upper right",
+                  ncols=min(len(ordered), max(1, 110 // (max(map(len, ordered)) + 6))), frameon=False)
     return figure
+
+
+def _holders(runs: Mapping[str, SavedRun], name: str) -> list[tuple[str, SavedRun]]:
+    """The runs that hold a signal, in units of one kind."""
+    found = [(label, run) for label, run in runs.items() if name in run.values]
+    if not found:
+        known = list(dict.fromkeys(known for run in runs.values() for known in run.names()))
+        raise UsageError([Problem("name-unknown", f"none of the files holds '{name}'", None,
+                                  suggest(name, known) or f"They hold: {listing(known)}.")])
+    kinds = {read_unit(run.unit(name)).dimension: label for label, run in found}
+    if len(kinds) > 1:
+        told = " and ".join(f"[{run.unit(name)}] in {label}" for label, run in found if label in kinds.values())
+        raise UsageError([Problem("unit-kind", f"'{name}' is not the same quantity in all files: {told}", None,
+                                  "Draw them one after the other, or name another signal.")])
+    return found
 
 
 def plot_comparison(comparison: Comparison) -> Figure:
@@ -132,7 +160,7 @@ def plot_comparison(comparison: Comparison) -> Figure:
     handles, labels = figure.axes[0].get_legend_handles_labels()
     more, words = figure.axes[1].get_legend_handles_labels()
     figure.legend(handles + more, labels + words, loc="outside upper right", ncols=6, frameon=False)
-    _title(figure, comparison.experiment.name)
+    figure_title(figure, comparison.experiment.name)
     figure.align_ylabels()
     return figure
 
@@ -180,7 +208,7 @@ def plot_influence(found: Rankings, *, bars: int = 12, courses: int = 4, title: 
     figure = Figure(figsize=(WIDTH if courses else 0.7 * WIDTH, 1.0 + len(rows) * max(3.0, 0.9 + 0.24 * longest)), dpi=DPI,
                     layout="constrained")
     figure.get_layout_engine().set(rect=RECT, hspace=0.04)  # type: ignore[union-attr,call-arg]
-    _title(figure, title)
+    figure_title(figure, title)
     panels = figure.subplots(len(rows), 2 if courses else 1, squeeze=False, width_ratios=(1, 1.15) if courses else None)
     for row, (panel, *others) in zip(rows, panels, strict=True):
         _bars(panel, row, [i for i in row.influences if i.relative > 0][:bars] or row.influences[:bars])
@@ -200,7 +228,7 @@ def plot_ladder(rungs: Sequence[Rung], *, title: str = "The error on the ladder"
     and where noise alone would be (measured error divided by the root of chi-square per sample)."""
     figure = Figure(figsize=(WIDTH, 2.2 + 0.62 * len(rungs)), dpi=DPI)
     axes = figure.add_subplot()
-    _title(figure, title)
+    figure_title(figure, title)
     places = np.arange(len(rungs))[::-1]
     for offset, colour, label, errors in (
             (0.19, COLOURS[0], "fitted", [r.error_fit for r in rungs]),
@@ -252,13 +280,14 @@ def _stack(n: int, title: str) -> tuple[Figure, list[Axes]]:
     """n axes above each other that share their time axis."""
     figure = Figure(figsize=(WIDTH, max(8.0 if n > 2 else 5.5, 0.9 + 1.75 * n)), dpi=DPI, layout="constrained")
     figure.get_layout_engine().set(rect=RECT)  # type: ignore[union-attr,call-arg]
-    _title(figure, title)
+    figure_title(figure, title)
     column: list[Axes] = list(figure.subplots(n, 1, sharex=True, squeeze=False)[:, 0])
     figure.align_ylabels(column)
     return figure, column
 
 
-def _title(figure: Figure, title: str) -> None:
+def figure_title(figure: Figure, title: str) -> None:
+    """A title over the whole figure, to the left."""
     if title:
         figure.suptitle(textwrap.fill(title, TITLE_LINE), x=0.01, ha="left", fontsize=12)
 
@@ -308,21 +337,13 @@ def _size(values: Array) -> float:
     return float(finite.max()) if finite.size else math.nan
 
 
-def converted(values: Array, unit: str, shown: str) -> Array:
-    """Values in one unit told in another of its kind."""
-    if unit == shown:
-        return values
-    source, target = read_unit(unit), read_unit(shown)
-    return np.asarray((values * source.scale + source.offset - target.offset) / target.scale)
-
-
 # -- influences ----------------------------------------------------------------------------------------------------
 def _bars(axes: Axes, row: Ranking, influences: Sequence[Influence]) -> None:
     """Bars from the strongest down; logarithmic where the weakest would vanish beside it."""
     values = np.array([i.relative for i in influences])
     places = np.arange(len(values))
     axes.barh(places, values, color=[COLOURS[0 if i.peak >= 0 else 1] for i in influences], height=0.7)
-    axes.set_yticks(places, [f"{i.parameter} = {_printed(i.value, i.unit.text, 4)}" for i in influences], fontsize=9)
+    axes.set_yticks(places, [f"{i.parameter} = {written(i.value, i.unit.text, 4)}" for i in influences], fontsize=9)
     axes.invert_yaxis()
     most = float(values.max(initial=0.0))
     least = float(values[values > 0].min(initial=most))
@@ -334,7 +355,7 @@ def _bars(axes: Axes, row: Ranking, influences: Sequence[Influence]) -> None:
     for place, value in zip(places, values, strict=True):
         axes.annotate(number(value, 3), (max(value, axes.get_xlim()[0]), place), (4, 0), textcoords="offset points",
                       va="center", fontsize=8)
-    size = f"rms {_printed(row.size, row.unit, 3)} " + ("(it stands still)" if row.still else "about its mean")
+    size = f"rms {written(row.size, row.unit, 3)} " + ("(it stands still)" if row.still else "about its mean")
     axes.set_title(f"{row.signal}: {size}", loc="left", fontsize=10, fontweight="bold")
     axes.grid(True, axis="x", color="#e4e4e4", linewidth=0.6)
     axes.spines[["top", "right"]].set_visible(False)
@@ -354,12 +375,6 @@ def _courses(axes: Axes, row: Ranking, time: Array, influences: Sequence[Influen
     handles, labels = axes.get_legend_handles_labels()
     axes.legend(handles, labels, loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False, fontsize=8,
                 borderaxespad=0.1, ncols=2, columnspacing=1.2)
-
-
-def _printed(value: float, unit: str, digits: int) -> str:
-    """A value with its unit as on paper: `0.017 m²`."""
-    first, *rest = readable(value, unit, digits).split(" ", 1)
-    return " ".join([first, *map(unit_label, rest)])
 
 
 # -- a channel of a comparison -------------------------------------------------------------------------------------
@@ -402,7 +417,7 @@ def _style(dense: bool, linewidth: float) -> dict[str, Any]:
 
 
 def _figures(channel: Channel) -> str:
-    error = _printed(channel.error, channel.unit, 3)
+    error = written(channel.error, channel.unit, 3)
     return f"rms error {error}, fit {number(channel.fit, 4)} %, χ² {number(channel.chi2, 3)} a sample"
 
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from heavebond.plot import COLOURS, DASHES, DPI, converted
-from heavebond.presentation import readable_unit, unit_label
+from heavebond.plot import COLOURS, DASHES, DPI
+from heavebond.plot_sample import PANEL, SMALL, WIDTH, headed, histograms, maps, quiet, shares, tornados
+from heavebond.presentation import converted, readable_unit, unit_label
 from heavebond.study import Picture
 
 if TYPE_CHECKING:
@@ -19,9 +20,6 @@ if TYPE_CHECKING:
     from heavebond.campaign import StudyResult
     from heavebond.casework import Outcome
 
-WIDTH = 6.7  # inches: the text of an A4 page
-PANEL = 2.3
-SMALL: Any = {"font.size": 8, "axes.titlesize": 9, "legend.fontsize": 8, "axes.labelsize": 8}
 MARKERS = ("o", "s", "^", "D", "v", "P")
 
 
@@ -29,19 +27,19 @@ def plot_study(result: StudyResult, picture: Picture) -> Figure:
     """The picture of a study; signals and curves share their axis, one panel each."""
     from matplotlib import rc_context
 
+    drawing = {"map": maps, "histogram": histograms, "tornado": tornados, "indices": shares}.get(picture.kind)
     with rc_context(SMALL):
-        names = picture.signals or picture.curves
+        if drawing is not None:
+            return drawing(result, picture)
+        names = picture.names
         figure = Figure(figsize=(WIDTH, 0.9 + PANEL * len(names)), dpi=2 * DPI, layout="constrained")
         panels: list[Axes] = list(figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0])
         for panel, name in zip(panels, names, strict=True):
-            (_courses if picture.signals else _curves)(panel, result, picture, name)
+            (_courses if picture.kind == "signals" else _curves)(panel, result, picture, name)
             panel.label_outer()
-            panel.grid(True, color="#e4e4e4", linewidth=0.5)
-            panel.spines[["top", "right"]].set_visible(False)
-            panel.set_axisbelow(True)
+            quiet(panel)
             panel.ticklabel_format(axis="y", useOffset=False)
-        if picture.title:
-            figure.suptitle(picture.title, x=0.01, ha="left", fontsize=9)
+        headed(figure, picture)
         handles, labels = panels[0].get_legend_handles_labels()
         if len(labels) > 1:
             longest = max(map(len, labels))
@@ -51,10 +49,10 @@ def plot_study(result: StudyResult, picture: Picture) -> Figure:
         return figure
 
 
-def _labelled(result: StudyResult, outcome: Outcome) -> str:
-    """The levels of a case, and the procedure where there are several."""
+def _labelled(result: StudyResult, outcome: Outcome, without: int = -1) -> str:
+    """The levels of a case, but for one axis, and the procedure where there are several."""
     procedure = [outcome.procedure] if len(result.study.procedures) > 1 else []
-    return ", ".join([*_levels(result, outcome), *procedure]) or result.case_of(outcome).name
+    return ", ".join([*_levels(result, outcome, without), *procedure]) or result.study.model.name
 
 
 def _levels(result: StudyResult, outcome: Outcome, without: int = -1) -> list[str]:
@@ -64,15 +62,23 @@ def _levels(result: StudyResult, outcome: Outcome, without: int = -1) -> list[st
 
 
 def _courses(panel: Axes, result: StudyResult, picture: Picture, name: str) -> None:
-    """A signal over time, a line per case."""
+    """A signal over time, a line per case; thin ones in one colour for the points of a sample."""
     drawn = [o for o in result.outcomes if o.signals]
+    sample = result.study.sample
+    at = result.study.axes.index(sample) if sample is not None else -1
+    labels = list(dict.fromkeys(_labelled(result, o, at) for o in drawn))
     unit = drawn[0].signal_units[name] if drawn else "1"
     shown = readable_unit(unit, max((float(np.abs(o.signals[name]).max()) for o in drawn), default=0.0))
-    for k, outcome in enumerate(drawn):
+    told: set[str] = set()
+    for outcome in drawn:
+        label = _labelled(result, outcome, at)
+        k = labels.index(label)
         time, values = np.array(outcome.time), converted(np.array(outcome.signals[name]), unit, shown)
         inside = (time >= (picture.begin or 0.0)) & (time <= (picture.end or math.inf))
-        panel.plot(time[inside], values[inside], color=COLOURS[k % len(COLOURS)], linewidth=1.0,
-                   linestyle=DASHES[k % len(DASHES)], label=_labelled(result, outcome))
+        panel.plot(time[inside], values[inside], color=COLOURS[k % len(COLOURS)],
+                   linewidth=1.0 if sample is None else 0.4, linestyle=DASHES[k % len(DASHES)] if sample is None else "-",
+                   label=None if label in told else label)
+        told.add(label)
     panel.set_ylabel(f"{name} [{unit_label(shown)}]")
     panel.margins(x=0)
     panel.set_xlabel("time [s]")

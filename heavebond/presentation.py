@@ -7,8 +7,13 @@ import re
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from heavebond.units import UnitProblem, dimension_text, read_unit
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 # Base unit -> (from this size in SI on, unit to show), largest first.
 READABLE: dict[str, tuple[tuple[float, str], ...]] = {
@@ -53,12 +58,26 @@ def readable_unit(unit: str, size: float) -> str:
     return next(shown for least, shown in READABLE[unit] if abs(size) >= least)
 
 
+def converted(values: NDArray[np.float64], unit: str, shown: str) -> NDArray[np.float64]:
+    """Values in one unit told in another of its kind."""
+    if unit == shown:
+        return values
+    source, target = read_unit(unit), read_unit(shown)
+    return (values * source.scale + source.offset - target.offset) / target.scale
+
+
 def readable(value: float, unit: str, digits: int = 5) -> str:
     """A value with its unit: 17250000 Pa as `172.5 bar`."""
     shown = readable_unit(unit, value)
     if shown != unit:
         value = read_unit(shown).from_si(value)
     return f"{number(value, digits)} {shown}" if shown != "1" else number(value, digits)
+
+
+def written(value: float, unit: str, digits: int) -> str:
+    """A value with its unit as on paper: `0.017 m²`."""
+    first, *rest = readable(value, unit, digits).split(" ", 1)
+    return " ".join([first, *map(unit_label, rest)])
 
 
 def readable_time(seconds: float, *others: float) -> list[str]:

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from importlib import resources
 
-_EMPTY = {"meta", "path", "line", "rect", "circle", "br"}
+_EMPTY = {"meta", "path", "line", "rect", "circle", "br", "input"}
 # what may not stand inside a script element, even within a string of JSON
 _UNSAFE = {"<": "\\u003c", ">": "\\u003e", "&": "\\u0026", "\u2028": "\\u2028", "\u2029": "\\u2029"}
 
@@ -25,7 +25,7 @@ def element(tag: str, *children: str, **attributes: object) -> Html:
     are left out, those that are True stand without a value."""
     given = "".join(_attribute(name, value) for name, value in attributes.items() if value is not None)
     if tag in _EMPTY and not children:
-        return Html(f"<{tag}{given}>" if tag in ("meta", "br") else f"<{tag}{given}/>")
+        return Html(f"<{tag}{given}>" if tag in ("meta", "br", "input") else f"<{tag}{given}/>")
     return Html(f"<{tag}{given}>{joined(children)}</{tag}>")
 
 
@@ -67,11 +67,11 @@ def data_block(name: str, value: object) -> Html:
     return Html(f'<script type="application/json" id="{escaped(name)}">{text}</script>')
 
 
-def page(title: str, *body: Html) -> str:
-    """A whole document with its own style and script inside. The policy lets the browser use these two, known by their
-    hashes, and nothing else: no address, no other script, no form."""
+def page(title: str, *body: Html, look: str = "report") -> str:
+    """A whole document with its own style and script inside, those of `look`. The policy lets the browser use
+    these two, known by their hashes, and nothing else: no address, no other script, no form."""
     style, script = (resources.files("heavebond").joinpath(name).read_text(encoding="utf-8")
-                     for name in ("report.css", "report.js"))
+                     for name in (f"{look}.css", f"{look}.js"))
     policy = f"default-src 'none'; style-src '{_hash(style)}'; script-src '{_hash(script)}'; base-uri 'none'; " \
              "form-action 'none'"
     head = element("head", element("meta", charset="utf-8"),

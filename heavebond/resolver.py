@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import inf
 
 import casadi as ca
@@ -12,7 +12,9 @@ from heavebond.dimensions import SECOND, dimension
 from heavebond.errors import Place, suggest
 from heavebond.expression import Expr, ExpressionProblem, Name
 from heavebond.symbols import Context, evaluate, stack
-from heavebond.units import ONE, Dimension, Unit
+from heavebond.units import ONE, Dimension, Unit, declared_unit
+
+POWER, WATT = "power", declared_unit("W").dimension
 
 
 @dataclass(frozen=True)
@@ -35,7 +37,8 @@ class Unknown:
 
 @dataclass(frozen=True)
 class Resolver:
-    """Names of a diagram to SX and units: for formulas in place, outputs, conditions and costs."""
+    """Names of a diagram to SX and units: for formulas in place, outputs, conditions and costs; `spring.a.power` is the
+    power into a component over a port."""
 
     names: dict[str, int]
     constants: dict[str, ca.SX]
@@ -44,6 +47,8 @@ class Resolver:
     levels: tuple[tuple[ca.SX, ...], ...]
     time: ca.SX
     rate: ca.SX
+    # of each port: the unknowns whose product is the power into it, or None and the one that is a power
+    bonds: Mapping[str, tuple[int | None, int]] = field(default_factory=dict)
 
     def evaluate(self, expr: Expr, scope: str = "", extra: Mapping[str, ca.SX] | None = None) -> ca.SX:
         """The SX of a formula (`extra` names more than the diagram does); ExpressionProblem for an unknown name."""
@@ -64,6 +69,10 @@ class Resolver:
             return self.levels[0][self.names[path]]
         if path in self.constants:
             return self.constants[path]
+        port, _, member = path.rpartition(".")
+        if member == POWER and port in self.bonds:
+            effort, flow = self.bonds[port]
+            return self.levels[0][flow] if effort is None else self.levels[0][effort] * self.levels[0][flow]
         raise self._unknown(path, name)
 
     def _dimension(self, scope: str, name: Name) -> Dimension:
@@ -74,6 +83,9 @@ class Resolver:
             return self.unknowns[self.names[path]].unit.dimension
         if path in self.units:
             return self.units[path].dimension
+        port, _, member = path.rpartition(".")
+        if member == POWER and port in self.bonds:
+            return WATT
         raise self._unknown(path, name)
 
     def _unknown(self, path: str, name: Name) -> ExpressionProblem:

@@ -13,6 +13,7 @@ from heavebond.definition import ATTACHES, Component
 from heavebond.errors import ModelError
 from heavebond.library import Library
 from heavebond.model import STARTS
+from heavebond.sampling import DRAWN, NAMED
 from heavebond.schema_values import (
     COMMON_ENTRIES,
     FORMULA,
@@ -26,7 +27,10 @@ from heavebond.schema_values import (
     quantity,
     units,
 )
+from heavebond.study import PICTURES
 from heavebond.units import unit
+from heavebond.view import COLOURS, PAIRS, WIDE
+from heavebond.view import KINDS as SHAPES
 from heavebond.when import KINDS
 
 DRAFT = "http://json-schema.org/draft-07/schema#"
@@ -75,7 +79,17 @@ def diagram() -> Schema:
         "show": _each(_object({"is": _said("a formula; without it the name itself", FORMULA), "unit": UNIT}, ["unit"]),
                       "named outputs"),
         "simulate": _object({"until": TIME, "every": TIME}, description="how long, and the time between output points"),
+        "view": _each({"anyOf": [seen(kind) for kind in SHAPES]}, "shapes that `heavebond animate` moves"),
         "source": _said("where it is from"), "notes": _said("text for readers", {})}, ["model"])
+
+
+def seen(kind: str) -> Schema:
+    """A shape of a kind under `view:`."""
+    needed, more, colour = SHAPES[kind]
+    pair = {"type": "array", "items": FORMULA, "minItems": 2, "maxItems": 2}
+    sizes = {key: pair if key in PAIRS and kind not in WIDE else FORMULA for key in (*needed, *more)}
+    return _object({"is": {"enum": [kind]}, **sizes, "colour": _said(f"{colour} without it", {"enum": list(COLOURS)}),
+                    "label": _said("what is written at it")}, ["is", *needed])
 
 
 def experiment() -> Schema:
@@ -108,7 +122,10 @@ def study() -> Schema:
         "uncertain": _each(TEXT, "how far parameters may be off: `20 %`"),
         "by": _each({"type": ["object", "null"]}, "procedures")}, ["free", "cost"])
     steps = _object({"from": QUANTITY, "to": QUANTITY, "number": {"type": ["integer", "string"]}}, ["from", "to", "number"])
-    cases = {"anyOf": [{"type": "array"}, steps, _each({"anyOf": [values, {"type": "null"}]})]}
+    whole: Schema = {"type": ["integer", "string"]}
+    drawn = _object(dict.fromkeys((*DRAWN, "seed"), whole), description="how points are drawn")
+    sample = _object({"sample": {"anyOf": [{"enum": list(NAMED)}, drawn]}, "over": ranges}, ["sample", "over"])
+    cases = {"anyOf": [{"type": "array"}, steps, sample, _each({"anyOf": [values, {"type": "null"}]})]}
     return _object({
         "study": _said("a name"), "summary": _said("a sentence"), "model": _said("the diagram"),
         "cases": _each(cases, "what is varied: `f: [1 Hz, 2 Hz]`, or named sets of values"), "evaluate": window,
@@ -117,7 +134,7 @@ def study() -> Schema:
         "measure": _each({"anyOf": [TEXT, _object({"is": {}, "unit": UNIT}, ["is"])]}, "numbers told of each case"),
         "beside": _said("what others say of the same", {"type": "object"}), "calibrate": _object(
             {"free": ranges, "targets": {}, "to": {}}, ["free", "targets"]),
-        "pictures": _each(_object({"title": TEXT, "signals": WORDS, "curves": WORDS, "from": TIME, "to": TIME})),
+        "pictures": _each(_object({"title": TEXT, **dict.fromkeys(PICTURES, WORDS), "from": TIME, "to": TIME})),
         "notes": _said("text for readers", {})}, ["study", "model"])
 
 

@@ -292,11 +292,11 @@ def _with_integrals(made: Integrand, factors: Factors | None) -> Integrand:
 
 def grid(model: Model, until: Time | None, every: Time | None) -> Array:
     """Output times from 0 to the end, the end included; UsageError where they make no sense."""
-    end = _seconds(until, "until") if until is not None else _from_model(model.until)
+    end = seconds(until, "until") if until is not None else _from_model(model.until)
     if end is None:
         raise UsageError([Problem("until-missing", "it is not said how long to simulate", None,
                                   "Give `--until '60 s'`, or `simulate: {until: 60 s}` in the diagram.")])
-    step = _seconds(every, "every") if every is not None else _from_model(model.every)
+    step = seconds(every, "every") if every is not None else _from_model(model.every)
     step = end / POINTS if step is None else step
     if not end > 0 or not step > 0:
         raise UsageError([Problem("time-not-positive", f"until ({end:g} s) and every ({step:g} s) must be above 0")])
@@ -308,7 +308,8 @@ def grid(model: Model, until: Time | None, every: Time | None) -> Array:
     return np.asarray(times if end - times[-1] < 1e-9 * end else np.append(times, end))
 
 
-def _seconds(given: Time, what: str) -> float:
+def seconds(given: Time, what: str) -> float:
+    """A time in s from a number or a text such as `2 min`; UsageError that begins with `what` for anything else."""
     if isinstance(given, (int, float)):
         return float(given)
     try:

@@ -7,6 +7,8 @@ from collections.abc import Sequence as Many
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
 from heavebond import reading
 from heavebond.axes import Axis, StudyCase, case_at, indices, read_axes, read_numbers
 from heavebond.definition import FileInput
@@ -15,14 +17,19 @@ from heavebond.expression import constant
 from heavebond.model import Model, find, load_beside, read_settings
 from heavebond.objective import Case, Task
 from heavebond.published import Beside, read_beside
+from heavebond.sampling import read_ranges
 from heavebond.search import METHODS
 from heavebond.source import Mapping, Node, Scalar, Source, read
-from heavebond.units import Range, UnitProblem, parse_quantity, parse_range
+from heavebond.units import Range, UnitProblem, parse_quantity
 
 STUDY_KEYS = ("study", "summary", "model", "cases", "evaluate", "reference", "modes", "tune", "measure", "beside",
               "calibrate", "pictures", "notes")
 TUNE_KEYS = ("free", "cost", "limits", "over", "uncertain", "by")
 GRADIENT_KEYS = ("explore", "starts", "method")
+PICTURES = ("signals", "curves", "map", "histogram", "tornado", "indices")
+# the kinds of samples that a picture can be drawn of
+SAMPLES_OF = {"histogram": ("sobol", "latin_hypercube", "random", "sobol_indices"), "tornado": ("one_at_a_time", "local"),
+              "indices": ("sobol_indices", "local")}
 COST = "cost"
 SIMULATIONS = "simulations"
 
@@ -52,12 +59,14 @@ class Procedure:
 
 @dataclass(frozen=True)
 class Picture:
-    """Signals over time, a line per case; or measured numbers over the first axis of numbers, a line per other level."""
+    """What is drawn of `names`. `signals`: over time, a line per case; measured numbers as `curves` over the first axis of
+    numbers, a line per other level, as `map` over the first two, as `histogram` of a sample, as `tornado` of what moves
+    them, or their `indices` of sensitivity."""
 
     name: str
     title: str
-    signals: tuple[str, ...]
-    curves: tuple[str, ...]
+    kind: str
+    names: tuple[str, ...]
     begin: float | None
     end: float | None
     place: Place
@@ -103,7 +112,8 @@ class Study:
 
     def case(self, number: int) -> StudyCase:
         """The case of that number in `cases`."""
-        return case_at(self.axes, self.model, indices(self.axes)[number])
+        index = np.unravel_index(number, tuple(len(axis.levels) for axis in self.axes)) if self.axes else ()
+        return case_at(self.axes, self.model, tuple(map(int, index)))
 
     @property
     def tuning(self) -> Task:
@@ -116,7 +126,12 @@ class Study:
     @property
     def signals(self) -> tuple[str, ...]:
         """The signals that pictures show."""
-        return tuple(dict.fromkeys(name for picture in self.pictures for name in picture.signals))
+        return tuple(dict.fromkeys(name for picture in self.pictures if picture.kind == "signals" for name in picture.names))
+
+    @property
+    def sample(self) -> Axis | None:
+        """The axis whose levels are points of a sample."""
+        return next((axis for axis in self.axes if axis.sampling is not None), None)
 
 
 def load_study(name: str | Path) -> Study:
@@ -180,20 +195,9 @@ def _task(entry: Mapping, source: Source, window: tuple[float, float | None], re
           modes: Dictionary[str, float | str], problems: Problems) -> Task:
     items = entry.items
     limits = tuple(s.text for s in reading.words(items.get("limits"), "limits", problems))
-    return Task(_free(items.get("free"), problems), reading.text(items.get("cost"), "cost", problems), limits, *window,
-                reference, _over(items.get("over"), source, problems) or (Case("diagram", {}),), modes,
+    return Task(read_ranges(items.get("free"), "free", problems), reading.text(items.get("cost"), "cost", problems), limits,
+                *window, reference, _over(items.get("over"), source, problems) or (Case("diagram", {}),), modes,
                 _widths(items.get("uncertain"), problems))
-
-
-def _free(node: Node | None, problems: Problems) -> dict[str, Range]:
-    entries = reading.mapping(node, "free", problems)
-    found: dict[str, Range] = {}
-    for name, item in (entries.items if entries else {}).items():
-        try:
-            found[name] = parse_range(reading.text(item, name, problems))
-        except UnitProblem as problem:
-            problems.add(problem.code, f"{name}: {problem.message}", item.place, hint=problem.hint)
-    return found
 
 
 def _window(node: Node | None, what: str, problems: Problems) -> tuple[float | None, float | None]:
@@ -325,7 +329,7 @@ def _calibration(node: Node | None, beside: Many[Beside], problems: Problems) ->
             problems.add("target-wrong", f"'{name}: {text}' is no target: a measured quantity or a gain, and how near it "
                          "should come", place, hint="Write for example `WOB variation: 25 %`.")
         found[name] = width
-    return Calibration(_free(entry.items.get("free"), problems), found, source)
+    return Calibration(read_ranges(entry.items.get("free"), "free", problems), found, source)
 
 
 # -- measured quantities and pictures ----------------------------------------------------------------------------------
@@ -357,28 +361,37 @@ def _pictures(node: Node | None, axes: Many[Axis], quantities: Many[str], proble
         entry = reading.mapping(item, f"'{name}'", problems)
         if entry is None or not reading.identifier(key, "a picture", problems):
             continue
-        reading.known_keys(entry, ("title", "signals", "curves", "from", "to"), f"'{name}'", problems)
-        signals, curves = (tuple(w.text for w in reading.words(entry.items.get(k), k, problems))
-                           for k in ("signals", "curves"))
-        _check_picture(name, signals, curves, axes, quantities, key.place, problems)
+        reading.known_keys(entry, ("title", *PICTURES, "from", "to"), f"'{name}'", problems)
+        shown = {kind: tuple(w.text for w in reading.words(entry.items[kind], kind, problems)) for kind in PICTURES
+                 if kind in entry.items}
+        if len(shown) != 1:
+            problems.add("picture-kind", f"picture '{name}' shows one of {', '.join(PICTURES)}", key.place,
+                         hint="Write `signals: [WOB]` or `curves: [WOB variation]`.")
+            continue
+        (kind, names), = shown.items()
+        _check_picture(name, kind, names, axes, quantities, key.place, problems)
         ends = {k: v for k, v in entry.items.items() if k in ("from", "to")}
         window = Mapping(ends, {k: entry.keys[k] for k in ends}, entry.place)
-        found.append(Picture(name, reading.text(entry.items.get("title"), "title", problems), signals, curves,
+        found.append(Picture(name, reading.text(entry.items.get("title"), "title", problems), kind, names,
                              *_window(window, name, problems), key.place))
     return tuple(found)
 
 
-def _check_picture(name: str, signals: Many[str], curves: Many[str], axes: Many[Axis], quantities: Many[str], place: Place,
+def _check_picture(name: str, kind: str, names: Many[str], axes: Many[Axis], quantities: Many[str], place: Place,
                    problems: Problems) -> None:
-    if bool(signals) == bool(curves):
-        problems.add("picture-kind", f"picture '{name}' shows either signals over time or curves of measured quantities",
-                     place, hint="Write `signals: [WOB]` or `curves: [WOB variation]`.")
-    if curves and all(axis.unit is None for axis in axes):
-        problems.add("picture-axis", f"picture '{name}' has no axis for its curves: no axis of `cases:` has numbers", place,
+    if kind == "signals":
+        return
+    needed = {"curves": 1, "map": 2}.get(kind, 0)
+    if sum(axis.unit is not None for axis in axes) < needed:
+        few = "no axis for its curves: no axis of `cases:` has numbers" if needed == 1 else \
+            "no two axes for its map: fewer than two axes of `cases:` have numbers"
+        problems.add("picture-axis", f"picture '{name}' has {few}", place,
                      hint="Add a parameter with a list of values to `cases:`.")
-    for curve in curves:
-        if curve not in quantities:
-            problems.add("quantity-unknown", f"'{curve}' is nothing that this study measures or tunes", place,
-                         hint=suggest(curve, quantities) or f"Known: {listing(quantities)}.")
-
-
+    fitting = SAMPLES_OF.get(kind, ())
+    if fitting and not any(axis.sampling is not None and axis.sampling.kind in fitting for axis in axes):
+        problems.add("picture-sample", f"picture '{name}' has no sample for its {kind}", place,
+                     hint=f"Add `uncertain: {{sample: ..., over: {{...}}}}` to `cases:`, sampled by {listing(fitting)}.")
+    for quantity in names:
+        if quantity not in quantities:
+            problems.add("quantity-unknown", f"'{quantity}' is nothing that this study measures or tunes", place,
+                         hint=suggest(quantity, quantities) or f"Known: {listing(quantities)}.")

@@ -6,15 +6,22 @@ import csv
 import io
 import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from heavebond.campaign import StudyResult
 from heavebond.casework import Outcome
 from heavebond.errors import Problem, UsageError
 from heavebond.presentation import number
 from heavebond.study import SIMULATIONS
+from heavebond.uncertainty import indices, slopes, spreads
+from heavebond.units import Range
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Row = list[Any]
 
@@ -23,6 +30,7 @@ def table(result: StudyResult) -> tuple[list[str], list[Row]]:
     """Head and rows with plain numbers (None where there is none): the axes, the procedure, every number in its unit, behind
     it what others give and the relative difference."""
     head = [f"{axis.name} [{axis.unit.text}]" if axis.unit is not None else axis.name for axis in result.study.axes]
+    head += [f"{name} [{wanted.unit.text}]" for name, wanted in _sampled(result).items()]
     head += ["procedure"] if result.study.procedures else []
     for name in result.units:
         head.append(_titled(result, name))
@@ -40,6 +48,7 @@ def _titled(result: StudyResult, name: str) -> str:
 def _row(result: StudyResult, outcome: Outcome) -> Row:
     row: Row = [level.name if axis.unit is None else axis.unit.from_si(level.value)
                 for axis, level in zip(result.study.axes, result.case_of(outcome).levels, strict=True)]
+    row += [_plain(_point(result, outcome, name)) for name in _sampled(result)]
     row += [outcome.procedure] if result.study.procedures else []
     for name in result.units:
         row.append(_plain(result.value(outcome, name)))
@@ -47,6 +56,20 @@ def _row(result: StudyResult, outcome: Outcome) -> Row:
             if name in beside.numbers:
                 row += [_plain(result.published(outcome, name, k)), _plain(100 * result.difference(outcome, name, k))]
     return [*row, outcome.problem]
+
+
+def _sampled(result: StudyResult) -> Mapping[str, Range]:
+    """The parameters of the sample."""
+    axis = result.study.sample
+    return axis.sampling.over if axis is not None and axis.sampling is not None else {}
+
+
+def _point(result: StudyResult, outcome: Outcome, name: str) -> float:
+    """A parameter of the sample in its unit; NaN where it is as in the diagram."""
+    axis = result.study.sample
+    assert axis is not None
+    level = result.case_of(outcome).levels[result.study.axes.index(axis)]
+    return float(_sampled(result)[name].unit.from_si(level.values.get(name, math.nan)))
 
 
 def _plain(value: float) -> float | None:
@@ -59,10 +82,13 @@ def shown(result: StudyResult) -> tuple[list[str], list[list[str]], int]:
     study = result.study
     columns = [(_axis_head(result, k), [_level(result, o, k) for o in result.outcomes]) for k in range(len(study.axes))]
     words = next((k for k, axis in enumerate(study.axes) if axis.unit is not None), len(study.axes))
+    for name, wanted in _sampled(result).items():
+        columns.append((f"{name.rpartition('.')[2]}\n[{wanted.unit.text}]",
+                        [_number(name, _point(result, o, name)) for o in result.outcomes]))
     if len(study.procedures) > 1:
         columns.append(("procedure", [o.procedure for o in result.outcomes]))
     for name, unit in result.units.items():
-        parts = ["simu-", "lations"] if name == SIMULATIONS else _clear(result, name).split(" ")
+        parts = ["simu-", "lations"] if name == SIMULATIONS else [name] if "(" in name else _clear(result, name).split(" ")
         head = "\n".join([*parts, *([f"[{unit.text}]"] if unit.text != "1" else [])])
         columns.append((head, [_number(name, result.value(o, name)) for o in result.outcomes]))
         for k, beside in enumerate(study.beside):
@@ -86,7 +112,8 @@ def _level(result: StudyResult, outcome: Outcome, k: int) -> str:
 def _clear(result: StudyResult, name: str) -> str:
     """`K_p` of `controller.K_p`, unless another one ends like it."""
     short = name.rpartition(".")[2]
-    return short if " " not in name and sum(other.rpartition(".")[2] == short for other in result.units) == 1 else name
+    alone = sum(other.rpartition(".")[2] == short for other in result.units) == 1
+    return short if alone and not set(" (") & set(name) else name
 
 
 def _number(name: str, value: float) -> str:
@@ -138,11 +165,37 @@ def residual_rows(result: StudyResult) -> Iterator[tuple[str, ...]]:
                percent((r.value - r.target) / abs(r.target)), f"{r.off:+.2f}")
 
 
+def spread_rows(result: StudyResult) -> list[tuple[str, ...]]:
+    """Quantity, other levels, mean, standard deviation, quantiles and extremes of every number over the sample."""
+    return [(f"{_titled(result, s.quantity)}", s.others, *(number(v, 4) for v in (
+        s.mean, s.deviation, s.least, *s.quantiles, s.most)), f"{s.number}" + (f" + {s.failed} failed" if s.failed else ""))
+        for s in spreads(result)]
+
+
+def index_rows(result: StudyResult) -> list[tuple[str, ...]]:
+    """Quantity, other levels, parameter, Sobol indices of first and total order with their 95 % intervals."""
+    return [(found.quantity if k == 0 else "", found.others if k == 0 else "", name,
+             f"{found.first[k]:.3f}", _interval(found.first_interval[k]), f"{found.total[k]:.3f}",
+             _interval(found.total_interval[k]))
+            for found in indices(result) for k, name in enumerate(found.parameters)]
+
+
+def _interval(ends: tuple[float, float]) -> str:
+    return f"{ends[0]:.2f} .. {ends[1]:.2f}"
+
+
+def slope_rows(result: StudyResult) -> list[tuple[str, ...]]:
+    """Quantity, other levels, parameter, what 1 % more of it does, and its share of the variance to first order."""
+    return [(_titled(result, found.quantity) if k == 0 else "", found.others if k == 0 else "", name,
+             f"{found.percent[k]:+.3g}", f"{found.swing[k]:+.3g}", f"{100 * found.share[k]:.1f} %")
+            for found in slopes(result) for k, name in enumerate(found.parameters)]
+
+
 # -- files -------------------------------------------------------------------------------------------------------------
 def write_files(result: StudyResult, folder: Path) -> list[Path]:
     """table.csv, study.json, and signals.csv where there are signals; their paths."""
     head, rows = table(result)
-    files = {"table.csv": _csv([head, *rows]),
+    files: dict[str, str] = {"table.csv": _csv([head, *rows]),
              "study.json": json.dumps(as_dict(result), indent=1, ensure_ascii=False) + "\n"}
     if any(outcome.signals for outcome in result.outcomes):
         files["signals.csv"] = _csv(_signal_rows(result))
@@ -151,7 +204,24 @@ def write_files(result: StudyResult, folder: Path) -> list[Path]:
             (folder / name).write_text(content, encoding="utf-8")
     except OSError as error:
         raise UsageError([Problem("file-unwritable", f"'{folder}' cannot be written: {error.strerror or error}")]) from None
-    return [folder / name for name in files]
+    return [folder / name for name in files] + _parquet(result, folder)
+
+
+def to_pandas(result: StudyResult) -> pd.DataFrame:
+    """The table of a study, a row per case and procedure."""
+    import pandas as pd
+
+    head, rows = table(result)
+    return pd.DataFrame(rows, columns=head)
+
+
+def _parquet(result: StudyResult, folder: Path) -> list[Path]:
+    """table.parquet, where pyarrow is installed."""
+    if find_spec("pyarrow") is None:
+        return []
+    path = folder / "table.parquet"
+    to_pandas(result).to_parquet(path, engine="pyarrow", index=False)
+    return [path]
 
 
 def _csv(rows: Sequence[Sequence[Any]]) -> str:
@@ -177,6 +247,8 @@ def as_dict(result: StudyResult) -> dict[str, Any]:
     head, rows = table(result)
     return {"study": result.study.name, "summary": result.study.summary, "complete": result.complete,
             "axes": [axis.name for axis in result.study.axes],
+            "spreads": [asdict(s) for s in spreads(result)], "indices": [asdict(i) for i in indices(result)],
+            "slopes": [asdict(s) for s in slopes(result)],
             "calibrated": result.calibrated.as_dict() if result.calibrated is not None else None,
             "rows": [dict(zip(head, row, strict=True)) for row in rows],
             "cases": [{"case": result.case_of(o).name, "procedure": o.procedure, "values": dict(o.values),

@@ -172,6 +172,8 @@ class Record:
         stays = [self._stay(k) for k in range(len(self.frames))]
         x, z = stays[0].x, stays[0].z
         for number, stay in enumerate(stays[1:], 1):
+            if not stay.at.any():  # a stay between two stops
+                continue
             x[:, stay.at], z[:, stay.at] = self._at_home(number, stay, u)
         held = [h.index for h in self.home.assembly.flat.held]
         statistics: dict[str, object] = {"nsteps": self.steps}

@@ -58,7 +58,7 @@ class Workers:
                     return
                 yield key, here(self.base, *job)
             return
-        yield from as_done(self.processes.pool, remote, list(zip(keys, jobs, strict=True)), self.number + 1, until)
+        yield from as_done(self.processes, remote, list(zip(keys, jobs, strict=True)), self.number + 1, until)
 
 
 def _kept(base: Base) -> None:

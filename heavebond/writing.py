@@ -35,7 +35,7 @@ def fitted_diagram(fit: Fit, path: Path) -> str:
     change, notes = fitted_values(fit)
     head = [f"model: {path.stem}",
             f"summary: {experiment.model.name} with parameters fitted to {', '.join(records)}.",
-            f"extends: {_from(path, experiment.model.path)}"]
+            f"extends: {extended_from(path, experiment.model.path)}"]
     return "\n".join([*head, *block("set", change.settings, notes), *block("initial", change.initial, notes)]) + "\n"
 
 
@@ -57,7 +57,7 @@ def tuned_diagram(model: Model, task: Task, result: Tuned, path: Path) -> str:
     values = {name: quantity(value, task.free[name].unit) for name, value in result.values.items()}
     head = [f"model: {path.stem}",
             f"summary: {model.name}, tuned to a cost of {result.cost:.5g}.",
-            f"extends: {_from(path, model.path)}"]
+            f"extends: {extended_from(path, model.path)}"]
     return "\n".join([*head, *block("set", values)]) + "\n"
 
 
@@ -68,11 +68,11 @@ def calibrated_diagram(study: Study, found: Calibrated, path: Path) -> str:
     notes = {name: f"at the {end} end of its range" for name, end in found.at_end.items()}
     source = study.beside[study.calibration.source].source
     head = [f"model: {path.stem}", f"summary: {study.model.name}, calibrated to what {source} gives.",
-            f"extends: {_from(path, study.model.path)}"]
+            f"extends: {extended_from(path, study.model.path)}"]
     return "\n".join([*head, *block("set", values, notes)]) + "\n"
 
 
-def _from(path: Path, model: Path) -> str:
+def extended_from(path: Path, model: Path) -> str:
     """How a file at `path` names the diagram at `model`: a bundled one by its name, so that the file can move."""
     inside = bundled("models").resolve()
     if model.resolve().is_relative_to(inside) and not path.resolve().is_relative_to(inside):
@@ -90,12 +90,13 @@ def finding_files(finding: Finding, before: Experiment, model: Path, experiment:
     change = candidate.change.joined(fitted).with_values(
         {name: quantity(p.value, units[name]) for name, p in own.items()})
     said = f"{before.model.name} with {candidate.kind} {candidate.place}."
-    diagram = change.diagram(model.stem, said, _from(model, before.model.path))
+    diagram = change.diagram(model.stem, said, extended_from(model, before.model.path))
     free = {name: span(p, units[name], name in {n.name for n in candidate.numbers if n.amplitude})
             for name, p in own.items()}
     free.update({name: FIXED for name in before.free if name not in finding.fit.experiment.free})
     lines = [f"experiment: {quoted(f'{before.name}, with {candidate.kind} {candidate.place}')}",
-             f"extends: {quoted(_from(experiment, before.path))}", f"model: {quoted(_from(experiment, model))}",
+             f"extends: {quoted(extended_from(experiment, before.path))}",
+             f"model: {quoted(extended_from(experiment, model))}",
              *block("inputs", {new: old for old, new in change.moved.items()}),
              *block("outputs", {name: f"{{is: {quoted(formula)}}}" for name, formula in change.channels.items()}),
              *block("free", free)]

@@ -147,6 +147,8 @@ CASES = [
     Case("variable_orifice", "part.q", 0.5, 0.61*(0.5*3e-6 + 0.5e-10)*np.sqrt(2/870*100*BAR), 1e-4, BAND),
     Case("variable_pump", "part.q", 1, -0.5*D*W + D*W*0.05, 1e-9, ROUNDING),
     Case("variable_pump", "part.s.tau", 1, 0.5*D*DP + D*DP*(1/0.92 - 1), 1e-9, ROUNDING),
+    Case("plunger_cylinder", "line.p", 4, (1000*9.81 + 20e3*2*LPM/50e-4)/50e-4, 1e-5, "settled to 1e-6"),
+    Case("piston_accumulator", "gas.p", 20, 101*BAR*50/48, 1e-4, "the oil gives way by 1 mL of 48 L"),
     Case("volume", "vessel.p", 2, brentq(lambda p: air_compressed(p, 0.02) - 6*LPM*2/0.01, 0, 500*BAR), 1e-5,
          "integration, 1e-8 of 100 bar in each step"),
 ]
@@ -177,7 +179,7 @@ def test_every_hydraulic_component_says_what_it_leaves_out_and_where_its_law_is_
 
 
 AWAKE = {"leakage": 2e-11, "eta_v": 0.8, "eta_hm": 0.8, "air": 0.05, "overlap": 0.1, "zeta": 50.0, "expansion": 2e-12,
-         "q_0": 1e-4}
+         "q_0": 1e-4, "F_c": 1e4, "d": 1e6, "n": 1.4}
 
 
 def dormant() -> list[tuple[str, str, str]]:

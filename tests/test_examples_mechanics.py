@@ -119,6 +119,7 @@ CASES = [
     Case("hydrostatic_spring", "body.x", lambda t: 0.1*np.cos(np.sqrt(1025*9.81/500)*t), RUN),
     Case("wire_rope", "part.F", lambda t: 100e9*1e-4/10*np.maximum(x(t), 0), LAW + "; 1e-5 for the rounding of 10 m", 1e-5),
     # 10 N on an arm of 2 m are 20 N on one of 1 m, the other way
+    Case("rocker_arm", "falls.x", lambda t: (1 + 2/8) * 0.4*np.sin(2*np.pi*t/8), LAW),  # two lines shared by eight falls
     Case("lever", "load.v", lambda t: -5*t, RUN),
     Case("pulley", "load.v", lambda t: (2*30/4 - 9.81)*t, RUN),
     Case("tackle", "load.v", lambda t: 0.1 + (4*100*0.9/20 - 9.81)*t, RUN),

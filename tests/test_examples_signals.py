@@ -40,6 +40,12 @@ def chirp(t: Array) -> Array:
     return 2*np.sin(2*PI*np.interp(t, grid, cycles))
 
 
+def heave_behind_a_filter(t: Array) -> Array:
+    """T z' + z = sin(w t) from z = 0."""
+    w, T = 2*np.pi/8, 0.2
+    return (np.sin(w*t) - w*T*np.cos(w*t) + w*T*np.exp(-t/T))/(1 + (w*T)**2)
+
+
 def second_order(t: Array) -> Array:
     w, zeta = 4*PI, 0.3
     own = w*np.sqrt(1 - zeta**2)
@@ -102,6 +108,7 @@ CASES = [
     Case("integrator", "part.y", lambda t: 1 + 3*2*(1 - np.cos(2*PI*t))/(2*PI), RUN),
     Case("filtered_derivative", "part.y", lambda t: 4*(1 - np.exp(-t/0.1)), RUN),
     Case("first_order_lag", "part.y", lambda t: 2*(1 - np.exp(-t/0.2)), RUN),
+    Case("motion_reference_unit", "part.z", heave_behind_a_filter, RUN),
     Case("second_order_lag", "part.y", second_order, RUN),
     Case("transfer_function", "part.y", lambda t: 1.5 - 2*np.exp(-t) + 0.5*np.exp(-2*t), "partial fractions"),
     Case("state_space", "part.y", lambda t: 2*(1 - 2*np.exp(-t) + np.exp(-2*t)), "partial fractions"),

@@ -141,7 +141,8 @@ def test_no_signal_and_unknown_signal_are_refused(result: hb.Result) -> None:
 
 def test_runs_side_by_side(result: hb.Result) -> None:
     stiff = hb.simulate(hb.loads(SLIDER).with_parameters({"spring.c": "2 kN/m"}))
-    figure = plot_runs({"soft": result, "stiff": stiff}, ["place", "pull"], window=(0.25, 1.0), shaded=(0.5, 1.0))
+    runs = {"soft": result.saved(), "stiff": stiff.saved()}
+    figure = plot_runs(runs, ["place", "pull"], window=(0.25, 1.0), shaded=(0.5, 1.0))
     assert _labels(figure) == ["place [mm]", "pull [N]"]
     assert [line.get_color() for line in figure.axes[0].lines] == list(COLOURS[:2])
     assert figure.axes[0].get_xlim() == (0.25, 1.0)

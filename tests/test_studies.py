@@ -334,8 +334,8 @@ def test_conditions_are_timed_and_counted() -> None:
    15 |   motion: {signals: [moton, spring.F], from: 4 s}
       |   ^^^^^^
   Did you mean 'motion'?"""),
-    ("curves: [transmission, travel]", "title: nothing", """study.yaml:14: picture 'curves' shows either signals """
-     """over time or curves of measured quantities [picture-kind]
+    ("curves: [transmission, travel]", "title: nothing", """study.yaml:14: picture 'curves' shows one of signals, """
+     """curves, map, histogram, tornado, indices [picture-kind]
    14 |   curves: {title: nothing}
       |   ^^^^^^
   Write `signals: [WOB]` or `curves: [WOB variation]`.""")])

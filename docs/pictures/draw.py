@@ -7,13 +7,15 @@ import tempfile
 from pathlib import Path
 
 import heavebond as hb
-from heavebond import plot
+from heavebond import plot, plot_energy, plot_linear
+from heavebond.energy_flow import energy_flow
 from heavebond.objective import Objective
 from heavebond.plot_study import plot_study
 from heavebond.plot_where import plot_place
 from heavebond.starter_folder import start_folder
 from heavebond.study import load_study
 from heavebond.tuning import sweep, tune
+from heavebond.units import parse_range
 
 # what `heavebond diagnose` writes for the rig of the first page
 FOUND = {
@@ -36,7 +38,7 @@ model: rig_2.yaml
 
 def weight_on_bit(folder: Path) -> Path:
     """The published wave (0.5 m, 12 s), passive beside active, both with seal friction."""
-    runs = {"passive": hb.simulate(hb.load("cmc_ahc/passive")), "active": hb.simulate(hb.load("cmc_ahc"))}
+    runs = {"passive": hb.simulate(hb.load("cmc_ahc/passive")).saved(), "active": hb.simulate(hb.load("cmc_ahc")).saved()}
     title = "Crown-mounted compensator, heave 0.5 m at 12 s"
     figure = plot.plot_runs(runs, ["WOB", "crown"], title=title, shaded=(72.0, 96.0))
     return plot.save(figure, folder / "passive_active.png")
@@ -101,6 +103,27 @@ def published_fig8(folder: Path) -> Path:
     return _of_study("fig8", folder)
 
 
+def bode(folder: Path) -> Path:
+    """Crown and string force of the passive rig over the motion of the platform."""
+    system = hb.state_space(hb.load("passive_rig"), ["vessel.u"], ["crown.x", "string_force"])
+    channels = [system.channel(name, "vessel.u") for name in system.outputs]
+    return plot.save(plot_linear.plot_bode(channels, channels[0].frequencies(), title="passive_rig at its start"),
+                     folder / "bode.png")
+
+
+def locus(folder: Path) -> Path:
+    """The poles of the compensator over its position gain."""
+    found = hb.root_locus(hb.load("cmc_ahc"), "controller.K_p", parse_range("0 .. 8 1/m"))
+    return plot.save(plot_linear.plot_root_locus(found, title="cmc_ahc: poles over controller.K_p"), folder / "locus.png")
+
+
+def flow(folder: Path) -> Path:
+    """The energy of the compensator in its wave."""
+    found = hb.audit(hb.load("cmc_ahc"))
+    return plot.save(plot_energy.plot_energy_flow(energy_flow(found), title="cmc_ahc: energy over 96 s"),
+                     folder / "energy_flow.png")
+
+
 DRAWN = (
     weight_on_bit,
     friction,
@@ -108,6 +131,9 @@ DRAWN = (
     implied_friction,
     published_fig6,
     published_fig8,
+    bode,
+    locus,
+    flow,
     session,
     tuning,
     compensator,

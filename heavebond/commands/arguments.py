@@ -27,10 +27,30 @@ def json_option(command: Command) -> Command:
                         help="Write the figures to FILE as JSON, problems too.")(command)
 
 
+def scheduler_option(command: Command) -> Command:
+    """--scheduler ADDRESS."""
+    return click.option("--scheduler", metavar="ADDRESS",
+                        help="Work on the workers of this dask scheduler, e.g. tcp://host:8786.")(command)
+
+
 def set_option(command: Command) -> Command:
     """--set PATH=VALUE, as often as wanted."""
     return click.option("--set", "settings", metavar="PATH=VALUE", multiple=True,
                         help="Set a parameter or an input, e.g. --set gas.c='40 kN/m'. May be repeated.")(command)
+
+
+def at_options(command: Command) -> Command:
+    """--at TIME and --steady; see `operating_time`."""
+    command = click.option("--steady", is_flag=True, help="Linearise in the steady state, not at the start.")(command)
+    return click.option("--at", metavar="TIME", help="Run to this time first, and linearise there.")(command)
+
+
+def operating_time(at: str | None, steady: bool) -> str | None:
+    """What `OperatingPoints` takes; UsageError where both are asked for."""
+    if at is not None and steady:
+        raise UsageError([Problem("at-and-steady", "--at and --steady name two operating points", None,
+                                  "Give one of them.")])
+    return "steady" if steady else at
 
 
 def picture_option(words: str) -> Callable[[Command], Command]:

@@ -131,6 +131,7 @@ def _picture(sea: Sea, results: dict[str, Result], folder: Path) -> Path:
     first = next(iter(results.values()))
     end = float(first.time[-1])
     begin, drawn = _from(sea.evaluated, first), _from(sea.drawn, first)
-    figure = plot_runs(results, DRAWN, title=f"Crown-mounted compensator, {sea.title}", window=(drawn, end),
+    runs = {label: result.saved(DRAWN) for label, result in results.items()}
+    figure = plot_runs(runs, DRAWN, title=f"Crown-mounted compensator, {sea.title}", window=(drawn, end),
                        shaded=(begin, end) if begin > drawn else None)
     return save(figure, folder / f"{sea.file}.png")

@@ -26,27 +26,43 @@ from heavebond.errors import Problem, UsageError
 @click.option("--values", is_flag=True, help="Write the values set on each component below its name.")
 @click.option("--highlight", "marked", metavar="NAME[=LABEL]", multiple=True,
               help="Mark a component, a node or a port, e.g. --highlight cmc.gas='stiffer than given'. May be repeated.")
+@click.option("--bond-graph", "bonds", is_flag=True, help="Draw the bond graph, with half arrows and causal strokes.")
+@click.option("--colour", metavar="SIGNAL",
+              help="Colour by what a run finds: `power`, a variable such as p, v, q or F, or one with its path.")
+@click.option("--at", metavar="TIME", help="With --colour: at this time, e.g. --at '12 s'; without it over the whole run.")
+@click.option("--over", type=click.Choice(("mean", "peak")), default="mean", show_default=True,
+              help="With --colour: what is taken of the run.")
 @set_option
 @json_option
 def draw(model: str, output: Path | None, opened: tuple[str, ...], open_all: bool, values: bool, marked: tuple[str, ...],
-         settings: tuple[str, ...]) -> dict[str, object]:
+         bonds: bool, colour: str | None, at: str | None, over: str, settings: tuple[str, ...]) -> dict[str, object]:
     """Draw the diagram MODEL as an SVG picture.
 
     MODEL is a YAML file or the name of a bundled diagram (cmc_ahc, cmc_ahc/passive). Parts stand where `at: [column, row]`
     puts them, the others beside what they are joined to. Blocks are drawn as boxes unless they are opened.
     """
-    from heavebond import drawing, terminal
+    from heavebond import bond_picture, drawing
     from heavebond.model import load
+    from heavebond.painting import paint
 
-    path = output or Path(f"{Path(model).stem}.svg")
+    path = output or Path(f"{Path(model).stem}{'_bonds' if bonds else ''}.svg")
     check_writable(path, (".svg",))
     highlight = {}
     for text in marked:
         name, _, label = text.partition("=")
         highlight[name.strip()] = label.strip()
     with blamed_on_settings(settings):
-        picture = drawing.draw(with_settings(load(model), settings), open=opened, open_all=open_all, values=values,
-                               highlight=highlight)
+        diagram = with_settings(load(model), settings)
+        if bonds:
+            return _write(path, bond_picture.draw_bond_graph(diagram))
+        painted = paint(diagram, colour, at=at, over=over) if colour else None
+        picture = drawing.draw(diagram, open=opened, open_all=open_all, values=values, highlight=highlight, colour=painted)
+    return _write(path, picture)
+
+
+def _write(path: Path, picture: str) -> dict[str, object]:
+    from heavebond import terminal
+
     try:
         path.write_text(picture, encoding="utf-8", newline="\n")
     except OSError as error:

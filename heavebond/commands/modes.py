@@ -1,4 +1,4 @@
-"""`heavebond modes`: the modes of a diagram, linearised at its start."""
+"""`heavebond modes`: the modes of a diagram, linearised at its start, in its steady state or at a time."""
 
 from __future__ import annotations
 
@@ -6,43 +6,74 @@ from typing import TYPE_CHECKING
 
 import click
 
-from heavebond.commands.arguments import blamed_on_settings, json_option, set_option, with_settings
+from heavebond.commands.arguments import (
+    at_options,
+    blamed_on_settings,
+    json_option,
+    operating_time,
+    set_option,
+    with_settings,
+)
 
 if TYPE_CHECKING:
+    from heavebond.dae import Assembly
     from heavebond.linearisation import Mode
+    from heavebond.modal_energy import ModalShares
+    from heavebond.start_equations import Point
 
-LEAST = 0.05  # states that take part by less are not named
+LEAST = 0.05  # what takes part by less is not named
 MOST = 4
 
 
-@click.command(short_help="Frequencies and damping of a diagram, linearised at its start.")
+@click.command(short_help="Frequencies and damping of a diagram, and which components swing.")
 @click.argument("model")
+@at_options
 @set_option
 @json_option
-def modes(model: str, settings: tuple[str, ...]) -> dict[str, object]:
-    """Linearise MODEL at its start, and list its modes: how fast, how damped, and which states take part.
+def modes(model: str, at: str | None, steady: bool, settings: tuple[str, ...]) -> dict[str, object]:
+    """Linearise MODEL at its start, and list its modes: how fast, how damped, which components swing (their share of the
+    energy), and which damp it. A mode in which no component stores energy is told by its states.
 
-    A friction law is linearised as it is at rest, where it holds everything: --set its forces to 0 for the modes in motion.
+    A friction law is linearised as it is at rest, where it holds everything: --set its forces to 0 for the modes in motion,
+    or take a moment of motion by --at.
     """
     from heavebond import terminal
-    from heavebond.dae import assemble
-    from heavebond.linearisation import ModesAtStart
+    from heavebond.linearisation import Linearisation
+    from heavebond.modal_energy import energy_shares
     from heavebond.model import load
+    from heavebond.operating import OperatingPoints
+    from heavebond.presentation import count
 
-    with blamed_on_settings(settings), terminal.working("assembling"):
-        assembly = assemble(with_settings(load(model), settings))
-        _, found = ModesAtStart(assembly).at({})
+    with blamed_on_settings(settings), terminal.working("linearising"):
+        operating = OperatingPoints(with_settings(load(model), settings), operating_time(at, steady))
+        assembly, point = operating.assembly, operating.at()
+        found = Linearisation(assembly).at(point).modes()
+        shares = energy_shares(assembly, point, found)
     console = terminal.output()
     rows = [(_frequency(mode), *((f"{mode.damping:.4g}", f"{-mode.value.real:.4g} 1/s") if mode.value else ("", "")),
-             _taking_part(mode)) for mode in found]
-    console.print(terminal.table(f"{assembly.model.name}, {len(assembly.state_names)} states",
-                                 ("frequency", "damping", "decay", "states"), rows, text=4))
+             _named(share.energy or mode.participation), _named(share.damping))
+            for mode, share in zip(found, shares, strict=True)]
+    console.print(terminal.table(f"{assembly.model.name} {operating.words}, {count(len(assembly.state_names), 'state')}",
+                                 ("frequency", "damping", "decay", "energy in", "damped (fed) by"), rows, text=5))
     growing = sum(mode.value.real > 0 for mode in found)
     if growing:
-        console.print(f"{growing} modes grow" if growing > 1 else "1 mode grows", "at the start: it is not stable there")
-    return {"model": assembly.model.name, "modes": [
-        {"real": mode.value.real, "imaginary": mode.value.imag, "frequency": mode.frequency, "damping": mode.damping,
-         "participation": mode.participation} for mode in found]}
+        console.print(f"{growing} modes grow" if growing > 1 else "1 mode grows",
+                      f"{operating.words}: it is not stable there")
+    if shares and shares[0].left_out:
+        console.print(f"not counted (described by mass and temperature): {', '.join(shares[0].left_out)}", soft_wrap=True)
+    return {"model": assembly.model.name, "at": operating.words, "operating_point": _point_told(assembly, point),
+            "modes": [_told(mode, share) for mode, share in zip(found, shares, strict=True)]}
+
+
+def _told(mode: Mode, share: ModalShares) -> dict[str, object]:
+    return {"real": mode.value.real, "imaginary": mode.value.imag, "frequency": mode.frequency, "damping": mode.damping,
+            "participation": mode.participation, "energy": share.energy, "damped_by": share.damping}
+
+
+def _point_told(assembly: Assembly, point: Point) -> dict[str, object]:
+    return {"time": point.t, **{name: {"value": float(value), "unit": assembly.flat.unknowns[j].unit.text + "/s" * order}
+                                for name, value, (j, order) in zip(assembly.state_names, point.x, assembly.reduced.states,
+                                                                   strict=True)}}
 
 
 def _frequency(mode: Mode) -> str:
@@ -51,6 +82,6 @@ def _frequency(mode: Mode) -> str:
     return f"{mode.frequency:.4g} Hz" if mode.swings else "does not swing"
 
 
-def _taking_part(mode: Mode) -> str:
-    shares = [(name, share) for name, share in mode.participation.items() if share >= LEAST][:MOST]
-    return ", ".join(f"{name} {100 * share:.0f} %" for name, share in shares)
+def _named(shares: dict[str, float]) -> str:
+    named = [(name, share) for name, share in shares.items() if abs(share) >= LEAST][:MOST]
+    return ", ".join(f"{name} {100 * share:.0f} %" for name, share in named)

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from heavebond.commands.arguments import json_option
+from heavebond.commands.arguments import json_option, scheduler_option
 
 if TYPE_CHECKING:
     from heavebond.campaign import StudyResult
+    from heavebond.study import Study
+
+
+LISTED = 12  # rows of a sample that are shown
 
 
 @click.command(short_help="Work out a study: cases tuned, measured and laid beside published numbers.")
@@ -19,21 +24,30 @@ if TYPE_CHECKING:
               help="Where tables and pictures go [default: a folder of the study's name].")
 @click.option("--processes", type=click.IntRange(1), help="Cases worked side by side [default: all processors].")
 @click.option("--fresh", is_flag=True, help="Work all cases out anew, also those done already.")
+@scheduler_option
 @json_option
-def study(file: str, output: Path | None, processes: int | None, fresh: bool) -> dict[str, object]:
+def study(file: str, output: Path | None, processes: int | None, fresh: bool, scheduler: str | None) -> dict[str, object]:
     """Work out every case of STUDY, a YAML file or a bundled one (cmc_ahc/quality_index).
 
     Each case is kept in the folder when it is done: the same command goes on where it was stopped by Ctrl-C.
     """
-    from heavebond import terminal
-    from heavebond.campaign import run_study
     from heavebond.study import load_study
-    from heavebond.study_table import as_dict, write_files
 
     asked = load_study(file)
-    folder = output or Path(asked.path.stem)
-    with terminal.working("study") as progress:
-        result = run_study(asked, folder=folder, processes=processes, fresh=fresh, progress=progress)
+    return work_out(asked, output or Path(asked.path.stem), processes, fresh, scheduler)
+
+
+def work_out(asked: Study, folder: Path, processes: int | None, fresh: bool, scheduler: str | None) -> dict[str, object]:
+    """Work a study out, tell it and write its files; the figures for JSON."""
+    from heavebond import terminal
+    from heavebond.campaign import run_study
+    from heavebond.cluster import Cluster
+    from heavebond.study_table import as_dict, write_files
+
+    with ExitStack() as stack:
+        cluster = stack.enter_context(Cluster(scheduler)) if scheduler is not None else None
+        progress = stack.enter_context(terminal.working("study"))
+        result = run_study(asked, folder=folder, processes=processes, executor=cluster, fresh=fresh, progress=progress)
     _tell(result)
     files = [*write_files(result, folder), *_diagram(result, folder), *_pictures(result, folder)]
     console = terminal.output()
@@ -52,10 +66,15 @@ def _tell(result: StudyResult) -> None:
     console = terminal.output()
     _tell_calibration(result)
     head, rows, words = shown(result)
+    left_out = max(0, len(rows) - LISTED) if result.study.sample is not None else 0
+    rows = rows[:len(rows) - left_out]
     if head and result.calibrated is None:
         console.print(result.study.name, style="bold", soft_wrap=True)
     if head:
         console.print(terminal.table("", head, rows, text=words))
+    if left_out:
+        console.print(f"and {left_out} more rows, in table.csv", soft_wrap=True)
+    _tell_sample(result)
     modes = list(mode_rows(result))
     if modes:
         console.print(terminal.table("modes that swing", ("case", "frequency", "damping", "components"), modes, text=4))
@@ -64,6 +83,27 @@ def _tell(result: StudyResult) -> None:
         for text, value in outcome.limits.items():
             if not value <= 1e-4:
                 console.print(f"{case}, {outcome.procedure}: limit {text} exceeded by {100 * value:.3g} %", soft_wrap=True)
+
+
+def _tell_sample(result: StudyResult) -> None:
+    """What the points of a sample say together."""
+    from heavebond import terminal
+    from heavebond.study_table import index_rows, slope_rows, spread_rows
+
+    console = terminal.output()
+    for title, head, rows, words in (
+            ("over the sample", ("number", "", "mean", "deviation", "least", "5 %", "50 %", "95 %", "most", "cases"),
+             spread_rows(result), 2),
+            ("Sobol indices: the share of the variance that a parameter makes alone, and with the others",
+             ("number", "", "parameter", "alone", "95 %", "with others", "95 %"), index_rows(result), 3),
+            ("at the diagram's own values, exact: what 1 % more does, what the half width does, share of the variance",
+             ("number", "", "parameter", "1 % more", "half width", "share"), slope_rows(result), 3)):
+        if rows:
+            kept = [k for k, name in enumerate(head) if name or any(row[k] for row in rows)]
+            words -= len([k for k in range(words) if k not in kept])
+            console.print(f"\n{title}", style="bold", soft_wrap=True)
+            told = [[row[k] for k in kept] for row in rows]
+            console.print(terminal.table("", [head[k] for k in kept], told, text=words))
 
 
 def _tell_calibration(result: StudyResult) -> None:

@@ -1,0 +1,41 @@
+"""`heavebond animate`: a moving picture of a run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from heavebond.commands.arguments import blamed_on_settings, check_writable, json_option, set_option, with_settings
+
+
+@click.command(short_help="Make a moving picture of a run.")
+@click.argument("model")
+@click.option("-o", "--output", metavar="FILE", type=click.Path(path_type=Path),
+              help="A page (.html) or a film (.gif, .mp4); without it MODEL.html in the current folder.")
+@click.option("--signal", "signals", metavar="SIGNAL", multiple=True,
+              help="Draw a variable or an output over time below. May be repeated; without it the first outputs.")
+@click.option("--until", metavar="TIME", help="How long to simulate, e.g. --until '2 min'.")
+@click.option("--every", metavar="TIME", help="Time between output points, e.g. --every '10 ms'.")
+@click.option("--speed", metavar="NUMBER", type=click.FloatRange(0, min_open=True), default=1.0, show_default=True,
+              help="How fast it plays; 1 is real time.")
+@set_option
+@json_option
+def animate(model: str, output: Path | None, signals: tuple[str, ...], until: str | None, every: str | None, speed: float,
+            settings: tuple[str, ...]) -> dict[str, object]:
+    """Run the diagram MODEL and show it move.
+
+    What is seen is said under `view:` in the diagram. A page needs no network: it plays, stops, goes to any instant, slower
+    or faster.
+    """
+    from heavebond import motion, terminal
+    from heavebond.animation import SUFFIXES, save_animation
+    from heavebond.model import load
+
+    path = output or Path(f"{Path(model).stem}.html")
+    check_writable(path, SUFFIXES)
+    with blamed_on_settings(settings):
+        found = motion.animate(with_settings(load(model), settings), until, every=every, signals=signals)
+    save_animation(found, path, speed=speed)
+    terminal.output().print(f"wrote {path}", soft_wrap=True)
+    return {"files": [str(path)], "frames": len(found.time)}

@@ -1,0 +1,103 @@
+"""`heavebond energy`: where the energy of a run goes, which components matter, and a diagram without those that do not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from heavebond.commands.arguments import (
+    blamed_on_settings,
+    check_picture,
+    check_writable,
+    json_option,
+    set_option,
+    with_settings,
+)
+
+if TYPE_CHECKING:
+    from heavebond.simplification import Simplified
+
+
+@click.command(short_help="Where the energy of a run goes; which components matter.")
+@click.argument("model")
+@click.option("--until", metavar="TIME", help="How long to simulate, e.g. --until '2 min'.")
+@click.option("--every", metavar="TIME", help="Time between output points, e.g. --every '10 ms'.")
+@click.option("--audit", "audited", is_flag=True, help="End with an error that names the component whose balance is open.")
+@click.option("--sankey", metavar="PICTURE", type=click.Path(path_type=Path),
+              help="Draw from where to where energy goes (.png, .svg or .pdf).")
+@click.option("--activity", metavar="PICTURE", type=click.Path(path_type=Path),
+              help="Draw which components are active (.png, .svg or .pdf).")
+@click.option("--reduce", "share", metavar="SHARE", type=click.FloatRange(0, 100, min_open=True),
+              help="Keep the components that make up so many per cent of the activity, and neutralise the others.")
+@click.option("--error", "limit", metavar="PERCENT", type=click.FloatRange(0, min_open=True), default=5.0, show_default=True,
+              help="With --reduce: leave what would move an output by more than this.")
+@click.option("--write", "written", metavar="FILE", type=click.Path(path_type=Path),
+              help="With --reduce: write the reduced diagram, which extends MODEL (.yaml).")
+@set_option
+@json_option
+def energy(model: str, until: str | None, every: str | None, audited: bool, sankey: Path | None, activity: Path | None,
+           share: float | None, limit: float, written: Path | None, settings: tuple[str, ...]) -> dict[str, object]:
+    """Run the diagram MODEL with the power of every component integrated beside its states, and tell where energy goes.
+
+    `activity` is the share of a component in all the power that goes in or out anywhere: what has little, matters little.
+    The power at any port is a signal too: heavebond run MODEL --plot spring.a.power
+    """
+    from heavebond import terminal
+    from heavebond.energy import audit, table
+    from heavebond.model import load
+
+    for path in (sankey, activity):
+        check_picture(path)
+    if written is not None:
+        check_writable(written, (".yaml",))
+    with blamed_on_settings(settings), terminal.working("integrating"):
+        diagram = with_settings(load(model), settings)
+        found = audit(diagram, until, every=every)
+    console = terminal.output()
+    console.print(table(found))
+    files = []
+    if sankey is not None or activity is not None:
+        from heavebond import plot_energy
+        from heavebond.energy_flow import energy_flow
+        from heavebond.plot import save
+
+        title = f"{diagram.name}: energy over {found.result.time[-1]:.6g} s"
+        if sankey is not None:
+            files.append(save(plot_energy.plot_energy_flow(energy_flow(found), title=title), sankey))
+        if activity is not None:
+            files.append(save(plot_energy.plot_activity(found, title=f"{diagram.name}: activity"), activity))
+    told: dict[str, object] = {"model": diagram.name, **found.as_dict()}
+    if audited:
+        found.raise_if_open()
+        console.print("the energy balance closes")
+    if share is not None:
+        from heavebond.simplification import simplify
+
+        with terminal.working("trying without") as progress:
+            reduced = simplify(diagram, share / 100, limit / 100, found=found, progress=progress)
+        _print_reduced(reduced)
+        told["reduced"] = reduced.as_dict()
+        if written is not None and reduced.removed:
+            written.write_text(reduced.diagram(written), encoding="utf-8", newline="\n")
+            files.append(written)
+    for path in files:
+        console.print(f"wrote {path}", soft_wrap=True)
+    return {**told, "files": [str(path) for path in files]}
+
+
+def _print_reduced(reduced: Simplified) -> None:
+    from heavebond import terminal
+    from heavebond.presentation import number
+
+    console = terminal.output()
+    rows = [(one.component, f"{100 * one.share:.3g} %", one.step.words if not one.kept else
+             f"stays: {one.kept}") for one in reduced.tried]
+    console.print(terminal.table("Little active", ("component", "activity", "what becomes of it"), rows, text=3))
+    if reduced.removed:
+        console.print(terminal.table("What that moves", ("output", "rms error / rms about the mean"), [
+            (name, f"{number(100 * error, 3)} %") for name, error in reduced.errors.items()], text=1))
+        console.print(f"{reduced.states[0]} states before, {reduced.states[1]} after")
+    else:
+        console.print("nothing can go: raise --error to see what that would move")

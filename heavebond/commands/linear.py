@@ -1,0 +1,281 @@
+"""`heavebond linear`: a diagram as a linear system between an input and an output, its pictures and its margins."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from heavebond.commands.arguments import (
+    at_options,
+    blamed_on_settings,
+    check_picture,
+    check_writable,
+    json_option,
+    listed,
+    operating_time,
+    picture_option,
+    set_option,
+    settings_of,
+    with_settings,
+)
+from heavebond.errors import Problem, UsageError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from heavebond.dae import Array
+    from heavebond.linear_system import StateSpace
+    from heavebond.margins import Margin, Margins
+    from heavebond.model import Model
+
+PICTURES = ("bode", "nyquist", "poles", "step")
+MATRICES = (".npz", ".mat")
+
+
+@click.command(short_help="Frequency response, poles and zeros, steps, root locus, margins of a loop.")
+@click.argument("model")
+@click.option("--from", "inputs", metavar="INPUT[,...]", multiple=True,
+              help="A signal, what enters a node (crown.f), or a parameter. May be repeated.")
+@click.option("--to", "outputs", metavar="OUTPUT[,...]", multiple=True,
+              help="A variable, an output or a formula of these. May be repeated.")
+@click.option("--loop", metavar="SIGNAL", help="Cut the loop at this signal, and tell its margins.")
+@click.option("--over", metavar="PARAMETER='LOW .. HIGH'", help="Draw how the poles move while a parameter does.")
+@click.option("--picture", type=click.Choice(PICTURES), default="bode", show_default=True, help="What to draw.")
+@at_options
+@click.option("--frequencies", metavar="'LOW .. HIGH'", help="Of the pictures, e.g. --frequencies '0.01 .. 10 Hz'.")
+@click.option("--until", metavar="TIME", help="How long a step is drawn.")
+@set_option
+@picture_option("Where to draw")
+@click.option("--save", "saved", metavar="FILE", type=click.Path(path_type=Path),
+              help="Write the matrices with names and units (.npz or .mat).")
+@json_option
+def linear(model: str, inputs: tuple[str, ...], outputs: tuple[str, ...], loop: str | None, over: str | None, picture: str,
+           at: str | None, steady: bool, frequencies: str | None, until: str | None, settings: tuple[str, ...],
+           output: Path | None, saved: Path | None) -> dict[str, object]:
+    """Linearise the diagram MODEL and look at it between an input and an output, by exact derivatives.
+
+    heavebond linear cmc_ahc --from heave --to crown.x --output bode.png
+
+    heavebond linear cmc_ahc --loop command --picture nyquist --output nyquist.png
+
+    heavebond linear cmc_ahc --over controller.K_p='0 .. 5 1/m' --output locus.png
+
+    A friction law is linearised as it is at rest, where it holds everything: --set its forces to 0 for the machine in
+    motion, or take a moment of motion by --at.
+    """
+    from heavebond import terminal
+    from heavebond.model import load
+
+    check_picture(output)
+    if saved is not None:
+        check_writable(saved, MATRICES)
+    chosen, wanted = _asked(listed(inputs), listed(outputs), loop, over)
+    with blamed_on_settings(settings), terminal.working("linearising"):
+        diagram = with_settings(load(model), settings)
+        when = operating_time(at, steady)
+        if over is not None:
+            return _locus(diagram, over, when, output)
+        from heavebond.linear_system import StateSpaces
+        from heavebond.presentation import count
+
+        made = StateSpaces(diagram, chosen, wanted, when)
+        system = made.at()
+    told: dict[str, object] = {"model": diagram.name, "at": made.points.words, "stable": system.stable}
+    console = terminal.output()
+    console.print(f"{diagram.name} {made.points.words}: {count(len(system.states), 'state')}, "
+                  f"{'stable' if system.stable else 'not stable'}", soft_wrap=True)
+    if loop is not None:
+        channels, span, found = _cut(system, frequencies)
+        told |= _margins_told(found)
+        _print_margins(found)
+    else:
+        channels, found = [system.channel(o, i) for i in system.inputs for o in system.outputs], None
+        span = _span(channels, frequencies)
+        told["channels"] = _print_channels(channels, span)
+    files = _draw(diagram.name, made.points.words, channels, span, found, picture, until, output)
+    if saved is not None:
+        _save_matrices(channels[0] if loop else system, saved)
+        files.append(saved)
+    for path in files:
+        console.print(f"wrote {path}", soft_wrap=True)
+    return {**told, **(channels[0] if loop else system).as_dict(), "files": [str(path) for path in files]}
+
+
+def _asked(inputs: list[str], outputs: list[str], loop: str | None, over: str | None) -> tuple[list[str], list[str]]:
+    """The inputs and outputs to take; UsageError where what is asked for does not go together."""
+    if (loop is not None and (inputs or outputs or over)) or (over is not None and (inputs or outputs)):
+        raise UsageError([Problem("linear-asked", "--loop, --over and --from with --to each ask for something else", None,
+                                  "Give one of them.")])
+    if loop is not None:
+        return [loop], [loop]
+    if over is None and not (inputs and outputs):
+        raise UsageError([Problem("linear-asked", "it is not said between what to look", None,
+                                  "Give --from INPUT --to OUTPUT, or --loop SIGNAL, or --over PARAMETER='LOW .. HIGH'.")])
+    return inputs, outputs
+
+
+# -- channels ----------------------------------------------------------------------------------------------------------
+def _span(channels: Sequence[StateSpace], asked: str | None) -> Array:
+    """The frequencies in Hz of a picture: as asked for, or those of all channels."""
+    import numpy as np
+
+    from heavebond.units import UnitProblem, parse_range
+
+    if asked is None:
+        every = [channel.frequencies() for channel in channels]
+        return np.unique(np.concatenate(every))
+    try:
+        found = parse_range(asked)
+    except UnitProblem as problem:
+        raise UsageError([Problem(problem.code, f"--frequencies: {problem.message}", None, problem.hint)]) from None
+    if (found.unit.text != "Hz" and found.unit.counts != "cycles") or not 0 < found.low < found.high:
+        raise UsageError([Problem("frequencies", f"--frequencies {asked}: these are not two frequencies in Hz above 0", None,
+                                  "Write for example --frequencies '0.01 .. 10 Hz'.")])
+    from heavebond.linear_system import spread
+
+    ends = 2 * np.pi * np.array([10 * found.low, found.high / 10])
+    return spread(-ends.astype(complex), channels[0].poles)
+
+
+def _print_channels(channels: Sequence[StateSpace], span: Array) -> list[dict[str, object]]:
+    """A table of static gain, largest gain and zeros of each channel; the same for machines."""
+    import numpy as np
+
+    from heavebond import terminal
+    from heavebond.plot_linear import channel_name, ratio
+    from heavebond.presentation import number
+
+    rows, told = [], []
+    for channel in channels:
+        gains = np.abs(channel.response(2j * np.pi * span)[:, 0, 0])
+        # the gain at rest, at a frequency so low that nothing but a free body moves on
+        static = float(channel.response(np.array([1e-9j * span[0]]))[0, 0, 0].real)
+        peak = int(np.argmax(gains))
+        rows.append((channel_name(channel), ratio(channel), number(static, 4), number(float(gains[peak]), 4),
+                     f"{number(float(span[peak]), 4)} Hz"))
+        told.append({"from": channel.inputs[0], "to": channel.outputs[0], "static_gain": static,
+                     "peak_gain": float(gains[peak]), "peak_frequency": float(span[peak]), "proper": channel.proper,
+                     "zeros": [] if channel.higher[1].any() else [[z.real, z.imag] for z in channel.zeros()]})
+    terminal.output().print(terminal.table("", ("channel", "unit", "gain at rest", "largest gain", "at"), rows, text=2))
+    return told
+
+
+# -- a loop ------------------------------------------------------------------------------------------------------------
+def _cut(system: StateSpace, asked: str | None) -> tuple[list[StateSpace], Array, Margins]:
+    from heavebond.margins import loop_frequencies, margins, open_loop
+
+    cut = open_loop(system)
+    span = loop_frequencies(cut) if asked is None else _span([cut], asked)
+    return [cut], span, margins(cut, system.stable)
+
+
+def _print_margins(found: Margins) -> None:
+    from heavebond import terminal
+    from heavebond.presentation import number, readable_time
+
+    def row(name: str, margin: Margin | None, words: str) -> tuple[str, str, str]:
+        return (name, words, f"{number(margin.frequency, 4)} Hz") if margin else (name, "without limit", "")
+
+    gain, phase, delay = found.least_gain, found.least_phase, found.least_delay
+    terminal.output().print(terminal.table("", ("margin", "", "at"), [
+        row("gain", gain, f"times {number(gain.value, 4)}" if gain else ""),
+        row("phase", phase, f"{number(phase.value, 4)} deg" if phase else ""),
+        row("delay", delay, readable_time(delay.value)[0] if delay else ""),
+        row("distance from -1", found.modulus, number(found.modulus.value, 4))], text=1))
+
+
+def _margins_told(found: Margins) -> dict[str, object]:
+    def each(margins: Sequence[Margin]) -> list[dict[str, float]]:
+        return [{"value": m.value, "frequency": m.frequency} for m in margins]
+
+    return {"margins": {"gain": each(found.gain), "phase_deg": each(found.phase), "delay_s": each(found.delay),
+                        "modulus": each([found.modulus])[0]}}
+
+
+# -- a parameter that moves --------------------------------------------------------------------------------------------
+def _locus(diagram: Model, over: str, when: str | None, output: Path | None) -> dict[str, object]:
+    from heavebond import terminal
+    from heavebond.locus import root_locus
+    from heavebond.presentation import readable
+    from heavebond.units import UnitProblem, parse_range
+
+    (parameter, text), = settings_of("--over", [over]).items()
+    try:
+        span = parse_range(text)
+    except UnitProblem as problem:
+        raise UsageError([Problem(problem.code, f"--over {over}: {problem.message}", None,
+                                  problem.hint or "Write --over controller.K_p='0 .. 5 1/m'.")]) from None
+    found = root_locus(diagram, parameter, span, at=when)
+    console = terminal.output()
+    ends = [("growing" if row.real.max() > 0 else "stable") for row in (found.poles[0], found.poles[-1])]
+    console.print(f"{parameter} from {readable(found.values[0], found.unit)} ({ends[0]}) to "
+                  f"{readable(found.values[-1], found.unit)} ({ends[1]})", soft_wrap=True)
+    for limit in found.limits:
+        console.print(f"limit of stability at {readable(limit, found.unit)}", soft_wrap=True)
+    files = [output] if output is not None else []
+    if output is not None:
+        from heavebond.plot import save
+        from heavebond.plot_linear import plot_root_locus
+
+        save(plot_root_locus(found, title=f"{diagram.name}: poles over {parameter}"), output)
+        console.print(f"wrote {output}", soft_wrap=True)
+    return {"model": diagram.name, "parameter": parameter, "unit": found.unit, "values": found.values.tolist(),
+            "poles": [[[s.real, s.imag] for s in row] for row in found.poles.tolist()], "limits": list(found.limits),
+            "files": [str(path) for path in files]}
+
+
+# -- files -------------------------------------------------------------------------------------------------------------
+def _draw(name: str, words: str, channels: Sequence[StateSpace], span: Array, found: Margins | None, picture: str,
+          until: str | None, output: Path | None) -> list[Path]:
+    if output is None:
+        return []
+    from heavebond import plot_linear
+    from heavebond.plot import save
+
+    title = f"{name} {words}" + (f", open loop at {channels[0].outputs[0]}" if found else "")
+    if picture == "bode":
+        figure: Figure = plot_linear.plot_bode(channels, span, title=title, margins=found)
+    elif picture == "nyquist":
+        figure = plot_linear.plot_nyquist(channels, span, title=title, margins=found)
+    elif picture == "poles":
+        zeros: Mapping[str, object] = {plot_linear.channel_name(c): c.zeros() for c in channels}
+        figure = plot_linear.plot_poles(channels[0].poles, zeros, title=title)  # type: ignore[arg-type]
+    else:
+        figure = plot_linear.plot_steps(channels, [_step_times(c, until) for c in channels], title=title)
+    return [save(figure, output)]
+
+
+def _step_times(channel: StateSpace, until: str | None) -> Array:
+    """Times (N,) in s on which a step has settled, or as long as asked for."""
+    import numpy as np
+
+    from heavebond.simulation import seconds
+
+    if until is not None:
+        return np.linspace(0, seconds(until, "--until"), 1001)
+    visible = channel.visible()
+    slowest = float(np.abs(visible.real).min()) if len(visible) else 1.0
+    longest = 40 * 2 * np.pi / float(np.abs(visible).min()) if len(visible) else 5.0
+    return np.linspace(0, min(5 / slowest if slowest > 0 else np.inf, longest), 2001)
+
+
+def _save_matrices(system: StateSpace, path: Path) -> None:
+    import numpy as np
+
+    states, inputs, outputs = system.units
+    held = {"A": system.a, "B": system.b, "C": system.c, "D": system.d, "D1": system.higher[0], "D2": system.higher[1],
+            **{name: np.array(list(words)) for name, words in (
+                ("states", system.states), ("inputs", system.inputs), ("outputs", system.outputs), ("state_units", states),
+                ("input_units", inputs), ("output_units", outputs))}}
+    try:
+        if path.suffix == ".npz":
+            np.savez(path, **held)
+        else:
+            from scipy.io import savemat
+
+            savemat(path, held)
+    except OSError as error:
+        raise UsageError([Problem("file-unwritable", f"'{path}' cannot be written: {error.strerror or error}")]) from None

@@ -1,0 +1,49 @@
+"""`heavebond plot`: saved runs and records laid over each other."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from heavebond.commands.arguments import check_picture, json_option
+from heavebond.errors import Problem, UsageError
+
+
+@click.command(short_help="Lay saved runs and records over each other.")
+@click.argument("files", nargs=-1, required=True, metavar="FILE...")
+@click.option("--signal", "signals", metavar="SIGNAL", multiple=True,
+              help="What to draw, e.g. --signal crown.x. May be repeated; without it the first that all files hold.")
+@click.option("--column", "columns", metavar="SIGNAL='COLUMN UNIT'", multiple=True,
+              help="What a column of a record is, e.g. --column crown.x='crown_m m'. May be repeated.")
+@click.option("--record", metavar="NAME", default="", help="Which record of an experiment; without it the first.")
+@click.option("--from", "begin", metavar="TIME", help="Where to begin, e.g. --from '72 s'.")
+@click.option("--to", "end", metavar="TIME", help="Where to end.")
+@click.option("--title", metavar="TEXT", default="", help="A line above.")
+@click.option("-o", "--output", metavar="PICTURE", type=click.Path(path_type=Path), default=Path("plot.png"),
+              show_default=True, help="Where to draw (.png, .svg or .pdf).")
+@json_option
+def plot(files: tuple[str, ...], signals: tuple[str, ...], columns: tuple[str, ...], record: str, begin: str | None,
+         end: str | None, title: str, output: Path) -> dict[str, object]:
+    """Draw the same signals of several FILEs over one time axis.
+
+    A FILE is a saved run (`heavebond run MODEL --save run.parquet`; .csv, .parquet, .mat, .nc), an experiment (.yaml, or a
+    bundled one) whose record is drawn as dots, or a record of which --column says what is in it.
+    """
+    from heavebond import terminal
+    from heavebond.overlay import common_signals, read_column, read_overlay
+    from heavebond.simulation import seconds
+
+    check_picture(output)
+    overlay = read_overlay(files, [read_column(text) for text in columns], record)
+    chosen = list(dict.fromkeys(signals)) or common_signals(overlay)
+    window = (seconds(begin, "--from") if begin else float(min(run.time[0] for run in overlay.runs.values())),
+              seconds(end, "--to") if end else float(max(run.time[-1] for run in overlay.runs.values())))
+    if window[0] >= window[1]:
+        raise UsageError([Problem("window-empty", f"there is nothing to draw from {window[0]:g} s to {window[1]:g} s", None,
+                                  "Give --from before --to.")])
+    from heavebond.plot import plot_runs, save
+
+    path = save(plot_runs(overlay.runs, chosen, title=title, window=window, measured=overlay.measured), output)
+    terminal.output().print(f"wrote {path}: {', '.join(chosen)} of {', '.join(overlay.runs)}", soft_wrap=True)
+    return {"files": [str(path)], "signals": chosen, "runs": list(overlay.runs), "measured": list(overlay.measured)}

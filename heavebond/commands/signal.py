@@ -1,0 +1,131 @@
+"""`heavebond signal`: spectrum, significant values, waves and rainflow cycles of a signal."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from heavebond.commands.arguments import (
+    assembled,
+    blamed_on_settings,
+    check_picture,
+    json_option,
+    picture_option,
+    read_signals,
+    set_option,
+    with_settings,
+)
+
+if TYPE_CHECKING:
+    from heavebond.spectra import Course, Swinging
+
+CLASSES = 20  # of range, in the JSON file
+DIAGRAMS = (".yaml", ".yml", "")
+
+
+@click.command(short_help="Spectrum, significant values, waves and load cycles of a signal.")
+@click.argument("file", metavar="RUN")
+@click.option("--signal", "signals", metavar="SIGNAL", multiple=True, required=True,
+              help="A signal of the run, or a column of the record. May be repeated.")
+@click.option("--from", "begin", metavar="TIME", help="From when on it counts, e.g. --from '60 s'.")
+@click.option("--to", "end", metavar="TIME", help="Until when it counts.")
+@click.option("--segment", metavar="TIME", help="How long the pieces are that the spectrum is averaged from.")
+@click.option("--slope", metavar="NUMBER", type=click.FloatRange(1, 20), default=3.0, show_default=True,
+              help="Exponent of the S-N curve, for the equivalent range.")
+@click.option("--time", metavar="COLUMN", help="Of a record: the column of the times in s [default: the first].")
+@set_option
+@click.option("--until", metavar="TIME", help="Of a diagram: how long to simulate.")
+@click.option("--every", metavar="TIME", help="Of a diagram: time between output points.")
+@picture_option("Draw the signal, its spectrum and its cycles")
+@json_option
+def signal(file: str, signals: tuple[str, ...], begin: str | None, end: str | None, segment: str | None, slope: float,
+           time: str | None, settings: tuple[str, ...], until: str | None, every: str | None, output: Path | None
+           ) -> dict[str, object]:
+    """Tell how a signal swings: of a saved RUN (.csv, .parquet, .mat, .nc), of a record, or of a diagram that is run now.
+
+    The significant height is 4 sqrt(m_0) of the spectrum; waves go from one upward crossing of the mean to the next; cycles
+    are counted by the rainflow method (ASTM E1049-85), the equivalent range is that of one cycle a second.
+    """
+    from heavebond import terminal
+    from heavebond.signal_files import read_courses
+    from heavebond.simulation import seconds
+    from heavebond.spectra import Swinging
+
+    check_picture(output)
+    window = seconds(begin or 0.0, "--from"), seconds(end or float("inf"), "--to")
+    length = None if segment is None else seconds(segment, "--segment")
+    if Path(file).suffix.lower() in DIAGRAMS:
+        courses = _run(file, signals, settings, until, every, window)
+    else:
+        courses = read_courses(Path(file), signals, time=time, begin=window[0], end=window[1])
+    found = [Swinging(course, length) for course in courses]
+    figures = [_figures(one, slope) for one in found]
+    console = terminal.output()
+    for one, told in zip(found, figures, strict=True):
+        title = f"{one.course.name}, {one.course.time[0]:g} to {one.course.time[-1]:g} s"
+        console.print(terminal.table(title, ("", "value", "unit"), list(_rows(told, one.course.unit, slope)), text=1))
+        if one.course.note:
+            console.print(one.course.note, soft_wrap=True)
+        console.print()
+    if output is not None:
+        from heavebond.plot import save
+        from heavebond.plot_spectra import plot_spectra
+
+        console.print(f"wrote {save(plot_spectra(found), output)}", soft_wrap=True)
+    return {"signals": {one.course.name: told for one, told in zip(found, figures, strict=True)}}
+
+
+def _run(file: str, signals: tuple[str, ...], settings: tuple[str, ...], until: str | None, every: str | None,
+         window: tuple[float, float]) -> list[Course]:
+    """Signals of a diagram that is run now."""
+    from heavebond import terminal
+    from heavebond.model import load
+    from heavebond.simulation import simulate
+    from heavebond.spectra import evenly
+
+    formulas = read_signals("--signal", signals)
+    with blamed_on_settings(settings):
+        with terminal.working("assembling"):
+            assembly = assembled(with_settings(load(file), settings), "--signal", formulas)
+        with terminal.working("integrating"):
+            result = simulate(assembly, until, every=every)
+    inside = (result.time >= window[0]) & (result.time <= window[1])
+    return [evenly(name, result.unit(name), result.time[inside], values[inside])
+            for name, values in result.signals(signals).items()]
+
+
+def _figures(one: Swinging, slope: float) -> dict[str, Any]:
+    """The numbers of a signal, in its unit and in s; only its mean where it stands still."""
+    course = one.course
+    told: dict[str, Any] = {"unit": course.unit, "from": float(course.time[0]), "to": float(course.time[-1]),
+                            "step": course.step, "note": course.note, "mean": one.mean, "deviation": one.deviation,
+                            "least": float(course.values.min()), "most": float(course.values.max())}
+    if one.still:
+        return told
+    known, counted = one.spectrum, one.waves
+    heights = counted.heights.tolist()
+    return {**told, "significant": known.significant, "peak_period": known.peak_period, "mean_period": known.mean_period,
+            "crossing_period": known.crossing_period, "segments": known.segments, "waves": len(heights),
+            "wave_period": float(counted.periods.mean()) if heights else None,
+            "highest_third": counted.significant[0], "period_of_highest_third": counted.significant[1],
+            "highest_wave": max(heights, default=None), "cycles": one.cycles.number,
+            "largest_range": float(one.cycles.ranges.max()), "slope": slope,
+            "equivalent_range": one.cycles.equivalent(slope, course.length),
+            "spectrum": {"frequency": known.frequency.tolist(), "density": known.density.tolist()},
+            "ranges": {key: v.tolist() for key, v in zip(("edges", "counts"), one.cycles.classes(CLASSES), strict=True)}}
+
+
+def _rows(told: dict[str, Any], unit: str, slope: float) -> list[tuple[str, str, str]]:
+    from heavebond.presentation import number
+
+    rows = [("mean", "mean", unit), ("deviation", "standard deviation", unit), ("least", "least", unit),
+            ("most", "most", unit), ("significant", "spectrum: significant height, 4 sqrt(m0)", unit),
+            ("peak_period", "spectrum: peak period", "s"), ("mean_period", "spectrum: mean period, m0/m1", "s"),
+            ("crossing_period", "spectrum: crossing period, sqrt(m0/m2)", "s"), ("waves", "waves", ""),
+            ("wave_period", "waves: mean period", "s"), ("highest_third", "waves: mean height of the highest third", unit),
+            ("period_of_highest_third", "waves: mean period of these", "s"), ("highest_wave", "waves: the highest", unit),
+            ("cycles", "rainflow: cycles", ""), ("largest_range", "rainflow: largest range", unit),
+            ("equivalent_range", f"rainflow: equivalent range at 1 Hz, slope {slope:g}", unit)]
+    return [(words, number(float(told[key]), 4), unit) for key, words, unit in rows if told.get(key) is not None]

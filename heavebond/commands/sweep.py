@@ -1,0 +1,58 @@
+"""`heavebond sweep`: many runs of a diagram, asked for in a line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from heavebond.commands.arguments import json_option, scheduler_option
+from heavebond.commands.study import work_out
+from heavebond.errors import Problem, UsageError
+
+
+@click.command(short_help="Run a diagram many times: grids, samples, the worst case, what matters.")
+@click.argument("model")
+@click.option("--over", "overs", metavar="PATH=VALUES", multiple=True, required=True,
+              help="What is varied: 'controller.K_p=1 .. 4 1/m; 9' (nine steps), 'wave.T=8 s, 10 s' (a list), or a range "
+                   "that is sampled: '20 .. 60 kN/m' or '42 kN/m +- 20 %'. May be repeated.")
+@click.option("--measure", "measures", metavar="FORMULA", multiple=True, required=True,
+              help="A number of each run, e.g. 'peak(WOB - 30 kN) in kN' or 'rms(crown)'. May be repeated.")
+@click.option("--sample", metavar="KIND", default="",
+              help="How ranges are sampled: sobol:64, latin_hypercube:50, random:100, sobol_indices:64 (which range makes "
+                   "the spread), one_at_a_time (both ends of each), local (exact slopes).")
+@click.option("--worst", type=click.Choice(["highest", "lowest"]),
+              help="Seek the worst within the ranges by exact gradients instead.")
+@click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Which sample is drawn.")
+@click.option("--from", "begin", metavar="TIME", default="", help="From when on a run counts, e.g. --from '72 s'.")
+@click.option("--to", "end", metavar="TIME", default="", help="Until when it is run.")
+@click.option("--plot", "plotted", metavar="SIGNAL", multiple=True, help="Draw a signal of all cases. May be repeated.")
+@click.option("--output", metavar="FOLDER", type=click.Path(path_type=Path, file_okay=False),
+              help="Where study, tables and pictures go [default: a folder MODEL_sweep].")
+@click.option("--processes", type=click.IntRange(1), help="Cases worked side by side [default: all processors].")
+@click.option("--fresh", is_flag=True, help="Work all cases out anew, also those done already.")
+@scheduler_option
+@json_option
+def sweep(model: str, overs: tuple[str, ...], measures: tuple[str, ...], sample: str, worst: str | None, seed: int,
+          begin: str, end: str, plotted: tuple[str, ...], output: Path | None, processes: int | None, fresh: bool,
+          scheduler: str | None) -> dict[str, object]:
+    """Run the diagram MODEL with every combination of values, or at points sampled within ranges.
+
+    The sweep is written as a study into the folder: `heavebond study FOLDER/study.yaml` goes on from there. Each case is
+    kept when it is done; the same command goes on where it was stopped by Ctrl-C.
+    """
+    from heavebond.model import find
+    from heavebond.study import load_study
+    from heavebond.sweep import Sweep, read_measure, read_over, study_text
+
+    path = find(model)
+    folder = output or Path(f"{path.stem}_sweep")
+    asked = Sweep(path, tuple(map(read_over, overs)), tuple(map(read_measure, measures)), sample, seed, (begin, end),
+                  worst or "", plotted)
+    text = study_text(asked, folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "study.yaml").write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise UsageError([Problem("file-unwritable", f"'{folder}' cannot be written: {error.strerror or error}")]) from None
+    return work_out(load_study(folder / "study.yaml"), folder, processes, fresh, scheduler)
