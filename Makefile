@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 # installed once, and again when the dependencies change
 READY := $(VENV)/.ready
 
-.PHONY: demo test test-slow lint types pages bench fuzz false-alarms confusion detectability clean
+.PHONY: demo test test-slow lint types pages docs bench fuzz false-alarms confusion detectability clean
 
 demo: $(READY)
 	$(BIN)/heavebond demo --output demo
@@ -22,9 +22,14 @@ lint: $(READY)
 types: $(READY)
 	$(BIN)/mypy
 
-# docs/components/, from the component files; after every change of one
+# docs/components/ from the component files, and the picture of the modules; after every change of these
 pages: $(READY)
 	$(BIN)/heavebond library --pages docs/components
+	$(BIN)/python docs/pictures/layers.py
+
+# site/, from docs/: a site that opens from its folder, without a network
+docs: $(READY)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs --quiet build --strict
 
 bench: $(READY)
 	$(BIN)/python -m benchmarks
@@ -45,4 +50,4 @@ $(READY): pyproject.toml
 	@touch $(READY)
 
 clean:
-	rm -rf $(VENV) demo .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) demo site .pytest_cache .mypy_cache .ruff_cache

@@ -1,4 +1,4 @@
-"""The component library as pages: one for each component, made from its file alone, and an index by domain.
+"""The component library as pages: one for each component, made from its file alone, an index of each domain, one of all.
 
     pages()  ->  {"index.md": ..., "pneumatic/receiver.md": ..., "pneumatic/receiver.svg": ..., ...}
 
@@ -39,7 +39,8 @@ def pages() -> dict[str, str]:
         domains.setdefault(place.parts[0], []).append(component)
         found[place.with_suffix(".md").as_posix()] = _page(component, known.domains)
         found[place.with_suffix(".svg").as_posix()] = symbol_picture(component)
-    return {"index.md": _index(domains), **found}
+    by_domain = {f"{domain}/index.md": _domain_index(domain, components) for domain, components in domains.items()}
+    return {"index.md": _index(domains), **by_domain, **found}
 
 
 def write_pages(folder: Path) -> int:
@@ -57,15 +58,23 @@ def write_pages(folder: Path) -> int:
 
 
 def _index(domains: dict[str, list[Component]]) -> str:
-    lines = [GENERATED, "", "# Components", "",
-             "Every component of the library by domain. A component of your own is a file beside your diagram, see",
-             "[Language](../language.md#a-component).", "",
-             " · ".join(f"[{domain}](#{domain})" for domain in domains)]
-    for domain, components in domains.items():
-        rows = [(f"![]({domain}/{c.path.stem}.svg)", f"[{c.name}]({domain}/{c.path.stem}.md)", _prose(c.summary))
-                for c in sorted(components, key=lambda c: c.name)]
-        lines += ["", f"## {domain}", "", *_table(("symbol", "component", "what it is"), rows)]
-    return "\n".join(lines) + "\n"
+    rows = [(f"[{domain.replace('_', ' ')}]({domain}/index.md)", str(len(components)),
+             ", ".join(f"[{c.name}]({domain}/{c.path.stem}.md)" for c in _sorted(components)))
+            for domain, components in domains.items()]
+    return "\n".join([GENERATED, "", "# Components", "",
+                      "Every component of the library by domain. A component of your own is a file beside your diagram, see",
+                      "[your own component](../tutorials/own_component.md).", "",
+                      *_table(("domain", "components", "which"), rows)]) + "\n"
+
+
+def _domain_index(domain: str, components: list[Component]) -> str:
+    rows = [(f"![]({c.path.stem}.svg)", f"[{c.name}]({c.path.stem}.md)", _prose(c.summary)) for c in _sorted(components)]
+    return "\n".join([GENERATED, "", f"# {domain.replace('_', ' ').capitalize()}", "", "[All domains](../index.md)", "",
+                      *_table(("symbol", "component", "what it is"), rows)]) + "\n"
+
+
+def _sorted(components: list[Component]) -> list[Component]:
+    return sorted(components, key=lambda c: c.name)
 
 
 def _page(component: Component, domains: dict[str, Domain]) -> str:

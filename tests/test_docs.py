@@ -58,20 +58,22 @@ def _anchors(page: Path) -> set[str]:
 
 
 def test_every_page_is_reached_from_the_index() -> None:
-    """By one link, the pages about components by that of their own index."""
-    indexes = [ROOT / "docs" / "index.md", ROOT / "docs" / "components" / "index.md"]
+    """By one link; tutorials and components by that of their own index."""
+    indexes = [ROOT / "docs" / name / "index.md" for name in (".", "tutorials", "components")]
     linked = {(index.parent / target.partition("#")[0]).resolve()
               for index in indexes for target in LINK.findall(index.read_text("utf-8"))}
-    assert indexes[1] in linked
-    missing = [_name(page) for page in PAGES if page not in (indexes[0], ROOT / "README.md") and page not in linked]
+    assert {index.resolve() for index in indexes[1:]} <= linked
+    linked |= {ROOT / "docs" / "index.md", ROOT / "README.md"}
+    missing = [_name(page) for page in PAGES if page not in linked]
     assert not missing
 
 
 def test_pictures_can_be_drawn_anew(tmp_path: Path) -> None:
-    draw = runpy.run_path(str(ROOT / "docs" / "pictures" / "draw.py"))
-    drawn = {draw[name](tmp_path).name for name in ("weight_on_bit", "friction", "choked", "implied_friction",
-                                                  "published_fig6", "published_fig8", "bode", "locus", "flow")}
-    assert drawn == {path.name for path in (ROOT / "docs" / "pictures").glob("*.png")}
+    drawing = runpy.run_path(str(ROOT / "docs" / "pictures" / "draw.py"))
+    for draw in drawing["DRAWN"]:
+        draw(tmp_path, **({"points": 2} if draw.__name__ == "tuning" else {}))
+    there = {path.name for path in (ROOT / "docs" / "pictures").glob("*.[ps][nv]g")} - {"icon.svg", "layers.svg"}
+    assert {path.name for path in tmp_path.iterdir()} == there
 
 
 def test_pages_have_blocks_that_run() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+import runpy
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -72,6 +73,15 @@ def test_imports_point_down(module: str) -> None:
     rank = {name: k for k, name in enumerate(LISTED)}
     upwards = [name for name in _own(module) if rank[name] <= rank[module]]
     assert not upwards, f"{module} imports {upwards}, which stand above it in docs/architecture.md"
+
+
+def test_the_picture_of_the_layers_is_that_of_the_table() -> None:
+    """`make pages` draws it anew."""
+    draw = runpy.run_path(str(TABLE.parent / "pictures" / "layers.py"))
+    table = TABLE.read_text(encoding="utf-8")
+    assert [name for modules in draw["layers"](table).values() for name in modules] == LISTED
+    drawn = (TABLE.parent / "pictures" / "layers.svg").read_text(encoding="utf-8")
+    assert drawn == draw["picture"](table), "run `make pages`"
 
 
 def test_no_module_forms_a_circle() -> None:

@@ -3,14 +3,37 @@
 from __future__ import annotations
 
 import sys
+import tempfile
 from pathlib import Path
 
 import heavebond as hb
 from heavebond import plot, plot_energy, plot_linear
 from heavebond.energy_flow import energy_flow
+from heavebond.objective import Objective
 from heavebond.plot_study import plot_study
 from heavebond.plot_where import plot_place
+from heavebond.starter_folder import start_folder
+from heavebond.study import load_study
+from heavebond.tuning import sweep, tune
 from heavebond.units import parse_range
+
+# what `heavebond diagnose` writes for the rig of the first page
+FOUND = {
+    "rig_2.yaml": """model: rig_2
+extends: rig.yaml
+components:
+  coulomb_friction: {is: CoulombFriction, F_c: 24.964 N}
+nodes:
+  deck: [+coulomb_friction.a]
+  load: [+coulomb_friction.b]
+set:
+  spring.c: 4.19982 kN/m
+  damper.d: 130.512 N*s/m
+""",
+    "measured_2.yaml": """experiment: rig, measured, with dry friction between deck and load
+extends: measured.yaml
+model: rig_2.yaml
+"""}
 
 
 def weight_on_bit(folder: Path) -> Path:
@@ -35,6 +58,34 @@ def implied_friction(folder: Path) -> Path:
     """The force that the passive rig lacks between platform and crown, over the motion there."""
     found = hb.where("passive_rig/friction")
     return plot.save(plot_place(found, found.suspects[0].place.name), folder / "implied_friction.png")
+
+
+def session(folder: Path) -> list[Path]:
+    """The rig of the first page: its diagram, and its records beside the model before and after."""
+    with tempfile.TemporaryDirectory() as place:
+        rig = Path(place) / "rig"
+        start_folder(rig)
+        for name, text in FOUND.items():
+            (rig / name).write_text(text, encoding="utf-8")
+        diagram = folder / "rig.svg"
+        diagram.write_text(hb.draw(hb.load(rig / "rig.yaml")), encoding="utf-8")
+        return [diagram, *(plot.save(plot.plot_comparison(hb.compare(rig / f"{name}.yaml")), folder / f"session_{when}.png")
+                           for when, name in (("before", "measured"), ("found", "measured_2")))]
+
+
+def tuning(folder: Path, points: int = 13) -> Path:
+    """The cost over the two gains of the compensator with a slow valve, `points` along each, and the way of the search."""
+    study = load_study("cmc_ahc/quality_index")
+    problem = Objective(hb.assemble(study.model.with_parameters({"ahc.valve.f_n": "0.5 Hz"})), study.tuning)
+    found = tune(problem, study.tuning)
+    return plot.save(plot.plot_surface(study.tuning, found, *sweep(problem, [points, points])), folder / "tuning.png")
+
+
+def compensator(folder: Path) -> Path:
+    """The diagram of the compensator."""
+    path = folder / "cmc_ahc.svg"
+    path.write_text(hb.draw(hb.load("cmc_ahc")), encoding="utf-8")
+    return path
 
 
 def _of_study(name: str, folder: Path) -> Path:
@@ -73,7 +124,24 @@ def flow(folder: Path) -> Path:
                      folder / "energy_flow.png")
 
 
+DRAWN = (
+    weight_on_bit,
+    friction,
+    choked,
+    implied_friction,
+    published_fig6,
+    published_fig8,
+    bode,
+    locus,
+    flow,
+    session,
+    tuning,
+    compensator,
+)
+
 if __name__ == "__main__":
     target = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent
-    for draw in (weight_on_bit, friction, choked, implied_friction, published_fig6, published_fig8, bode, locus, flow):
-        print(f"wrote {draw(target)}")
+    for draw in DRAWN:
+        drawn = draw(target)
+        for path in drawn if isinstance(drawn, list) else [drawn]:
+            print(f"wrote {path}")
