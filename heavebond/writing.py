@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -52,9 +52,10 @@ def fitted_values(fit: Fit) -> tuple[Change, dict[str, str]]:
     return Change().with_values(values), notes
 
 
-def tuned_diagram(model: Model, task: Task, result: Tuned, path: Path) -> str:
-    """The text of a diagram at `path` that extends the tuned one and sets the best values."""
-    values = {name: quantity(value, task.free[name].unit) for name, value in result.values.items()}
+def tuned_diagram(model: Model, task: Task, result: Tuned, path: Path, settings: Mapping[str, str]) -> str:
+    """The text of a diagram at `path` that extends the tuned one and sets the best values, and what was set beside them."""
+    tuned = {name: quantity(value, task.free[name].unit) for name, value in result.values.items()}
+    values = {**{name: quoted(text) for name, text in settings.items()}, **tuned}
     head = [f"model: {path.stem}",
             f"summary: {model.name}, tuned to a cost of {result.cost:.5g}.",
             f"extends: {extended_from(path, model.path)}"]

@@ -113,6 +113,13 @@ def test_a_study_is_tuned_with_its_surroundings(folder: Path) -> None:
     assert max(limits.values()) < 1e-3
 
 
+def test_what_is_set_while_tuning_stands_in_the_diagram_that_is_written(folder: Path) -> None:
+    code, _ = _told(folder, "absorber.yaml", "--free", "damper.d", "--cost", "rms(load.x)/1 mm", "--evaluate", "10 .. 20 s",
+                    "--set", "cart.m=11 kg", "--no-robustness", "--write", "tuned.yaml")
+    assert code == 0
+    assert hb.assemble(hb.load("tuned.yaml")).parameter_values["cart.m"] == 11
+
+
 def test_a_diagram_is_tuned_by_options(folder: Path) -> None:
     """Without a range a parameter may grow to three times its value: 15 N s/m."""
     code, told = _told(folder, "absorber.yaml", "--free", "damper.d", "--cost", "rms(load.x)/1 mm",

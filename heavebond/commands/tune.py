@@ -82,7 +82,7 @@ def tune(study: str, free: tuple[str, ...], cost: str | None, limits: tuple[str,
         swept = sweep(objective, [grid] * len(task.free), progress=progress) if grid else None
         robust = around(objective, result, progress=progress) if robustness else None
     _tell(asked.name, assembly, result, robust, swept)
-    files = _files(asked, result, robust, swept, output, written)
+    files = _files(asked, result, robust, swept, output, written, settings_of("--set", settings))
     return {**_figures(asked.name, result), "robustness": _robust_figures(robust), "files": list(map(str, files))}
 
 
@@ -226,7 +226,7 @@ def _words(result: Tuned, robust: Robustness) -> Iterator[str]:
 
 
 def _files(asked: Asked, result: Tuned, robust: Robustness | None, swept: tuple[list[Array], Array] | None,
-           output: Path | None, written: Path | None) -> list[Path]:
+           output: Path | None, written: Path | None, settings: Mapping[str, str]) -> list[Path]:
     from heavebond import terminal
 
     files = []
@@ -237,7 +237,7 @@ def _files(asked: Asked, result: Tuned, robust: Robustness | None, swept: tuple[
     if written is not None:
         from heavebond.writing import tuned_diagram, write
 
-        write(written, tuned_diagram(asked.model, result.task, result, written))
+        write(written, tuned_diagram(asked.model, result.task, result, written, settings))
         files.append(written)
     for path in files:
         terminal.output().print(f"wrote {path}", soft_wrap=True)
