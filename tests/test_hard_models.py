@@ -91,6 +91,7 @@ def test_what_cannot_run_is_named(name: str, monkeypatch: pytest.MonkeyPatch, re
     # lines of library files move whenever something is written into these, and the columns of a table with them
     said = re.sub(r"(components/\w+/\w+\.yaml):\d+", r"\1", f"{caught.value}\n")
     said = re.sub(r"(?<=\S) {2,}", "  ", said)
+    said = re.sub(r"IDA_\w+", "IDA_...", said)  # by which of its tests IDAS gives up is a matter of rounding
     if request.config.getoption("--update-golden"):
         golden.write_text(said, encoding="utf-8")
     assert said == golden.read_text(encoding="utf-8")
