@@ -118,7 +118,7 @@ def fit(experiment: Experiment | str | Path, *, starts: int = 1, segments: int =
         runs.append(run)
         costs.append(float(2 * run.cost))
     best = runs[int(np.argmin(costs))]
-    if 2 * best.cost / len(best.fun) >= 0.5 * BROKEN**2:
+    if 2 * best.cost / problem.samples >= 0.5 * BROKEN**2:
         raise SimulationError([Problem("fit-broken", "the model could not be simulated anywhere near the start of the "
                                        "fit", None, "Narrow the ranges under `free:`, or correct the diagram.")])
     say("comparing")

@@ -167,6 +167,11 @@ class Residuals:
         return np.asarray(np.minimum(inner - self.low, self.high - inner) < AT_END * (self.high - self.low))
 
     @property
+    def samples(self) -> int:
+        """How many samples are fitted."""
+        return sum(int(run.counts.sum()) for run in self.runs)
+
+    @property
     def start(self) -> Array:
         """The values of the diagram."""
         return np.array([c.inner(c.before) for c in self.columns])
@@ -255,7 +260,6 @@ class Residuals:
         moving = [k for k in range(len(self.columns)) if k not in fixed]
         span = self.high - self.low
         history: list[float] = []
-        samples = sum(int(run.counts.sum()) for run in self.runs)
 
         def whole(y: Array) -> Array:
             inner = start.copy()
@@ -271,7 +275,7 @@ class Residuals:
         def values(y: Array) -> Array:
             residuals = both(y)[0]
             history.append(min([float(residuals @ residuals), *history[-1:]]))
-            progress(f"chi-square per sample {history[-1] / samples:.4g} after {len(history)} runs")
+            progress(f"chi-square per sample {history[-1] / self.samples:.4g} after {len(history)} runs")
             return residuals
 
         def jacobian(y: Array) -> Array:

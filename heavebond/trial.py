@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from time import process_time
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -145,8 +145,6 @@ class _Refit:
             numbers.update({high: APART * numbers[low] for high, low in self.candidate.orders
                             if high in vanishing and low in vanishing})
             plans += [_Plan(numbers, point), _Plan(numbers, problem.start)]
-            if vanishing:  # next to the base model a refit cannot end above it
-                plans.append(_Plan({**numbers, **{name: neutral[name] + SMALL * size for name in vanishing}}, inside))
         ended = {n.name: n.neutral + INSIDE * (n.high - n.neutral) for n in self.candidate.numbers
                  if n.name in vanishing and n.high is not None}
         if plans and ended:  # at the end of a range a law may have no slope any more
@@ -217,21 +215,41 @@ class _Refit:
         if not chosen or process_time() - self.began > SECONDS:
             return None
         begun = [self.descend(start, progress, FIRST, 1e-4) for start in chosen]
+        if all(2 * float(e.cost) > self._base_cost() for e in begun) and (beside := self._beside()) is not None:
+            begun.append(self.descend(beside, progress, FIRST, 1e-4))
         first, *others = sorted(begun, key=lambda e: float(e.cost))
         if self._hopeless(2 * float(first.cost)) or process_time() - self.began > SECONDS:
             return np.asarray(first.x)
         ends = [first, *(e for e in others if ANOTHER[0] < e.cost / first.cost < ANOTHER[1])][:2]
         ends = [self.descend(e.x, progress, LAST, 1e-5) if e.status == 0 else e for e in ends]  # 0: it would go on
-        return np.asarray(min(ends, key=lambda e: float(e.cost)).x)
+        best = min(ends, key=lambda e: float(e.cost))
+        if self.problem.at_end(best.x).any():  # the reflective method may stop there though other unknowns could move on
+            best = min(best, self.descend(best.x, progress, LAST, 1e-5, "dogbox"), key=lambda e: float(e.cost))
+        return np.asarray(best.x)
+
+    def _base_cost(self) -> float:
+        prior = self.base.problem.priors(self.base.inner)[0]
+        return float(self.base.r @ self.base.r + prior @ prior)
+
+    def _beside(self) -> Array | None:
+        """A start next to the base model, from where a refit cannot end above it; None where the effect has no zero."""
+        vanishing = {n.name: n.neutral for n in self.candidate.numbers if n.amplitude and n.sought is None}
+        if not vanishing or not self.guesses:
+            return None
+        first = self.plans[0].numbers
+        small = {name: neutral + SMALL * (first[name] - neutral) for name, neutral in vanishing.items()}
+        inside = np.clip(self.base.inner, self.base.problem.low, self.base.problem.high)
+        return self._start(_Plan({**first, **small}, inside))
 
     def _hopeless(self, cost: float) -> bool:
         """Whether steps from several starts have taken next to nothing of a large misfit away."""
         r = self.base.r
         return float(r @ r) > LARGE * len(r) and cost > (1 - NOTHING) * float(r @ r)
 
-    def descend(self, start: Array, progress: Progress, most: int, tolerance: float) -> OptimizeResult:
+    def descend(self, start: Array, progress: Progress, most: int, tolerance: float,
+                method: Literal["trf", "dogbox"] = "trf") -> OptimizeResult:
         """A few steps that find their way from afar."""
-        return self.problem.descend(start, False, progress, most=most, tolerance=tolerance, method="trf")
+        return self.problem.descend(start, False, progress, most=most, tolerance=tolerance, method=method)
 
     def arrive(self, start: Array, progress: Progress) -> Array:
         """From near an optimum to it."""

@@ -183,3 +183,11 @@ free:
     return load_experiment(folder / "experiment.yaml")
 
 
+
+
+def test_a_misfit_that_is_large_is_no_run_that_broke_down() -> None:
+    """A gauge a hundred times too good: the model, which lacks an effect, misses it by some 800 standard deviations."""
+    experiment = hb.load_experiment("receiver_rig/choked")
+    sharp = {name: replace(o, noise=o.noise / 100) for name, o in experiment.outputs.items() if o.noise is not None}
+    found = hb.fit(replace(experiment, outputs=sharp))
+    assert found.chi2 == pytest.approx(1e4 * hb.fit(experiment).chi2, rel=0.05)  # the priors weigh less
