@@ -14,12 +14,12 @@ import numpy as np
 from heavebond.axes import StudyCase, case_at, changed
 from heavebond.costs import FUNCTIONALS, Cost, Evaluator, read_cost, read_limit
 from heavebond.dae import Array, Assembly, assemble
-from heavebond.errors import HeavebondError, ModelError, Place, Problem, Problems, UsageError, suggest
+from heavebond.errors import HeavebondError, ModelError, Place, Problems, UsageError, suggest
 from heavebond.expression import ExpressionProblem, names, parse_formula
 from heavebond.linearisation import ModesAtStart
 from heavebond.modal import NUMBERS, chosen_mode, modal_number
 from heavebond.model import Model
-from heavebond.objective import Objective, check_free, check_smooth
+from heavebond.objective import Objective, check_free, check_ranges, check_smooth
 from heavebond.processes import Stopped, heed
 from heavebond.progress import Progress
 from heavebond.result import Result, unknown_signal
@@ -218,14 +218,7 @@ def _check_along(study: Study, assembly: Assembly, problems: Problems) -> None:
 def own_values(model: Model, calibration: Calibration) -> dict[str, float]:
     """What the diagram has where something is to be calibrated; UsageError for no parameter, or another unit."""
     assembly = assemble(model)
-    units = {q.name: q.unit for q in assembly.flat.parameters}
-    for name, wanted in calibration.free.items():
-        if name not in units:
-            raise UsageError([Problem("free-unknown", f"'{name}' is no parameter that may be free", None,
-                                      suggest(name, units))])
-        if units[name].dimension != wanted.unit.dimension:
-            raise UsageError([Problem("unit-wrong", f"the range of {name} is in {wanted.unit.text}; "
-                                      f"{units[name].text} is needed")])
+    check_ranges(assembly, calibration.free)
     return {name: assembly.parameter_values[name] for name in calibration.free}
 
 

@@ -280,22 +280,29 @@ def check_smooth(cost: Cost) -> None:
                                   "Tune by peak(...), rms(...) or the like, and measure this one.")])
 
 
-def check_free(assembly: Assembly, task: Task) -> None:
-    """UsageError where what is free cannot be: an unknown name, a range in another unit, a value outside its range."""
-    if not task.free:
-        raise UsageError([Problem("free-empty", "nothing is free to be tuned", None,
-                                  "Name parameters and ranges: --free controller.K_p='0 .. 10 1/m'.")])
+def check_ranges(assembly: Assembly, ranges: Mapping[str, Range]) -> None:
+    """UsageError where a name is no parameter, or its range is in another unit."""
     units = {q.name: q.unit for q in assembly.flat.parameters}
-    for name, wanted in task.free.items():
+    for name, wanted in ranges.items():
         if name not in units:
             raise UsageError([Problem("free-unknown", f"'{name}' is no parameter that may be free", None,
                                       suggest(name, units))])
         if units[name].dimension != wanted.unit.dimension:
             raise UsageError([Problem("unit-wrong", f"the range of {name} is in {wanted.unit.text}; "
                                       f"{units[name].text} is needed")])
+
+
+def check_free(assembly: Assembly, task: Task) -> None:
+    """UsageError where what is free cannot be: an unknown name, a range in another unit, a value outside its range."""
+    if not task.free:
+        raise UsageError([Problem("free-empty", "nothing is free to be tuned", None,
+                                  "Name parameters and ranges: --free controller.K_p='0 .. 10 1/m'.")])
+    check_ranges(assembly, task.free)
+    units = {q.name: q.unit.text for q in assembly.flat.parameters}
+    for name, wanted in task.free.items():
         value = assembly.parameter_values[name]
         if not wanted.low <= value <= wanted.high:
-            raise UsageError([Problem("free-start-outside", f"{name} is {value:g} {units[name].text} in the diagram, "
+            raise UsageError([Problem("free-start-outside", f"{name} is {value:g} {units[name]} in the diagram, "
                                       "outside its range", None, "Widen the range, or --set another value.")])
     for name in task.modes:
         if name in task.free:
