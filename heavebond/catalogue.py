@@ -65,9 +65,14 @@ class Candidate:
         return f"{self.component} {self.place}"
 
     @property
+    def vanishing(self) -> tuple[Sized, ...]:
+        """The amplitudes that are neutral where the effect is absent."""
+        return tuple(n for n in self.numbers if n.amplitude and n.sought is None)
+
+    @property
     def vanishes(self) -> bool:
         """Whether it can stand in the diagram at amplitude zero."""
-        return any(n.amplitude and n.sought is None for n in self.numbers)
+        return bool(self.vanishing)
 
 
 @dataclass(frozen=True)

@@ -185,8 +185,7 @@ def _same(one: Score, other: Score) -> bool:
 def _judged(base: Base, held: tuple[float, int], left: Leftover, scores: Sequence[Score], trials: Sequence[Trial],
             twins: dict[str, tuple[str, ...]], partial: bool, seconds: float) -> Step:
     problem = base.problem
-    r, prior = base.r, problem.priors(base.inner)[0]
-    cost = float(r @ r + prior @ prior)
+    r, cost = base.r, base.cost
     order = sorted(trials, key=merit)
     before = _merit(cost, len(r), len(base.inner), *held)
     good = [t for t in order if merit(t) < before - EARNED and _earned(t, held)]

@@ -120,6 +120,12 @@ class Base:
         return [Run(changed, run.record, list(names), SEARCH, kind=QuickSimulator, like=run) for run in self.problem.runs]
 
     @cached_property
+    def cost(self) -> float:
+        """The sum of squares of data and priors."""
+        prior = self.problem.priors(self.inner)[0]
+        return float(self.r @ self.r + prior @ prior)
+
+    @cached_property
     def moving(self) -> NDArray[np.int64]:
         """The free parameters (indices) that are not held by an end of their range: one that is can take nothing more."""
         return np.flatnonzero(~self.problem.at_end(self.inner))
@@ -138,7 +144,7 @@ def scored(base: Base, candidate: Candidate) -> list[Score]:
     """The scores of one candidate at a few choices of its shapes; none where the diagram with it cannot be simulated."""
     try:
         changed = candidate.change.on_experiment(base.problem.experiment)
-        moving = [n.name for n in candidate.numbers if n.amplitude and n.sought is None]
+        moving = [n.name for n in candidate.vanishing]
         runs = base.runs(changed, moving)
         settled = _settled(candidate, runs, base)
         if settled is not candidate:
@@ -166,7 +172,7 @@ def _below(number: Sized) -> bool:
 
 def _sides(base: Base, candidate: Candidate) -> tuple[int, ...]:
     """On which sides of amplitude zero tangents are to be taken; none where its law has no kink there."""
-    amplitudes = {n.name.rpartition(".")[2]: n for n in candidate.numbers if n.amplitude and n.sought is None}
+    amplitudes = {n.name.rpartition(".")[2]: n for n in candidate.vanishing}
     component = base.problem.experiment.model.library.component(candidate.component)
     if not any(kinked(side, amplitudes) for line in component.equations for side in (line.tree.left, line.tree.right)):
         return ()
@@ -178,7 +184,7 @@ def _beside(base: Base, at_zero: Score, runs: Sequence[Run], side: int) -> Score
     of neither side (of a valve whose edges shut at the same point, a thousand times that of either)."""
     candidate = at_zero.candidate
     step = side * BESIDE * float(np.linalg.norm(base.r)) / at_zero.size
-    moved = {n.name: n.neutral + step for n in candidate.numbers if n.amplitude and n.sought is None}
+    moved = {n.name: n.neutral + step for n in candidate.vanishing}
     found = _scored(base, candidate, at_zero.shapes, side * _direction(base, runs, {**at_zero.shapes, **moved}))
     return replace(found, amplitude=side * found.amplitude, side=side)
 

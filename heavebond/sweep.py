@@ -12,7 +12,6 @@ from heavebond.errors import Problem, UsageError, listing, suggest
 from heavebond.sampling import BALANCED, DRAWN, KINDS, NAMED
 from heavebond.units import Range, UnitProblem, parse_range
 
-WORST = ("highest", "lowest")
 EXAMPLE = "Write for example --over controller.K_p='1 .. 4 1/m; 9', or a list: --over wave.T='8 s, 10 s'."
 
 

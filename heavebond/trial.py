@@ -133,7 +133,7 @@ class _Refit:
     def _plans(self) -> list[_Plan]:
         problem = self.base.problem
         inside = np.clip(self.base.inner, problem.low, problem.high)
-        vanishing = [n.name for n in self.candidate.numbers if n.amplitude and n.sought is None]
+        vanishing = [n.name for n in self.candidate.vanishing]
         neutral = {n.name: n.neutral for n in self.candidate.numbers}
         plans = []
         for guess in sorted(self.guesses, key=lambda g: -g.gain)[:MOST_SHAPES]:
@@ -215,7 +215,7 @@ class _Refit:
         if not chosen or process_time() - self.began > SECONDS:
             return None
         begun = [self.descend(start, progress, FIRST, 1e-4) for start in chosen]
-        if all(2 * float(e.cost) > self._base_cost() for e in begun) and (beside := self._beside()) is not None:
+        if all(2 * float(e.cost) > self.base.cost for e in begun) and (beside := self._beside()) is not None:
             begun.append(self.descend(beside, progress, FIRST, 1e-4))
         first, *others = sorted(begun, key=lambda e: float(e.cost))
         if self._hopeless(2 * float(first.cost)) or process_time() - self.began > SECONDS:
@@ -227,13 +227,9 @@ class _Refit:
             best = min(best, self.descend(best.x, progress, LAST, 1e-5, "dogbox"), key=lambda e: float(e.cost))
         return np.asarray(best.x)
 
-    def _base_cost(self) -> float:
-        prior = self.base.problem.priors(self.base.inner)[0]
-        return float(self.base.r @ self.base.r + prior @ prior)
-
     def _beside(self) -> Array | None:
         """A start next to the base model, from where a refit cannot end above it; None where the effect has no zero."""
-        vanishing = {n.name: n.neutral for n in self.candidate.numbers if n.amplitude and n.sought is None}
+        vanishing = {n.name: n.neutral for n in self.candidate.vanishing}
         if not vanishing or not self.guesses:
             return None
         first = self.plans[0].numbers
