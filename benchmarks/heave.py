@@ -70,7 +70,7 @@ class Heave:
 
     def integrated(self) -> Array:
         """The scaled states (8, points) from the integrator that heavebond made, called by itself."""
-        return self.simulator.integrator(x0=self.x0, p=self.p)["xf"].full()
+        return self.simulator.integrator(x0=self.x0, p=self.p)["xf"]
 
     def disagreement(self) -> float:
         """The largest difference of a state between both sides, as a share of the state's largest value."""

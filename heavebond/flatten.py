@@ -18,6 +18,7 @@ from heavebond.happening import FlatEvent, Held, held_bounds, leaf_events, with_
 from heavebond.incidence import Interval, classify
 from heavebond.medium import with_media
 from heavebond.model import Model
+from heavebond.packing import BY_SYMBOL
 from heavebond.parameters import (
     FlatParameter,
     Parameters,
@@ -103,7 +104,7 @@ class Flat:
     constants: dict[str, ca.SX]
     units: dict[str, Unit] = field(default_factory=dict)
     energetics: tuple[Energetics, ...] = ()
-    bounds: dict[int, Interval] = field(default_factory=dict)
+    bounds: dict[int, Interval] = field(default_factory=dict, metadata=BY_SYMBOL)
     held: tuple[Held, ...] = ()
     events: tuple[FlatEvent, ...] = ()
     bonds: dict[str, Bond] = field(default_factory=dict)

@@ -80,6 +80,7 @@ class Simulator:
         self.start_equations: StartEquations = like.start_equations \
             if like is not None and like.assembly.reduced is assembly.reduced else StartEquations(assembly)
         self._known_slopes: dict[int, ca.Function] = {}
+        self._keep = np.searchsorted(self.stops, self.time)
         charts = Charts(assembly)
         self.switching = self._switching(charts) if assembly.flat.events or charts.needed else None
 
@@ -152,13 +153,14 @@ class Simulator:
         found = self._integrate(assembly, first, moved)
         seconds = {"start": started - began, "integration": clock.perf_counter() - started}
         statistics = {"solver": "idas", "seconds": seconds, "start_steps": first.steps, **found.statistics}
-        keep, sizes = np.searchsorted(self.stops, self.time), self._sizes(moved)
+        keep, sizes = self._keep, self._sizes(moved)
         instants = found.instants if moved is None else tuple(replace(i, delays=i.delays / sizes) for i in found.instants)
         n_q = self.integrals // (1 + len(self.sensitivities))
 
         def taken(of: Assembly, at: NDArray[np.intp], x: Array, z: Array, stays: tuple[Stayed, ...] = ()) -> Result:
             """The run at some of its times, from x and z there in the states of an assembly."""
-            stops, n_x, n_z = keep[at], len(of.x_nominal), len(of.z_nominal)
+            stops = slice(None) if len(at) == len(self.stops) else keep[at]
+            n_x, n_z = len(of.x_nominal), len(of.z_nominal)
             along = None if moved is None else Along(
                 self.sensitivities, _by_direction(x[n_x:, stops], sizes), _by_direction(z[n_z:, stops], sizes),
                 (moved.p / sizes).T, _by_direction(found.quadratures[n_q:, stops], sizes),
@@ -174,9 +176,9 @@ class Simulator:
 
     def _check_decided(self, result: Result) -> None:
         """SimulationError where a run went on although nothing decided an algebraic unknown, in any of its charts."""
-        elsewhere = np.concatenate([np.zeros(0, int), *(at for at, _ in result.stays)])
-        own = np.setdiff1d(np.arange(len(result.time)), elsewhere)
-        for part, at in ((result, own), *((stay, np.arange(len(stay.time))) for _, stay in result.stays)):
+        own = np.ones(len(result.time), bool)
+        own[[k for at, _ in result.stays for k in at]] = False
+        for part, at in ((result, np.flatnonzero(own)), *((stay, np.arange(len(stay.time))) for _, stay in result.stays)):
             if len(part.z) and len(at):
                 from heavebond.failure import check_decided
 
@@ -239,10 +241,10 @@ class Simulator:
         middle = (self.stops[:-1] + self.stops[1:]) / 2
         p = self.integrand.hoist(first.p, dp)
         found = self.integrator(x0=x0, z0=z0, p=p, **self._driven(middle))
-        x = np.column_stack([x0, np.array(found["xf"]).reshape(n_all, n)])
-        z = self._settled(x, np.column_stack([z0, np.array(found["zf"]).reshape(len(z0), n)]), p, self.stops)
-        z = z * z_size[:, None]
-        x, q = x[:n_x] * x_size[:, None], x[n_all - self.integrals:]
+        x = np.column_stack([x0, np.asarray(found["xf"]).reshape(n_all, n)])
+        z = self._settled(x, np.column_stack([z0, np.asarray(found["zf"]).reshape(len(z0), n)]), p, self.stops)
+        x[:n_x] *= x_size[:, None]
+        z, x, q = z * z_size[:, None], x[:n_x], x[n_all - self.integrals:]
         statistics = {k: v for k, v in self.integrator.stats().items() if k in ("nsteps", "nfevals", "netfails")}
         return self._trace(x, z, q, statistics)
 

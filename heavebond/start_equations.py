@@ -13,6 +13,7 @@ from heavebond.dae import Array, Assembly
 from heavebond.errors import Place
 from heavebond.expression import Call, Expr, Name, children, parse_formula
 from heavebond.model import Condition
+from heavebond.reduce import Pivot
 from heavebond.states import Guess
 from heavebond.symbols import split, stack
 
@@ -151,11 +152,25 @@ class StartEquations:
                  for width in _widths(side))
         return sorted({k for k in found if k is not None})
 
+    @cached_property
+    def constants(self) -> tuple[list[Pivot], ca.Function]:
+        """The coefficients of parameters alone that were divided by, and their values, given the parameters."""
+        p, pivots = self.assembly.flat.p, self.assembly.reduced.pivots
+        known = {s.element_hash() for s in split(p)}
+        found = [q for q in pivots if {s.element_hash() for s in ca.symvar(q.coefficient)} <= known]
+        return found, ca.Function("constants", [p], [stack([q.coefficient for q in found])])
+
+    @cached_property
+    def _usual(self) -> list[float]:
+        """The usual sizes of what has the dimensions of the solved parameters."""
+        flat = self.assembly.flat
+        usual = {u.unit.dimension: u.nominal for u in flat.unknowns}
+        return [usual.get(flat.parameters[k].unit.dimension, 1.0) for k in self.solved_for]
+
     def sizes(self, p: Array) -> Array:
         """The usual sizes of (x, z, solved parameters)."""
         assembly = self.assembly
-        usual = {u.unit.dimension: u.nominal for u in assembly.flat.unknowns}
-        own = [max(abs(p[k]), usual.get(assembly.flat.parameters[k].unit.dimension, 1.0)) for k in self.solved_for]
+        own = [max(abs(p[k]), usual) for k, usual in zip(self.solved_for, self._usual, strict=True)]
         return np.concatenate([assembly.x_nominal, assembly.z_nominal, np.array(own)])
 
 
