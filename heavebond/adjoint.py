@@ -28,6 +28,7 @@ from heavebond.idas import caught_errors, integrator_options
 from heavebond.initialise import Start, Tangent, start, tangent
 from heavebond.result import Result, columns
 from heavebond.simulation import Simulator
+from heavebond.solvers import DEFAULT
 from heavebond.symbols import stack
 
 # The multipliers jump with s and with the inputs, and the error control backward cannot leave them out as it does the
@@ -73,8 +74,8 @@ class Adjoint:
 
     `names` are the parameters that are differentiated; those under `solve:` follow the start, all others are taken into
     the equations as numbers, so that the gradient is cheap. Each cost is scaled so that its adjoint states count in the
-    error control by four times `tolerances.along`. UsageError for a name that is no independent parameter and where the
-    diagram has events.
+    error control by four times `tolerances.along`. UsageError for a name that is no independent parameter, where the
+    diagram has events and where the simulator is not one by IDAS.
     """
 
     def __init__(self, simulator: Simulator, evaluator: Evaluator, names: Sequence[str]):
@@ -84,6 +85,11 @@ class Adjoint:
         if assembly.flat.events:
             raise UsageError([Problem("adjoint-events", "a run backwards does not go through events", None,
                                       "Take forward sensitivities: simulate(..., sensitivities=[...]).")])
+        if simulator.solver.name != DEFAULT:
+            raise UsageError([Problem("adjoint-solver", f"a run backwards is one of {DEFAULT}, and this simulator was made "
+                                      f"with solver='{simulator.solver.name}'", None,
+                                      f"Type Simulator(..., solver='{DEFAULT}'), or take forward sensitivities: "
+                                      "simulate(..., sensitivities=[...]).")])
         self._chosen = [assembly.parameter_names.index(name) for name in names]
         self._made: dict[int, _Made] = {}
         self._steps = 0
