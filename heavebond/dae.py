@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from heavebond.errors import ModelError, Problem, Problems, UsageError, listing, suggest
 from heavebond.expression import Expr, ExpressionProblem
 from heavebond.flatten import Flat, flatten
+from heavebond.garbage import kept
 from heavebond.model import Model
 from heavebond.reduce import Reduced, reduce
 from heavebond.resolver import Resolver
@@ -151,7 +152,8 @@ class Assembly:
 def assemble(model: Model, also: Iterable[str] = (), widths: float = 1.0) -> Assembly:
     """YAML meaning to runnable equations; `also` names positions wanted beside those the diagram itself names, `widths` is
     a factor on the widths of all transitions."""
-    return build(reduce(flatten(model, also, widths)))
+    with kept():
+        return build(reduce(flatten(model, also, widths)))
 
 
 def build(reduced: Reduced) -> Assembly:
