@@ -352,16 +352,15 @@ class _Builder:
         users: dict[Template, list[str]] = {}
         for path, made in self.templates.items():
             users.setdefault(made, []).append(path)
-        found = {}
+        found: dict[str, tuple[list[ca.SX], list[ca.SX], list[ca.SX]]] = {}
         for made, paths in users.items():
             slots = [self.names[f"{path}.{slot}"] for path in paths for slot in made.slots]
             own = [self.constants[f"{path}.{name}"] for path in paths for name in made.given]
             inputs = [*(ca.reshape(column[slots], len(made.slots), len(paths)) for column in self.columns),
                       ca.reshape(stack(own), len(made.given), len(paths)), self.time, self.rate]
-            residuals, energy = made.residuals(*inputs), made.energy(*inputs)
             happenings = made.happenings(*inputs) if made.happenings else ca.SX(0, len(paths))
-            for k, path in enumerate(paths):
-                found[path] = split(residuals[:, k]), split(energy[:, k]), split(happenings[:, k])
+            columns = (_columns(m, len(paths)) for m in (made.residuals(*inputs), made.energy(*inputs), happenings))
+            found.update(zip(paths, zip(*columns, strict=True), strict=True))
         return found
 
     def _given_inputs(self) -> None:
@@ -411,6 +410,12 @@ class _Builder:
         self._add(FlatEquation(path.rpartition(".")[0], f"{path} as given", f"{path} = {value.text.lstrip('= ')}",
                                value.place, kink), residual,
                   [(e.column // len(columns) * self.n + columns[e.column % len(columns)], e.kind) for e in row])
+
+
+def _columns(matrix: ca.SX, number: int) -> list[list[ca.SX]]:
+    """The elements of each of so many columns."""
+    elements, height = split(matrix), matrix.shape[0]
+    return [elements[k * height:(k + 1) * height] for k in range(number)]
 
 
 def _merged(entries: Entries) -> Entries:
