@@ -196,7 +196,8 @@ def _judged(base: Base, held: tuple[float, int], left: Leftover, scores: Sequenc
 
 def choosing(made: Step, trial: Trial) -> Step:
     """The step with one of its trials chosen, and what the records cannot tell from it."""
-    close = [t for t in _earned(made) if t is not trial and merit(t) - merit(trial) < indistinct(trial, made.merit)]
+    margin = indistinct(trial, made.merit)
+    close = [t for t in _earned(made) if t is not trial and min(m(t) - m(trial) for m in (merit, _joint)) < margin]
     return replace(made, chosen=trial, cluster=(trial, *close, *_twins_of([trial, *close], made.twins, made.scores)))
 
 
@@ -237,6 +238,13 @@ def _unseen(scores: Sequence[Score]) -> list[Candidate]:
 def merit(trial: Trial) -> float:
     """What ranks the refits: BIC of the fitted samples and n ln(chi-square) of the others; smaller is better."""
     return _merit(trial.cost, trial.samples, trial.unknowns, trial.chi2_held_out, trial.samples_held_out)
+
+
+def _joint(trial: Trial) -> float:
+    """The merit with what was held out as a fit to all samples would leave it: numbers that the fit leaves open by little
+    may miss other records by more than one law does more than another."""
+    held = trial.chi2_held_out - trial.slack / max(trial.samples_held_out, 1)
+    return _merit(trial.cost, trial.samples, trial.unknowns, held, trial.samples_held_out)
 
 
 def _merit(cost: float, samples: int, unknowns: int, chi2: float, held: int) -> float:
