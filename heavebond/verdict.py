@@ -77,11 +77,13 @@ def verdict(base: Fit | None, ladder: Sequence[Rung], findings: Sequence[Finding
             shape: Finding | None) -> str:
     """One of the six words."""
     if not steps[0].left.significant:
-        if _still(ladder[0]):
+        if _still(ladder[0]) or steps[0].partial:
             return "undetermined"
         return "parameters" if base is not None and _better(base) else "nothing"
     if findings and explained(ladder, findings):
         return "effect" if all(f.certain for f in findings) else "one_of"
+    if steps[-1].partial:
+        return "undetermined"
     return "shape" if shape is not None or findings else "undetermined"
 
 
@@ -116,7 +118,7 @@ def words(said: str, ladder: Sequence[Rung], findings: Sequence[Finding], steps:
         left = _held(findings[-1].rung)
         lines.append("What is left on records that were not fitted is near the noise." if left <= NEAR else
                      f"What is left there is still {number(left**0.5, 3)} times the noise: diagnose the new experiment too.")
-    if any(step.partial for step in steps):
+    if said != "undetermined" and any(step.partial for step in steps):
         lines.append("The search was ended early: not every candidate was refitted.")
     return tuple(lines)
 
@@ -163,6 +165,10 @@ def _shape(ladder: Sequence[Rung], findings: Sequence[Finding], steps: Sequence[
 
 
 def _undetermined(ladder: Sequence[Rung], findings: Sequence[Finding], steps: Sequence[Step], shape: Finding | None) -> str:
+    if steps[-1].partial:
+        near = " and ".join(f"{f.candidate.kind} {f.candidate.place}" for f in findings)
+        return "Not told yet: the search was ended before every candidate was refitted." + (f" Best so far: {near}." if near
+                                                                                           else "")
     if not steps[0].left.significant:
         return "Not to be told from these records: no channel moves by more than a few times its noise."
     return "More than noise is left, but nothing in the catalogue lowers the error on what was not fitted."
