@@ -21,8 +21,8 @@ def named(found: Diagnosis) -> set[tuple[str, tuple[str, ...]]]:
 
 def test_leakage_inside_a_block_is_found_beside_the_other_effects_of_its_block(tmp_path: Path) -> None:
     # a short record at half the rate, and three times the leakage: the loop hides most of it
-    leakage = 3 * LEAKAGE["ahc.cylinder.leakage"]
-    case = replace(CASES["leakage"], seconds=30, rate=10, hidden={"ahc.cylinder.leakage": leakage})
+    leakage = 3 * LEAKAGE.numbers["ahc.cylinder.leakage"]
+    case = replace(CASES["leakage"], seconds=30, rate=10, hidden=(replace(LEAKAGE, numbers={"ahc.cylinder.leakage": leakage}),))
     experiment, _ = made(case, tmp_path)
     found = diagnose(experiment, classes=("internal leakage", "valve overlap"), number=1)
     assert found.verdict == "effect"
