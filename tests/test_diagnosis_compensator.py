@@ -22,7 +22,8 @@ def named(found: Diagnosis) -> set[tuple[str, tuple[str, ...]]]:
 def test_leakage_inside_a_block_is_found_beside_the_other_effects_of_its_block(tmp_path: Path) -> None:
     # a short record at half the rate, and three times the leakage: the loop hides most of it
     leakage = 3 * LEAKAGE.numbers["ahc.cylinder.leakage"]
-    case = replace(CASES["leakage"], seconds=30, rate=10, hidden=(replace(LEAKAGE, numbers={"ahc.cylinder.leakage": leakage}),))
+    more = replace(LEAKAGE, numbers={"ahc.cylinder.leakage": leakage})
+    case = replace(CASES["leakage"], seconds=30, rate=10, hidden=(more,))
     experiment, _ = made(case, tmp_path)
     found = diagnose(experiment, classes=("internal leakage", "valve overlap"), number=1)
     assert found.verdict == "effect"
@@ -33,7 +34,7 @@ def test_leakage_inside_a_block_is_found_beside_the_other_effects_of_its_block(t
 
 
 def test_effects_are_tried_on_nodes_inside_blocks(tmp_path: Path) -> None:
-    experiment, _ = made(replace(CASES["friction, passive"], seconds=2), tmp_path)
+    experiment, _ = made(replace(CASES["friction passive"], seconds=2), tmp_path)
     there = {(c.component, frozenset(c.where)) for c in candidates(experiment)}
     assert ("LaminarLeakage", frozenset({"ahc.chamber_a", "ahc.chamber_b"})) in there
     assert ("CoulombFriction", frozenset({"drilling.hook", "drilling.bit"})) in there
@@ -53,7 +54,7 @@ def test_leakage_is_named_among_the_whole_catalogue(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_seal_friction_of_the_passive_machine_earns_its_place(tmp_path: Path) -> None:
     # stick-slip with the bit lifting off; what is left held out comes from slams that the fitted sea did not have
-    experiment, values = made(CASES["friction, passive"], tmp_path)
+    experiment, values = made(CASES["friction passive"], tmp_path)
     tried = attempt(experiment, "StribeckFriction", ("platform", "crown"))
     assert tried.earned
     assert tried.finding.rung.chi2_fit < 1.1

@@ -30,6 +30,7 @@ from benchmarks.diagnosis.making import Case as Judged
 from benchmarks.diagnosis.rigs import HERE, Rig, sea
 from benchmarks.diagnosis.truths import Truth
 from heavebond.diagnosis import Diagnosis
+from heavebond.errors import listing
 from heavebond.experiment import Experiment
 from heavebond.misfit import where
 from heavebond.report import report as page
@@ -91,8 +92,8 @@ class Case:
 
 CASES = {
     "nothing": Case(),
-    "nothing, passive": Case((), True, 0.5),
-    "friction, passive": Case((FRICTION,), True, 0.5),
+    "nothing passive": Case((), True, 0.5),
+    "friction passive": Case((FRICTION,), True, 0.5),
     "friction": Case((FRICTION,)),
     "leakage": Case((LEAKAGE,)),
     "overlap": Case((OVERLAP,)),
@@ -148,23 +149,21 @@ def _at_sea(diagram: Path, seed: int, period: float, height: float) -> str:
     return f"model: machine\nextends: {diagram}\ncomponents: {{wave: {waves}}}\n"
 
 
-def diagnosed(name: str, report: Path | None = None) -> dict[str, object]:
-    """One case from making its records to what was said of them, in one process."""
+def diagnosed(name: str, folder: Path) -> tuple[dict[str, object], Diagnosis]:
+    """One case from making its records, in `folder`, to what was said of them, in one process."""
     case = CASES[name]
-    with tempfile.TemporaryDirectory() as folder:
-        experiment, values = made(case, Path(folder))
-        began = clock.process_time()
-        found = hb.diagnose(experiment, auto=len(case.hidden) > 1, number=1, seconds=SECONDS)
-        processor = clock.process_time() - began
-        if report is not None:
-            report.write_text(page(found, where(experiment, values=found.fitted)), encoding="utf-8")
+    experiment, values = made(case, folder)
+    began = clock.process_time()
+    found = hb.diagnose(experiment, auto=len(case.hidden) > 1, number=1, seconds=SECONDS)
+    processor = clock.process_time() - began
     truth = {**values, **case.numbers}
     last = found.findings[-1].fit if found.findings else found.fitted
     fitted = {p: v for p, v in last.values.items() if p in truth} if last is not None else {}
-    return {"key": name, "values": truth, "fitted": fitted, "processor": processor, "megabytes": _megabytes(),
-            "scored": len(found.steps[0].scores), **told(case.rig, _judged(case, experiment, truth, found), found),
-            "parameters": [{"name": p.name, "value": p.value, "interval": list(p.interval), "unit": p.unit}
-                           for f in found.findings for p in f.parameters]}
+    row = {"key": name, "values": truth, "fitted": fitted, "processor": processor, "megabytes": _megabytes(),
+           "scored": len(found.steps[0].scores), **told(case.rig, _judged(case, experiment, truth, found), found),
+           "parameters": [{"name": p.name, "value": p.value, "interval": list(p.interval), "unit": p.unit}
+                          for f in found.findings for p in f.parameters]}
+    return row, found
 
 
 def _judged(case: Case, experiment: Experiment, values: Mapping[str, float], found: Diagnosis) -> Judged:
@@ -180,15 +179,20 @@ def _megabytes() -> float:
 def main() -> None:
     """Diagnose the cases, keep and print what was found."""
     reading = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    reading.add_argument("cases", nargs="*", choices=[[], *CASES], help="which (default: those that are not on disk yet)")
+    reading.add_argument("cases", nargs="*", metavar="CASE", help="which (default: those that are not on disk yet)")
     reading.add_argument("--report", type=Path, help="where the page about the last of them is written")
     asked = reading.parse_args()
     done = keeping.read(STUDY)
+    if unknown := set(asked.cases) - CASES.keys():
+        reading.error(f"no such case: {listing(sorted(unknown))}; there are {listing(CASES)}")
     for name in asked.cases or [name for name in CASES if name not in done]:
-        row = diagnosed(name, asked.report)
-        keeping.add(STUDY, row)
-        print(f"{name}: {row['outcome']}, {row['verdict']}, {row['processor']:.0f} s of processor time")
-        print(f"  {row['words']}")
+        with tempfile.TemporaryDirectory() as folder:
+            row, found = diagnosed(name, Path(folder))
+            keeping.add(STUDY, row)
+            print(f"{name}: {row['outcome']}, {row['verdict']}, {row['processor']:.0f} s of processor time")
+            print(f"  {row['words']}", flush=True)
+            if asked.report is not None:
+                asked.report.write_text(page(found, where(found.experiment, values=found.fitted)), encoding="utf-8")
 
 
 if __name__ == "__main__":
