@@ -10,6 +10,8 @@ import pytest
 from benchmarks.diagnosis.compensator import CASES, LEAKAGE, made
 from heavebond.catalogue import candidates
 from heavebond.diagnosis import Diagnosis, attempt, diagnose
+from heavebond.rung import fitted_base, step
+from heavebond.scoring import scored
 
 CYLINDER = ("ahc.cylinder",)
 
@@ -40,6 +42,25 @@ def test_effects_are_tried_on_nodes_inside_blocks(tmp_path: Path) -> None:
     assert ("CoulombFriction", frozenset({"drilling.hook", "drilling.bit"})) in there
     assert ("SeriesCompliance", frozenset({"falls", "drilling"})) in there
     assert ("ProportionalValve43", frozenset({"ahc.valve"})) in there
+
+
+def test_nodes_that_a_rope_joins_are_one_place(tmp_path: Path) -> None:
+    """The falls move as the crown block does; friction against the platform is refitted at one of them only."""
+    experiment, _ = made(replace(CASES["friction passive"], seconds=12, rate=10), tmp_path)
+    found = step(experiment, classes=("dry friction",), number=1, seconds=1e-3)  # scores only: no refit is begun
+    for law in ("CoulombFriction", "StribeckFriction"):
+        assert f"{law} between platform and falls" in found.twins[f"{law} between platform and crown"]
+    assert not any("and drilling" in twin for label, twins in found.twins.items() if "platform" in label for twin in twins)
+
+
+def test_what_the_integrator_errs_by_is_no_effect(tmp_path: Path) -> None:
+    """No force goes through the encoder, so that a compliance before it changes nothing but the steps of a run."""
+    experiment, _ = made(replace(CASES["friction"], seconds=12, rate=10), tmp_path)
+    base = fitted_base(experiment)
+    candidate = next(c for c in candidates(experiment) if c.label == "SeriesCompliance between crown and encoder.a")
+    found = scored(base, candidate)
+    assert found
+    assert not any(s.told_apart for s in found)
 
 
 @pytest.mark.slow
