@@ -24,7 +24,8 @@ from heavebond.workers import Workers
 
 UNKNOWN = "unknown law"  # the class of learnt curves: a shape, no name
 REFITS = 24  # at least so many candidates are refitted, those with the largest scores
-PROMISING = 0.1  # and all of whose class and place one has a gain of this share of the largest
+PROMISING = 0.1  # and where one of a class at a place has a gain of this share of the largest, all there
+AT_LEAST = 0.01  # that have this share of it
 NEARLY = 0.1  # share of what the best takes away that a rival may leave, where the noise is not given,
 RIVALS = 0.25  # share of what the best misses the noise by that a rival may miss more
 CLOSELY = 6  # trials at most are followed to the very end before they are compared,
@@ -185,7 +186,8 @@ def _planned(scores: Sequence[Score], as_one: Mapping[str, str]
         kept[k] = group if first == label else kept[k]
         twins[first] = (*twins.pop(other, ()), second)
     largest = kept[0][0].gain if kept else 0.0
-    chosen = [g for k, g in enumerate(kept) if k < REFITS or families[_family(g[0])] >= PROMISING * largest]
+    chosen = [g for k, g in enumerate(kept) if k < REFITS or
+              (families[_family(g[0])] >= PROMISING * largest and g[0].gain >= AT_LEAST * largest)]
     return [(g[0].candidate, g) for g in chosen], twins
 
 
