@@ -126,10 +126,10 @@ class _Refit:
         return float(np.linalg.norm(self.base.r)) / guess.size if guess.size > 0 else 1.0
 
     def _amplitudes(self) -> dict[str, tuple[float, float]]:
-        widest = WIDE * max([self._scale(g) for g in self.guesses], default=1.0)
         found = {}
         for number in self.candidate.numbers:
             if number.amplitude and number.sought is None:
+                widest = WIDE * max([self._scale(g) for g in self.guesses if number.name in g.along], default=1.0)
                 low = number.neutral - widest if number.low is None else max(number.low, number.neutral - widest)
                 high = number.neutral + widest
                 found[number.name] = (low, high if number.high is None else min(high, number.high))
@@ -139,13 +139,15 @@ class _Refit:
         problem = self.base.problem
         inside = np.clip(self.base.inner, problem.low, problem.high)
         vanishing = [n.name for n in self.candidate.vanishing]
-        neutral = {n.name: n.neutral for n in self.candidate.numbers}
+        neutral = {n.name: n.neutral for n in self.candidate.vanishing}
+        # amplitudes that a guess does not move begin small: from an end of its range one finds no way
+        little = {name: neutral[name] + (g.side or 1) * SMALL * self._scale(g) for g in self.guesses for name in g.along}
         plans = []
         for guess in sorted(self.guesses, key=lambda g: -g.gain)[:MOST_SHAPES]:
             right = bool(vanishing) and (guess.signed or guess.z > 0)
             size = guess.amplitude if right else (guess.side or 1) * 0.1 * self._scale(guess)
             point = np.clip(inside + guess.step, problem.low, problem.high) if right else inside
-            numbers = {**{name: neutral[name] + size for name in vanishing}, **guess.shapes}
+            numbers = {**little, **{name: neutral[name] + size for name in guess.along}, **guess.shapes}
             # what must be above another amplitude begins there: at the same value its shapes would have no effect yet
             numbers.update({high: APART * numbers[low] for high, low in self.candidate.orders
                             if high in vanishing and low in vanishing})
