@@ -145,7 +145,8 @@ def _after_refusal(problem: Objective, at: Evaluation, trial: Evaluation, d: Arr
     machine its stability."""
     if trial.gradient is not None and at.gradient is not None:
         return _shorter_where(radii, d, (trial.gradient - at.gradient) * d, _lowest_between(at, trial, d))
-    lost = not trial.cost < SWUNG_UP * abs(at.cost) and 0 < problem.growth(trial.at) < np.inf
+    before, after = problem.growth(at.at), problem.growth(trial.at)
+    lost = not trial.cost < SWUNG_UP * abs(at.cost) and before + max(GROWN, 0.2 * abs(before)) < after < np.inf and after > 0
     rise = problem.growth_slope(trial.at) * d if lost else np.zeros(len(d))
     return _shorter_where(radii, d, rise, _shorter(at, trial, d))
 
