@@ -43,8 +43,9 @@ def plot_study(result: StudyResult, picture: Picture) -> Figure:
         handles, labels = panels[0].get_legend_handles_labels()
         if len(labels) > 1:
             longest = max(map(len, labels))
+            variants = [axis.name for axis in result.study.axes if axis.unit is None and axis.sampling is None]
             figure.legend(handles, labels, loc="outside lower center", ncols=max(1, min(len(labels), 95 // (longest + 8))),
-                          frameon=False)
+                          frameon=False, title=", ".join(variants) or None, title_fontsize="medium")
         figure.align_ylabels(panels)
         return figure
 
