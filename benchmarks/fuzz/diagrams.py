@@ -29,7 +29,8 @@ SIZES = {
     "m**3/Pa": 1e-12, "kg/(s*Pa)": 1e-8, "Pa*s/kg": 1e7, "W/K": 1.0, "J/(kg*K)": 800.0, "kg/m**3": 900.0, "m/s**2": 9.81,
     "N/m**3": 1e6, "N*s**2/m**2": 100.0, "1/m": 3.0, "s/m": 0.5, "1/Pa": 1e-6, "1": 0.7, "kg/s": 0.01, "W": 100.0,
     "m**2/s": 3e-5, "m**3/rad": 5e-6, "V": 20.0, "A": 2.0, "ohm": 3.0, "H": 0.02, "F": 1e-3, "N*m/A": 0.3, "m**2/Pa": 1e-14,
-    "W/(m**2*K)": 20.0, "K/W": 0.5, "Pa*s": 0.03, "W/(m*K)": 0.5, "W/(m**2*K**4)": 5.7e-8, "m/Pa": 1e-9, "N*m*s**2/rad**2": 0.1,
+    "W/(m**2*K)": 20.0, "K/W": 0.5, "Pa*s": 0.03, "W/(m*K)": 0.5, "W/(m**2*K**4)": 5.7e-8,
+    "m/Pa": 1e-9, "N*m*s**2/rad**2": 0.1,
 }
 ANY_UNIT = ("m", "N", "Pa", "m**3/s", "1", "m/s", "rad", "N*m", "K")
 # effort and flow where their product is the power
@@ -274,7 +275,7 @@ class _Maker:
         for part, port in inputs:
             unit = self._unit(part.name, port.unit.text)
             fitting = [f"{p.name}.{o.name}" for p, o in outputs if self._unit(p.name, o.unit.text) == unit
-                       or not self.careful and self.random.random() < 0.1]
+                       or (not self.careful and self.random.random() < 0.1)]
             fitting = [name for name in fitting if not name.startswith(f"{part.name}.")]
             if fitting and self.random.random() < 0.6:
                 joined[self.random.choice(fitting)].append(f"{part.name}.{port.name}")

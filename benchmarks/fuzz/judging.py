@@ -29,7 +29,7 @@ SMALL = 1e-3
 
 @dataclass(frozen=True)
 class Verdict:
-    """`outcome`: refused (with the codes), ran, or one of the FAULTS, `what` it was, `seconds` of processor time that it took."""
+    """`outcome`: refused (with the codes), ran, or one of the FAULTS, `what` it was, `seconds` of processor time."""
 
     seed: int
     outcome: str
