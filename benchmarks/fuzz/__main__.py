@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import heavebond
-from benchmarks.fuzz.campaign import Judge, smallest
+from benchmarks.fuzz.campaign import Judge, patiently, smallest
 from benchmarks.fuzz.diagrams import diagram
 from benchmarks.fuzz.judging import FAULTS, judge
 from heavebond.library import bundled
@@ -37,7 +37,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=100_000)
     parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--limit", type=float, default=60.0, help="seconds of processor time for one diagram")
+    parser.add_argument("--limit", type=float, default=20.0, help="seconds of processor time for one diagram")
     parser.add_argument("--minutes", type=float, default=float("inf"), help="stop after so long")
     parser.add_argument("--results", type=Path, default=HERE / "results.jsonl")
     parser.add_argument("--summary", type=Path, help="write the counts of all results to this file, and stop")
@@ -59,7 +59,7 @@ def _campaign(results: Path, seeds: Iterator[int], limit: float, end: float) -> 
     judged, state = Judge(limit), code()
     with results.open("a", encoding="utf-8") as out:
         for seed in seeds:
-            found = judged(seed, diagram(seed).text())
+            found = patiently(judged, diagram(seed))
             out.write(json.dumps({**found.as_dict(), "code": state}) + "\n")
             out.flush()
             if found.outcome in FAULTS:

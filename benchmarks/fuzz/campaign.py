@@ -1,4 +1,4 @@
-"""Diagrams judged by a process of its own, which is ended where one takes too long; faults made smaller."""
+"""Diagrams judged by a process of their own, which is ended where one takes too long; faults made smaller."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from benchmarks.fuzz.judging import Verdict, judge
 RENEW = 500  # diagrams after which a worker is renewed: CasADi keeps what it compiled
 # a worker that sleeps is ended after so many times the limit by the clock; a busy machine may give it a small share
 ASLEEP = 30
+BRIEF = 1e-3
 
 
 def _serve(pipe: Connection, limit: float) -> None:
@@ -67,6 +68,16 @@ class Judge:
         """End the process."""
         self.pipe.send(None)
         self.process.join(10)
+
+
+def patiently(judged: Callable[[int, str], Verdict], given: Diagram) -> Verdict:
+    """The verdict on a diagram. One that takes too long is run again for a thousandth of its time: so fast may a machine be
+    that its time has millions of steps, which is no fault. Then it is `long`, unless it ends badly in this time too."""
+    found = judged(given.seed, given.text())
+    if found.outcome != "hang":
+        return found
+    brief = judged(given.seed, given.shortened(BRIEF).text())
+    return Verdict(given.seed, "long", brief.outcome, found.seconds) if brief.outcome in ("ran", "refused") else brief
 
 
 def smallest(judged: Callable[[int, str], Verdict], given: Diagram, outcome: str) -> Diagram:

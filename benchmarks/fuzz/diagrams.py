@@ -31,6 +31,9 @@ SIZES = {
     "m**2/s": 3e-5, "m**3/rad": 5e-6, "V": 20.0, "A": 2.0, "ohm": 3.0, "H": 0.02, "F": 1e-3, "N*m/A": 0.3, "m**2/Pa": 1e-14,
     "W/(m**2*K)": 20.0, "K/W": 0.5, "Pa*s": 0.03, "W/(m*K)": 0.5, "W/(m**2*K**4)": 5.7e-8,
     "m/Pa": 1e-9, "N*m*s**2/rad**2": 0.1,
+    # of what fits every domain
+    "Pa/(m**3/s)": 1e9, "Pa*s/(m**3/s)": 1e7, "N/(m/s)": 300.0, "N*s/(m/s)": 20.0, "m/N": 1e-4,
+    "N*m/(rad/s)": 3.0, "N*m*s/(rad/s)": 0.3, "rad/(N*m)": 2e-3, "V/A": 3.0, "V*s/A": 0.02, "A*s/V": 1e-3,
 }
 ANY_UNIT = ("m", "N", "Pa", "m**3/s", "1", "m/s", "rad", "N*m", "K")
 # effort and flow where their product is the power
@@ -88,6 +91,10 @@ class Diagram:
         if self.initial:
             lines += ["initial:", *(f"  {key}: {value}" for key, value in self.initial.items())]
         return "\n".join([*lines, f"simulate: {{until: {self.until:g} s, every: {self.until / 50:g} s}}", ""])
+
+    def shortened(self, share: float) -> Diagram:
+        """The diagram run for a share of its time."""
+        return replace(self, until=share * self.until)
 
     def without_part(self, name: str) -> Diagram:
         """The diagram with one part fewer; nodes that are left without ports go too."""
@@ -197,7 +204,8 @@ class _Maker:
         # round numbers, so that two parts have the same value at times
         size = SIZES.get(unit, 1.0) * self.random.choice((0.1, 0.5, 1, 1, 1, 2, 10))
         if self.random.random() < self.extremes:
-            size *= self.random.choice(EXTREMES)
+            # of a time that something takes again and again, a millionth of the run is short enough
+            size *= self.random.choice(EXTREMES[2:] if unit == "s" else EXTREMES)
         return -size if signed and self.random.random() < 0.3 else size
 
     def _unit(self, name: str, declared: str) -> str:

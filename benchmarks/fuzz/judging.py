@@ -29,7 +29,8 @@ SMALL = 1e-3
 
 @dataclass(frozen=True)
 class Verdict:
-    """`outcome`: refused (with the codes), ran, or one of the FAULTS, `what` it was, `seconds` of processor time."""
+    """`outcome`: refused (with the codes), ran, long (see `campaign.patiently`), or one of the FAULTS; `what` it was, and
+    the `seconds` of processor time that it took."""
 
     seed: int
     outcome: str
