@@ -23,8 +23,8 @@ OPEN = 1e-5
 WRONG = 1e-6
 # a diagram at rest has but the rounding of its numbers, in J
 NOTHING = 1e-9
-# of the usual size of an unknown, added to its terms
-SMALL = 1e-3
+# of the usual size of an unknown, added to its terms; of its rates, which are differences of large forces by small masses
+SMALL, SMALL_RATE = 1e-3, 0.1
 
 
 @dataclass(frozen=True)
@@ -85,8 +85,9 @@ def violation(result: Result) -> tuple[float, str]:
         return 0.0, ""
     residuals = stack([flat.residuals[k] for k in rows])
     symbols = ca.symvar(residuals)
-    usual = {s.element_hash(): u.nominal for level in flat.levels for s, u in zip(level, flat.unknowns, strict=True)}
-    terms = stack([ca.fabs(s) + SMALL * usual.get(s.element_hash(), 0.0) for s in symbols])
+    usual = {s.element_hash(): (SMALL_RATE if order else SMALL) * u.nominal for order, level in enumerate(flat.levels)
+             for s, u in zip(level, flat.unknowns, strict=True)}
+    terms = stack([ca.fabs(s) + usual.get(s.element_hash(), 0.0) for s in symbols])
     sizes = ca.fabs(ca.jacobian(residuals, stack(symbols))) @ terms if symbols else ca.SX(len(rows), 1)
     both = ca.Function("both", list(assembly.arguments), [assembly.express(residuals), assembly.express(sizes)])
     off, terms = (np.array(v) for v in both.map(len(result.time))(*columns(result)))
