@@ -236,10 +236,10 @@ def _block_line(block: str, own: list[EnergyLine], found: EnergyAudit) -> Energy
     def total(energy: str) -> float:
         return float(sum(getattr(line, energy) for line in own))
 
+    why = "; ".join(dict.fromkeys(line.why for line in own if line.why))
     return EnergyLine(block, total("energy_in"), total("stored"), total("dissipated"), total("unbalanced"),
-                      total("supplied"), total("events"), total("imbalance"), BLOCK, "; ".join(dict.fromkeys(k.why for k in own if k.why)),
-                      total("start"), float(np.trapezoid(np.maximum(-power, 0.0), time)),
-                      float(np.trapezoid(np.abs(power), time)))
+                      total("supplied"), total("events"), total("imbalance"), BLOCK, why, total("start"),
+                      float(np.trapezoid(np.maximum(-power, 0.0), time)), float(np.trapezoid(np.abs(power), time)))
 
 
 def _line(part: Energetics, integrals: Array, stored: float, jumps: float) -> EnergyLine:
