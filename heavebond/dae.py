@@ -123,7 +123,7 @@ class Assembly:
         """Names of the diagram to raw symbols and units."""
         flat = self.flat
         return Resolver(flat.names, flat.constants, flat.units, flat.unknowns, flat.levels, flat.time, flat.rate,
-                        {name: (b.effort, b.flow) for name, b in flat.bonds.items()})
+                        {**flat.bonds, **flat.block_bonds})
 
     def expression(self, expr: Expr) -> ca.SX:
         """A formula of the diagram's names as SX in `arguments`; ExpressionProblem for an unknown name."""

@@ -91,6 +91,11 @@ class Expanded:
     signals: dict[str, SignalPort] = field(default_factory=dict)
     media: tuple[Medium, ...] = ()
 
+    @property
+    def blocks(self) -> list[str]:
+        """The components that are made of others."""
+        return [path for path, leaf in self.leaves.items() if leaf.component.composite]
+
 
 def expand(model: Model) -> Expanded:
     """Open every block of the diagram; ModelError with all that is wrong with names, ports and wires.
