@@ -19,8 +19,9 @@ from heavebond.symbols import split, stack
 
 # functions whose second argument is the width over which they turn
 REGULARISED = ("smooth_sign", "signed_sqrt")
-# what jumps, though its derivative is zero everywhere
-STEPS = {ca.OP_SIGN, ca.OP_FLOOR, ca.OP_CEIL, ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_IF_ELSE_ZERO}
+# what jumps or turns at a point, though its second derivative is zero everywhere else
+CORNERS = {ca.OP_FMIN, ca.OP_FMAX, ca.OP_FABS, ca.OP_FMOD, ca.OP_REMAINDER, ca.OP_COPYSIGN, ca.OP_SIGN, ca.OP_FLOOR,
+           ca.OP_CEIL, ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_IF_ELSE_ZERO}
 
 
 @dataclass(frozen=True)
@@ -58,9 +59,9 @@ class StartSystem:
         self.rows = rows
         self._arguments = list(assembly.arguments)
         self._residuals, self._unknowns = stack([r.residual for r in rows]), unknowns
-        # CasADi stores columns, NumPy rows
+        # CasADi stores columns, NumPy rows; a buffer gets what is stored, so zeros must be
         slopes = ca.densify(ca.jacobian(self._residuals, unknowns).T)
-        self._function = ca.Function("start", [stack(self._arguments)], [self._residuals, slopes])
+        self._function = ca.Function("start", [stack(self._arguments)], [ca.densify(self._residuals), slopes])
 
     def at(self, point: Point) -> tuple[Array, Array]:
         """Residuals and Jacobian, both in SI.
@@ -69,7 +70,8 @@ class StartSystem:
         """
         residual, jacobian = np.empty(len(self.rows)), np.empty((len(self.rows), self._unknowns.numel()))
         buffer, evaluate = self._function.buffer()
-        buffer.set_arg(0, memoryview(np.hstack(point.values())))  # type: ignore[call-arg, arg-type]
+        given = np.hstack(point.values(), dtype=float)  # kept until it is read: the buffer only knows where it stands
+        buffer.set_arg(0, memoryview(given))  # type: ignore[call-arg, arg-type]
         for k, array in enumerate((residual, jacobian)):
             if array.size:
                 buffer.set_res(k, memoryview(array))  # type: ignore[call-arg, arg-type]
@@ -80,8 +82,8 @@ class StartSystem:
     def affine(self) -> bool:
         """Whether the residuals are straight lines in the unknowns, whatever else they contain: then one step of Newton's
         method tells all."""
-        steps = {self._function.instruction_id(k) for k in range(self._function.n_instructions())} & STEPS
-        return not steps and not any(ca.which_depends(self._residuals, self._unknowns, 2, True))
+        corners = {self._function.instruction_id(k) for k in range(self._function.n_instructions())} & CORNERS
+        return not corners and not any(ca.which_depends(self._residuals, self._unknowns, 2, True))
 
     @cached_property
     def _slopes(self) -> ca.Function:
