@@ -28,7 +28,7 @@ class Buffered:
             _bind(self._buffer.set_arg, k, values)
 
     def __call__(self, *given: Any, **named: Any) -> dict[str, Array]:
-        """Each output (m, n), given the inputs in their order or by name."""
+        """Each output (m, n), given the inputs in their order or by name; RuntimeError where it fails."""
         for k, (name, values) in enumerate(self._given.items()):
             value = given[k] if k < len(given) else named.get(name, 0.0)
             values[:] = np.asarray(value, float).ravel(order="F")
@@ -36,6 +36,8 @@ class Buffered:
         for output, values in zip(self._outputs, found, strict=True):
             _bind(self._buffer.set_res, output.number, values)
         self._run()
+        if self._buffer.ret():  # compiled code cannot raise what CasADi's own does
+            raise RuntimeError("the function could not be evaluated")
         return {output.name: output.dense(values) for output, values in zip(self._outputs, found, strict=True)}
 
     def size1_in(self, name: str) -> int:

@@ -15,6 +15,7 @@ from heavebond.errors import ModelError, Problem, Problems, UsageError, listing,
 from heavebond.expression import Expr, ExpressionProblem
 from heavebond.fingerprint import Fingerprint, contents, key, program
 from heavebond.flatten import Flat, flatten
+from heavebond.garbage import put_off
 from heavebond.keeping import Kind, kept, values_in
 from heavebond.library import bundled
 from heavebond.model import Model
@@ -26,7 +27,7 @@ from heavebond.units import UnitProblem, check_unit, parse_quantity
 Array = NDArray[np.float64]
 KEPT = Kind("reduced", values_in(
     "definition", "errors", "expand", "expression", "flatten", "happening", "library", "model", "parameters", "rank",
-    "reduce", "resolver", "states", "units", "view"))
+    "reduce", "resolver", "source", "states", "units", "view"))
 # how often a signal may be differentiated
 DERIVATIVES = {"hold": 0, "linear": 1, "spline": 3}
 
@@ -122,7 +123,7 @@ class Assembly:
         """Names of the diagram to raw symbols and units."""
         flat = self.flat
         return Resolver(flat.names, flat.constants, flat.units, flat.unknowns, flat.levels, flat.time, flat.rate,
-                        {name: (b.effort, b.flow) for name, b in flat.bonds.items()})
+                        {**flat.bonds, **flat.block_bonds})
 
     def expression(self, expr: Expr) -> ca.SX:
         """A formula of the diagram's names as SX in `arguments`; ExpressionProblem for an unknown name."""
@@ -159,8 +160,9 @@ def assemble(model: Model, also: Iterable[str] = (), widths: float = 1.0) -> Ass
     """YAML meaning to runnable equations; `also` names positions wanted beside those the diagram itself names, `widths` is
     a factor on the widths of all transitions. What was reduced before from the same contents comes from the cache."""
     wanted = sorted(set(also))
-    return build(kept(KEPT, lambda: _follows(model, wanted, widths), lambda: reduce(flatten(model, wanted, widths)),
-                      {"model": model}))
+    with put_off():
+        return build(kept(KEPT, lambda: _follows(model, wanted, widths), lambda: reduce(flatten(model, wanted, widths)),
+                          {"model": model}))
 
 
 def _follows(model: Model, also: Sequence[str], widths: float) -> Fingerprint:

@@ -157,6 +157,8 @@ class _Search:
             if found.good:
                 return found.y
             best = found if best is None or found.size < best.size else best
+            if self.equations.all.affine and self.frame.inside(found.y):
+                break  # straight lines that meet nowhere
         assert best is not None
         raise start_failure.failure(self.equations, self._point(best.y), best.residual, self.equations.all, self.nominal)
 

@@ -7,14 +7,14 @@ takes little more than the reading of JSON.
 
 from __future__ import annotations
 
-import gc
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields
 from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from heavebond.garbage import put_off
 
 if TYPE_CHECKING:
     import casadi as ca
@@ -34,29 +34,17 @@ class Unpackable(ValueError):
 
 def pack(value: object, classes: Sequence[type], outside: Mapping[str, object] | None = None) -> bytes:
     """`value` as bytes; Unpackable for what is of no class of the list. What is `outside` is written by its name alone."""
-    with _uncollected():
+    with put_off():
         return _Packer(classes, outside or {}).packed(value)
 
 
 def unpack(data: bytes, classes: Sequence[type], outside: Mapping[str, object] | None = None) -> Any:
     """The value in bytes that `pack` made with the same classes; Unpackable for other bytes."""
     try:
-        with _uncollected():
+        with put_off():
             return _Unpacker(data, classes, outside or {}).value()
     except (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RuntimeError) as error:
         raise Unpackable(f"no packed value: {error}") from error
-
-
-@contextmanager
-def _uncollected() -> Iterator[None]:
-    """No search for garbage inside: it takes half of the time where many values are made that all stay."""
-    before = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if before:
-            gc.enable()
 
 
 class _Packer:

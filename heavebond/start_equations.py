@@ -20,6 +20,8 @@ from heavebond.symbols import split, stack
 
 # functions whose second argument is the width over which they turn
 REGULARISED = ("smooth_sign", "signed_sqrt")
+# what jumps, though its derivative is zero everywhere
+STEPS = {ca.OP_SIGN, ca.OP_FLOOR, ca.OP_CEIL, ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_IF_ELSE_ZERO}
 
 
 @dataclass(frozen=True)
@@ -56,14 +58,21 @@ class StartSystem:
     def __init__(self, assembly: Assembly, rows: list[StartRow], unknowns: ca.SX):
         self.rows = rows
         self._arguments = list(assembly.arguments)
-        self._residuals = stack([r.residual for r in rows])
-        self._function = Buffered(
-            ca.Function("start", self._arguments, [self._residuals, ca.jacobian(self._residuals, unknowns)]))
+        self._residuals, self._unknowns = stack([r.residual for r in rows]), unknowns
+        self._function = ca.Function("start", self._arguments, [self._residuals, ca.jacobian(self._residuals, unknowns)])
+        self._buffered = Buffered(self._function)
 
     def at(self, point: Point) -> tuple[Array, Array]:
         """Residuals and Jacobian, both in SI."""
-        residual, jacobian = self._function(*point.values()).values()
+        residual, jacobian = self._buffered(*point.values()).values()
         return residual.ravel(), jacobian
+
+    @cached_property
+    def affine(self) -> bool:
+        """Whether the residuals are straight lines in the unknowns, whatever else they contain: then one step of Newton's
+        method tells all."""
+        steps = {self._function.instruction_id(k) for k in range(self._function.n_instructions())} & STEPS
+        return not steps and not any(ca.which_depends(self._residuals, self._unknowns, 2, True))
 
     @cached_property
     def _slopes(self) -> ca.Function:

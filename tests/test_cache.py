@@ -46,7 +46,7 @@ nodes:
   still:  [spring.b, wall.a]
 initial: {moving.v: 1 m/s}
 show: {v: {is: moving.v, unit: m/s}}
-simulate: {until: 2 s, every: 100 ms}
+simulate: {until: 2 s, every: 100 ms, solver: idas}
 """
 
 
@@ -481,7 +481,8 @@ def test_processes_share_a_cache_and_tell_the_same(tmp_path: Path, folder: Path)
     told = [json.loads((folder / f"{k}.json").read_text(encoding="utf-8"))["outputs"] for k in range(3)]
     assert told[0] == told[1] == told[2]
     assert not list((tmp_path / "cache").glob(".*.new"))
-    assert len(list((tmp_path / "cache").glob(f"*{store.SUFFIX}"))) == 3
+    # its files and the diagram; the reduced one where making it took long enough
+    assert len(list((tmp_path / "cache").glob(f"*{store.SUFFIX}"))) in (2, 3)
 
 
 def test_the_command_shows_empties_and_switches(kept: store.Cache, folder: Path, monkeypatch: pytest.MonkeyPatch,
