@@ -27,7 +27,7 @@ from heavebond.units import UnitProblem, check_unit, parse_quantity
 Array = NDArray[np.float64]
 KEPT = Kind("reduced", values_in(
     "definition", "errors", "expand", "expression", "flatten", "happening", "library", "model", "parameters", "rank",
-    "reduce", "resolver", "states", "units", "view"))
+    "reduce", "resolver", "source", "states", "units", "view"))
 # how often a signal may be differentiated
 DERIVATIVES = {"hold": 0, "linear": 1, "spline": 3}
 

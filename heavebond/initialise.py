@@ -259,10 +259,12 @@ class _Search:
     def _check_constants(self) -> None:
         """Coefficients of parameters alone that are zero: a mass or stiffness of 0 is told before anything is solved."""
         constant, function = self.equations.constants
-        values = function(self.assembly.p).full().ravel()
+        values = function(self.assembly.p)["o0"].ravel()
         start_failure.check_pivots(self.assembly, list(zip(constant, values, strict=True)), self._point(self.y0, 1.0))
 
     def _check(self, point: Point) -> None:
+        if self.equations.sound(point):
+            return
         values, assembly = point.values(), self.assembly
         pivots = np.array(assembly.pivots(*values)).ravel()
         start_failure.check_pivots(assembly, list(zip(assembly.reduced.pivots, pivots, strict=True)), point)

@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from heavebond.buffered import Buffered
 from heavebond.charts import Chart, Charts
 from heavebond.co_simulation import check_allowed
 from heavebond.dae import Array, Assembly, Factors, Integrand, assemble, integrand, substitute_inputs
@@ -86,6 +87,7 @@ class Simulator:
         self.start_equations: StartEquations = like.start_equations \
             if like is not None and like.assembly.reduced is assembly.reduced else StartEquations(assembly)
         self._known_slopes: dict[int, ca.Function] = {}
+        self._hoist = Buffered(self.integrand.hoist)
         self._keep = np.searchsorted(self.stops, self.time)
         self.switching = self._switching(charts) if assembly.flat.events or charts.needed else None
 
@@ -259,7 +261,7 @@ class Simulator:
         x0 = np.append(x0, np.zeros(n_all - n_x))  # integrals begin at 0, as does what stands in where no state is
         x_size, z_size = np.tile(assembly.x_nominal, blocks), np.tile(assembly.z_nominal, blocks)
         middle = (self.stops[:-1] + self.stops[1:]) / 2
-        p = self.integrand.hoist(first.p, dp)
+        p = self._hoist(first.p, dp)["o0"]
         found = self.integrator(x0=x0, z0=z0, p=p, **self._driven(middle))
         x = np.column_stack([x0, np.asarray(found["xf"]).reshape(n_all, n)])
         z = self._settled(x, np.column_stack([z0, np.asarray(found["zf"]).reshape(len(z0), n)]), p, self.stops)
@@ -268,7 +270,7 @@ class Simulator:
         statistics = {k: v for k, v in self.integrator.stats().items() if k in ("nsteps", "nfevals", "netfails")}
         return self._trace(x, z, q, statistics)
 
-    def _settled(self, x: Array, z: Array, p: ca.DM, times: Array) -> Array:
+    def _settled(self, x: Array, z: Array, p: ca.DM | Array, times: Array) -> Array:
         return settled(self.loops, x, z, p, times, self.inputs(times))
 
 

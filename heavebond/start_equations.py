@@ -9,6 +9,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
+from heavebond.buffered import Buffered
 from heavebond.dae import Array, Assembly
 from heavebond.errors import Place
 from heavebond.expression import Call, Expr, Name, children, parse_formula
@@ -59,24 +60,13 @@ class StartSystem:
         self.rows = rows
         self._arguments = list(assembly.arguments)
         self._residuals, self._unknowns = stack([r.residual for r in rows]), unknowns
-        # CasADi stores columns, NumPy rows; a buffer gets what is stored, so zeros must be
-        slopes = ca.densify(ca.jacobian(self._residuals, unknowns).T)
-        self._function = ca.Function("start", [stack(self._arguments)], [ca.densify(self._residuals), slopes])
+        self._function = ca.Function("start", self._arguments, [self._residuals, ca.jacobian(self._residuals, unknowns)])
+        self._buffered = Buffered(self._function)
 
     def at(self, point: Point) -> tuple[Array, Array]:
-        """Residuals and Jacobian, both in SI.
-
-        Through buffers: as matrices of CasADi they would take ten times longer to hand over than to evaluate.
-        """
-        residual, jacobian = np.empty(len(self.rows)), np.empty((len(self.rows), self._unknowns.numel()))
-        buffer, evaluate = self._function.buffer()
-        given = np.hstack(point.values(), dtype=float)  # kept until it is read: the buffer only knows where it stands
-        buffer.set_arg(0, memoryview(given))  # type: ignore[call-arg, arg-type]
-        for k, array in enumerate((residual, jacobian)):
-            if array.size:
-                buffer.set_res(k, memoryview(array))  # type: ignore[call-arg, arg-type]
-        evaluate()
-        return residual, jacobian
+        """Residuals and Jacobian, both in SI."""
+        residual, jacobian = self._buffered(*point.values()).values()
+        return residual.ravel(), jacobian
 
     @cached_property
     def affine(self) -> bool:
@@ -175,12 +165,25 @@ class StartEquations:
         return sorted({k for k in found if k is not None})
 
     @cached_property
-    def constants(self) -> tuple[list[Pivot], ca.Function]:
+    def _told(self) -> Buffered:
+        """The coefficients that were divided by, the rates and all variables, given a point."""
+        assembly = self.assembly
+        arguments = list(assembly.arguments)
+        return Buffered(ca.Function("told", arguments, [
+            stack([f(*arguments)]) for f in (assembly.pivots, assembly.values)] + [assembly.ode]))
+
+    def sound(self, point: Point) -> bool:
+        """Whether every variable and rate is a number at a point, and no coefficient that was divided by is zero."""
+        found = list(self._told(*point.values()).values())
+        return all(np.isfinite(values).all() for values in found) and bool(np.all(found[0] != 0))
+
+    @cached_property
+    def constants(self) -> tuple[list[Pivot], Buffered]:
         """The coefficients of parameters alone that were divided by, and their values, given the parameters."""
         p, pivots = self.assembly.flat.p, self.assembly.reduced.pivots
         known = {s.element_hash() for s in split(p)}
         found = [q for q in pivots if {s.element_hash() for s in ca.symvar(q.coefficient)} <= known]
-        return found, ca.Function("constants", [p], [stack([q.coefficient for q in found])])
+        return found, Buffered(ca.Function("constants", [p], [stack([q.coefficient for q in found])]))
 
     @cached_property
     def _usual(self) -> list[float]:
