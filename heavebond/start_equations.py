@@ -56,11 +56,14 @@ class StartSystem:
         self._arguments = list(assembly.arguments)
         self._residuals = stack([r.residual for r in rows])
         self._function = ca.Function("start", self._arguments, [self._residuals, ca.jacobian(self._residuals, unknowns)])
+        self._entries = self._function.sparsity_out(1).get_triplet()
 
     def at(self, point: Point) -> tuple[Array, Array]:
         """Residuals and Jacobian, both in SI."""
         residual, jacobian = self._function(*point.values())
-        return np.array(residual).ravel(), np.array(jacobian.full())
+        whole = np.zeros(jacobian.shape)
+        whole[self._entries] = jacobian.nonzeros()  # `full` goes through all zeros one by one
+        return np.array(residual).ravel(), whole
 
     @cached_property
     def _slopes(self) -> ca.Function:
