@@ -10,7 +10,7 @@ import numpy as np
 from heavebond import explain
 from heavebond.dae import Array, Assembly
 from heavebond.errors import Place, Problem, Problems, StartError, listing
-from heavebond.newton import weights
+from heavebond.newton import factors, weights
 from heavebond.presentation import readable
 from heavebond.rank import losses
 from heavebond.reduce import Pivot
@@ -193,8 +193,10 @@ def undetermined(equations: StartEquations, point: Point, sizes: Array) -> None:
     if not np.all(np.isfinite(jacobian)):
         return
     jacobian = jacobian * sizes
-    row = weights(residual, jacobian)
-    _, values, right = np.linalg.svd(jacobian * row[:, None], full_matrices=True)
+    jacobian = jacobian * weights(residual, jacobian)[:, None]
+    if factors(jacobian) is not None:
+        return
+    _, values, right = np.linalg.svd(jacobian, full_matrices=True)
     null = right[int((values > 1e-10 * max(values.max(initial=0.0), 1e-300)).sum()):]
     assembly = equations.assembly
     solved = [assembly.parameter_names[k] for k in equations.solved_for]
