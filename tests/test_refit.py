@@ -23,7 +23,7 @@ def test_an_amplitude_is_sought_beyond_what_the_tangent_tells(tmp_path: Path, mo
     for."""
     monkeypatch.setattr(trial, "WIDE", 3.0)
     truth = next(t for t in TRUTHS["cylinder"] if t.name == "valve leak")
-    machine = Hidden(replace(RIGS["cylinder"], seconds=8.0), [truth], "test", tmp_path, 1.0, 0.0)
+    machine = Hidden(replace(RIGS["cylinder"], seconds=10.0), [truth], "test", tmp_path, 1.0, 0.0)
     base = fitted_base(machine.case([1e-11]).experiment)
     leak = next(c for c in candidates(base.problem.experiment) if c.label == truth.label)
     guesses = scored(base, leak)
