@@ -230,17 +230,28 @@ def _shapes(score: Score) -> tuple[list[float], int, int]:
 def _judged(base: Base, held: tuple[float, int], left: Leftover, scores: Sequence[Score], trials: Sequence[Trial],
             twins: dict[str, tuple[str, ...]], partial: bool, seconds: float) -> Step:
     problem = base.problem
-    r, cost = base.r, base.cost
-    order = sorted(trials, key=merit)
-    before = _merit(cost, len(r), len(base.inner), *held)
-    good = [t for t in order if merit(t) < before - EARNED and _earned(t, held)]
-    close = [t for t in good if merit(t) - merit(good[0]) < indistinct(good[0], before)]
-    cluster = (*close, *_twins_of(close, twins, scores))
     ended = tuple(c.free.name for c, end in zip(problem.columns, problem.at_end(base.inner), strict=True) if end)
-    return Step(
-        problem.experiment, problem.values_of(base.inner, problem.runs[0].record.name), cost, len(r),
-        float(r @ r) / len(r), *held, ended, left, tuple(_best_of_each(scores)), tuple(order), good[0] if good else None,
-        cluster, twins, tuple(_unseen(scores)), partial, seconds)
+    made = Step(
+        problem.experiment, problem.values_of(base.inner, problem.runs[0].record.name), base.cost, len(base.r),
+        float(base.r @ base.r) / len(base.r), *held, ended, left, tuple(_best_of_each(scores)),
+        tuple(sorted(trials, key=merit)), None, (), twins, tuple(_unseen(scores)), partial, seconds)
+    earned = _earned(made)
+    return choosing(made, earned[0]) if earned else made
+
+
+def choosing(made: Step, trial: Trial) -> Step:
+    """The step with one of its trials chosen, and what the records cannot tell from it."""
+    margin = indistinct(trial, made.merit)
+    close = [t for t in _earned(made) if t is not trial and min(m(t) - m(trial) for m in (merit, _joint)) < margin]
+    return replace(made, chosen=trial, cluster=(trial, *close, *_twins_of([trial, *close], made.twins, made.scores)))
+
+
+def leaders(made: Step, most: int) -> list[Step]:
+    """The step with each of the best trials chosen that earn their place, one of each class at each place."""
+    best: dict[object, Trial] = {}
+    for trial in _earned(made):
+        best.setdefault((trial.candidate.kind, frozenset(trial.candidate.where)), trial)
+    return [choosing(made, trial) for trial in list(best.values())[:most]]
 
 
 def _twins_of(close: Sequence[Trial], twins: Mapping[str, Sequence[str]], scores: Sequence[Score]) -> list[Trial]:
@@ -274,16 +285,25 @@ def merit(trial: Trial) -> float:
     return _merit(trial.cost, trial.samples, trial.unknowns, trial.chi2_held_out, trial.samples_held_out)
 
 
+def _joint(trial: Trial) -> float:
+    """The merit with what was held out as a fit to all samples would leave it: numbers that the fit leaves open by little
+    may miss other records by more than one law does more than another."""
+    held = trial.chi2_held_out - trial.slack / max(trial.samples_held_out, 1)
+    return _merit(trial.cost, trial.samples, trial.unknowns, held, trial.samples_held_out)
+
+
 def _merit(cost: float, samples: int, unknowns: int, chi2: float, held: int) -> float:
     return bic(cost, samples, unknowns) + (held * float(np.log(max(chi2, 1e-300))) if held else 0.0)
 
 
-def _earned(trial: Trial, held: tuple[float, int]) -> bool:
-    """Whether chi-square on what was not fitted falls by more than chance allows."""
-    if not held[1]:
-        return True
-    scale = max(1.0, trial.chi2_held_out)
-    return (held[0] - trial.chi2_held_out) * held[1] / scale > EARNED
+def _earned(made: Step) -> list[Trial]:
+    """The trials whose merit and chi-square on what was not fitted both fall by more than chance allows, best first."""
+    def falls(trial: Trial) -> bool:
+        scale = max(1.0, trial.chi2_held_out)
+        fallen = (made.chi2_held_out - trial.chi2_held_out) * made.samples_held_out / scale
+        return not made.samples_held_out or fallen > EARNED
+
+    return [t for t in made.trials if merit(t) < made.merit - EARNED and falls(t)]
 
 
 def indistinct(best: Trial, before: float) -> float:
