@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from heavebond import scoring
+from heavebond import keeping, scoring
 from heavebond.catalogue import Candidate, candidates
 from heavebond.dae import Array, assemble
 from heavebond.experiment import load_experiment
@@ -176,6 +176,7 @@ def test_amplitudes_of_different_units_are_scored_one_after_the_other() -> None:
 
 def test_diagrams_that_are_tried_once_are_not_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HEAVEBOND_CACHE", str(tmp_path))
+    monkeypatch.setattr(keeping, "WORTH", 0.0)
     model = load("cmc_ahc/designed")
     before = set(tmp_path.iterdir())
     assemble(model, keep=False)
