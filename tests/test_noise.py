@@ -1,8 +1,9 @@
-"""The noise of a motion reference unit is what its parameters say: its size, its band, its shape, and another for each seed."""
+"""The noise of a motion reference unit is what its parameters say: size, band, shape, and another for each seed."""
 
 from __future__ import annotations
 
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -13,8 +14,8 @@ import heavebond as hb
 from heavebond.result import Result
 
 SIGMA, LOW, HIGH, SINES, T_1, STEP = 0.02, 1.0, 5.0, 100, 0.1, 0.02
-# a sine lies anywhere in its hundredth of the band, and 200 s hold 800 periods of a beat over the whole band: what is averaged
-# over them is right to 1/sqrt(800)
+# a sine lies anywhere in its hundredth of the band, and 200 s hold 800 periods of a beat over the whole band: what is
+# averaged over them is right to 1/sqrt(800)
 ROUGH = 0.035
 
 
@@ -46,7 +47,7 @@ def test_noise_fills_its_band_evenly_and_nothing_else() -> None:
     frequency, density = periodogram(_run(1)["unit.e"], 1 / STEP, window="hann")
     power = density / density.sum()
     edges = np.linspace(LOW, HIGH, 5)
-    shares = [power[(frequency >= low) & (frequency < high)].sum() for low, high in zip(edges[:-1], edges[1:], strict=True)]
+    shares = [power[(frequency >= low) & (frequency < high)].sum() for low, high in pairwise(edges)]
     assert sum(shares) == pytest.approx(1, abs=5e-3)  # the window spreads the last sine beyond the edge
     assert shares == pytest.approx([0.25] * 4, abs=0.01)
 
