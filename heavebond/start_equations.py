@@ -20,8 +20,9 @@ from heavebond.symbols import split, stack
 
 # functions whose second argument is the width over which they turn
 REGULARISED = ("smooth_sign", "signed_sqrt")
-# what jumps, though its derivative is zero everywhere
-STEPS = {ca.OP_SIGN, ca.OP_FLOOR, ca.OP_CEIL, ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_IF_ELSE_ZERO}
+# what jumps or turns at a point, though its second derivative is zero everywhere else
+CORNERS = {ca.OP_FMIN, ca.OP_FMAX, ca.OP_FABS, ca.OP_FMOD, ca.OP_REMAINDER, ca.OP_COPYSIGN, ca.OP_SIGN, ca.OP_FLOOR,
+           ca.OP_CEIL, ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_IF_ELSE_ZERO}
 
 
 @dataclass(frozen=True)
@@ -71,8 +72,8 @@ class StartSystem:
     def affine(self) -> bool:
         """Whether the residuals are straight lines in the unknowns, whatever else they contain: then one step of Newton's
         method tells all."""
-        steps = {self._function.instruction_id(k) for k in range(self._function.n_instructions())} & STEPS
-        return not steps and not any(ca.which_depends(self._residuals, self._unknowns, 2, True))
+        corners = {self._function.instruction_id(k) for k in range(self._function.n_instructions())} & CORNERS
+        return not corners and not any(ca.which_depends(self._residuals, self._unknowns, 2, True))
 
     @cached_property
     def _slopes(self) -> ca.Function:
