@@ -11,7 +11,7 @@ import numpy
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import chain, compensator, heave
+from benchmarks import cache, chain, compensator, heave
 from benchmarks.measuring import Figure
 
 PAGE = Path(__file__).parents[1] / "docs" / "performance.md"
@@ -22,7 +22,7 @@ MET = {True: "yes", False: "no", None: ""}
 
 def measured() -> list[Figure]:
     """Every figure, in the order of the page."""
-    return [*heave.figures(), *compensator.figures(), *chain.figures()]
+    return [*heave.figures(), *compensator.figures(), *cache.figures(), *chain.figures()]
 
 
 def page_table(figures: list[Figure], conditions: str) -> str:
