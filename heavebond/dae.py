@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import casadi as ca
@@ -12,7 +13,11 @@ from numpy.typing import NDArray
 
 from heavebond.errors import ModelError, Problem, Problems, UsageError, listing, suggest
 from heavebond.expression import Expr, ExpressionProblem
+from heavebond.fingerprint import Fingerprint, contents, key, program
 from heavebond.flatten import Flat, flatten
+from heavebond.garbage import put_off
+from heavebond.keeping import Kind, kept, values_in
+from heavebond.library import bundled
 from heavebond.model import Model
 from heavebond.reduce import Reduced, reduce
 from heavebond.resolver import Resolver
@@ -20,6 +25,9 @@ from heavebond.symbols import split, stack
 from heavebond.units import UnitProblem, check_unit, parse_quantity
 
 Array = NDArray[np.float64]
+KEPT = Kind("reduced", values_in(
+    "definition", "errors", "expand", "expression", "flatten", "happening", "library", "model", "parameters", "rank",
+    "reduce", "resolver", "source", "states", "units", "view"))
 # how often a signal may be differentiated
 DERIVATIVES = {"hold": 0, "linear": 1, "spline": 3}
 
@@ -115,7 +123,7 @@ class Assembly:
         """Names of the diagram to raw symbols and units."""
         flat = self.flat
         return Resolver(flat.names, flat.constants, flat.units, flat.unknowns, flat.levels, flat.time, flat.rate,
-                        {name: (b.effort, b.flow) for name, b in flat.bonds.items()})
+                        {**flat.bonds, **flat.block_bonds})
 
     def expression(self, expr: Expr) -> ca.SX:
         """A formula of the diagram's names as SX in `arguments`; ExpressionProblem for an unknown name."""
@@ -150,8 +158,23 @@ class Assembly:
 
 def assemble(model: Model, also: Iterable[str] = (), widths: float = 1.0) -> Assembly:
     """YAML meaning to runnable equations; `also` names positions wanted beside those the diagram itself names, `widths` is
-    a factor on the widths of all transitions."""
-    return build(reduce(flatten(model, also, widths)))
+    a factor on the widths of all transitions. What was reduced before from the same contents comes from the cache."""
+    wanted = sorted(set(also))
+    with put_off():
+        return build(kept(KEPT, lambda: _follows(model, wanted, widths), lambda: reduce(flatten(model, wanted, widths)),
+                          {"model": model}))
+
+
+def _follows(model: Model, also: Sequence[str], widths: float) -> Fingerprint:
+    """What a reduced diagram follows from: the diagram as a value, the files of all components that are not bundled, and
+    this program with those that are; the folder from which messages count."""
+    library, root = model.library, f"{bundled('components')}{os.sep}"
+    own = contents(path for path in library.files.values() if not str(path).startswith(root))
+    said = [repr(getattr(model, f.name)) for f in fields(model) if f.name != "library"]
+    other = program()
+    digest = key(other.digest, own.digest, os.getcwd(), *said, library.domains, library.files, library.twice, list(also),
+                 widths)
+    return Fingerprint(digest.encode(), max(own.newest, other.newest))
 
 
 def build(reduced: Reduced) -> Assembly:

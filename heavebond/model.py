@@ -12,6 +12,7 @@ from heavebond.definition import Body, End, FileInput, Instance, Value, Wire
 from heavebond.dimensions import dimension
 from heavebond.errors import ModelError, Place, Problem, Problems, UsageError, listing, suggest
 from heavebond.expression import Expr, ExpressionProblem, Name, constant, parse_formula
+from heavebond.keeping import Kind, kept_diagram, values_in
 from heavebond.library import Library, bundled, library, shown_path
 from heavebond.source import Mapping, Node, Scalar, Sequence, Source, parse, read
 from heavebond.units import Dimension, declared_unit
@@ -129,7 +130,8 @@ def _python_value(path: str, given: float | str) -> Value:
 
 def load(name: str | Path) -> Model:
     """Load a diagram: the path of a file, or the name of a bundled one (`cmc_ahc`, `cmc_ahc/passive`)."""
-    return _load(find(name), ())
+    path = find(name)
+    return kept_diagram(KEPT, path, lambda: _load(path, ()), lambda model: model.files)
 
 
 def loads(text: str, folder: Path | str = ".") -> Model:
@@ -462,3 +464,6 @@ def _check_time(name: str, value: Value, problems: Problems) -> None:
     if number <= 0 and len(problems.found) == before:
         problems.add("time-not-positive", f"{name}: '{value.text}' is not above 0", value.place,
                      hint="Write for example `60 s`.")
+
+
+KEPT = Kind("diagram", values_in("definition", "errors", "expression", "library", "model", "source", "units", "view"))

@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from heavebond.adjoint import Adjoint
+from heavebond.adjoint import CHARTS, Adjoint
 from heavebond.costs import Cost, Evaluator, read_cost, read_limit
 from heavebond.dae import Array, Assembly
 from heavebond.errors import HeavebondError, Problem, SimulationError, StartError, UsageError, suggest
@@ -349,9 +349,12 @@ class RunCase:
         if self.adjoint is not None:
             self.curvature = None
             known = self._last is not None and self._last[0] == values
-            with suppress(SimulationError):
+            try:
                 return self.adjoint.costs(self._run(values), self.references) if known else \
                     self.adjoint.at(values, self.references)
+            except SimulationError as error:
+                if any(problem.code == CHARTS for problem in error.problems):
+                    self.adjoint = None  # so it will be in other runs of this case
         result = self.forward.run(values)
         assert result.along is not None
         numbers, slopes = self.evaluator.functional_values(result)

@@ -88,19 +88,20 @@ class Run:
 
     def residuals(self, values: Mapping[str, float]) -> tuple[Array, Array]:
         """(model - measured)/noise (n,) of the n samples that count, channel after channel, and derivatives (m, n)."""
+        return self._wrong(values, self.counts)
+
+    def held_out(self, values: Mapping[str, float]) -> tuple[Array, Array]:
+        """The same of the samples that check a fit: the whole of a record that is not fitted, the blocks held out of one
+        that is."""
+        return self._wrong(values, self.counts if self.record.use != "fit" else self.checking)
+
+    def _wrong(self, values: Mapping[str, float], which: NDArray[np.bool_]) -> tuple[Array, Array]:
         result = self.simulator.run(values)
         wrong = (self.probe.values(result) - self.measured) / self.noise[:, None]
         if not self.names:
-            return wrong[self.counts], np.zeros((0, int(self.counts.sum())))
+            return wrong[which], np.zeros((0, int(which.sum())))
         moved = self.probe.sensitivities(result) / self.noise[None, :, None]
-        return wrong[self.counts], moved[:, self.counts]
-
-    def held_out(self, values: Mapping[str, float]) -> Array:
-        """(model - measured)/noise of the samples that check a fit: the whole of a record that is not fitted, the blocks
-        held out of one that is."""
-        checking = self.counts if self.record.use != "fit" else self.checking
-        wrong = (self.probe.values(self.simulator.run(values)) - self.measured) / self.noise[:, None]
-        return np.asarray(wrong[checking])
+        return wrong[which], moved[:, which]
 
 
 class Residuals:

@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from heavebond.buffered import Buffered
 from heavebond.charts import Chart, Charts
 from heavebond.co_simulation import check_allowed
 from heavebond.dae import Array, Assembly, Factors, Integrand, assemble, integrand, substitute_inputs
@@ -86,6 +87,8 @@ class Simulator:
         self.integrator = self._integrator()
         self.loops = _loops(self.integrand)
         self._known_slopes: dict[int, ca.Function] = {}
+        self._hoist = Buffered(self.integrand.hoist)
+        self._keep = np.searchsorted(self.stops, self.time)
         self.switching = self._switching(charts) if assembly.flat.events or charts.needed else None
 
     def _switching(self, charts: Charts) -> Switching:
@@ -165,13 +168,14 @@ class Simulator:
         seconds = {"start": started - began, "integration": clock.perf_counter() - started}
         statistics = {"solver": self.solver.name, "why": self.solver.why, "seconds": seconds,
                       "start_steps": first.steps, **found.statistics}
-        keep, sizes = np.searchsorted(self.stops, self.time), self._sizes(moved)
+        keep, sizes = self._keep, self._sizes(moved)
         instants = found.instants if moved is None else tuple(replace(i, delays=i.delays / sizes) for i in found.instants)
         n_q = self.integrals // (1 + len(self.sensitivities))
 
         def taken(of: Assembly, at: NDArray[np.intp], x: Array, z: Array, stays: tuple[Stayed, ...] = ()) -> Result:
             """The run at some of its times, from x and z there in the states of an assembly."""
-            stops, n_x, n_z = keep[at], len(of.x_nominal), len(of.z_nominal)
+            stops = slice(None) if len(at) == len(self.stops) else keep[at]
+            n_x, n_z = len(of.x_nominal), len(of.z_nominal)
             along = None if moved is None else Along(
                 self.sensitivities, _by_direction(x[n_x:, stops], sizes), _by_direction(z[n_z:, stops], sizes),
                 (moved.p / sizes).T, _by_direction(found.quadratures[n_q:, stops], sizes),
@@ -187,9 +191,9 @@ class Simulator:
 
     def _check_decided(self, result: Result) -> None:
         """SimulationError where a run went on although nothing decided an algebraic unknown, in any of its charts."""
-        elsewhere = np.concatenate([np.zeros(0, int), *(at for at, _ in result.stays)])
-        own = np.setdiff1d(np.arange(len(result.time)), elsewhere)
-        for part, at in ((result, own), *((stay, np.arange(len(stay.time))) for _, stay in result.stays)):
+        own = np.ones(len(result.time), bool)
+        own[[k for at, _ in result.stays for k in at]] = False
+        for part, at in ((result, np.flatnonzero(own)), *((stay, np.arange(len(stay.time))) for _, stay in result.stays)):
             if len(part.z) and len(at):
                 from heavebond.failure import check_decided
 
@@ -262,16 +266,16 @@ class Simulator:
         x0 = np.append(x0, np.zeros(n_all - n_x))  # integrals begin at 0, as does what stands in where no state is
         x_size, z_size = np.tile(assembly.x_nominal, blocks), np.tile(assembly.z_nominal, blocks)
         middle = (self.stops[:-1] + self.stops[1:]) / 2
-        p = self.integrand.hoist(first.p, dp)
+        p = self._hoist(first.p, dp)["o0"]
         found = self.integrator(x0=x0, z0=z0, p=p, **self._driven(middle))
-        x = np.column_stack([x0, np.array(found["xf"]).reshape(n_all, n)])
-        z = self._settled(x, np.column_stack([z0, np.array(found["zf"]).reshape(len(z0), n)]), p, self.stops)
-        z = z * z_size[:, None]
-        x, q = x[:n_x] * x_size[:, None], x[n_all - self.integrals:]
+        x = np.column_stack([x0, np.asarray(found["xf"]).reshape(n_all, n)])
+        z = self._settled(x, np.column_stack([z0, np.asarray(found["zf"]).reshape(len(z0), n)]), p, self.stops)
+        x[:n_x] *= x_size[:, None]
+        z, x, q = z * z_size[:, None], x[:n_x], x[n_all - self.integrals:]
         statistics = {k: v for k, v in self.integrator.stats().items() if k in ("nsteps", "nfevals", "netfails")}
         return self._trace(x, z, q, statistics)
 
-    def _settled(self, x: Array, z: Array, p: ca.DM, times: Array) -> Array:
+    def _settled(self, x: Array, z: Array, p: ca.DM | Array, times: Array) -> Array:
         return settled(self.loops, x, z, p, times, self.inputs(times))
 
 

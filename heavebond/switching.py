@@ -381,7 +381,7 @@ class Switching:
         record.write(now, np.array([now.t]), now.y[:, None], now.z[:, None])
 
 
-def settled(loops: ca.Function | None, x: Array, z: Array, p: ca.DM, times: Array, inputs: Array) -> Array:
+def settled(loops: ca.Function | None, x: Array, z: Array, p: ca.DM | Array, times: Array, inputs: Array) -> Array:
     """Algebraic unknowns solved anew at every point: between its steps IDAS only interpolates them, and where the states are
     quiet its steps are long (and at a jump of an input they belong to the time before it)."""
     if loops is None:

@@ -48,7 +48,9 @@ ANOTHER = (1.001, 3.0)
 class Trial:
     """A candidate after its refit: the values of all that was free (SI), the sum of squares with priors `cost`, chi-square
     per sample on the fitted and the held-out records, the number of unknowns, which of the free parameters ended at an end
-    of their range, and the experiment with the candidate in it. `score` is the gain that its score had promised."""
+    of their range, and the experiment with the candidate in it. `score` is the gain that its score had promised. By `slack`
+    the sum of squares on what was held out would fall, more than that of the fit would rise, if all numbers moved as the fit
+    lets them (of the trials that are compared closely; see `_Refit.slack`)."""
 
     candidate: Candidate
     experiment: Experiment
@@ -62,6 +64,7 @@ class Trial:
     at_end: tuple[str, ...]
     score: float
     evaluations: int
+    slack: float = 0.0
 
     @property
     def bic(self) -> float:
@@ -89,10 +92,12 @@ def polished(base: Base, trial: Trial, guesses: Sequence[Score] = (), progress: 
     refit = _Refit(base, trial.candidate, guesses)
     start = np.array([c.inner(trial.values[c.free.name]) for c in refit.problem.columns])
     try:
-        better = refit.judged(refit.arrive(start, progress or (lambda text: None)))
+        there = refit.arrive(start, progress or (lambda text: None))
+        better = refit.judged(there)
+        there, better = (there, better) if better.cost < trial.cost else (start, trial)
+        return replace(better, slack=refit.slack(there))
     except HeavebondError:
         return trial
-    return better if better.cost < trial.cost else trial
 
 
 @dataclass(frozen=True)
@@ -121,10 +126,10 @@ class _Refit:
         return float(np.linalg.norm(self.base.r)) / guess.size if guess.size > 0 else 1.0
 
     def _amplitudes(self) -> dict[str, tuple[float, float]]:
-        widest = WIDE * max([self._scale(g) for g in self.guesses], default=1.0)
         found = {}
         for number in self.candidate.numbers:
             if number.amplitude and number.sought is None:
+                widest = WIDE * max([self._scale(g) for g in self.guesses if number.name in g.along], default=1.0)
                 low = number.neutral - widest if number.low is None else max(number.low, number.neutral - widest)
                 high = number.neutral + widest
                 found[number.name] = (low, high if number.high is None else min(high, number.high))
@@ -134,13 +139,15 @@ class _Refit:
         problem = self.base.problem
         inside = np.clip(self.base.inner, problem.low, problem.high)
         vanishing = [n.name for n in self.candidate.vanishing]
-        neutral = {n.name: n.neutral for n in self.candidate.numbers}
+        neutral = {n.name: n.neutral for n in self.candidate.vanishing}
+        # amplitudes that a guess does not move begin small: from an end of its range one finds no way
+        little = {name: neutral[name] + (g.side or 1) * SMALL * self._scale(g) for g in self.guesses for name in g.along}
         plans = []
         for guess in sorted(self.guesses, key=lambda g: -g.gain)[:MOST_SHAPES]:
             right = bool(vanishing) and (guess.signed or guess.z > 0)
             size = guess.amplitude if right else (guess.side or 1) * 0.1 * self._scale(guess)
             point = np.clip(inside + guess.step, problem.low, problem.high) if right else inside
-            numbers = {**{name: neutral[name] + size for name in vanishing}, **guess.shapes}
+            numbers = {**little, **{name: neutral[name] + size for name in guess.along}, **guess.shapes}
             # what must be above another amplitude begins there: at the same value its shapes would have no effect yet
             numbers.update({high: APART * numbers[low] for high, low in self.candidate.orders
                             if high in vanishing and low in vanishing})
@@ -265,6 +272,41 @@ class _Refit:
                      max((g.gain for g in self.guesses), default=float("nan")),
                      problem.evaluations)
 
+    def slack(self, inner: Array) -> float:
+        """What the numbers' own uncertainty does to the figure on what was held out. With r (n,) and J (n, m) the residuals
+        there and their derivatives, F the information of the fit with its priors, and steps d of what is not at an end of
+        its range,
+
+            |r|**2 - min over d of |r + J d|**2 + d'F d  =  (J'r)' (J'J + F)**-1 J'r,
+
+        so that |r|**2 less this is what a fit to all samples at once would add, as far as the tangent holds."""
+        problem = self.problem
+        moving = np.flatnonzero(~problem.at_end(inner))
+        fitted = np.vstack([problem.evaluate(inner)[1], problem.priors(inner)[1]])[:, moving]
+        r, J = self._checked(inner)
+        J = J[:, moving]
+        normal, slope = fitted.T @ fitted + J.T @ J, J.T @ r
+        scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+        return float(slope / scale @ np.linalg.lstsq(normal / scale[:, None] / scale, slope / scale, rcond=1e-12)[0])
+
+    def _checked(self, inner: Array) -> tuple[Array, Array]:
+        """Residuals (n,) of all samples that are held out, and their derivatives (n, m) to the inner unknowns."""
+        problem, names = self.problem, list(self.problem.experiment.free)
+        exact = exact_runs(problem.experiment, self.runs, self.base.exact)
+        parts, blocks = [np.zeros(0)], [np.zeros((0, len(inner)))]
+        for record in problem.experiment.records.values():
+            values = problem.values_of(inner, record.name)
+            if record.use != "fit":
+                values |= own_start(problem.experiment, record, values)
+            wrong, moved = exact[record.name].again(names, values, QuickSimulator).held_out(values)
+            block = np.zeros((len(wrong), len(inner)))
+            for k, column in enumerate(problem.columns):
+                if column.record in ("", record.name):
+                    block[:, k] = moved[names.index(column.free.name)] * column.slope(inner[k])
+            parts.append(wrong)
+            blocks.append(block)
+        return np.concatenate(parts), np.vstack(blocks)
+
 
 def held_out(problem: Residuals, inner: Array, runs: Mapping[str, Run]) -> tuple[float, int]:
     """Chi-square per sample on what was not fitted, and its samples; NaN where there is nothing of the kind."""
@@ -277,7 +319,7 @@ def held_out(problem: Residuals, inner: Array, runs: Mapping[str, Run]) -> tuple
         elif not run.checking.any():
             continue
         try:
-            parts.append(run.held_out(values))
+            parts.append(run.held_out(values)[0])
         except (SimulationError, StartError):  # it breaks down there: that counts against it, and is no end of the search
             parts.append(np.full(int((run.checking if record.use == "fit" else run.counts).sum()), BROKEN))
     r = np.concatenate(parts)

@@ -35,12 +35,12 @@ from heavebond.scoring import Score, scored
 STUDY, CHECKS = "detectability", "detectability_checks"
 MARGIN = 1.2816  # nine in ten
 FACTORS = (0.5, 2.0)  # of the amplitude that is just named, at which it is checked
-CHECKED = {"receiver": ("PneumaticValve in inlet (b_cr)", "SensorOffset in the channel receiver.p",
-                        "PneumaticOrifice between supply and receiver"),
-           "passive": ("CoulombFriction between platform and crown", "Drag between platform and crown", "Mass on crown",
+CHECKED = {"receiver": ("SensorOffset in the channel receiver.p", "SensorGain in the channel receiver.p",
+                        "SensorOffset before inlet.u", "PneumaticLine between supply and inlet.a",
+                        "PneumaticLine between receiver and outlet.a", "PneumaticOrifice between supply and receiver"),
+           "passive": ("CoulombFriction between platform and crown", "Drag between platform and crown",
                        "SensorOffset in the channel string.F"),
-           "cylinder": ("Cylinder in cylinder (leakage)", "CoulombFriction between frame and load",
-                        "ProportionalValve43 in valve (overlap)")}
+           "cylinder": ("Cylinder in cylinder (leakage)",)}
 
 
 def chance(directions: Array, signed: Array, level: float) -> float:
