@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping as Dictionary
 from collections.abc import Sequence as Many
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -85,7 +85,8 @@ class Calibration:
 @dataclass(frozen=True)
 class Study:
     """What a study file says. `task` is what is tuned in each case, by each of the procedures; None where nothing is.
-    `calibrated` are parameters that are set on top (SI: before, after), in the cases in which they have the value before."""
+    `calibrated` are parameters that are set on top (SI: before, after), in the cases in which they have the value before.
+    `first` is the number of its first case, where the others were left out (`only`)."""
 
     name: str
     summary: str
@@ -104,6 +105,7 @@ class Study:
     calibration: Calibration | None = None
     calibrated: Dictionary[str, tuple[float, float]] = field(default_factory=dict)
     places: Dictionary[str, Place] = field(default_factory=dict)
+    first: int = 0
 
     @property
     def cases(self) -> tuple[StudyCase, ...]:
@@ -112,8 +114,17 @@ class Study:
 
     def case(self, number: int) -> StudyCase:
         """The case of that number in `cases`."""
-        index = np.unravel_index(number, tuple(len(axis.levels) for axis in self.axes)) if self.axes else ()
-        return case_at(self.axes, self.model, tuple(map(int, index)))
+        return case_at(self.axes, self.model, self._index(number))
+
+    def only(self, number: int) -> Study:
+        """The study of that case alone, which keeps its number: what a worker is sent, however many cases there are."""
+        axes = (replace(axis, levels=(axis.levels[k],)) for axis, k in zip(self.axes, self._index(number), strict=True))
+        return replace(self, axes=tuple(axes), first=number)
+
+    def _index(self, number: int) -> tuple[int, ...]:
+        """The number of the level on each axis."""
+        index = np.unravel_index(number - self.first, tuple(len(axis.levels) for axis in self.axes)) if self.axes else ()
+        return tuple(map(int, index))
 
     @property
     def tuning(self) -> Task:

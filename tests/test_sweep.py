@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import pickle
 import signal
 from dataclasses import replace
 from pathlib import Path
@@ -255,6 +256,15 @@ def test_wrong_samples_are_refused_with_a_place(folder: Path, old: str, new: str
         hb.run_study(_study(SAMPLE.replace(old, new)), processes=1)
     assert [p.place.file for p in caught.value.problems if p.place] == ["study.yaml"] * len(caught.value.problems)
     assert code in [p.code for p in caught.value.problems]
+
+
+def test_a_task_carries_its_own_case_only(folder: Path) -> None:
+    """However many points a sample has; each case is the same as in the whole study."""
+    few, many = (_study(SAMPLE.replace("latin_hypercube: 6", f"latin_hypercube: {n}")) for n in (6, 600))
+    assert len(pickle.dumps(many.only(599))) < 1.02 * len(pickle.dumps(few.only(5)))
+    assert many.only(577).case(577).levels == many.case(577).levels
+    assert many.only(577).case(577).model == many.case(577).model
+    assert len(many.only(577).cases) == 1
 
 
 # -- workers that die --------------------------------------------------------------------------------------------------
