@@ -144,19 +144,24 @@ def _outcomes(study: Study, kept: Kept | None, fresh: bool, executor: Executor |
         case, procedure = jobs[k]
         return Outcome(case, procedure.name if procedure is not None else "", problem=DIED)
 
-    given = ((k, (study.only(case), case, procedure)) for k, (case, procedure) in left)
-    ahead = AHEAD * number if isinstance(executor, Cluster) else number + 1
-    for k, outcome in as_done(executor, worked, given, ahead, instead=died) if executor is not None else \
-            _here(given, told_so_far):
+    if executor is None:
+        done_now = _here(study, left, told_so_far)
+    else:
+        packed = study.packed()
+        given = ((k, (packed(case), case, procedure)) for k, (case, procedure) in left)
+        ahead = AHEAD * number if isinstance(executor, Cluster) else number + 1
+        done_now = as_done(executor, worked, given, ahead, instead=died)
+    for k, outcome in done_now:
         if kept is not None and not outcome.problem:
             kept.write(names[k], outcome.as_dict())
         told_so_far.one_more()
         yield k, outcome
 
 
-def _here(left: Iterable[tuple[int, tuple[Study, int, Procedure | None]]], told: _Told) -> Iterator[tuple[int, Outcome]]:
-    for k, given in left:
-        yield k, worked(*given, told.inside(*given[:2]))
+def _here(study: Study, left: Iterable[tuple[int, tuple[int, Procedure | None]]], told: _Told
+          ) -> Iterator[tuple[int, Outcome]]:
+    for k, (case, procedure) in left:
+        yield k, worked(study, case, procedure, told.inside(study, case))
 
 
 class _Told:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import pickle
+from collections.abc import Callable
 from collections.abc import Mapping as Dictionary
 from collections.abc import Sequence as Many
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -86,7 +89,7 @@ class Calibration:
 class Study:
     """What a study file says. `task` is what is tuned in each case, by each of the procedures; None where nothing is.
     `calibrated` are parameters that are set on top (SI: before, after), in the cases in which they have the value before.
-    `first` is the number of its first case, where the others were left out (`only`)."""
+    `first` is the number of its first case, where the others were left out (`Packed`)."""
 
     name: str
     summary: str
@@ -116,10 +119,15 @@ class Study:
         """The case of that number in `cases`."""
         return case_at(self.axes, self.model, self._index(number))
 
-    def only(self, number: int) -> Study:
-        """The study of that case alone, which keeps its number: what a worker is sent, however many cases there are."""
-        axes = (replace(axis, levels=(axis.levels[k],)) for axis, k in zip(self.axes, self._index(number), strict=True))
-        return replace(self, axes=tuple(axes), first=number)
+    def packed(self) -> Callable[[int], Packed]:
+        """What a worker is sent of the case of a number: all that cases share is packed once for all of them."""
+        shared = pickle.dumps(replace(self, axes=()))
+
+        def one(number: int) -> Packed:
+            levels = zip(self.axes, self._index(number), strict=True)
+            return Packed(shared, tuple(replace(axis, levels=(axis.levels[k],)) for axis, k in levels), number)
+
+        return one
 
     def _index(self, number: int) -> tuple[int, ...]:
         """The number of the level on each axis."""
@@ -143,6 +151,27 @@ class Study:
     def sample(self) -> Axis | None:
         """The axis whose levels are points of a sample."""
         return next((axis for axis in self.axes if axis.sampling is not None), None)
+
+
+@dataclass(frozen=True)
+class Packed:
+    """One case of a study on its way to a worker; small however many cases there are."""
+
+    shared: bytes
+    axes: tuple[Axis, ...]
+    number: int
+
+    @property
+    def study(self) -> Study:
+        """The study of that case alone, which keeps its number."""
+        return replace(_unpacked(self.shared), axes=self.axes, first=self.number)
+
+
+@lru_cache(maxsize=1)
+def _unpacked(shared: bytes) -> Study:
+    found = pickle.loads(shared)
+    assert isinstance(found, Study)
+    return found
 
 
 def load_study(name: str | Path) -> Study:

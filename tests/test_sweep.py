@@ -261,10 +261,14 @@ def test_wrong_samples_are_refused_with_a_place(folder: Path, old: str, new: str
 def test_a_task_carries_its_own_case_only(folder: Path) -> None:
     """However many points a sample has; each case is the same as in the whole study."""
     few, many = (_study(SAMPLE.replace("latin_hypercube: 6", f"latin_hypercube: {n}")) for n in (6, 600))
-    assert len(pickle.dumps(many.only(599))) < 1.02 * len(pickle.dumps(few.only(5)))
-    assert many.only(577).case(577).levels == many.case(577).levels
-    assert many.only(577).case(577).model == many.case(577).model
-    assert len(many.only(577).cases) == 1
+    packed = many.packed()
+    assert len(pickle.dumps(packed(599))) < 1.02 * len(pickle.dumps(few.packed()(5)))
+    alone = pickle.loads(pickle.dumps(packed(577))).study
+    assert len(alone.cases) == 1
+    assert alone.case(577).levels[0].settings == many.case(577).levels[0].settings
+    assert worked(packed(577), 577, None).values == worked(many, 577, None).values
+    # what all cases share is unpacked once
+    assert packed(3).study.model is packed(4).study.model
 
 
 # -- workers that die --------------------------------------------------------------------------------------------------
