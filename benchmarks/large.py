@@ -21,7 +21,7 @@ from heavebond.simulation import Tolerances
 Array = NDArray[np.float64]
 HERE = Path(__file__).parent
 TOLERANCES = Tolerances(1e-6, 1e-8)
-PAIRS = 5
+PAIRS = 5  # of integrations and of whole ways alike
 
 
 @dataclass(frozen=True)

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import gc
+import os
 import platform
 import resource
 import statistics
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -16,6 +19,7 @@ import numpy
 from rich.console import Console
 from rich.table import Table
 
+ROOT = Path(__file__).parents[1]
 PAIRS = 5
 # a measurement shorter than this is repeated until it is as long: the clock and the caches are no longer seen
 SHORTEST = 0.1
@@ -82,6 +86,13 @@ def spoken(found: Paired) -> str:
 def duration(time_s: float) -> str:
     """`86.1 ms`, `1.62 s`."""
     return f"{time_s:.2f} s" if time_s >= 0.9995 else f"{1e3 * time_s:.3g} ms"
+
+
+def process(*arguments: str) -> str:
+    """What Python says when called like this; CalledProcessError where it fails."""
+    paths = [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH", "")])]
+    return subprocess.run([sys.executable, *arguments], env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
+                          capture_output=True, text=True, check=True).stdout
 
 
 # -- pages -------------------------------------------------------------------------------------------------------------

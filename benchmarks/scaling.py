@@ -30,7 +30,7 @@ from heavebond.study import Packed, Study, load_study
 
 PAGE = Path(__file__).parents[1] / "docs" / "scaling.md"
 CASES, WORKERS, PAIRS = 200, 2, 5
-EMPTY_TASKS = 2000
+EMPTY_TASKS = 1000
 STUDY = """study: seas
 model: {model}
 cases:
