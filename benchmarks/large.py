@@ -42,7 +42,7 @@ class Large:
 
     def simulator(self, size: int, until: float | None = None) -> hb.Simulator:
         """Read, assembled, with an integrator that can run."""
-        return hb.Simulator(hb.assemble(self.model(size)), until, tolerances=TOLERANCES)
+        return hb.Simulator(hb.assemble(self.model(size), keep=False), until, tolerances=TOLERANCES)
 
     def by_hand(self, flat: Flat, times: Array) -> ca.Function:
         """The integrator of the flat equations."""
@@ -84,5 +84,5 @@ def figures() -> list[Figure]:
                        partial(large.whole_by_hand, large.size, times), PAIRS)
         found.append(Figure(f"{large.what} ({flat.x.numel()} states): integration / hand-written CasADi", spoken(warm)))
         found.append(Figure(f"{large.what}: read, assemble, start, integrate / build and integrate by hand", spoken(whole)))
-        found.append(Figure(f"{large.what}: assembly", duration(seconds(lambda: hb.assemble(large.model(large.size))))))  # noqa: B023
+        found.append(Figure(f"{large.what}: assembly", duration(seconds(lambda: hb.assemble(large.model(large.size), keep=False)))))  # noqa: B023
     return found

@@ -18,7 +18,7 @@
   // -- shapes: y upwards in m, so that the picture is y downwards
   const [left, bottom, right, top] = data.edges;
   const stage = make(id("stage"), "svg", {viewBox: `${left} ${-top} ${right - left} ${top - bottom}`, role: "img"});
-  const letter = (top - bottom) / 34;
+  const letter = Math.max((top - bottom) / 34, (right - left) / 62);
   const shapes = data.shapes.map(shape => {
     const group = make(stage, "g", {class: `shape ${shape.colour}`, id: `shape-${shape.name}`});
     make(group, "title", {}, shape.label || shape.name);

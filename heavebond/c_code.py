@@ -22,7 +22,7 @@ def export_c(model: Model, path: str | Path, inputs: Iterable[str] = ()) -> Port
     """Write the equations of a diagram as C; every name in the file begins with that of the file."""
     path = Path(path)
     prefix = c_name(path.stem)
-    made = portable(model, inputs, f"{prefix}_equations")
+    made = portable(model, inputs, f"{prefix}_")
     path.write_text(c_text(made, prefix), encoding="utf-8")
     return made
 
@@ -33,10 +33,12 @@ def c_name(text: str) -> str:
     return f"m_{plain}" if not plain[:1].isalpha() or plain in KEYWORDS else plain
 
 
-def c_text(made: Portable, prefix: str) -> str:
-    """The file; the equations must have been made with the name `prefix`_equations."""
+def c_text(made: Portable, prefix: str, *, directions: bool = False) -> str:
+    """The file, with directional derivatives where they are wanted; its functions must have been made with `prefix`_."""
     generator = ca.CodeGenerator(prefix, {"with_header": False, "casadi_int": "int"})
     generator.add(made.equations)
+    if directions:
+        generator.add(made.directions)
     evaluate = (SOURCES / "evaluate.c").read_text(encoding="utf-8")
     return "\n".join([_head(made, prefix), generator.dump(), *_arrays(made, prefix), evaluate.replace("MODEL", prefix)])
 

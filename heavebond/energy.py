@@ -19,7 +19,8 @@ B. D. H. Tellegen, A general network theorem, with applications, Philips Res. Re
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -27,13 +28,14 @@ import casadi as ca
 import numpy as np
 
 from heavebond.dae import Array, Assembly, assemble
-from heavebond.errors import Problem, SimulationError
+from heavebond.errors import Problem, SimulationError, UsageError, listing, suggest
 from heavebond.flatten import Energetics
 from heavebond.model import Model
-from heavebond.presentation import number
+from heavebond.presentation import number, readable
 from heavebond.result import Result
 from heavebond.simulation import Simulator, Time, Tolerances
 from heavebond.symbols import split, stack
+from heavebond.units import read_unit
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -41,6 +43,10 @@ if TYPE_CHECKING:
 # The integrator keeps states and integrals to 1e-8 a step; over some thousands of steps these errors add up.
 TOLERANCE = 1e-6
 ROUNDING = 1e-9  # of the largest energy: not shown in a table
+IN_KILOJOULES = 1e4  # J; a run with such an energy is told in kJ
+SHOWN = 6  # decimal places of the largest energy that a table goes down to
+LITTLE = 1e-4  # a share of activity that is told as less than this
+BLOCK = "block"
 QUADRATURES = 3  # energy in, dissipated, unbalanced
 
 
@@ -48,8 +54,8 @@ QUADRATURES = 3  # energy in, dissipated, unbalanced
 class EnergyLine:
     """The energies of one component over the run in J; `supplied` is what a source or a controlled law adds, `events` what
     the store gains where events set states, `imbalance` what is missing, `why` the reason of the unbalanced power, `kind`
-    what stands under `power:`. `start` and `end` are what the store holds, `delivered` what goes out while power goes out,
-    and `activity` what goes in and out; these two by the trapezoidal rule over the output points."""
+    what stands under `power:`, or `block`. `start` and `end` are what the store holds, `delivered` what goes out while power
+    goes out, and `activity` what goes in and out; these two by the trapezoidal rule over the output points."""
 
     component: str
     energy_in: float
@@ -77,8 +83,8 @@ class EnergyAudit:
 
     `largest` is the largest energy in J that any component took in, dissipated, left unbalanced or held in store at any
     time: what all errors are compared with, as those of the states are relative too. `nodes` is the largest sum of all
-    port powers over the sum of their sizes. `ports` is the power in W into a component over each of its ports, (N,) at the
-    times of the result.
+    port powers over the sum of their sizes. `ports` is the power in W into a component or a block over each of its ports,
+    (N,) at the times of the result.
     """
 
     lines: tuple[EnergyLine, ...]
@@ -196,14 +202,44 @@ def audit(model: Model | Assembly, until: Time | None = None, *, every: Time | N
                       delivered=float(np.trapezoid(np.maximum(-ports[k], 0.0), result.time)),
                       activity=float(np.trapezoid(np.abs(ports[k]), result.time))) for k, line in enumerate(lines)),
         max(float(np.abs(values).max(initial=0.0)) for values in (integrals, stored, energies)),
-        float(np.abs(ports.sum(axis=0)).max(initial=0.0) / total) if total else 0.0, result, _port_powers(result))
+        float(np.abs(ports.sum(axis=0)).max(initial=0.0) / total) if total else 0.0, result, port_powers(result))
 
 
-def _port_powers(result: Result) -> dict[str, Array]:
-    """The power into a component over each port along a run."""
-    level, bonds = result.assembly.flat.levels[0], result.assembly.flat.bonds
-    powers = [level[b.flow] if b.effort is None else level[b.effort] * level[b.flow] for b in bonds.values()]
-    return dict(zip(bonds, result.evaluate(stack(powers)), strict=True))
+def port_powers(result: Result) -> dict[str, Array]:
+    """The power in W into a component or a block over each port along a run, (N,)."""
+    flat = result.assembly.flat
+    bonds = {**flat.bonds, **flat.block_bonds}
+    return dict(zip(bonds, result.evaluate(stack([b.power(flat.levels[0]) for b in bonds.values()])), strict=True))
+
+
+def with_blocks(found: EnergyAudit, blocks: Iterable[str]) -> EnergyAudit:
+    """The audit with each of some blocks as one line: what its components store, dissipate and supply is summed up, and
+    active is what goes in and out of it. UsageError for what is no block."""
+    known = found.result.assembly.flat.expanded.blocks
+    closed = list(dict.fromkeys(blocks))
+    for name in closed:
+        if name not in known:
+            said = suggest(name, known) or (f"Blocks: {listing(known)}." if known else "This diagram has no blocks.")
+            raise UsageError([Problem("block-unknown", f"there is no block '{name}' to close", None, said)])
+    groups: dict[str, list[EnergyLine]] = {}
+    for line in found.lines:
+        around = [name for name in closed if line.component.startswith(f"{name}.")]
+        groups.setdefault(min(around, key=len, default=line.component), []).append(line)
+    return replace(found, lines=tuple(_block_line(name, own, found) if name in closed else own[0]
+                                      for name, own in groups.items()))
+
+
+def _block_line(block: str, own: list[EnergyLine], found: EnergyAudit) -> EnergyLine:
+    ports = [found.ports[port] for port, b in found.result.assembly.flat.block_bonds.items() if b.owner == block]
+    power, time = np.sum([np.zeros_like(found.result.time), *ports], axis=0), found.result.time
+
+    def total(energy: str) -> float:
+        return float(sum(getattr(line, energy) for line in own))
+
+    why = "; ".join(dict.fromkeys(line.why for line in own if line.why))
+    return EnergyLine(block, total("energy_in"), total("stored"), total("dissipated"), total("unbalanced"),
+                      total("supplied"), total("events"), total("imbalance"), BLOCK, why, total("start"),
+                      float(np.trapezoid(np.maximum(-power, 0.0), time)), float(np.trapezoid(np.abs(power), time)))
 
 
 def _line(part: Energetics, integrals: Array, stored: float, jumps: float) -> EnergyLine:
@@ -226,37 +262,61 @@ def _jumps(result: Result, energy: ca.SX) -> Array:
 
 
 def table(found: EnergyAudit) -> Table:
-    """The audit as a table in kJ, sources first and then the most active first; below it what is missing, and why some power
-    is unbalanced."""
+    """The audit as a table in J or kJ, sources first and then the most active first; below it the components that only
+    pass energy on or have none, what is missing, and why some power is unbalanced."""
     from rich import box
     from rich.table import Table
 
-    why = {line.component: line.why for line in found.lines if line.why}
-    notes = [f"* {reason}: {', '.join(name for name, own in why.items() if own == reason)}"
-             for reason in dict.fromkeys(why.values())]
-    shown = Table("component", "", title=f"energy over {found.result.time[-1] - found.result.time[0]:.6g} s in kJ",
+    sources_first = sorted(found.ranking, key=lambda item: item[0].kind in ("", BLOCK))
+    busy = [item for item in sources_first if _has_energy(found, item[0])]
+    why = {line.component: line.why for line, _ in busy if line.why}
+    unit = "J" if found.largest < IN_KILOJOULES else "kJ"
+    shown = Table("", title=f"energy over {found.result.time[-1] - found.result.time[0]:.6g} s in {unit}",
                   title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False,
-                  caption_justify="left", caption_style="", caption="\n".join([
-                      f"missing: {found.imbalance:.1e} of {found.largest / 1e3:.4g} kJ; at the nodes {found.nodes:.1e}",
-                      *notes]))
+                  caption_justify="left", caption_style="", caption="\n".join(_notes(found, busy, why)))
+    shown.columns[0].header, shown.columns[0].overflow = "component", "fold"
     events = ("at events",) if found.result.assembly.flat.events else ()
     losing = () if found.closes() else ("missing",)
     for name in ("supplied", "in", *events, "start", "end", "dissipated", "delivered", *(("unbalanced",) if why else ()),
                  *losing, "activity"):
-        shown.add_column(name, justify="right")
+        shown.add_column(name, justify="right", no_wrap=True)
 
-    def row(name: str, what: str, *values: float, share: str = "") -> None:
+    def row(name: str, *values: float, share: str = "") -> None:
         supplied, energy_in, at_events, start, end, dissipated, delivered, unbalanced, missing = (
-            number(value / 1e3, 4) if abs(value) > ROUNDING * found.largest else "" for value in values)
-        shown.add_row(name, what, supplied, energy_in, *((at_events,) if events else ()), start, end, dissipated, delivered,
+            _told(value, found.largest, unit) for value in values)
+        shown.add_row(name, supplied, energy_in, *((at_events,) if events else ()), start, end, dissipated, delivered,
                       *((unbalanced,) if why else ()), *((missing,) if losing else ()), share)
 
-    for line, share in sorted(found.ranking, key=lambda item: not item[0].kind):
-        row(line.component, line.kind.partition(",")[0] or ("*" if line.why else ""), line.supplied, line.energy_in,
-            line.events, line.start, line.end, line.dissipated, line.delivered, line.unbalanced, line.imbalance,
-            share=f"{number(100 * share, 3)} %" if share > ROUNDING else "")
+    for line, share in busy:
+        told = "" if share < ROUNDING else f"< {100 * LITTLE:g} %" if share < LITTLE else f"{number(100 * share, 3)} %"
+        row(f"{line.component} *" if line.why else line.component, line.supplied, line.energy_in, line.events, line.start,
+            line.end, line.dissipated, line.delivered, line.unbalanced, line.imbalance, share=told)
     shown.add_section()
-    row("all", "", found.supplied + found.taken, sum(line.energy_in for line in found.lines), found.events,
+    row("all", found.supplied + found.taken, sum(line.energy_in for line in found.lines), found.events,
         sum(line.start for line in found.lines), sum(line.end for line in found.lines), found.dissipated, 0.0,
         found.unbalanced, sum(line.imbalance for line in found.lines))
     return shown
+
+
+def _has_energy(found: EnergyAudit, line: EnergyLine) -> bool:
+    return any(abs(value) > ROUNDING * found.largest for value in (
+        line.supplied, line.energy_in, line.events, line.start, line.end, line.dissipated, line.delivered, line.unbalanced,
+        line.imbalance))
+
+
+def _told(value: float, largest: float, unit: str) -> str:
+    """Four digits, and none that are nothing beside the largest energy of the run."""
+    if abs(value) <= ROUNDING * largest:
+        return ""
+    size = read_unit(unit).scale
+    return number(round(value / size, SHOWN - math.ceil(math.log10(largest / size))), 4)
+
+
+def _notes(found: EnergyAudit, busy: Sequence[tuple[EnergyLine, float]], why: Mapping[str, str]) -> list[str]:
+    """What is said below the table."""
+    told = {line.component for line, _ in busy}
+    idle = [line.component for line in found.lines if line.component not in told]
+    return [*([f"nothing kept, lost or given: {', '.join(idle)}"] if idle else []),
+            f"missing: {found.imbalance:.1e} of {readable(found.largest, 'J', 4)}; at the nodes {found.nodes:.1e}",
+            *(f"* {reason}: {', '.join(name for name, own in why.items() if own == reason)}"
+              for reason in dict.fromkeys(why.values()))]

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from heavebond.energy import EnergyAudit
-from heavebond.flatten import Bond, Flat
+from heavebond.flatten import Flat
 
 SWEEPS = 6  # of the ordering within the columns; more change nothing that the eye would see
 
@@ -54,16 +54,17 @@ class EnergyFlow:
 def energy_flow(found: EnergyAudit, least: float = 0.005) -> EnergyFlow:
     """The flow of energy of a run; links below `least` of the largest are left out."""
     flat = found.result.assembly.flat
-    nets = {port: float(np.trapezoid(power, found.result.time)) for port, power in found.ports.items()}
+    lines, bonds = {line.component: line for line in found.lines}, {**flat.bonds, **flat.block_bonds}
+    nets = {port: float(np.trapezoid(power, found.result.time)) for port, power in found.ports.items()
+            if bonds[port].owner in lines}
     links = []
     for port, energy in nets.items():
-        node, domain = _node_of(flat, port, flat.bonds[port])
-        ends = (f"node {node}", flat.bonds[port].owner)
+        node, domain = _node_of(flat, port)
+        ends = (f"node {node}", bonds[port].owner)
         links.append(Link(*(ends if energy > 0 else ends[::-1]), abs(energy), domain))
     largest = max((link.energy for link in links), default=0.0)
     small = [link.energy for link in links if link.energy < least * largest]
     kept = _contracted([link for link in links if link.energy >= least * largest and link.energy > 0])
-    lines = {line.component: line for line in found.lines}
     names = dict.fromkeys(name for link in kept for name in (link.source, link.target))
     boxes = {name: Box(name, True) if name.startswith("node ") else Box(
         name, False, lines[name].supplied, lines[name].dissipated + lines[name].unbalanced,
@@ -72,7 +73,7 @@ def energy_flow(found: EnergyAudit, least: float = 0.005) -> EnergyFlow:
     return EnergyFlow(_ordered(_in_columns(boxes, directed), directed), directed, max(small, default=0.0))
 
 
-def _node_of(flat: Flat, port: str, bond: Bond) -> tuple[str, str]:
+def _node_of(flat: Flat, port: str) -> tuple[str, str]:
     """The node that a port is on, and its domain."""
     domains = sorted(flat.expanded.model.library.domains.values(), key=lambda d: -len(d.across))
     domain = next(d for d in domains if all(f"{port}.{m}" in flat.names for m in (*d.across, *d.through)))

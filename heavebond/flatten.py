@@ -18,6 +18,7 @@ from heavebond.happening import FlatEvent, Held, held_bounds, leaf_events, with_
 from heavebond.incidence import Interval, classify
 from heavebond.medium import with_media
 from heavebond.model import Model
+from heavebond.packing import BY_SYMBOL
 from heavebond.parameters import (
     FlatParameter,
     Parameters,
@@ -28,7 +29,7 @@ from heavebond.parameters import (
     parameter_bounds,
     solved_unit,
 )
-from heavebond.resolver import Resolver, Unknown
+from heavebond.resolver import Bond, Resolver, Unknown
 from heavebond.symbols import nonsmooth, split, stack
 from heavebond.template import LEVELS, Template, template
 from heavebond.units import DIMENSIONLESS, ONE, Dimension, Unit, declared_unit, dimension_text, read_unit
@@ -58,16 +59,6 @@ class KnownInput:
     source: FileInput
     unit: Unit
     symbols: ca.SX
-
-
-@dataclass(frozen=True)
-class Bond:
-    """The power into a component over one port: effort times flow, or one variable that is a power itself (an enthalpy
-    flow; then `effort` is None). Numbers of unknowns."""
-
-    owner: str
-    effort: int | None
-    flow: int
 
 
 @dataclass(frozen=True)
@@ -103,10 +94,11 @@ class Flat:
     constants: dict[str, ca.SX]
     units: dict[str, Unit] = field(default_factory=dict)
     energetics: tuple[Energetics, ...] = ()
-    bounds: dict[int, Interval] = field(default_factory=dict)
+    bounds: dict[int, Interval] = field(default_factory=dict, metadata=BY_SYMBOL)
     held: tuple[Held, ...] = ()
     events: tuple[FlatEvent, ...] = ()
-    bonds: dict[str, Bond] = field(default_factory=dict)
+    bonds: dict[str, Bond] = field(default_factory=dict)        # of the components
+    block_bonds: dict[str, Bond] = field(default_factory=dict)  # of the blocks that they are in
 
     @property
     def constant_hashes(self) -> set[int]:
@@ -140,6 +132,7 @@ class _Builder:
         self.entries: list[Entries] = []
         self.energetics: list[Energetics] = []
         self.bonds: dict[str, Bond] = {}
+        self.block_bonds: dict[str, Bond] = {}
         self.held: tuple[Held, ...] = ()
         self.events: list[FlatEvent] = []
         self.templates: dict[str, Template] = {}
@@ -168,7 +161,8 @@ class _Builder:
         return Flat(self.expanded, tuple(self.unknowns), tuple(tuple(level) for level in self.levels),
                     self.parameters.independent, self.parameters.p, self.time, self.rate, tuple(self.inputs),
                     tuple(self.equations), tuple(self.residuals), tuple(self.entries), self.names, self.constants,
-                    self.parameters.units, tuple(self.energetics), bounds, self.held, tuple(self.events), self.bonds)
+                    self.parameters.units, tuple(self.energetics), bounds, self.held, tuple(self.events), self.bonds,
+                    self.block_bonds)
 
     def _numbers_of_a_run(self) -> None:
         """Initial values (`initial.crown.x`) and the scales of measured inputs (`scale.heave.u`, 1) as parameters, so
@@ -197,7 +191,7 @@ class _Builder:
     def _resolver(self) -> Resolver:
         return Resolver(self.names, self.constants, self.parameters.units, tuple(self.unknowns),
                         tuple(tuple(level) for level in self.levels), self.time, self.rate,
-                        {name: (b.effort, b.flow) for name, b in self.bonds.items()})
+                        {**self.bonds, **self.block_bonds})
 
     # -- unknowns --------------------------------------------------------------------------------------------------
     def _make_templates(self) -> None:
@@ -266,10 +260,10 @@ class _Builder:
                 member = domain.members[name]
                 self._unknown(Unknown(f"{path}.{copy}.{name}", member.unit, member.nominal, "through", leaf.place,
                                       member.doc), ())
-            if not leaf.component.composite:
-                effort, flow = (domain.effort, domain.flow) if not domain.power else (None, domain.power)
-                self.bonds[f"{path}.{copy}"] = Bond(path, None if effort is None else self.names[f"{path}.{copy}.{effort}"],
-                                                    self.names[f"{path}.{copy}.{flow}"])
+            effort, flow = (domain.effort, domain.flow) if not domain.power else (None, domain.power)
+            bonds = self.block_bonds if leaf.component.composite else self.bonds
+            bonds[f"{path}.{copy}"] = Bond(path, None if effort is None else self.names[f"{path}.{copy}.{effort}"],
+                                           self.names[f"{path}.{copy}.{flow}"])
 
     def _positions(self, also: tuple[str, ...]) -> set[int]:
         """The groups whose position is named by an equation, an input, an initial value, an output or a caller."""

@@ -38,8 +38,8 @@ STRUCTURED = re.compile(r"(der\()*[A-Za-z_]\w*(\[\d+\])?(\.[A-Za-z_]\w*(\[\d+\])
 def export_fmu(model: Model, path: str | Path, inputs: Iterable[str] = ()) -> Portable:
     """Write an FMU; UsageError where there is no C compiler, ModelError for a diagram with events."""
     compiler = find_compiler()
-    made = portable(model, inputs, "model_equations")
-    source = c_text(made, "model")
+    made = portable(model, inputs, "model_")
+    source = c_text(made, "model", directions=True)
     identifier = c_name(made.name)
     token = "{" + hashlib.sha256(f"{source}{_wrapper()}".encode()).hexdigest()[:32] + "}"
     source += f'\nstatic const char model_token[] = "{token}";\n'
@@ -104,7 +104,8 @@ def description(made: Portable, identifier: str, token: str) -> bytes:
         "generationTool": f"heavebond {__version__}",
         "variableNamingConvention": "structured" if structured else "flat",
         **({"description": summary} if (summary := made.assembly.model.summary) else {})})
-    Xml.SubElement(root, "ModelExchange", {"modelIdentifier": identifier, "canGetAndSetFMUState": "true"})
+    Xml.SubElement(root, "ModelExchange", {"modelIdentifier": identifier, "canGetAndSetFMUState": "true",
+                                           "providesDirectionalDerivatives": "true"})
     quantities = [q for group in (made.states, made.parameters, made.inputs, made.outputs) for q in group]
     rates = [_rate(q) for q in made.states]
     _units(root, [*(q.unit for q in quantities), *(unit for _, unit in rates)])

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 
 @contextmanager
-def kept() -> Iterator[None]:
+def put_off() -> Iterator[None]:
     """No search for garbage in circles inside: where hundreds of thousands of objects are made that all stay, each search
     goes through all of them again. What is not in a circle is freed as ever."""
     enabled = gc.isenabled()

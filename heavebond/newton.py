@@ -43,6 +43,10 @@ class Frame:
         """The nearest point within the bounds."""
         return np.clip(y, self.low, self.high)
 
+    def inside(self, y: Array) -> bool:
+        """Whether no bound holds the point."""
+        return bool(np.all((self.low < y) & (y < self.high)))
+
 
 @dataclass(frozen=True)
 class Found:

@@ -14,12 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from heavebond.dae import Array, assemble
+from heavebond.energy import port_powers
 from heavebond.errors import Problem, UsageError, listing, suggest
 from heavebond.expand import Expanded
 from heavebond.model import Model
 from heavebond.presentation import readable_unit, unit_label, written
 from heavebond.result import Result
-from heavebond.simulation import Simulator, Time, seconds
+from heavebond.simulation import Time, seconds, simulate
 from heavebond.units import read_unit
 
 POWER, MEAN, PEAK = "power", "mean", "peak"
@@ -79,7 +80,7 @@ def paint(model: Model, what: str, *, at: Time | None = None, over: str = MEAN, 
     variable that is nowhere, or is not the same quantity everywhere.
     """
     assembly = assemble(model, [what] if "." in what else ())
-    result = Simulator(assembly, until).run()
+    result = simulate(assembly, until)
     moment = None if at is None else seconds(at, "--at")
     if moment is not None and not result.time[0] <= moment <= result.time[-1]:
         raise UsageError([Problem("time-outside", f"--at {at}: the run goes from {result.time[0]:g} to "
@@ -128,9 +129,7 @@ def _scaled(title: str, unit: str, parts: dict[str, float], nets: dict[str, floa
 # -- power -------------------------------------------------------------------------------------------------------------
 def _powers(result: Result, expanded: Expanded) -> tuple[dict[str, Array], dict[str, Array]]:
     """What components and nodes pass on (N,), in W."""
-    formulas = {end: text for end in _ends(expanded) if (text := _power_at(result, expanded, end))}
-    values = result.signals(list(dict.fromkeys(formulas.values())))
-    powers = {end: values[text] for end, text in formulas.items()}
+    powers = port_powers(result)
     ports: Quantities = {}
     for end in powers:
         ports.setdefault(end.rpartition(".")[0], []).append(end)
@@ -142,18 +141,6 @@ def _powers(result: Result, expanded: Expanded) -> tuple[dict[str, Array], dict[
 def _ends(expanded: Expanded) -> list[str]:
     return list(dict.fromkeys(e.name for junction in expanded.junctions.values() for e in junction.ends
                               if e.name.partition("[")[0] in expanded.ports or e.name in expanded.ports))
-
-
-def _power_at(result: Result, expanded: Expanded, end: str) -> str:
-    """The power into the component at a port as a formula; empty where it is not known."""
-    port = expanded.ports.get(end) or expanded.ports[end.partition("[")[0]]
-    known = result.assembly.flat.names
-    for domain in expanded.model.library.domains.values():
-        if port.domain in (domain.name, "$D") or port.domain.startswith("$"):
-            members = (domain.power,) if domain.power else (domain.effort, domain.flow)
-            if all(member and f"{end}.{member}" in known for member in members):
-                return "*".join(f"{end}.{member}" for member in members)
-    return ""
 
 
 def _passed_on(powers: list[Array]) -> Array:

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch, PathPatch, Rectangle
 from matplotlib.path import Path
 
+from heavebond.energy import BLOCK
 from heavebond.energy_flow import Box, EnergyFlow, Link
 from heavebond.plot import COLOURS, DPI, WIDTH, figure_title
 from heavebond.presentation import number, readable
@@ -20,7 +21,7 @@ from heavebond.presentation import number, readable
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from heavebond.energy import EnergyAudit
+    from heavebond.energy import EnergyAudit, EnergyLine
 
 DOMAINS = {"translational": "#8fa3ad", "rotational": "#c8a45c", "hydraulic": COLOURS[4], "pneumatic": COLOURS[3],
            "electrical": COLOURS[5]}
@@ -71,8 +72,7 @@ def plot_activity(found: EnergyAudit, *, most: int = 25, title: str = "") -> Fig
     places, total = np.arange(len(ranked)), 0.0
     for place, (line, share) in zip(places, ranked, strict=True):
         total += share
-        colour = SUPPLY if line.kind else HEAT if line.dissipated > abs(line.stored) + line.delivered else STORE
-        axes.barh(place, 100 * share, color=colour, height=0.7)
+        axes.barh(place, 100 * share, color=_main_colour(line), height=0.7)
         axes.annotate(f"{number(100 * share, 3)} %   (together {number(100 * total, 4)} %)", (100 * share, place), (5, 0),
                       textcoords="offset points", va="center", fontsize=8)
     axes.set_yticks(places, [line.component for line, _ in ranked])
@@ -85,6 +85,13 @@ def plot_activity(found: EnergyAudit, *, most: int = 25, title: str = "") -> Fig
     figure.legend(handles=[Patch(color=SUPPLY, label="supplies"), Patch(color=HEAT, label="dissipates"),
                            Patch(color=STORE, label="stores")], loc="outside upper right", ncols=3, frameon=False)
     return figure
+
+
+def _main_colour(line: EnergyLine) -> str:
+    """What a component is in the first place; a block is a source where it gives more than it turns to heat."""
+    if line.supplied > line.dissipated if line.kind == BLOCK else line.kind:
+        return SUPPLY
+    return HEAT if line.dissipated > abs(line.stored) + line.delivered else STORE
 
 
 def _size(name: str, flow: EnergyFlow) -> float:

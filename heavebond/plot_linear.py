@@ -27,6 +27,7 @@ GRID = "#e4e4e4"
 DAMPINGS = (0.1, 0.3, 0.5, 0.7)
 # A Nyquist curve is drawn up to so many times the distance of -1; a pole on the axis would hide everything else.
 REACH = 3.0
+CORNER, HALVINGS = 0.02, 6  # steps of a curve that the eye sees, over its size; how often they are halved
 
 
 def plot_bode(channels: Sequence[StateSpace], frequencies: Array, *, title: str = "", margins: Margins | None = None
@@ -63,12 +64,25 @@ def plot_bode(channels: Sequence[StateSpace], frequencies: Array, *, title: str 
 
 def plot_nyquist(channels: Sequence[StateSpace], frequencies: Array, *, title: str = "", margins: Margins | None = None
                  ) -> Figure:
-    """The response in the complex plane, with the unit circle and -1 for an open loop (`margins`)."""
-    figure, axes = _plane(title)
+    """The response in the complex plane, a plane for each unit, with the unit circle and -1 for an open loop (`margins`)."""
+    units = list(dict.fromkeys(ratio(c) for c in channels))
+    figure, planes = _planes(title, len(units))
+    for axes, unit in zip(planes, units, strict=True):
+        own = [(COLOURS[k % len(COLOURS)], c) for k, c in enumerate(channels) if ratio(c) == unit]
+        _nyquist(axes, own, frequencies, margins)
+        axes.set_xlabel(f"real part [{unit}]")
+        axes.set_ylabel(f"imaginary part [{unit}]")
+    entries = [entry for axes in planes for entry in zip(*axes.get_legend_handles_labels(), strict=True)]
+    figure.legend([handle for handle, _ in entries], [label for _, label in entries], loc="outside upper right", ncols=3,
+                  frameon=False, fontsize=9)
+    return figure
+
+
+def _nyquist(axes: Axes, channels: Sequence[tuple[str, StateSpace]], frequencies: Array, margins: Margins | None) -> None:
+    """The curves of channels in their colours, and what is looked at in an open loop."""
     reach = 0.0
-    for k, channel in enumerate(channels):
-        found = channel.response(2j * np.pi * frequencies)[:, 0, 0]
-        colour = COLOURS[k % len(COLOURS)]
+    for colour, channel in channels:
+        found = _smooth(channel, frequencies)
         axes.plot(found.real, found.imag, color=colour, linewidth=1.5, label=channel_name(channel))
         axes.plot(found.real, -found.imag, color=colour, linewidth=0.8, linestyle=DASHES[1])
         _arrow(axes, found, colour)
@@ -84,12 +98,19 @@ def plot_nyquist(channels: Sequence[StateSpace], frequencies: Array, *, title: s
     axes.set_xlim(-1.08 * reach, 1.08 * reach)
     axes.set_ylim(-1.08 * reach, 1.08 * reach)
     axes.set_aspect("equal")
-    units = {ratio(c) for c in channels}
-    unit = f" [{units.pop()}]" if len(units) == 1 else ""
-    axes.set_xlabel(f"real part{unit}")
-    axes.set_ylabel(f"imaginary part{unit}")
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside upper right", ncols=3, frameon=False, fontsize=9)
-    return figure
+
+
+def _smooth(channel: StateSpace, frequencies: Array) -> NDArray[np.complex128]:
+    """The response at the frequencies, and between those where it would show corners."""
+    f = np.asarray(frequencies, dtype=float)
+    found = channel.response(2j * np.pi * f)[:, 0, 0]
+    for _ in range(HALVINGS):
+        far = np.flatnonzero(np.abs(np.diff(found)) > CORNER * np.abs(found).max())
+        if not len(far):
+            break
+        f = np.insert(f, far + 1, np.sqrt(f[far] * f[far + 1]))
+        found = channel.response(2j * np.pi * f)[:, 0, 0]
+    return np.asarray(found)
 
 
 def plot_poles(poles: NDArray[np.complex128], zeros: Mapping[str, NDArray[np.complex128]], *, title: str = "") -> Figure:
@@ -166,14 +187,21 @@ def _bare(unit: str) -> str:
 
 
 def _plane(title: str) -> tuple[Figure, Axes]:
-    figure = Figure(figsize=(9.0, 7.5), dpi=DPI, layout="constrained")
+    figure, planes = _planes(title, 1)
+    return figure, planes[0]
+
+
+def _planes(title: str, number: int) -> tuple[Figure, list[Axes]]:
+    """Complex planes side by side."""
+    figure = Figure(figsize=(9.0, 7.5) if number == 1 else (6.0 * number, 6.8), dpi=DPI, layout="constrained")
     figure.get_layout_engine().set(rect=RECT)  # type: ignore[union-attr,call-arg]
     figure_title(figure, title)
-    axes = figure.add_subplot()
-    _quiet(axes)
-    axes.axhline(0, color="#8c8c8c", linewidth=0.7)
-    axes.axvline(0, color="#8c8c8c", linewidth=0.7)
-    return figure, axes
+    planes: list[Axes] = list(figure.subplots(1, number, squeeze=False)[0])
+    for axes in planes:
+        _quiet(axes)
+        axes.axhline(0, color="#8c8c8c", linewidth=0.7)
+        axes.axvline(0, color="#8c8c8c", linewidth=0.7)
+    return figure, planes
 
 
 def _s_plane(axes: Axes, points: NDArray[np.complex128]) -> None:
@@ -199,9 +227,20 @@ def _s_plane(axes: Axes, points: NDArray[np.complex128]) -> None:
     beyond = float(np.median(sizes)) / 10 if high > 30 * low else 0.05 * high
     axes.set_xlim(1.6 * left if left < 0 else -room, 1.6 * right if right > 0.02 * low else beyond)
     axes.set_ylim(-reach, reach)
+    _name_dampings(axes)
     axes.axvspan(0, axes.get_xlim()[1], color="#f6e3da", zorder=0, linewidth=0)
     axes.set_xlabel("real part [1/s]")
     axes.set_ylabel("imaginary part [rad/s]")
+
+
+def _name_dampings(axes: Axes) -> None:
+    """The damping on each line, just inside the frame where it leaves."""
+    left, top = axes.get_xlim()[0], axes.get_ylim()[1]
+    for damping in DAMPINGS:
+        rise = float(np.sqrt(1 - damping**2))
+        size = 0.86 * min(top / rise, -left / damping if left < 0 else np.inf)
+        axes.annotate(f"{damping:g}", (-damping * size, rise * size), fontsize=7, color="#8c8c8c", ha="center", va="center",
+                      bbox={"boxstyle": "round,pad=0.1", "facecolor": "white", "linewidth": 0}, zorder=0.5)
 
 
 def _phase(found: NDArray[np.complex128]) -> Array:

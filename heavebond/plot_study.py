@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
-from heavebond.plot import COLOURS, DASHES, DPI
+from heavebond.plot import COLOURS, DASHES, DPI, WIDE
 from heavebond.plot_sample import PANEL, SMALL, WIDTH, headed, histograms, maps, quiet, shares, tornados
 from heavebond.presentation import converted, readable_unit, unit_label
 from heavebond.study import Picture
@@ -21,6 +24,7 @@ if TYPE_CHECKING:
     from heavebond.casework import Outcome
 
 MARKERS = ("o", "s", "^", "D", "v", "P")
+MOST_LABELS = 10  # lines that a legend names; more are coloured by an axis of numbers
 
 
 def plot_study(result: StudyResult, picture: Picture) -> Figure:
@@ -38,15 +42,48 @@ def plot_study(result: StudyResult, picture: Picture) -> Figure:
             (_courses if picture.kind == "signals" else _curves)(panel, result, picture, name)
             panel.label_outer()
             quiet(panel)
-            panel.ticklabel_format(axis="y", useOffset=False)
+            if panel.get_yscale() == "linear":
+                panel.ticklabel_format(axis="y", useOffset=False)
         headed(figure, picture)
-        handles, labels = panels[0].get_legend_handles_labels()
-        if len(labels) > 1:
-            longest = max(map(len, labels))
-            figure.legend(handles, labels, loc="outside lower center", ncols=max(1, min(len(labels), 95 // (longest + 8))),
-                          frameon=False)
+        _legend(figure, panels[0], result)
         figure.align_ylabels(panels)
         return figure
+
+
+def _legend(figure: Figure, panel: Axes, result: StudyResult) -> None:
+    """Below all panels, with no more lines than can be read."""
+    handles, labels = panel.get_legend_handles_labels()
+    if len(labels) > MOST_LABELS:
+        more = f"and {len(labels) - MOST_LABELS} more"
+        handles, labels = [*handles[:MOST_LABELS], Line2D([], [], linestyle="none")], [*labels[:MOST_LABELS], more]
+    if len(labels) > 1:
+        longest = max(map(len, labels))
+        variants = [axis.name for axis in result.study.axes if axis.unit is None and axis.sampling is None]
+        figure.legend(handles, labels, loc="outside lower center", ncols=max(1, min(len(labels), 95 // (longest + 8))),
+                      frameon=False, title=", ".join(variants) or None, title_fontsize="medium")
+
+
+def _shades(result: StudyResult, lines: int, without: int = -1) -> tuple[int, ScalarMappable] | None:
+    """Where there are more lines than a legend can name: the axis of numbers that colours them, and its colours."""
+    for k, axis in enumerate(result.study.axes):
+        if lines > MOST_LABELS and axis.unit is not None and k != without:
+            values = [axis.unit.from_si(level.value) for level in axis.levels]
+            return k, ScalarMappable(Normalize(min(values), max(values)), "viridis")
+    return None
+
+
+def _shade(result: StudyResult, shades: tuple[int, ScalarMappable], outcome: Outcome) -> Any:
+    """The colour of a case."""
+    k, colours = shades
+    unit = result.study.axes[k].unit
+    assert unit is not None
+    return colours.to_rgba(np.array(unit.from_si(result.case_of(outcome).levels[k].value)))
+
+
+def _colour_bar(panel: Axes, result: StudyResult, shades: tuple[int, ScalarMappable]) -> None:
+    axis = result.study.axes[shades[0]]
+    assert axis.unit is not None
+    panel.figure.colorbar(shades[1], ax=panel, label=f"{axis.name} [{unit_label(axis.unit.text)}]")
 
 
 def _labelled(result: StudyResult, outcome: Outcome, without: int = -1) -> str:
@@ -70,15 +107,19 @@ def _courses(panel: Axes, result: StudyResult, picture: Picture, name: str) -> N
     unit = drawn[0].signal_units[name] if drawn else "1"
     shown = readable_unit(unit, max((float(np.abs(o.signals[name]).max()) for o in drawn), default=0.0))
     told: set[str] = set()
+    shades = _shades(result, len(labels), at)
     for outcome in drawn:
         label = _labelled(result, outcome, at)
         k = labels.index(label)
+        colour = _shade(result, shades, outcome) if shades else COLOURS[k % len(COLOURS)]
         time, values = np.array(outcome.time), converted(np.array(outcome.signals[name]), unit, shown)
         inside = (time >= (picture.begin or 0.0)) & (time <= (picture.end or math.inf))
-        panel.plot(time[inside], values[inside], color=COLOURS[k % len(COLOURS)],
-                   linewidth=1.0 if sample is None else 0.4, linestyle=DASHES[k % len(DASHES)] if sample is None else "-",
-                   label=None if label in told else label)
+        panel.plot(time[inside], values[inside], color=colour, linewidth=1.0 if sample is None and not shades else 0.4,
+                   linestyle=DASHES[k % len(DASHES)] if sample is None and not shades else "-",
+                   label=None if label in told or shades else label)
         told.add(label)
+    if shades:
+        _colour_bar(panel, result, shades)
     panel.set_ylabel(f"{name} [{unit_label(shown)}]")
     panel.margins(x=0)
     panel.set_xlabel("time [s]")
@@ -91,16 +132,24 @@ def _curves(panel: Axes, result: StudyResult, picture: Picture, name: str) -> No
     axis = result.study.axes[k]
     assert axis.unit is not None
     procedures = list(dict.fromkeys(o.procedure for o in result.outcomes))
-    for n, (label, outcomes) in enumerate(_lines(result, k)):
-        colour = COLOURS[n % len(COLOURS)]
+    lines = list(_lines(result, k))
+    shades = _shades(result, len(lines) * len(procedures), k)
+    for n, (label, outcomes) in enumerate(lines):
+        colour = _shade(result, shades, outcomes[0]) if shades else COLOURS[n % len(COLOURS)]
         for m, procedure in enumerate(procedures):
             chosen = [o for o in outcomes if o.procedure == procedure]
             x = [axis.unit.from_si(result.case_of(o).levels[k].value) for o in chosen]
             words = ", ".join(filter(None, (label, procedure if len(procedures) > 1 else "")))
             dash = DASHES[(m if len(procedures) > 1 else n) % len(DASHES)]
             panel.plot(x, [result.value(o, name) for o in chosen], color=colour, marker=MARKERS[m % len(MARKERS)],
-                       markersize=4, linewidth=1.0, linestyle=dash, label=words or name)
+                       markersize=4, linewidth=1.0, linestyle="-" if shades else dash,
+                       label=None if shades else words or name)
         _given(panel, result, name, label, colour, [o for o in outcomes if o.procedure == procedures[0]], k)
+    if shades:
+        _colour_bar(panel, result, shades)
+    sizes = [y for line in panel.get_lines() for y in np.asarray(line.get_ydata(), float) if np.isfinite(y)]
+    if sizes and 0 < WIDE * min(sizes) < max(sizes):  # a case that breaks out must not press all others flat
+        panel.set_yscale("log")
     panel.set_ylabel(f"{name} [{unit_label(result.units[name].text)}]")
     panel.set_xlabel(f"{axis.name} [{unit_label(axis.unit.text)}]")
 

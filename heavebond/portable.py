@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from math import factorial, inf
 from pathlib import Path
 
@@ -43,8 +44,9 @@ class Quantity:
 
 @dataclass(frozen=True)
 class Portable:
-    """What is exported; `equations` is (t, x, z, p, u) -> (x', y, g, dg/dz by rows). `parameters` are all of p, of which
-    those in `tunable` are the user's."""
+    """What is exported; `equations` is (t, x, z, p, u) -> (x', y, g, dg/dz by rows), and `directions` (t, x, z, p, u and a
+    direction of each) -> what (x', y, g) change along it. `parameters` are all of p, of which those in `tunable` are the
+    user's."""
 
     assembly: Assembly
     states: tuple[Quantity, ...]
@@ -54,6 +56,7 @@ class Portable:
     inputs: tuple[Quantity, ...]
     outputs: tuple[Quantity, ...]
     equations: ca.Function
+    directions: ca.Function
 
     @property
     def name(self) -> str:
@@ -61,8 +64,9 @@ class Portable:
         return self.assembly.model.name
 
 
-def portable(model: Model, inputs: Iterable[str] = (), name: str = "equations") -> Portable:
-    """The equations of a diagram, started as it says, with the signal inputs `inputs` taken out of it.
+def portable(model: Model, inputs: Iterable[str] = (), prefix: str = "") -> Portable:
+    """The equations of a diagram, started as it says, with the signal inputs `inputs` taken out of it; the names of the
+    functions begin with `prefix`.
 
     What drives these in the diagram gives them their values at the start only. Raises UsageError for an input that is not
     there, ModelError for a diagram with events.
@@ -74,7 +78,7 @@ def portable(model: Model, inputs: Iterable[str] = (), name: str = "equations") 
         names = listing([event.name for event in assembly.flat.events], 3)
         raise ModelError([Problem("export-events", f"a diagram with events cannot be exported: {names}",
                                   assembly.flat.events[0].place, "Leave out the components that switch or sample.")])
-    return _portable(assembly, column, name)
+    return _portable(assembly, column, prefix)
 
 
 # -- inputs ----------------------------------------------------------------------------------------------------------
@@ -117,7 +121,7 @@ def _column(before: Assembly, after: Assembly) -> Array:
 
 
 # -- equations -------------------------------------------------------------------------------------------------------
-def _portable(assembly: Assembly, column: Array, name: str) -> Portable:
+def _portable(assembly: Assembly, column: Array, prefix: str) -> Portable:
     flat, first = assembly.flat, start(assembly, 0.0, column)
     t, x, z, p, pieces, rate = assembly.arguments
     shown = list(assembly.model.show) or assembly.state_names
@@ -131,12 +135,17 @@ def _portable(assembly: Assembly, column: Array, name: str) -> Portable:
     kept = [(k, order) for k, s in enumerate(symbols) for order, one in enumerate(split(s))
             if order == 0 or one.element_hash() in used]
     u = stack([symbols[k][order] for k, order in kept])
-    equations = ca.Function(name, [t, x, z, p, u], ca.cse([ca.densify(side) for side in right]))
+    equations = ca.Function(f"{prefix}equations", [t, x, z, p, u], ca.cse([ca.densify(side) for side in right]))
+    along = [ca.SX.sym("along", one.shape) for one in (t, x, z, p, u)]
+    slopes = ca.jtimes(stack(right[:3]), stack([t, x, z, p, u]), stack(along))
+    cuts = np.cumsum([0, *(side.numel() for side in right[:3])]).tolist()
+    directions = ca.Function(f"{prefix}directions", [t, x, z, p, u, *along],
+                             ca.cse([ca.densify(slopes[a:b]) for a, b in pairwise(cuts)]))
     return Portable(assembly, _columns(assembly, assembly.reduced.states, first.x, assembly.x_nominal),
                     _columns(assembly, assembly.reduced.algebraic, first.z, assembly.z_nominal),
                     _parameters(assembly, first), tuple(not q.name.startswith(DERIVED) for q in flat.parameters),
                     tuple(_input(assembly, k, order, column) for k, order in kept),
-                    tuple(_outputs(assembly, shown, outputs, first, column)), equations)
+                    tuple(_outputs(assembly, shown, outputs, first, column)), equations, directions)
 
 
 def derived(base: Unit, order: int) -> Unit:

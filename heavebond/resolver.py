@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import inf
 
@@ -36,6 +36,20 @@ class Unknown:
 
 
 @dataclass(frozen=True)
+class Bond:
+    """The power into a component or a block over one port: effort times flow, or one variable that is a power itself (an
+    enthalpy flow; then `effort` is None). Numbers of unknowns."""
+
+    owner: str
+    effort: int | None
+    flow: int
+
+    def power(self, values: Sequence[ca.SX]) -> ca.SX:
+        """The power, of the values of all unknowns."""
+        return values[self.flow] if self.effort is None else values[self.effort] * values[self.flow]
+
+
+@dataclass(frozen=True)
 class Resolver:
     """Names of a diagram to SX and units: for formulas in place, outputs, conditions and costs; `spring.a.power` is the
     power into a component over a port."""
@@ -47,8 +61,7 @@ class Resolver:
     levels: tuple[tuple[ca.SX, ...], ...]
     time: ca.SX
     rate: ca.SX
-    # of each port: the unknowns whose product is the power into it, or None and the one that is a power
-    bonds: Mapping[str, tuple[int | None, int]] = field(default_factory=dict)
+    bonds: Mapping[str, Bond] = field(default_factory=dict)  # by port
 
     def evaluate(self, expr: Expr, scope: str = "", extra: Mapping[str, ca.SX] | None = None) -> ca.SX:
         """The SX of a formula (`extra` names more than the diagram does); ExpressionProblem for an unknown name."""
@@ -71,8 +84,7 @@ class Resolver:
             return self.constants[path]
         port, _, member = path.rpartition(".")
         if member == POWER and port in self.bonds:
-            effort, flow = self.bonds[port]
-            return self.levels[0][flow] if effort is None else self.levels[0][effort] * self.levels[0][flow]
+            return self.bonds[port].power(self.levels[0])
         raise self._unknown(path, name)
 
     def _dimension(self, scope: str, name: Name) -> Dimension:
@@ -89,7 +101,8 @@ class Resolver:
         raise self._unknown(path, name)
 
     def _unknown(self, path: str, name: Name) -> ExpressionProblem:
-        hint = suggest(path, [*self.names, *self.constants]) or "`heavebond check --names` lists them all."
+        powers = [f"{port}.{POWER}" for port in self.bonds] if path.endswith(f".{POWER}") else []
+        hint = suggest(path, powers or [*self.names, *self.constants]) or "`heavebond check --names` lists them all."
         return ExpressionProblem("name-unknown", f"nothing here is called '{name.text}'", name.column, name.length,
                                  hint)
 

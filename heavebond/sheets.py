@@ -63,7 +63,7 @@ def sheet(expanded: Expanded, network: Network, opened: frozenset[str]) -> Sheet
 
 def opened_blocks(expanded: Expanded, wanted: Iterable[str], every: bool, marked: Iterable[str]) -> frozenset[str]:
     """The blocks to draw open: those named, all of them, and those around what is marked."""
-    blocks = [path for path, leaf in expanded.leaves.items() if leaf.component.composite]
+    blocks = expanded.blocks
     found = set(blocks) if every else set()
     for name in wanted:
         if name not in blocks:

@@ -21,6 +21,7 @@ from heavebond.errors import DataError, Problem, UsageError
 Array = NDArray[np.float64]
 UNEVEN = 1e-3  # of a step, by which steps may differ and still count as even
 LEAST = 16  # samples
+ROUNDING = 1e-6  # of the largest cycle: what an integrator leaves on a straight line
 SEGMENTS = 8  # that overlap by half, where a record is long enough for so many
 WAVES = 20  # that a segment of the spectrum holds at least, where the record has them
 STILL = 1e-12  # of its size, below which a signal does not move
@@ -206,8 +207,10 @@ def spectrum(course: Course, segment: float | None = None, known: Waves | None =
 
 
 def rainflow_cycles(values: Array) -> Cycles:
-    """The cycles of samples (n,) as ASTM E1049-85 counts them (5.4.4), what does not close as half cycles."""
+    """The cycles of samples (n,) as ASTM E1049-85 counts them (5.4.4), what does not close as half cycles;
+    what is rounding beside the largest cycle is none."""
     from rainflow import extract_cycles
 
     found = np.array([(span, mean, count) for span, mean, count, *_ in extract_cycles(values.tolist())]).reshape(-1, 3)
+    found = found[found[:, 0] > ROUNDING * found[:, 0].max(initial=0.0)]
     return Cycles(found[:, 0], found[:, 1], found[:, 2])

@@ -30,7 +30,7 @@ class Over:
 class Sweep:
     """A sweep of a diagram: what is varied, how ranges are sampled (`sobol:64`, `one_at_a_time`; empty: on a grid), the
     formulas that are measured, each with its unit or an empty text, the window (times as text), and which extreme is sought
-    instead."""
+    instead. It is the sweep of `name`, without one of the file's."""
 
     model: Path
     overs: tuple[Over, ...]
@@ -40,6 +40,7 @@ class Sweep:
     window: tuple[str, str] = ("", "")
     worst: str = ""
     signals: tuple[str, ...] = field(default=())
+    name: str = ""
 
 
 def read_over(text: str) -> Over:
@@ -78,7 +79,8 @@ def study_text(sweep: Sweep, folder: Path) -> str:
                                   "Write --over spring.c='20 .. 60 kN/m' without a number of steps.")])
     if sweep.worst and len(sweep.measures) != 1:
         raise UsageError([Problem("worst-many", "the worst is sought of one number", None, "Give --measure once.")])
-    lines = [f"study: {_quoted(f'sweep of {sweep.model.stem}')}", f"model: {_quoted(_model(sweep.model, folder))}"]
+    lines = [f"study: {_quoted(f'sweep of {sweep.name or sweep.model.stem}')}",
+             f"model: {_quoted(_model(sweep.model, folder))}"]
     axes = [f"  {_quoted(over.path)}: {_axis(over)}" for over in sweep.overs if over not in sampled]
     if sampled and not sweep.worst:
         axes += ["  sample:", f"    sample: {_sample(sweep)}", "    over:", *_ranges(sampled, "      ")]

@@ -14,7 +14,8 @@ from click.testing import CliRunner
 import heavebond as hb
 from heavebond.animation import animation_page, packed, save_animation
 from heavebond.cli import main
-from heavebond.film import corners
+from heavebond.film import corners, writing
+from heavebond.library import bundled
 from heavebond.motion import Motion, Moving, animate
 
 SWING = """
@@ -107,7 +108,7 @@ def test_what_is_wrong_with_a_view_is_said_with_its_place(old: str, new: str, co
 
 def test_a_diagram_without_a_view_says_what_to_add() -> None:
     with pytest.raises(hb.ModelError, match=r"view-missing[\s\S]*view: \{"):
-        animate(hb.load("cylinder_rig"))
+        animate(hb.load("receiver_rig"))
 
 
 def test_a_variant_takes_the_view_over_and_replaces_by_name(tmp_path: Path) -> None:
@@ -136,6 +137,32 @@ def test_the_command_writes_a_page_and_refuses_another_suffix(tmp_path: Path) ->
     assert said.exit_code == 0, said.output
     assert "tyre_force" in page.read_text()
     assert CliRunner().invoke(main, ["animate", "quarter_car", "-o", str(tmp_path / "car.avi")]).exit_code == 2
+
+
+SEEN = [path for path in sorted(bundled("models").glob("*/*.yaml")) if "\nview:" in path.read_text(encoding="utf-8")]
+
+
+@pytest.mark.parametrize("path", SEEN, ids=lambda path: path.stem)
+def test_every_bundled_view_moves(path: Path) -> None:
+    """Something moves, all shapes stay in the picture, and what they are told to be has room."""
+    model = hb.load(path)
+    longer = {"cascaded_tanks": "1000 s", "passive_rig": "15 s", "cmc_ahc": "12 s", "cylinder_rig": "6 s"}
+    found = animate(model, longer.get(model.name, "2 s"))
+    left, bottom, right, top = found.edges
+    places = np.array([moving.courses[:4] for moving in found.shapes])
+    assert np.isfinite(places).all()
+    assert np.ptp(places, axis=2).max() > 0.01 * (top - bottom)
+    assert (places[:, [0, 2]] >= left - 1e-9).all() and (places[:, [0, 2]] <= right + 1e-9).all()
+    assert (places[:, [1, 3]] >= bottom - 1e-9).all() and (places[:, [1, 3]] <= top + 1e-9).all()
+
+
+def test_words_in_a_film_stand_inside_where_they_fit(compensator: Motion) -> None:
+    """A wide box holds its name in its middle, a slim one has it beside, a level at the right edge."""
+    right, letter = compensator.edges[2], (compensator.edges[3] - compensator.edges[1]) / 34
+    crown, gas, sea = (_shape(compensator, name) for name in ("crown", "gas_r", "sea"))
+    assert writing(crown, 0, right, letter) == (pytest.approx(0.0), pytest.approx(12.9, abs=1e-6), "center")
+    assert writing(gas, 0, right, letter)[0] > 2.4 + 0.3 and writing(gas, 0, right, letter)[2] == "left"
+    assert writing(sea, 0, right, letter) == (pytest.approx(right - letter / 2), pytest.approx(-3 + letter / 2), "right")
 
 
 # -- in a browser ------------------------------------------------------------------------------------------------------

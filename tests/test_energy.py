@@ -126,6 +126,6 @@ def test_table_shows_every_component_and_the_reasons() -> None:
     Console(file=out, width=200).print(table(found))
     text = out.getvalue()
     assert all(one.component in text for one in found.lines)
-    assert "source" in text
+    assert "supplied" in text
     assert "storage function" in text
     assert "energy over 4 s in kJ" in text

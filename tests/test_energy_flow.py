@@ -11,7 +11,7 @@ from test_energy import LEAKY, LIFT, line
 
 import heavebond as hb
 from heavebond.cli import main
-from heavebond.energy import audit
+from heavebond.energy import audit, with_blocks
 from heavebond.energy_flow import energy_flow
 from heavebond.plot import save
 from heavebond.plot_energy import plot_activity, plot_energy_flow
@@ -59,6 +59,28 @@ def test_activity_and_what_is_delivered_by_hand() -> None:
     assert sum(share for _, share in found.ranking) == pytest.approx(1)
     told = found.as_dict()
     assert json.loads(json.dumps(told))["closes"] is True
+
+
+def test_a_closed_block_is_one_component_and_nothing_is_lost() -> None:
+    """The sums of a block are those of its components, and its power is that over its own ports."""
+    found = audit(hb.load("cmc_ahc"), "24 s")
+    closed = with_blocks(found, ["ahc", "cmc"])
+    assert {one.component for one in closed.lines} >= {"ahc", "cmc", "drilling.hook"}
+    assert not any(one.component.startswith(("ahc.", "cmc.")) for one in closed.lines)
+    for total in ("supplied", "stored", "dissipated", "unbalanced"):
+        assert getattr(closed, total) + closed.taken == pytest.approx(getattr(found, total) + found.taken, rel=1e-12)
+    parts = [one for one in found.lines if one.component.startswith("ahc.")]
+    block = line(closed, "ahc")
+    assert block.energy_in == pytest.approx(sum(one.energy_in for one in parts))
+    power = closed.ports["ahc.a"] + closed.ports["ahc.b"]
+    time = closed.result.time
+    assert float(np.trapezoid(power, time)) == pytest.approx(block.energy_in, rel=1e-3)  # samples against an integral
+    assert block.activity == pytest.approx(float(np.trapezoid(abs(power), time)))
+    assert np.array_equal(closed.result["ahc.a.power"], closed.ports["ahc.a"])
+    flow = energy_flow(closed)
+    assert "ahc" in flow.boxes and not any(name.startswith("ahc.") for name in flow.boxes)
+    with pytest.raises(hb.UsageError, match=r"there is no block 'ach' to close(.|\n)*Did you mean 'ahc'"):
+        with_blocks(found, ["ach"])
 
 
 @pytest.mark.parametrize("name", ["passive_rig", "cmc_ahc", "cylinder_rig", "receiver_rig"])

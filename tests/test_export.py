@@ -217,6 +217,51 @@ def test_parameters_inputs_and_units_of_an_fmu(tmp_path: Path) -> None:
 
 
 @compiled
+@pytest.mark.parametrize(("name", "given"), [("LOOP", "first.q_r"), ("DRIVEN", "deck.u"), ("cmc_ahc", "crown.m")])
+def test_the_directional_derivatives_of_an_fmu_are_exact(name: str, given: str, tmp_path: Path) -> None:
+    """By states they are the matrices of the linearised machine; by an input or a parameter what differences say."""
+    fmpy = pytest.importorskip("fmpy", reason="FMPy is not installed")
+    from fmpy.fmi3 import FMU3Model
+
+    model = hb.loads({"LOOP": LOOP, "DRIVEN": DRIVEN}[name]) if name.isupper() else hb.load(name)
+    made = export_fmu(model, tmp_path / "m.fmu", [given] if given.endswith(".u") else [])
+    told = fmpy.read_model_description(str(tmp_path / "m.fmu"))
+    xml = Xml.fromstring(zipfile.ZipFile(tmp_path / "m.fmu").read("modelDescription.xml"))
+    assert xml.find("ModelExchange").get("providesDirectionalDerivatives") == "true"  # type: ignore[union-attr]
+    numbers = {v.name: v.valueReference for v in told.modelVariables}
+    fmu = FMU3Model(guid=told.guid, unzipDirectory=fmpy.extract(str(tmp_path / "m.fmu")), instanceName="m",
+                    modelIdentifier=told.modelExchange.modelIdentifier)
+    fmu.instantiate()
+    try:
+        fmu.enterInitializationMode()
+        fmu.exitInitializationMode()
+        states = [numbers[q.name] for q in made.states]
+        sides = [numbers[f"der({q.name})"] for q in made.states], [numbers[name] for name in model.show]
+        system = hb.state_space(model, [given], list(model.show))
+        for side, exact in zip(sides, (system.a, system.c), strict=True):
+            found = np.array([fmu.getDirectionalDerivative(side, [k], [1.0]) for k in states]).T
+            assert found == pytest.approx(exact, rel=1e-9, abs=1e-12 * np.abs(exact).max())
+            along = fmu.getDirectionalDerivative(side, states, list(range(1, 1 + len(states))))
+            assert along == pytest.approx(exact @ np.arange(1, 1 + len(states)), rel=1e-9, abs=1e-9 * np.abs(exact).max())
+        fmu.setFloat64(states, [q.start + 0.3 * q.nominal for q in made.states])  # away from where a slope may be nothing
+        start, = fmu.getFloat64([numbers[given]])
+        step = 1e-5 * max(abs(start), 0.1)
+        unknowns, ends = [*sides[0], *sides[1]], []
+        for value in (start - step, start + step):
+            fmu.setFloat64([numbers[given]], [value])
+            ends.append(np.array(fmu.getFloat64(unknowns)))
+        fmu.setFloat64([numbers[given]], [start])
+        slope = np.array(fmu.getDirectionalDerivative(unknowns, [numbers[given]], [1.0]))
+        assert np.abs(slope).max() > 0
+        # central differences: rounding of 1e-16/1e-5 and a curvature of 1e-10
+        assert slope == pytest.approx((ends[1] - ends[0]) / (2 * step), rel=1e-4, abs=1e-6 * np.abs(slope).max())
+        with pytest.raises(fmpy.fmi1.FMICallException):
+            fmu.getDirectionalDerivative(states, states[:1], [1.0])
+    finally:
+        fmu.freeInstance()
+
+
+@compiled
 def test_an_fmu_brings_its_sources_and_is_the_same_each_time(tmp_path: Path) -> None:
     for name in "ab":
         export_fmu(hb.loads(LOOP), tmp_path / f"{name}.fmu")

@@ -17,6 +17,7 @@ from heavebond.cli import main
 from heavebond.linearisation import Linearisation
 from heavebond.modal_energy import energy_shares
 from heavebond.operating import OperatingPoints
+from heavebond.plot_linear import plot_nyquist
 from heavebond.units import parse_range
 
 # passive_rig by hand: masses, stiffnesses and dampings of the diagram
@@ -278,6 +279,19 @@ def test_the_command_tells_and_draws(tmp_path: Path, capsys: pytest.CaptureFixtu
     told = _command(["linear", "cmc_ahc", "--over", "controller.K_p=0 .. 8 1/m", "--output", str(tmp_path / "l.pdf")],
                     tmp_path)
     assert len(told["limits"]) == 1  # type: ignore[arg-type]
+
+
+def test_a_nyquist_curve_has_a_plane_for_each_unit_and_no_corners() -> None:
+    system = hb.state_space(hb.load("cmc_ahc"), ["heave"], ["crown.x", "WOB"])
+    channels = [system.channel(name, "heave") for name in ("crown.x", "WOB")]
+    figure = plot_nyquist(channels, np.geomspace(0.01, 100, 60))
+    assert [axes.get_xlabel() for axes in figure.axes] == ["real part [–]", "real part [kN / m]"]
+    for axes, channel in zip(figure.axes, channels, strict=True):
+        curve = max(axes.get_lines(), key=lambda line: len(line.get_xdata()))
+        points = np.asarray(curve.get_xdata()) + 1j * np.asarray(curve.get_ydata())
+        assert np.abs(np.diff(points)).max() < 0.05 * np.abs(points).max()
+        assert np.abs(points).max() == pytest.approx(  # the peaks are between the 60 frequencies
+            np.abs(channel.response(2j * np.pi * np.geomspace(0.1, 3, 20_000))).max(), rel=1e-3)
 
 
 @pytest.mark.parametrize(("words", "message"), [

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import browser
 import pytest
 import yaml
 
@@ -66,3 +67,32 @@ def test_files_that_pages_speak_of_can_be_read(site: Path) -> None:
     assert "Hooke" in (site / "files" / "components" / "translational" / "spring.yaml.html").read_text("utf-8")
     assert (site / "notebooks" / "first_session.ipynb").is_file()
     assert not list(site.rglob("*.py"))
+
+
+SEARCH = """(() => {
+  const field = document.querySelector("[data-md-component=search-query]"), open = document.querySelector("#__search");
+  open.checked = true;
+  open.dispatchEvent(new Event("change"));
+  field.focus();
+  field.value = %r;
+  field.dispatchEvent(new Event("keyup"));
+})()"""
+FOUND = """new Promise((done, failed) => { let left = 150; const look = () => {
+  const found = [...document.querySelectorAll(".md-search-result__item a")].map(link => link.getAttribute("href"));
+  if (found.length || !left--) done(found); else setTimeout(look, 100); }; look(); })"""
+
+
+def test_the_search_works_from_the_folder(site: Path, tmp_path: Path) -> None:
+    """Opened as a file, without a server; a page two folders down finds its way too."""
+    if browser.browser() is None:
+        pytest.skip("no browser is installed")
+    tab = browser.Tab(tmp_path / "profile")
+    try:
+        for page, words, expected in (("index.html", "rainflow", "signals.html"),
+                                      ("components/hydraulic/index.html", "index reduction", "theory.html")):
+            tab.open(site / page)
+            tab.run(SEARCH % words)
+            assert any(expected in link for link in tab.run(FOUND)), page
+        assert [url for url in tab.requested() if url.startswith("http")] == []
+    finally:
+        tab.close()

@@ -87,6 +87,11 @@ def test_rainflow_counts_the_example_of_the_standard() -> None:
     assert (edges[-1], classes.sum()) == (9, found.number)
 
 
+def test_what_an_integrator_leaves_on_a_straight_line_is_no_cycle() -> None:
+    ramp = np.interp(np.arange(100), [0, 30, 70, 99], [0, 3, 3, 0]) + 1e-9 * (-1.0)**np.arange(100)
+    assert rainflow_cycles(ramp).number == 1
+
+
 def test_what_stands_still_and_what_is_short(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     assert _swinging(np.full(len(TIME), 7.0)).still

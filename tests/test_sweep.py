@@ -18,6 +18,7 @@ import heavebond as hb
 from heavebond import campaign
 from heavebond.casework import Outcome, worked
 from heavebond.cli import main
+from heavebond.plot_study import plot_study
 from heavebond.sampling import Sampling, points
 from heavebond.study import Procedure
 from heavebond.study_table import table, to_pandas, write_files
@@ -210,6 +211,35 @@ def test_a_grid_is_drawn_and_can_be_gone_on_with(folder: Path) -> None:
     before = {path.name: path.stat().st_mtime_ns for path in (folder / "isolator_sweep" / "done").iterdir()}
     assert _called("study", "isolator_sweep/study.yaml", "--output", "isolator_sweep")[1]["rows"] == rows
     assert before == {path.name: path.stat().st_mtime_ns for path in (folder / "isolator_sweep" / "done").iterdir()}
+
+
+def test_other_values_of_a_sweep_stand_in_a_diagram_of_its_own(folder: Path) -> None:
+    words = ("sweep", "isolator.yaml", "--set", "damper.d=0.5 kN*s/m", "--over", "f=1 Hz, 2 Hz", "--measure",
+             "rms(motion) in mm", "--from", "4 s", "--processes", "1")
+    code, told = _called(*words)
+    assert (code, told["study"]) == (0, "sweep of isolator")
+    assert [row["rms(motion) [mm]"] for row in told["rows"]] == pytest.approx(  # type: ignore[attr-defined]
+        [_swing(f, 40e3, 500) for f in (1, 2)], rel=0.02)
+    assert hb.load(folder / "isolator_sweep" / "isolator_set.yaml").settings["damper.d"].value.text == "0.5 kN*s/m"
+    code, told = _called(*words[:2], "--set", "damper.e=1 N", *words[4:])
+    assert (code, told["problems"][0]["code"]) == (1, "setting-unknown")  # type: ignore[index]
+
+
+def test_many_lines_are_told_by_colours_and_what_breaks_out_does_not_hide_the_rest(folder: Path) -> None:
+    _called("sweep", "isolator.yaml", "--over", "f=1 .. 6 Hz; 3", "--over", "damper.d=0.05 .. 20 kN*s/m; 11", "--measure",
+            "rms(motion) in mm", "--to", "1 s", "--processes", "1", "--plot", "motion")
+    result = hb.run_study(folder / "isolator_sweep" / "study.yaml", processes=1)
+    for picture in result.study.pictures:
+        if picture.kind != "map":
+            figure = plot_study(result, picture)
+            bars = [axes.get_ylabel() for axes in figure.axes[1:]]
+            assert (bars, figure.legends) == (["damper.d [kN·s/m]" if picture.kind == "curves" else "f [Hz]"], [])
+    few = replace(result, outcomes=tuple(o for o in result.outcomes if result.case_of(o).levels[1].value < 1e3))
+    assert len(plot_study(few, next(p for p in result.study.pictures if p.kind == "curves")).axes) == 1
+    first, *rest = result.outcomes
+    wide = replace(result, outcomes=(replace(first, values={"rms(motion)": 1e3 * first.values["rms(motion)"]}), *rest))
+    curves = next(p for p in result.study.pictures if p.kind == "curves")
+    assert plot_study(wide, curves).axes[0].get_yscale() == "log"
 
 
 @pytest.mark.parametrize(("kind", "pictures"), [

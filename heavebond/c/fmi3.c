@@ -205,6 +205,55 @@ EXPORT fmi3Status fmi3CompletedIntegratorStep(fmi3Instance instance, bool no_ret
   return fmi3OK;
 }
 
+/* -- derivatives ------------------------------------------------------------------------------------------------------ */
+/* What the rates, the outputs and the residual of the algebraic equations change along a direction of everything else. */
+static int slopes(const Values *now, const Values *along, double *dx, double *y, double *residual) {
+  const double *arg[] = {&now->t, now->x, now->z, now->p, now->u, &along->t, along->x, along->z, along->p, along->u};
+  double *res[] = {dx, y, residual};
+  return model_directions(arg, res, 0, 0, 0);
+}
+
+/* As above, with the algebraic unknowns going along such that their equations hold: dg/dz z' = -(the rest of g'). */
+static fmi3Status directions(Model *model, Values *along) {
+  const Values *now = &model->now;
+  double residual[model_n_z + 1], jacobian[model_n_z * model_n_z + 1];
+  int k;
+  if (model_n_z) {
+    if (slopes(now, along, 0, 0, residual) || model_call(now->t, now->x, now->z, now->p, now->u, 0, 0, 0, jacobian) ||
+        !model_solve(model_n_z, jacobian, residual))
+      return fail(model, fmi3Discard, "the algebraic equations have no derivative here");
+    for (k = 0; k < model_n_z; ++k) along->z[k] = -residual[k];
+  }
+  return slopes(now, along, along->dx, along->y, 0) ? fail(model, fmi3Discard, "there is no derivative here") : fmi3OK;
+}
+
+EXPORT fmi3Status fmi3GetDirectionalDerivative(fmi3Instance instance, const Reference unknowns[], size_t n_unknowns,
+                                               const Reference knowns[], size_t n_knowns, const double seed[],
+                                               size_t n_seed, double sensitivity[], size_t n_sensitivity) {
+  Model *model = instance;
+  Values along;
+  fmi3Status status;
+  size_t k;
+  if (n_knowns != n_seed || n_unknowns != n_sensitivity) return fail(model, fmi3Error, "every variable is one number");
+  memset(&along, 0, sizeof along);
+  for (k = 0; k < n_knowns; ++k) {
+    int i = (int)knowns[k];
+    if (knowns[k] >= OUTPUTS || (i >= RATES && i < PARAMETERS))
+      return fail(model, fmi3Error, "derivatives are taken by the time, states, parameters and inputs only");
+    *(i == TIME ? &along.t : i < RATES ? &along.x[i - STATES] : i < INPUTS ? &along.p[i - PARAMETERS]
+      : &along.u[i - INPUTS]) = seed[k];
+  }
+  status = evaluate(model);
+  if (status == fmi3OK) status = directions(model, &along);
+  for (k = 0; k < n_unknowns && status == fmi3OK; ++k) {
+    int i = (int)unknowns[k];
+    if (unknowns[k] >= END || i < RATES || (i >= PARAMETERS && i < OUTPUTS))
+      return fail(model, fmi3Error, "derivatives are known of the states' derivatives and of the outputs only");
+    sensitivity[k] = i < PARAMETERS ? along.dx[i - RATES] : along.y[i - OUTPUTS];
+  }
+  return status;
+}
+
 /* -- events: there are none ------------------------------------------------------------------------------------------ */
 EXPORT fmi3Status fmi3UpdateDiscreteStates(fmi3Instance instance, bool *again, bool *terminate, bool *nominals_changed,
                                            bool *states_changed, bool *next_known, double *next) {
@@ -281,7 +330,6 @@ REFUSED(fmi3GetVariableDependencies)
 REFUSED(fmi3SerializedFMUStateSize)
 REFUSED(fmi3SerializeFMUState)
 REFUSED(fmi3DeserializeFMUState)
-REFUSED(fmi3GetDirectionalDerivative)
 REFUSED(fmi3GetAdjointDerivative)
 REFUSED(fmi3EnterConfigurationMode)
 REFUSED(fmi3ExitConfigurationMode)

@@ -17,6 +17,7 @@ from heavebond.commands.arguments import (
 )
 
 if TYPE_CHECKING:
+    from heavebond.energy import EnergyAudit
     from heavebond.simplification import Simplified
 
 
@@ -29,6 +30,9 @@ if TYPE_CHECKING:
               help="Draw from where to where energy goes (.png, .svg or .pdf).")
 @click.option("--activity", metavar="PICTURE", type=click.Path(path_type=Path),
               help="Draw which components are active (.png, .svg or .pdf).")
+@click.option("--close", "closed", multiple=True, metavar="BLOCK",
+              help="Count a block as one component, in table and pictures, e.g. --close ahc. May be repeated.")
+@click.option("--close-all", is_flag=True, help="Count every block as one component.")
 @click.option("--reduce", "share", metavar="SHARE", type=click.FloatRange(0, 100, min_open=True),
               help="Keep the components that make up so many per cent of the activity, and neutralise the others.")
 @click.option("--error", "limit", metavar="PERCENT", type=click.FloatRange(0, min_open=True), default=5.0, show_default=True,
@@ -38,14 +42,15 @@ if TYPE_CHECKING:
 @set_option
 @json_option
 def energy(model: str, until: str | None, every: str | None, audited: bool, sankey: Path | None, activity: Path | None,
-           share: float | None, limit: float, written: Path | None, settings: tuple[str, ...]) -> dict[str, object]:
+           closed: tuple[str, ...], close_all: bool, share: float | None, limit: float, written: Path | None,
+           settings: tuple[str, ...]) -> dict[str, object]:
     """Run the diagram MODEL with the power of every component integrated beside its states, and tell where energy goes.
 
     `activity` is the share of a component in all the power that goes in or out anywhere: what has little, matters little.
     The power at any port is a signal too: heavebond run MODEL --plot spring.a.power
     """
     from heavebond import terminal
-    from heavebond.energy import audit, table
+    from heavebond.energy import audit, table, with_blocks
     from heavebond.model import load
 
     for path in (sankey, activity):
@@ -55,20 +60,11 @@ def energy(model: str, until: str | None, every: str | None, audited: bool, sank
     with blamed_on_settings(settings), terminal.working("integrating"):
         diagram = with_settings(load(model), settings)
         found = audit(diagram, until, every=every)
+    shown = with_blocks(found, found.result.assembly.flat.expanded.blocks if close_all else closed)
     console = terminal.output()
-    console.print(table(found))
-    files = []
-    if sankey is not None or activity is not None:
-        from heavebond import plot_energy
-        from heavebond.energy_flow import energy_flow
-        from heavebond.plot import save
-
-        title = f"{diagram.name}: energy over {found.result.time[-1]:.6g} s"
-        if sankey is not None:
-            files.append(save(plot_energy.plot_energy_flow(energy_flow(found), title=title), sankey))
-        if activity is not None:
-            files.append(save(plot_energy.plot_activity(found, title=f"{diagram.name}: activity"), activity))
-    told: dict[str, object] = {"model": diagram.name, **found.as_dict()}
+    console.print(table(shown))
+    files = _pictures(shown, diagram.name, sankey, activity)
+    told: dict[str, object] = {"model": diagram.name, **shown.as_dict()}
     if audited:
         found.raise_if_open()
         console.print("the energy balance closes")
@@ -85,6 +81,19 @@ def energy(model: str, until: str | None, every: str | None, audited: bool, sank
     for path in files:
         console.print(f"wrote {path}", soft_wrap=True)
     return {**told, "files": [str(path) for path in files]}
+
+
+def _pictures(found: EnergyAudit, name: str, sankey: Path | None, activity: Path | None) -> list[Path]:
+    """The pictures that are asked for, written."""
+    if sankey is None and activity is None:
+        return []
+    from heavebond.energy_flow import energy_flow
+    from heavebond.plot import save
+    from heavebond.plot_energy import plot_activity, plot_energy_flow
+
+    title = f"{name}: energy over {found.result.time[-1]:.6g} s"
+    files = [] if sankey is None else [save(plot_energy_flow(energy_flow(found), title=title), sankey)]
+    return files if activity is None else [*files, save(plot_activity(found, title=f"{name}: activity"), activity)]
 
 
 def _print_reduced(reduced: Simplified) -> None:

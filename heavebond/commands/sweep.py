@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from heavebond.commands.arguments import json_option, scheduler_option
+from heavebond.commands.arguments import json_option, scheduler_option, set_option, settings_of
 from heavebond.commands.study import work_out
 from heavebond.errors import Problem, UsageError
 
@@ -32,26 +32,35 @@ from heavebond.errors import Problem, UsageError
 @click.option("--processes", type=click.IntRange(1), help="Cases worked side by side [default: all processors].")
 @click.option("--fresh", is_flag=True, help="Work all cases out anew, also those done already.")
 @scheduler_option
+@set_option
 @json_option
 def sweep(model: str, overs: tuple[str, ...], measures: tuple[str, ...], sample: str, worst: str | None, seed: int,
           begin: str, end: str, plotted: tuple[str, ...], output: Path | None, processes: int | None, fresh: bool,
-          scheduler: str | None) -> dict[str, object]:
+          scheduler: str | None, settings: tuple[str, ...]) -> dict[str, object]:
     """Run the diagram MODEL with every combination of values, or at points sampled within ranges.
 
     The sweep is written as a study into the folder: `heavebond study FOLDER/study.yaml` goes on from there. Each case is
     kept when it is done; the same command goes on where it was stopped by Ctrl-C.
     """
+    from heavebond.change import Change
     from heavebond.model import find
     from heavebond.study import load_study
     from heavebond.sweep import Sweep, read_measure, read_over, study_text
+    from heavebond.writing import extended_from
 
     path = find(model)
     folder = output or Path(f"{path.stem}_sweep")
-    asked = Sweep(path, tuple(map(read_over, overs)), tuple(map(read_measure, measures)), sample, seed, (begin, end),
-                  worst or "", plotted)
+    values = settings_of("--set", settings)
+    diagram = folder / f"{path.stem}_set.yaml" if values else path
+    asked = Sweep(diagram, tuple(map(read_over, overs)), tuple(map(read_measure, measures)), sample, seed, (begin, end),
+                  worst or "", plotted, path.stem)
     text = study_text(asked, folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        if values:
+            words = f"{path.stem} with other values."
+            changed = Change(settings=values).diagram(path.stem, words, extended_from(diagram, path))
+            diagram.write_text(changed, encoding="utf-8")
         (folder / "study.yaml").write_text(text, encoding="utf-8")
     except OSError as error:
         raise UsageError([Problem("file-unwritable", f"'{folder}' cannot be written: {error.strerror or error}")]) from None
