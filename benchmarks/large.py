@@ -84,5 +84,6 @@ def figures() -> list[Figure]:
                        partial(large.whole_by_hand, large.size, times), PAIRS)
         found.append(Figure(f"{large.what} ({flat.x.numel()} states): integration / hand-written CasADi", spoken(warm)))
         found.append(Figure(f"{large.what}: read, assemble, start, integrate / build and integrate by hand", spoken(whole)))
-        found.append(Figure(f"{large.what}: assembly", duration(seconds(lambda: hb.assemble(large.model(large.size), keep=False)))))  # noqa: B023
+        model = large.model(large.size)
+        found.append(Figure(f"{large.what}: assembly", duration(seconds(partial(hb.assemble, model, keep=False)))))
     return found
