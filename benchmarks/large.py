@@ -21,7 +21,7 @@ from heavebond.simulation import Tolerances
 Array = NDArray[np.float64]
 HERE = Path(__file__).parent
 TOLERANCES = Tolerances(1e-6, 1e-8)
-PAIRS = 5
+PAIRS = 5  # of integrations and of whole ways alike
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Large:
 
     def simulator(self, size: int, until: float | None = None) -> hb.Simulator:
         """Read, assembled, with an integrator that can run."""
-        return hb.Simulator(hb.assemble(self.model(size)), until, tolerances=TOLERANCES)
+        return hb.Simulator(hb.assemble(self.model(size), keep=False), until, tolerances=TOLERANCES)
 
     def by_hand(self, flat: Flat, times: Array) -> ca.Function:
         """The integrator of the flat equations."""
@@ -84,5 +84,6 @@ def figures() -> list[Figure]:
                        partial(large.whole_by_hand, large.size, times), PAIRS)
         found.append(Figure(f"{large.what} ({flat.x.numel()} states): integration / hand-written CasADi", spoken(warm)))
         found.append(Figure(f"{large.what}: read, assemble, start, integrate / build and integrate by hand", spoken(whole)))
-        found.append(Figure(f"{large.what}: assembly", duration(seconds(lambda: hb.assemble(large.model(large.size))))))  # noqa: B023
+        model = large.model(large.size)
+        found.append(Figure(f"{large.what}: assembly", duration(seconds(partial(hb.assemble, model, keep=False)))))
     return found

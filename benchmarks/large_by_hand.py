@@ -64,9 +64,10 @@ def _root(dp: ca.SX, dp_t: float = 1e4) -> ca.SX:
 
 # -- the compensator with a drill string in pieces -----------------------------------------------------------------------
 def drill_string(n: int) -> Flat:
-    """The compensator of `tests/reference_cmc_ahc.py` with hook, n pieces of string and bit in place of two masses."""
+    """The compensator of `tests/reference_cmc_ahc.py`, at the values that drill_string.yaml sets, with hook, n pieces of
+    string and bit in place of two masses."""
     s, t = _States(), ca.SX.sym("t")
-    wob, c, d, piece = 30e3, 298e3 * n, 10e3 * n, 80e3 / n
+    wob, c, d, piece = 30e3, 298e3 * n, 15e3 * n, 80e3 / n
     masses = [50e3 + piece / 2, *[piece] * (n - 1), 3e3 + piece / 2]
     heights = [-((sum(masses)) * G - wob) / 4e6]
     for k in range(n):  # what hangs below a piece stretches it
@@ -78,7 +79,7 @@ def drill_string(n: int) -> Flat:
     w, fade = 2 * math.pi / 12, ca.exp(-((t / 6) ** 3))
     z, dz = 0.5 * (1 - fade) * ca.sin(w * t), 0.5 * (3 * t**2 / 6**3 * fade * ca.sin(w * t) + (1 - fade) * w * ca.cos(w * t))
     lift = _lift(x - z, v - dz, preload) + _active(s, x, z, v - dz)
-    forces = [4e6 * (x - xs[0]) + 30e3 * (v - vs[0])]
+    forces = [4e6 * (x - xs[0]) + 50e3 * (v - vs[0])]
     forces += [c * (xs[k] - xs[k + 1]) + d * (vs[k] - vs[k + 1]) for k in range(n)]
     e = ca.fmax(seabed - xs[-1], 0)
     forces.append(-ca.fmax(1e6 * e - 220e3 * vs[-1] * ca.fmin(e / 1e-3, 1), 0))
@@ -103,17 +104,17 @@ def _active(states: _States, x: ca.SX, z: ca.SX, v: ca.SX) -> ca.SX:
     """The thrust of the active cylinder, with its valve, its controller and the motion reference unit."""
     p_a, p_b = states.new("p_a", 1e7, 172.5e5), states.new("p_b", 1e7, 172.5e5)
     y, rate, heave = states.new("y"), states.new("w"), states.new("heave")
-    area, volume, beta, supply, gain = math.pi / 2 * (0.2**2 - 0.17**2), 0.067, 1.75e9, 345e5, 920 / 60e3 / math.sqrt(35e5)
-    y_p, y_n, swept, across = ca.fmax(y, 0), ca.fmax(-y, 0), area * v, 2.5e-11 * (p_a - p_b)
+    area, volume, beta, supply, gain = math.pi / 2 * (0.2**2 - 0.17**2), 0.067, 1.8e9, 345e5, 920 / 60e3 / math.sqrt(35e5)
+    y_p, y_n, swept, across = ca.fmax(y, 0), ca.fmax(-y, 0), area * v, 2e-11 * (p_a - p_b)
     q_a = gain * (y_p * _root(supply - p_a) - y_n * _root(p_a)) + 1e-12 * (supply - 2 * p_a) - across
     q_b = gain * (y_n * _root(supply - p_b) - y_p * _root(p_b)) + 1e-12 * (supply - 2 * p_b) + across
-    measured = (z - heave) / 0.01
+    measured = (z - heave) / 0.02
     u = ca.fmin(ca.fmax(-3.02 * x - 0.55 * measured, -1), 1)
     w_n = 2 * math.pi * 0.75
     states.rate("p_a", beta / (volume + area * (x - z)) * (q_a - swept))
     states.rate("p_b", beta / (volume - area * (x - z)) * (q_b + swept))
     states.rate("y", rate)
-    states.rate("w", w_n**2 * (u - y) - 2 * 0.88 * w_n * rate)
+    states.rate("w", w_n**2 * (u - y) - 2 * 0.87 * w_n * rate)
     states.rate("heave", measured)
     return area * (p_a - p_b)
 
