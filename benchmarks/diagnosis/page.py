@@ -136,11 +136,14 @@ def machine(rows: Sequence[Row]) -> str:
         ladder = row["ladder"]
         effects = [f"{p['name']} {readable(p['value'], p['unit'], 3)}" for p in row["parameters"]]
         off = [abs(row["fitted"][name] / true - 1) for name, true in row["values"].items() if name in row["fitted"]]
-        lines.append((row["key"], OUTCOMES[row["outcome"]], said(row),
+        outcome = OUTCOMES[row["outcome"]] if row["truth"] else {"right": "told so"}.get(row["outcome"], row["outcome"])
+        lines.append((row["key"], outcome, said(row),
                       " to ".join(figure(ladder[k][2], 4) for k in ([1, -1] if len(ladder) > 2 else [-1])),
                       f"{row['refitted']} of {row['scored']}", f"{row['processor']:.0f}", f"{row['megabytes']:.0f}"))
         values.append((row["key"], ", ".join(effects) or "-", f"{100 * max(off, default=0):.1f} %"))
     return "\n\n".join([
+        "Effects hidden in [the compensator](compensator.md#what-a-diagnosis-finds-in-it), sought among the whole catalogue "
+        "in one process; of the candidates that can be simulated those that can matter are refitted.",
         table(["hidden", "outcome", "said", "chi-square held out", "refitted", "processor, s", "MB"], lines),
         "What was fitted, and how far the free parameters are from the machine's own values at most:",
         table(["hidden", "the effect's numbers", "parameters off by"], values)])
