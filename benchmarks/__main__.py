@@ -14,7 +14,7 @@ PAGE = Path(__file__).parents[1] / "docs" / "performance.md"
 def measured() -> list[Figure]:
     """Every figure, in the order of the page."""
     return [*heave.figures(), *compensator.figures(), *cache.figures(), *chain.figures(), *large.figures(),
-            *scaling.figures()]
+            *diagnosing.figures(), *scaling.figures()]
 
 
 def main() -> None:

@@ -96,6 +96,13 @@ def compensator(folder: Path) -> Path:
     return path
 
 
+def detailed(folder: Path) -> Path:
+    """The compensator part by part."""
+    path = folder / "cmc_detailed.svg"
+    path.write_text(hb.draw(hb.load("cmc_ahc/detailed"), open=("cmc", "ahc")), encoding="utf-8")
+    return path
+
+
 def _of_study(name: str, folder: Path) -> Path:
     result = hb.run_study(f"cmc_ahc/studies/{name}", processes=1)
     return plot.save(plot_study(result, result.study.pictures[0]), folder / f"published_{name}.png")
@@ -199,6 +206,7 @@ DRAWN = (
     moving,
     swept,
     sea,
+    detailed,
 )
 
 if __name__ == "__main__":
