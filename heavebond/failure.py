@@ -127,8 +127,8 @@ def _cause(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array)
         return f"{listing(names, 2)} run away: an instability, a wrong sign or a very stiff element.", notes
     which = names or assembly.algebraic_names
     return (f"{listing(which, 2)} change{'s' * (len(which) == 1)} fastest: a kink or jump there that the solver cannot step "
-            "over. Smooth it (a transition velocity or pressure), let it happen as an event (a Step for a jump in time, `when:` "
-            "in a component), or loosen the tolerances.", notes)
+            "over. Smooth it (a transition velocity or pressure), let it happen as an event (a Step for a jump in time, "
+            "`when:` in a component), or loosen the tolerances.", notes)
 
 
 def _lost(assembly: Assembly, at: dict[int, float], t: float) -> Problem | None:
