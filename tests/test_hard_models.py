@@ -31,6 +31,7 @@ REFUSED = (
     # lost rank
     "mass_of_zero_under_a_force", "resistance_of_zero_between_sources", "volume_of_zero", "bulk_modulus_of_zero",
     "valves_shut_at_the_start", "valve_shuts_during_the_run", "valves_shut_for_good_during_the_run",
+    "valve_shut_for_good_before_a_dead_end",
     "slide_that_drives_a_crank_at_dead_centre", "capacitor_whose_series_resistance_is_zero",
     # start
     "rigid_inertias_with_other_speeds", "steady_state_of_two_closed_chambers", "steady_and_a_place_as_well",
