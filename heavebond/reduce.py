@@ -218,8 +218,8 @@ class System:
     def _plain_numbers(self) -> dict[int, float]:
         """What an equation alone says, `u = 0` of a valve that the diagram shuts for good, by the hash of its symbol."""
         known = {s.element_hash() for s in self.flat.levels[0]}
-        alone = [(r, symbols[0]) for r in self.flat.residuals
-                 if len(symbols := ca.symvar(r)) == 1 and symbols[0].element_hash() in known]
+        alone = [(r, inside[0]) for r in self.flat.residuals
+                 if len(inside := ca.symvar(r)) == 1 and inside[0].element_hash() in known]
         if not alone:
             return {}
         residuals, symbols = stack([r for r, _ in alone]), stack([s for _, s in alone])
