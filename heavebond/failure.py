@@ -126,8 +126,9 @@ def _cause(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array)
     if rates.size and rates[order[0]] > 1e6:
         return f"{listing(names, 2)} run away: an instability, a wrong sign or a very stiff element.", notes
     fastest = names or assembly.algebraic_names
-    return (f"{listing(fastest, 2)} change{'s' * (len(fastest) == 1)} fastest: a kink or jump there that the solver cannot step "
-            "over. Smooth it (a transition velocity or pressure), let it happen as an event (a Step for a jump in time, "
+    verb = "changes" if len(fastest) == 1 else "change"
+    return (f"{listing(fastest, 2)} {verb} fastest: a kink or jump there that the solver cannot step over. Smooth it "
+            "(a transition velocity or pressure), let it happen as an event (a Step for a jump in time, "
             "`when:` in a component), or loosen the tolerances.", notes)
 
 
