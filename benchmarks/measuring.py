@@ -71,4 +71,4 @@ def spoken(found: Paired) -> str:
 
 def duration(time_s: float) -> str:
     """`86.1 ms`, `1.62 s`."""
-    return f"{time_s:.2f} s" if time_s >= 0.9995 else f"{1e3 * time_s:.3g} ms"
+    return f"{time_s:.2f} s" if abs(time_s) >= 0.9995 else f"{1e3 * time_s:.3g} ms"

@@ -28,8 +28,10 @@ from heavebond.idas import caught_errors, integrator_options
 from heavebond.initialise import Start, Tangent, start, tangent
 from heavebond.result import Result, columns
 from heavebond.simulation import Simulator
+from heavebond.solvers import DEFAULT
 from heavebond.symbols import stack
 
+CHARTS = "adjoint-charts"  # the code of the problem where states change
 # The multipliers jump with s and with the inputs, and the error control backward cannot leave them out as it does the
 # algebraic unknowns forward: counted in so large a unit they pass it unseen.
 UNSEEN = 1e10
@@ -73,8 +75,9 @@ class Adjoint:
 
     `names` are the parameters that are differentiated; those under `solve:` follow the start, all others are taken into
     the equations as numbers, so that the gradient is cheap. Each cost is scaled so that its adjoint states count in the
-    error control by four times `tolerances.along`. UsageError for a name that is no independent parameter and where the
-    diagram has events.
+    error control by four times `tolerances.along`. UsageError for a name that is no independent parameter, where the
+    diagram has events and where the simulator is not one by IDAS. A run on whose way the states change (`charts`) has no
+    way back: SimulationError.
     """
 
     def __init__(self, simulator: Simulator, evaluator: Evaluator, names: Sequence[str]):
@@ -84,6 +87,11 @@ class Adjoint:
         if assembly.flat.events:
             raise UsageError([Problem("adjoint-events", "a run backwards does not go through events", None,
                                       "Take forward sensitivities: simulate(..., sensitivities=[...]).")])
+        if simulator.solver.name != DEFAULT:
+            raise UsageError([Problem("adjoint-solver", f"a run backwards is one of {DEFAULT}, and this simulator was made "
+                                      f"with solver='{simulator.solver.name}'", None,
+                                      f"Type Simulator(..., solver='{DEFAULT}'), or take forward sensitivities: "
+                                      "simulate(..., sensitivities=[...]).")])
         self._chosen = [assembly.parameter_names.index(name) for name in names]
         self._made: dict[int, _Made] = {}
         self._steps = 0
@@ -102,8 +110,11 @@ class Adjoint:
     def costs(self, run: Result, references: Array) -> list[tuple[float, Array]]:
         """Each cost of a run of the simulator and its gradient (m,).
 
-        `references` are the functionals of the reference run. SimulationError where the run backward breaks down.
+        `references` are the functionals of the reference run. SimulationError where the run backward breaks down, or where
+        the states change on the way.
         """
+        if run.statistics.get("state_changes"):
+            raise _other_states(run)
         slopes = self.evaluator.cost_slopes(run, references)
         ends = [self._end(run, slope) for slope in slopes]
         moved = self._moved(run.start)
@@ -118,7 +129,8 @@ class Adjoint:
         forward and then back for every integral, whatever the costs make of them. Raises as a run does.
         """
         n_q = len(self.evaluator.integrated)
-        told_by_a_run = self._ends is not None or self.simulator.assembly.z_nominal.size > 0
+        told_by_a_run = self._ends is not None or self.simulator.assembly.z_nominal.size > 0 or \
+            self.simulator.switching is not None
         if not self._steps or told_by_a_run or not 0 < n_q <= MOST_AT_ONCE:
             return self.costs(self.simulator.run(parameters), references)
         assembly, simulator = self.simulator.assembly.with_parameters(parameters), self.simulator
@@ -295,6 +307,16 @@ def _steps(statistics: Mapping[str, object]) -> int:
 def _column(run: Result, at: int) -> list[Array]:
     """The arguments of an assembly's functions at one of a run's times."""
     return [a[:, at] if a.size else np.zeros(0) for a in columns(run)]
+
+
+def _other_states(run: Result) -> SimulationError:
+    changes = run.statistics["state_changes"]
+    assert isinstance(changes, list)
+    before, after = (", ".join(changes[0][k]) for k in ("before", "after"))
+    return SimulationError([Problem(
+        CHARTS, f"the states change at t = {changes[0]['time']:.6g} s; a run backwards goes through one choice only", None,
+        "Take forward sensitivities: simulate(..., sensitivities=[...]). `tune` does so by itself.",
+        (f"{before} -> {after}",))])
 
 
 def _failure(failed: str, said: str) -> SimulationError:

@@ -39,15 +39,16 @@ class Strain:
 
 
 class Chart:
-    """One choice of states: an assembly and the parts of its constraints that may go bad in a run."""
+    """One choice of states: an assembly, the parts of its constraints that may go bad in a run, and the entries (equation,
+    unknown) of these that move."""
 
     def __init__(self, assembly: Assembly):
         self.assembly = assembly
         self.constraints = assembly.reduced.choices.constraints
-        moving = _moving(assembly)
-        parts = parts_of(self.constraints, assembly.reduced.states) if moving else []
+        self.moving = _moving(assembly)
+        parts = parts_of(self.constraints, assembly.reduced.states) if self.moving else []
         self.parts = [part for part in parts if len(part.columns) > len(part.rows)
-                      and any((i, j) in moving for i in part.rows for j, _ in part.columns)]
+                      and any((i, j) in self.moving for i in part.rows for j, _ in part.columns)]
         inside = {j for part in self.parts for j, _ in part.columns}
         # what the user asked for counts at the start, and where one choice is as good as it was all the way
         self._asked = self.constraints.settable | (self.constraints.asked - inside)

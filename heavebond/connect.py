@@ -120,7 +120,8 @@ def _domains(expanded: Expanded, groups: list[list[str]], group_of: dict[str, in
                 found = bound.get(key, "") if declared.startswith("$") else declared
                 if found and not domains[k]:
                     domains[k], changed = found, True
-                elif declared.startswith("$") and domains[k] and not found:
+                # no port of power is ever a signal, which `_mixed` tells
+                elif declared.startswith("$") and domains[k] not in ("", "signal") and not found:
                     bound[key], changed = domains[k], True
     _mixed(expanded, bound, problems)
     for k, members in enumerate(groups):
@@ -138,13 +139,14 @@ def _mixed(expanded: Expanded, bound: dict[tuple[str, str], str], problems: Prob
         for end in junction.ends:
             declared = port_definition(expanded, end.name)
             kind = bound.get((end.leaf, declared), "") if declared.startswith("$") else declared
-            if kind:
-                kinds.setdefault(kind, end.name)
+            kinds.setdefault(kind, end.name)
+        if "signal" not in kinds:
+            kinds.pop("", "")  # a port of any domain
         if len(kinds) > 1:
             odd = list(kinds.values())[-1]
             place = next(end.place for end in junction.ends if end.name == odd)
             problems.add("domains-mixed", f"node '{junction.path}' joins " + " and ".join(
-                f"a {kind} port ('{port}')" if kind != "signal" else f"a signal ('{port}')"
+                f"a {kind or 'power'} port ('{port}')" if kind != "signal" else f"a signal ('{port}')"
                 for kind, port in kinds.items()), place,
                 hint="A signal acts through a source (ForceSource, FlowSource, ...) and comes from a sensor."
                 if "signal" in kinds else

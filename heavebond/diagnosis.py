@@ -1,6 +1,6 @@
 """From a misfit to the physical effect that is missing: the ladder of findings, and how sure they are.
 
-Each rung (see `heavebond.rung`) adds the effect that leaves least on records that were not fitted. A finding is called by
+Each rung (see `heavebond.rung`) adds an effect that leaves little on records that were not fitted. A finding is called by
 name only where, after it, what is left there is near the noise or nearly all of the error is gone; else it is a shape: a
 place and a curve. Where the records cannot tell candidates apart, all are named.
 """
@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from heavebond.catalogue import Candidate, candidates
+from heavebond.climbing import MOST, Added, Way, climb
 from heavebond.comparison import Comparison, compare
 from heavebond.errors import HeavebondError, Problem, UsageError, listing, suggest
 from heavebond.experiment import Experiment, load_experiment
@@ -22,13 +23,13 @@ from heavebond.finding import Finding, Rung, rung
 from heavebond.fitting import Fit, fit
 from heavebond.progress import Progress
 from heavebond.rivals import Alternative
-from heavebond.rung import EARNED, Step, following, learnt, single, step
+from heavebond.rung import Step, following, learnt, single, step
 from heavebond.separation import Separation, separate
 from heavebond.threads import single_threaded
 from heavebond.trial import Trial
-from heavebond.verdict import is_noise, misses, verdict, words, worth_it
+from heavebond.verdict import misses, verdict, words
 
-MOST_STEPS = 5
+SEVERAL = "More than one effect may be missing: --auto looks for several that explain it together."
 
 
 @dataclass(frozen=True)
@@ -88,10 +89,10 @@ def diagnose(experiment: Experiment | str | Path, *, auto: bool = False, number:
              classes: Sequence[str] = (), progress: Progress | None = None) -> Diagnosis:
     """Find out which effect the diagram of an experiment lacks.
 
-    One step, or with `auto` the ladder until nothing more earns its place; `number` processes (by default as many as there
-    are processors); no refit is begun after `seconds` in a step; `classes` narrows the catalogue. Ctrl-C ends the search
-    with what was found so far. Raises ModelError and DataError where the experiment is wrong, UsageError where no record is
-    to be fitted.
+    One step, or with `auto` the ladder of several effects that leaves least (see `heavebond.climbing`); `number` processes
+    (by default as many as there are processors); no refit is begun after `seconds` in a step; `classes` narrows the
+    catalogue. Ctrl-C ends the search with what was found so far. Raises ModelError and DataError where the experiment is
+    wrong, UsageError where no record is to be fitted.
     """
     began = clock.perf_counter()
     experiment = _loaded(experiment)
@@ -99,20 +100,20 @@ def diagnose(experiment: Experiment | str | Path, *, auto: bool = False, number:
     base = fit(experiment, progress=lambda text: say(f"fitting what is free: {text}")) if experiment.free else None
     ladder = _first_rungs(experiment, base)
     now = _at(experiment, base)
-    steps: list[Step] = []
-    findings: list[Finding] = []
-    while len(findings) < MOST_STEPS:
-        steps.append(step(now, number=number, seconds=seconds, classes=classes,
-                          progress=lambda text: say(f"step {len(findings) + 1}: {text}")))
-        if steps[-1].chosen is None or (findings and not worth_it(steps[-1])):
-            break
-        say(f"step {len(findings) + 1}: confirming {steps[-1].chosen.candidate.label}")
-        findings.append(_finding(steps[-1]))
+
+    def stepping(experiment: Experiment, way: Way) -> Step:
+        beside = f" beside {listing(added.candidate.label for added in way)}" if len(way) > 1 else ""
+        return step(experiment, number=number, seconds=seconds, classes=classes,
+                    progress=lambda text: say(f"step {len(way) + 1}{beside}: {text}"))
+
+    way, last = climb(now, stepping, say, MOST if auto else 1)
+    steps = [*(added.step for added in way), *([] if way and last.chosen is way[-1].chosen else [last])]
+    findings = []
+    for added in way:
+        say(f"confirming {added.candidate.label}")
+        findings.append(_finding(added))
         ladder.append(findings[-1].rung)
-        now = _at(findings[-1].fit.experiment, findings[-1].fit)
-        if not auto or steps[-1].partial or is_noise(findings[-1].rung):
-            break
-    findings = _looked_back(findings, say)
+    now = _at(findings[-1].fit.experiment, findings[-1].fit) if findings else now
     shape = None
     if misses(ladder, findings, steps):
         say("learning a curve")
@@ -120,32 +121,10 @@ def diagnose(experiment: Experiment | str | Path, *, auto: bool = False, number:
         ladder += [shape.rung] if shape is not None else []
     said = verdict(base, ladder, findings, steps, shape)
     apart = _separation(findings, say) if said == "one_of" else None
-    told = (*words(said, ladder, findings, steps, shape), *(apart.words if apart is not None else ()))
+    told = (*words(said, ladder, findings, steps, shape), *(apart.words if apart is not None else ()),
+            *([SEVERAL] if said == "shape" and findings and not auto else []))
     return Diagnosis(experiment, said, told, tuple(ladder), tuple(findings), tuple(steps), shape, base,
                      _noise(ladder[0].comparison), clock.perf_counter() - began, apart)
-
-
-def _looked_back(findings: Sequence[Finding], say: Progress) -> list[Finding]:
-    """The findings, those marked that what was found after them makes superfluous: with the amplitude held where it is
-    absent and everything else fitted anew, chi-square on what was not fitted rises by no more than chance."""
-    kept = list(findings)
-    for k, finding in enumerate(findings[:-1]):
-        numbers = {n.name: n for n in finding.candidate.numbers}
-        absent = {n.name: n.neutral for n in numbers.values() if n.amplitude and n.sought is None}
-        if not absent:
-            continue  # it has no value at which it is absent
-        say(f"is {finding.candidate.label} still needed?")
-        last = findings[-1]
-        model = last.fit.experiment.model.with_parameters({**last.fit.values, **absent})
-        free = {name: f for name, f in last.fit.experiment.free.items() if name not in numbers}
-        try:
-            without = rung("", fit(replace(last.fit.experiment, model=model, free=free)).after)
-        except (HeavebondError, KeyboardInterrupt):
-            continue
-        left = last.rung.chi2_held_out
-        risen = (without.chi2_held_out - left) * without.samples_held_out / max(1.0, left)
-        kept[k] = replace(finding, needed=risen > EARNED)
-    return kept
 
 
 def _separation(findings: Sequence[Finding], say: Progress) -> Separation | None:
@@ -196,7 +175,7 @@ def attempt(experiment: Experiment | str | Path, component: str, places: Sequenc
         raise UsageError([Problem("try-broken", f"the diagram with {chosen.label} cannot be simulated", None,
                                   "Try another place, or attach it in a diagram of your own and run that.")])
     trial = made.trials[0]
-    found = _finding(replace(made, chosen=trial, cluster=(trial,)))
+    found = _finding(Added(replace(made, chosen=trial), (trial,)))
     return Attempt((*rungs, found.rung), found, trial.bic - made.bic, made.chosen is not None)
 
 
@@ -247,19 +226,18 @@ def _at(experiment: Experiment, fitted: Fit | None) -> Experiment:
     return replace(experiment, model=experiment.model.with_parameters(fitted.values))
 
 
-def _finding(made: Step) -> Finding:
+def _finding(added: Added) -> Finding:
     """The chosen effect with intervals and figures from full runs."""
-    assert made.chosen is not None
-    found = fit(following(made))
-    own = {n.name for n in made.chosen.candidate.numbers}
-    return Finding(made.chosen.candidate, tuple(p for p in found.parameters if p.name in own),
-                   rung(f"+ {made.chosen.candidate.label}", found.after), found, made.cluster)
+    found = fit(following(added.step))
+    own = {n.name for n in added.candidate.numbers}
+    return Finding(added.candidate, tuple(p for p in found.parameters if p.name in own),
+                   rung(f"+ {added.candidate.label}", found.after), found, added.alternatives)
 
 
 def _shape(experiment: Experiment, number: int | None, seconds: float) -> Finding | None:
     """The learnt curve that leaves least, where one earns its place."""
     made = learnt(experiment, number=number, seconds=seconds)
-    return _finding(made) if made.chosen is not None else None
+    return _finding(Added(made, made.cluster)) if made.chosen is not None else None
 
 
 def _noise(comparison: Comparison) -> dict[str, tuple[float, str, bool]]:

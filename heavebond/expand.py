@@ -162,7 +162,7 @@ class _Opener:
     # -- one level -------------------------------------------------------------------------------------------------
     def _body(self, body: Body, prefix: str, owner: Component | None, integers: dict[str, int],
               kinds: tuple[str, ...]) -> None:
-        body = self._repeated(body, prefix, integers)
+        body = self._repeated(body, prefix, integers, kinds)
         self._name_clashes(body, owner)
         known: dict[str, Component] = {}
         for instance in body.instances.values():
@@ -427,7 +427,18 @@ class _Opener:
                                       hint="Join each to a node (in quotes inside a list), or lower the number of ports.")
 
     # -- many of a kind --------------------------------------------------------------------------------------------
-    def _repeated(self, body: Body, prefix: str, integers: dict[str, int]) -> Body:
+    def _in_line(self, instance: Instance, kinds: tuple[str, ...]) -> bool:
+        """Whether a part is to be repeated, and has the two ports that this takes."""
+        component = self._component(instance, kinds) if instance.repeat else None
+        if component is None or instance.repeat is None:
+            return False
+        single = [name for name in ("a", "b") if (port := component.ports.get(name)) is not None and port.count is None]
+        if len(single) < 2:
+            self.problems.add("repeat-ports", f"'{instance.name}' ({component.name}) cannot be repeated in line: that takes "
+                              "two single ports called a and b", instance.repeat.place, hint="Write each of them by itself.")
+        return len(single) == 2
+
+    def _repeated(self, body: Body, prefix: str, integers: dict[str, int], kinds: tuple[str, ...]) -> Body:
         if not any(i.repeat for i in body.instances.values()):
             return body
         numbers = {**self._top_integers(), **integers} if not prefix else integers
@@ -435,7 +446,7 @@ class _Opener:
         wires = dict(body.wires)
         ends: dict[str, str] = {}
         for instance in body.instances.values():
-            if instance.repeat is None:
+            if instance.repeat is None or not self._in_line(instance, kinds):
                 instances[instance.name] = instance
                 continue
             count = whole_number(instance.repeat.expr, numbers)

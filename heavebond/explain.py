@@ -23,10 +23,12 @@ DECIDES = {
     "electrical": "an ElectricalGround, a VoltageSource or a Capacitor on one of these nodes, or a Resistor from there to "
                   "such a node",
     "pneumatic": "a Receiver, an Atmosphere or a PneumaticSource on one of these nodes",
+    "thermal": "a HeatCapacity or an Ambient on one of these nodes, or a ThermalResistance from there to such a node",
+    "bond": "a C or an Se on one of these nodes, or an R",
 }
 # what ends a rigid loop, by domain
 ELASTIC = {"translational": "a Spring", "rotational": "a TorsionSpring", "hydraulic": "a LineResistance",
-           "pneumatic": "a PneumaticLine", "electrical": "a Resistor"}
+           "pneumatic": "a PneumaticLine", "electrical": "a Resistor", "thermal": "a ThermalResistance"}
 
 
 def singular(flat: Flat, rows: Sequence[Sequence[int]], matching: Sequence[int]) -> ModelError:

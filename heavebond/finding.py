@@ -42,15 +42,14 @@ class Rung:
 
 @dataclass(frozen=True)
 class Finding:
-    """An effect that was added: the candidate, the numbers that it was fitted with, the model with it, what the records
-    cannot tell from it, and whether it is still needed beside what was found after it."""
+    """An effect that was added: the candidate, the numbers that it was fitted with, the model with it, and what the
+    records cannot tell from it."""
 
     candidate: Candidate
     parameters: tuple[Fitted, ...]
     rung: Rung
     fit: Fit
     alternatives: tuple[Trial, ...]
-    needed: bool = True
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -69,7 +68,7 @@ class Finding:
                 "parameters": {p.name: {"value": p.value, "unit": p.unit, "interval": list(p.interval)}
                                for p in self.parameters},
                 "error_fit": self.rung.error_fit, "error_held_out": self.rung.error_held_out,
-                "chi2_fit": self.rung.chi2_fit, "chi2_held_out": self.rung.chi2_held_out, "needed": self.needed,
+                "chi2_fit": self.rung.chi2_fit, "chi2_held_out": self.rung.chi2_held_out,
                 "one_of": [{"component": t.candidate.component, "class": t.candidate.kind, "place": t.candidate.place}
                            for t in self.alternatives]}
 

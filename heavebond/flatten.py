@@ -18,6 +18,7 @@ from heavebond.happening import FlatEvent, Held, held_bounds, leaf_events, with_
 from heavebond.incidence import Interval, classify
 from heavebond.medium import with_media
 from heavebond.model import Model
+from heavebond.packing import BY_SYMBOL
 from heavebond.parameters import (
     FlatParameter,
     Parameters,
@@ -93,7 +94,7 @@ class Flat:
     constants: dict[str, ca.SX]
     units: dict[str, Unit] = field(default_factory=dict)
     energetics: tuple[Energetics, ...] = ()
-    bounds: dict[int, Interval] = field(default_factory=dict)
+    bounds: dict[int, Interval] = field(default_factory=dict, metadata=BY_SYMBOL)
     held: tuple[Held, ...] = ()
     events: tuple[FlatEvent, ...] = ()
     bonds: dict[str, Bond] = field(default_factory=dict)        # of the components
@@ -344,16 +345,15 @@ class _Builder:
         users: dict[Template, list[str]] = {}
         for path, made in self.templates.items():
             users.setdefault(made, []).append(path)
-        found = {}
+        found: dict[str, tuple[list[ca.SX], list[ca.SX], list[ca.SX]]] = {}
         for made, paths in users.items():
             slots = [self.names[f"{path}.{slot}"] for path in paths for slot in made.slots]
             own = [self.constants[f"{path}.{name}"] for path in paths for name in made.given]
             inputs = [*(ca.reshape(column[slots], len(made.slots), len(paths)) for column in self.columns),
                       ca.reshape(stack(own), len(made.given), len(paths)), self.time, self.rate]
-            residuals, energy = made.residuals(*inputs), made.energy(*inputs)
             happenings = made.happenings(*inputs) if made.happenings else ca.SX(0, len(paths))
-            for k, path in enumerate(paths):
-                found[path] = split(residuals[:, k]), split(energy[:, k]), split(happenings[:, k])
+            columns = (_columns(m, len(paths)) for m in (made.residuals(*inputs), made.energy(*inputs), happenings))
+            found.update(zip(paths, zip(*columns, strict=True), strict=True))
         return found
 
     def _given_inputs(self) -> None:
@@ -403,6 +403,12 @@ class _Builder:
         self._add(FlatEquation(path.rpartition(".")[0], f"{path} as given", f"{path} = {value.text.lstrip('= ')}",
                                value.place, kink), residual,
                   [(e.column // len(columns) * self.n + columns[e.column % len(columns)], e.kind) for e in row])
+
+
+def _columns(matrix: ca.SX, number: int) -> list[list[ca.SX]]:
+    """The elements of each of so many columns."""
+    elements, height = split(matrix), matrix.shape[0]
+    return [elements[k * height:(k + 1) * height] for k in range(number)]
 
 
 def _merged(entries: Entries) -> Entries:

@@ -9,10 +9,12 @@ import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, redirect_stderr
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import casadi as ca
 
+from heavebond.buffered import Buffered
 from heavebond.dae import Array, Integrand
 
 # Steps between two output points, after which a run is given up: at a value that is no number IDAS would halve its
@@ -48,30 +50,32 @@ class Idas:
         self._outputs = [float(t) for t in stops[1:]] if len(stops) > 1 else [self._begin + 1.0]
         self._options = {**integrator_options(made.dae, tolerances), "max_num_steps": most_steps}
         self._usual = self._last = self._made({})
-        self._blind: ca.Function | None = None
+        self._blind: Buffered | None = None
 
-    def _made(self, options: Mapping[str, Any]) -> ca.Function:
-        return ca.integrator("run", "idas", self._dae, self._begin, self._outputs, {**self._options, **options})
+    def _made(self, options: Mapping[str, Any]) -> Buffered:
+        return Buffered(ca.integrator("run", "idas", self._dae, self._begin, self._outputs, {**self._options, **options}),
+                        ("xf", "zf"))
 
     def size1_in(self, name: str) -> int:
         """The number of numbers in an input, as in `ca.Function`."""
-        return int(self._usual.size1_in(name))
+        return self._usual.size1_in(name)
 
-    def __call__(self, **given: Any) -> dict[str, Any]:
+    def __call__(self, **given: Any) -> dict[str, Array]:
+        """The states and algebraic unknowns (n, N) at the other stops."""
         self._last = self._usual
         try:
-            return dict(self._usual(**given))
+            return self._usual(**given)
         except RuntimeError as error:
             if "IDACalcIC" not in str(error):
                 raise
         if self._blind is None:
             self._blind = self._made({"calc_ic": False, "step0": FIRST_STEP * (self._outputs[0] - self._begin)})
         self._last = self._blind
-        return dict(self._blind(**given))
+        return self._blind(**given)
 
     def stats(self) -> dict[str, Any]:
         """Counts of steps and evaluations of the last call."""
-        return dict(self._last.stats())
+        return self._last.stats()
 
 
 def integrator_options(dae: Mapping[str, ca.SX], tolerances: Tolerances) -> dict[str, Any]:
@@ -89,15 +93,25 @@ def caught_errors() -> Iterator[list[str]]:
     """Catch what is written to standard error: the time and step at which SUNDIALS gave up are said only there, by C
     itself or by CasADi through Python's `sys.stderr`."""
     sys.stderr.flush()
-    kept = os.dup(2)
+    kept, file = os.dup(2), _file(os.getpid())
+    begin = os.lseek(file, 0, os.SEEK_END)
     heard: list[str] = []
     words = io.StringIO()
-    with tempfile.TemporaryFile() as file, redirect_stderr(words):
-        os.dup2(file.fileno(), 2)
+    with redirect_stderr(words):
+        os.dup2(file, 2)
         try:
             yield heard
         finally:
             os.dup2(kept, 2)
             os.close(kept)
-            file.seek(0)
-            heard.append(file.read().decode(errors="replace") + words.getvalue())
+            os.lseek(file, begin, os.SEEK_SET)
+            said = os.read(file, os.fstat(file).st_size - begin)
+            os.ftruncate(file, begin)
+            heard.append(said.decode(errors="replace") + words.getvalue())
+
+
+@lru_cache(maxsize=1)
+def _file(process: int) -> int:
+    """A file of this process for what it says: opening one takes as long as a hundred steps of a run."""
+    with tempfile.TemporaryFile() as file:
+        return os.dup(file.fileno())

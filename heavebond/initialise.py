@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import casadi as ca
 import numpy as np
 
 from heavebond import start_failure
 from heavebond.dae import Array, Assembly
-from heavebond.newton import RANK, Found, Frame, System, continued, newton, settled, weights
+from heavebond.newton import Found, Frame, System, continued, least_change, newton, settled, weights
 from heavebond.start_equations import Point, StartEquations, StartSystem
-from heavebond.symbols import split, stack, uniform
+from heavebond.symbols import uniform
 
 # singular values of the loops below this share of the largest leave an unknown to chance
 SINGULAR = 1e-13
@@ -98,7 +97,7 @@ def _least_change(at: tuple[Array, Array], moved: Array, sizes: Array) -> Array:
     if not jacobian.size:
         return np.zeros((len(sizes), moved.shape[1]))
     row = weights(residual, jacobian)[:, None]
-    return np.asarray(np.linalg.lstsq(jacobian * row, -moved * row, rcond=RANK)[0] * sizes[:, None])
+    return least_change(jacobian * row, -moved * row) * sizes[:, None]
 
 
 class _Search:
@@ -158,6 +157,8 @@ class _Search:
             if found.good:
                 return found.y
             best = found if best is None or found.size < best.size else best
+            if self.equations.all.affine and self.frame.inside(found.y):
+                break  # straight lines that meet nowhere
         assert best is not None
         raise start_failure.failure(self.equations, self._point(best.y), best.residual, self.equations.all, self.nominal)
 
@@ -246,23 +247,24 @@ class _Search:
 
     def _others(self, point: Point, told: set[str]) -> list[StartLine]:
         """What was asked of variables that are no states."""
-        flat, values, lines = self.assembly.flat, np.array(self.assembly.values(*point.values())).ravel(), []
-        for name, condition in self.equations.initial.conditions.items():
-            j = flat.names.get(name)
-            if j is not None and flat.unknowns[j].name not in told and name not in told:
-                lines.append(StartLine(name, condition.value.text, float(values[j]), flat.unknowns[j].unit.text,
-                                       "solved from a guess" if condition.guess else "asked for"))
-        return lines
+        flat = self.assembly.flat
+        found = [(j, c) for name, c in self.equations.initial.conditions.items()
+                 if (j := flat.names.get(name)) is not None and flat.unknowns[j].name not in told and name not in told]
+        if not found:
+            return []
+        values = self.assembly.values(*point.values()).full().ravel()
+        return [StartLine(c.name, c.value.text, float(values[j]), flat.unknowns[j].unit.text,
+                          "solved from a guess" if c.guess else "asked for") for j, c in found]
 
     def _check_constants(self) -> None:
         """Coefficients of parameters alone that are zero: a mass or stiffness of 0 is told before anything is solved."""
-        known = {s.element_hash() for s in split(self.assembly.flat.p)}
-        constant = [q for q in self.assembly.reduced.pivots if {s.element_hash() for s in ca.symvar(q.coefficient)} <= known]
-        values = ca.Function("c", [self.assembly.flat.p], [stack([q.coefficient for q in constant])])(self.assembly.p)
-        start_failure.check_pivots(self.assembly, list(zip(constant, np.array(values).ravel(), strict=True)),
-                                   self._point(self.y0, 1.0))
+        constant, function = self.equations.constants
+        values = function(self.assembly.p)["o0"].ravel()
+        start_failure.check_pivots(self.assembly, list(zip(constant, values, strict=True)), self._point(self.y0, 1.0))
 
     def _check(self, point: Point) -> None:
+        if self.equations.sound(point):
+            return
         values, assembly = point.values(), self.assembly
         pivots = np.array(assembly.pivots(*values)).ravel()
         start_failure.check_pivots(assembly, list(zip(assembly.reduced.pivots, pivots, strict=True)), point)

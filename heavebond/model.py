@@ -12,6 +12,7 @@ from heavebond.definition import Body, End, FileInput, Instance, Value, Wire
 from heavebond.dimensions import dimension
 from heavebond.errors import ModelError, Place, Problem, Problems, UsageError, listing, suggest
 from heavebond.expression import Expr, ExpressionProblem, Name, constant, parse_formula
+from heavebond.keeping import Kind, kept_diagram, values_in
 from heavebond.library import Library, bundled, library, shown_path
 from heavebond.source import Mapping, Node, Scalar, Sequence, Source, parse, read
 from heavebond.units import Dimension, declared_unit
@@ -23,6 +24,7 @@ MODEL_KEYS = ("model", "summary", "extends", "parameters", "components", "nodes"
 LONGEST_CHAIN = 50
 SECOND = declared_unit("s")
 STARTS = ("steady", "rest")
+SOLVERS = ("idas", "cvodes", "rosenbrock", "auto")
 
 
 @dataclass(frozen=True)
@@ -79,6 +81,7 @@ class Model:
     show: dict[str, Shown] = field(default_factory=dict)
     until: Value | None = None
     every: Value | None = None
+    solver: Scalar | None = None
     view: dict[str, Seen] = field(default_factory=dict)
     files: tuple[Path, ...] = ()
 
@@ -127,7 +130,8 @@ def _python_value(path: str, given: float | str) -> Value:
 
 def load(name: str | Path) -> Model:
     """Load a diagram: the path of a file, or the name of a bundled one (`cmc_ahc`, `cmc_ahc/passive`)."""
-    return _load(find(name), ())
+    path = find(name)
+    return kept_diagram(KEPT, path, lambda: _load(path, ()), lambda model: model.files)
 
 
 def loads(text: str, folder: Path | str = ".") -> Model:
@@ -265,7 +269,7 @@ def _changed(base: Model, source: Source, problems: Problems) -> Model:
                  for n, w in wires.items()}
         wires = {n: w for n, w in wires.items() if w.ends}
     parameters = {**base.parameters, **_values(root.items.get("parameters"), "parameters", problems)}
-    until, every = _simulate(root.items.get("simulate"), base, problems)
+    plan = _simulate(root.items.get("simulate"), problems)
     return replace(
         base, name=reading.text(root.items["model"], "model", problems), path=source.path,
         summary=reading.text(root.items.get("summary"), "summary", problems) or base.summary,
@@ -273,7 +277,8 @@ def _changed(base: Model, source: Source, problems: Problems) -> Model:
         settings={**base.settings, **read_settings(root.items.get("set"), source, problems)},
         initial=_initial(root.items.get("initial"), base.initial, problems),
         show={**base.show, **_show(root.items.get("show"), problems)},
-        until=until, every=every, view={**base.view, **read_view(root.items.get("view"), problems)},
+        until=plan.until or base.until, every=plan.every or base.every, solver=plan.solver or base.solver,
+        view={**base.view, **read_view(root.items.get("view"), problems)},
         files=(*base.files, source.path))
 
 
@@ -413,17 +418,31 @@ def shown_as(name: str, item: Node, key: Scalar, problems: Problems, extra: tupl
     return Shown(name, tree, content, reading.text(unit, "unit", problems, "1"), place)
 
 
-def _simulate(node: Node | None, base: Model, problems: Problems) -> tuple[Value | None, Value | None]:
+@dataclass(frozen=True)
+class _Plan:
+    """What `simulate:` says."""
+
+    until: Value | None = None
+    every: Value | None = None
+    solver: Scalar | None = None
+
+
+def _simulate(node: Node | None, problems: Problems) -> _Plan:
     entries = reading.mapping(node, "simulate", problems)
     if entries is None:
-        return base.until, base.every
-    reading.known_keys(entries, ("until", "every"), "simulate", problems)
+        return _Plan()
+    reading.known_keys(entries, ("until", "every", "solver"), "simulate", problems)
     times = {name: reading.value(item, name, problems) for name, item in entries.items.items()
              if name in ("until", "every")}
     for name, value in times.items():
         if value is not None:
             _check_time(name, value, problems)
-    return times.get("until") or base.until, times.get("every") or base.every
+    solver = entries.items.get("solver")
+    name = reading.text(solver, "solver", problems)
+    if solver is not None and name and name not in SOLVERS:
+        problems.add("solver-unknown", f"'{name}' is no solver", solver.place,
+                     hint=suggest(name, SOLVERS) or f"There are {listing(SOLVERS)}.")
+    return _Plan(times.get("until"), times.get("every"), solver if isinstance(solver, Scalar) else None)
 
 
 def _no_name(name: Name) -> Dimension:
@@ -445,3 +464,6 @@ def _check_time(name: str, value: Value, problems: Problems) -> None:
     if number <= 0 and len(problems.found) == before:
         problems.add("time-not-positive", f"{name}: '{value.text}' is not above 0", value.place,
                      hint="Write for example `60 s`.")
+
+
+KEPT = Kind("diagram", values_in("definition", "errors", "expression", "library", "model", "source", "units", "view"))

@@ -20,7 +20,7 @@ from heavebond.model import Model
 from heavebond.presentation import converted, readable_unit
 from heavebond.reading import add_expression_problem
 from heavebond.result import Result
-from heavebond.simulation import Simulator, Time
+from heavebond.simulation import Time, simulate
 from heavebond.units import ONE, declared_unit
 from heavebond.view import WIDE, Seen
 
@@ -111,7 +111,7 @@ def animate(model: Model, until: Time | None = None, *, every: Time | None = Non
     chosen = list(signals)
     assembly = assemble(model, {n.text for f in formulas for n in names(f.tree)} | set(chosen))
     _check(assembly, model.view)
-    result = Simulator(assembly, until, every=every).run(parameters)
+    result = simulate(assembly, until, every=every, parameters=parameters)
     # in brackets, so that no formula is taken for the output of that name and given in its unit
     texts = list(dict.fromkeys(f.text for f in formulas))
     values = dict(zip(texts, result.signals([f"({text})" for text in texts]).values(), strict=True))

@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from heavebond.adjoint import Adjoint
+from heavebond.adjoint import CHARTS, Adjoint
 from heavebond.costs import Cost, Evaluator, read_cost, read_limit
 from heavebond.dae import Array, Assembly
 from heavebond.errors import HeavebondError, Problem, SimulationError, StartError, UsageError, suggest
@@ -109,9 +109,9 @@ class Objective:
         for cost in self.costs:
             check_smooth(cost)
         # Measured on the compensator, the gradients of k costs by a run backwards take as long as 2 + k/2 plain runs (some 3
-        # where no run is known yet), a run with m sensitivities as long as 1.3 + 0.5 m. The way back begins anew at every
+        # where no run is known yet), a run with m sensitivities as long as 1.3 + 0.25 m. The way back begins anew at every
         # break of a measured input, which costs more than it saves, and does not go through events.
-        self.backwards = len(self.names) > len(self.costs) + 2 and not (assembly.flat.inputs or assembly.flat.events)
+        self.backwards = len(self.names) >= 2 * len(self.costs) + 5 and not (assembly.flat.inputs or assembly.flat.events)
         self.runs, self.simulations = 0, 0.0
         self._growth: dict[bytes, float] = {}
         weights = np.array([case.weight for case in task.cases])
@@ -353,9 +353,12 @@ class RunCase:
         if self.adjoint is not None:
             self.curvature = None
             known = self._last is not None and self._last[0] == values
-            with suppress(SimulationError):
+            try:
                 return self.adjoint.costs(self._run(values), self.references) if known else \
                     self.adjoint.at(values, self.references)
+            except SimulationError as error:
+                if any(problem.code == CHARTS for problem in error.problems):
+                    self.adjoint = None  # so it will be in other runs of this case
         result = self.forward.run(values)
         assert result.along is not None
         numbers, slopes = self.evaluator.functional_values(result)

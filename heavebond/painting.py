@@ -20,7 +20,7 @@ from heavebond.expand import Expanded
 from heavebond.model import Model
 from heavebond.presentation import readable_unit, unit_label, written
 from heavebond.result import Result
-from heavebond.simulation import Simulator, Time, seconds
+from heavebond.simulation import Time, seconds, simulate
 from heavebond.units import read_unit
 
 POWER, MEAN, PEAK = "power", "mean", "peak"
@@ -80,7 +80,7 @@ def paint(model: Model, what: str, *, at: Time | None = None, over: str = MEAN, 
     variable that is nowhere, or is not the same quantity everywhere.
     """
     assembly = assemble(model, [what] if "." in what else ())
-    result = Simulator(assembly, until).run()
+    result = simulate(assembly, until)
     moment = None if at is None else seconds(at, "--at")
     if moment is not None and not result.time[0] <= moment <= result.time[-1]:
         raise UsageError([Problem("time-outside", f"--at {at}: the run goes from {result.time[0]:g} to "

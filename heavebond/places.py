@@ -99,9 +99,16 @@ def nodes_of(flat: Flat) -> dict[str, Node]:
         index = flat.names[f"{path}.{domain.across[0]}"]
         # inner nodes of a block that are joined to an outer one are that one
         if flat.unknowns[index].name == f"{path}.{domain.across[0]}":
-            ports = tuple(a for a in aliases[index] if a.rpartition(".")[0] in flat.expanded.leaves)
+            ports = tuple(a for a in aliases[index] if _is_port(a, flat))
             found[path] = Node(path, domain, ports)
     return found
+
+
+def _is_port(path: str, flat: Flat) -> bool:
+    """Whether a name is that of a port. (Inside of a block a node is called as one: `cmc.platform`.)"""
+    owner, _, port = path.rpartition(".")
+    leaves = flat.expanded.leaves
+    return owner in leaves and port.partition("[")[0] in leaves[owner].component.ports
 
 
 def balance(through: str, path: str) -> str:

@@ -45,12 +45,12 @@ def plot_study(result: StudyResult, picture: Picture) -> Figure:
             if panel.get_yscale() == "linear":
                 panel.ticklabel_format(axis="y", useOffset=False)
         headed(figure, picture)
-        _legend(figure, panels[0])
+        _legend(figure, panels[0], result)
         figure.align_ylabels(panels)
         return figure
 
 
-def _legend(figure: Figure, panel: Axes) -> None:
+def _legend(figure: Figure, panel: Axes, result: StudyResult) -> None:
     """Below all panels, with no more lines than can be read."""
     handles, labels = panel.get_legend_handles_labels()
     if len(labels) > MOST_LABELS:
@@ -58,8 +58,9 @@ def _legend(figure: Figure, panel: Axes) -> None:
         handles, labels = [*handles[:MOST_LABELS], Line2D([], [], linestyle="none")], [*labels[:MOST_LABELS], more]
     if len(labels) > 1:
         longest = max(map(len, labels))
+        variants = [axis.name for axis in result.study.axes if axis.unit is None and axis.sampling is None]
         figure.legend(handles, labels, loc="outside lower center", ncols=max(1, min(len(labels), 95 // (longest + 8))),
-                      frameon=False)
+                      frameon=False, title=", ".join(variants) or None, title_fontsize="medium")
 
 
 def _shades(result: StudyResult, lines: int, without: int = -1) -> tuple[int, ScalarMappable] | None:

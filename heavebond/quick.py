@@ -15,9 +15,9 @@ import numpy as np
 
 from heavebond.dae import Array, Assembly
 from heavebond.errors import Problem, SimulationError
-from heavebond.idas import integrator_options
 from heavebond.initialise import Start
 from heavebond.simulation import Simulator
+from heavebond.solvers import solver_options
 
 # Steps between two output points after which a candidate is given up.
 MOST_STEPS = 2000
@@ -41,10 +41,8 @@ class QuickSimulator(Simulator):
 
     def _integrator(self) -> ca.Function:
         dae = self.integrand.dae
-        options = {**integrator_options(dae, self.tolerances), "max_num_steps": MOST_STEPS}
         solver = "idas" if dae["z"].numel() else "cvodes"
-        if solver == "cvodes":
-            del options["suppress_algebraic"]
+        options = {**solver_options(solver, dae, self.tolerances), "max_num_steps": MOST_STEPS}
         given: dict[str, Any] = dict(dae)
         if self.looks_up:
             given = self._with_table()

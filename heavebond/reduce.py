@@ -11,9 +11,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from heavebond import explain
 from heavebond.errors import ModelError
@@ -90,12 +92,12 @@ def reduce(flat: Flat) -> Reduced:
     columns, rows, derivative = _columns(flat)
     result = _check_and_differentiate(flat, rows, derivative)
     chain = _chains(columns, result)
-    system = System(flat, chain, result)
+    system = _system(flat, chain, result)
     return system.solve(select_states(system.constraints, system.p_values))
 
 
 @dataclass(frozen=True)
-class _Chain:
+class Chain:
     """Every column as (unknown, order), and the highest order of each unknown."""
 
     column: list[Column]
@@ -136,7 +138,7 @@ def _check_and_differentiate(flat: Flat, rows: list[list[int]], derivative: list
     return result
 
 
-def _chains(columns: list[Column], result: Pantelides) -> _Chain:
+def _chains(columns: list[Column], result: Pantelides) -> Chain:
     all_columns: list[Column | None] = [*columns, *[None] * (result.n_columns - len(columns))]
     for k, successor in enumerate(result.derivative):
         if successor >= 0:
@@ -146,42 +148,33 @@ def _chains(columns: list[Column], result: Pantelides) -> _Chain:
     highest = [0] * (1 + max((j for j, _ in done), default=0))
     for j, order in done:
         highest[j] = max(highest[j], order)
-    return _Chain(done, highest)
+    return Chain(done, highest)
 
 
+@dataclass(frozen=True)
 class System:
     """All equations with their derivatives, in symbols for all unknowns with their derivatives; `constraints` are those
     that were differentiated. It can be solved for several choices of states, in the same symbols."""
 
-    def __init__(self, flat: Flat, chain: _Chain, result: Pantelides):
-        self.flat, self.chain, self.order = flat, chain, result.order
-        top = max(chain.highest, default=0)
-        self.levels = [list(level) for level in flat.levels]
-        while len(self.levels) <= top + 1:
-            k = len(self.levels)
-            self.levels.append([ca.SX.sym("d" * k + u.name) for u in flat.unknowns])
-        self.constants = flat.constant_hashes
-        self.constraints: Constraints = constraints(flat, result.order, chain.highest)
-        self.p_values = np.array([q.value for q in flat.parameters])
-        self.residual: dict[Row, ca.SX] = {(i, 0): r for i, r in enumerate(flat.residuals)}
-        self._differentiate()
+    flat: Flat
+    chain: Chain
+    order: tuple[int, ...]
+    levels: list[list[ca.SX]]
+    residual: dict[Row, ca.SX]
+    constraints: Constraints
+
+    @cached_property
+    def constants(self) -> set[int]:
+        """The hashes of the symbols that never change during a run."""
+        return self.flat.constant_hashes
+
+    @cached_property
+    def p_values(self) -> NDArray[np.float64]:
+        """The values of the parameters."""
+        return np.array([q.value for q in self.flat.parameters])
 
     def symbol(self, column: Column) -> ca.SX:
         return self.levels[column[1]][column[0]]
-
-    def _differentiate(self) -> None:
-        """d/dt of the rows that need it, all of one order in one sweep."""
-        k = 1
-        while rows := [i for i, order in enumerate(self.order) if order >= k]:
-            stacked = stack([self.residual[(i, k - 1)] for i in rows])
-            low = stack([s for level in self.levels[:-1] for s in level])
-            high = stack([s for level in self.levels[1:] for s in level])
-            for known in self.flat.inputs:
-                low, high = stack([low, known.symbols[:-1]]), stack([high, known.symbols[1:]])
-            rates = ca.jtimes(stacked, low, high) + ca.jtimes(stacked, self.flat.time, self.flat.rate)
-            for i, rate in zip(rows, split(rates), strict=True):
-                self.residual[(i, k)] = rate
-            k += 1
 
     def solve(self, states: list[Column]) -> Reduced:
         """x' = f(t, x, z, p), 0 = g(t, x, z, p) for these states (their number is given by the constraints)."""
@@ -229,6 +222,26 @@ class System:
             for r, row in zip(derived, classify(stacked, symbols, self.constants, self.flat.bounds), strict=True):
                 entries[r] = [(e.column, e.kind) for e in row]
         return entries
+
+
+def _system(flat: Flat, chain: Chain, result: Pantelides) -> System:
+    """The equations with the derivatives of those that need it, all of one order in one sweep."""
+    top = max(chain.highest, default=0)
+    levels = [list(level) for level in flat.levels]
+    while len(levels) <= top + 1:
+        levels.append([ca.SX.sym("d" * len(levels) + u.name) for u in flat.unknowns])
+    residual: dict[Row, ca.SX] = {(i, 0): r for i, r in enumerate(flat.residuals)}
+    k = 1
+    while rows := [i for i, order in enumerate(result.order) if order >= k]:
+        stacked = stack([residual[(i, k - 1)] for i in rows])
+        low, high = (stack([s for level in part for s in level]) for part in (levels[:-1], levels[1:]))
+        for known in flat.inputs:
+            low, high = stack([low, known.symbols[:-1]]), stack([high, known.symbols[1:]])
+        rates = ca.jtimes(stacked, low, high) + ca.jtimes(stacked, flat.time, flat.rate)
+        for i, rate in zip(rows, split(rates), strict=True):
+            residual[(i, k)] = rate
+        k += 1
+    return System(flat, chain, result.order, levels, residual, constraints(flat, result.order, chain.highest))
 
 
 def collapse_rows(flat: Flat) -> list[list[int]]:

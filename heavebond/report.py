@@ -88,6 +88,8 @@ def _head(diagnosis: Diagnosis, title: str) -> Html:
 
 def _verdict(diagnosis: Diagnosis) -> Html:
     kind, mood = KINDS[diagnosis.verdict]
+    if diagnosis.verdict == "undetermined" and diagnosis.steps[-1].partial:
+        kind = "Not told yet: the search was ended early"
     first, *rest = diagnosis.words
     box = element("section", element("p", kind, class_="kind"), element("p", first, class_="said"),
                   *(element("p", line) for line in rest), class_=f"verdict {mood}", aria_label="verdict")
@@ -102,10 +104,11 @@ def _figures(diagnosis: Diagnosis) -> Html:
     chi2 = [r.chi2_held_out if held else r.chi2_fit for r in (first, last)]
     on = "held out" if held else "fitted"
     tried_ = len({s.candidate.label for step in diagnosis.steps for s in step.scores})
+    fitted_ = len({t.candidate.label for step in diagnosis.steps for t in step.trials})
     return element(
         "dl", _figure(f"error, on records {on}", " → ".join(f"{number(100 * e, 3)} %" for e in errors), ""),
         _figure(f"chi-square per sample, on records {on}", " → ".join(number(c, 3) for c in chi2), " 1 is noise"),
-        _figure("effects tried", str(tried_), f" in {diagnosis.seconds:.0f} s"), class_="figures")
+        _figure("effects tried", str(tried_), f" of which fitted {fitted_}; {diagnosis.seconds:.0f} s"), class_="figures")
 
 
 def _figure(name: str, value: str, small: str) -> Html:

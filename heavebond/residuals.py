@@ -66,10 +66,11 @@ class Run:
 
     def __init__(self, experiment: Experiment, record: Record, names: list[str], tolerances: Tolerances = TOLERANCES, *,
                  kind: type[Simulator] = Simulator, like: Run | None = None):
-        """`kind` of simulator to use; `like` is a run of the same record with another diagram, which is not read again."""
+        """`kind` of simulator to use; `like` is a run of the same record with another diagram: the record is not read again,
+        and this diagram, one of many that are tried, is not kept in the cache."""
         self.record, self.names = record, names
         self.found: Measured = like.found if like is not None else measure(experiment, record)
-        self.assembly = assemble_for(experiment, record)
+        self.assembly = assemble_for(experiment, record, keep=like is None)
         self.probe = Probe(self.assembly, [o.shown.text for o in experiment.outputs.values()])
         units = [read_unit(o.shown.unit) for o in experiment.outputs.values()]
         self.scale = np.array([u.scale for u in units])
@@ -88,19 +89,20 @@ class Run:
 
     def residuals(self, values: Mapping[str, float]) -> tuple[Array, Array]:
         """(model - measured)/noise (n,) of the n samples that count, channel after channel, and derivatives (m, n)."""
+        return self._wrong(values, self.counts)
+
+    def held_out(self, values: Mapping[str, float]) -> tuple[Array, Array]:
+        """The same of the samples that check a fit: the whole of a record that is not fitted, the blocks held out of one
+        that is."""
+        return self._wrong(values, self.counts if self.record.use != "fit" else self.checking)
+
+    def _wrong(self, values: Mapping[str, float], which: NDArray[np.bool_]) -> tuple[Array, Array]:
         result = self.simulator.run(values)
         wrong = (self.probe.values(result) - self.measured) / self.noise[:, None]
         if not self.names:
-            return wrong[self.counts], np.zeros((0, int(self.counts.sum())))
+            return wrong[which], np.zeros((0, int(which.sum())))
         moved = self.probe.sensitivities(result) / self.noise[None, :, None]
-        return wrong[self.counts], moved[:, self.counts]
-
-    def held_out(self, values: Mapping[str, float]) -> Array:
-        """(model - measured)/noise of the samples that check a fit: the whole of a record that is not fitted, the blocks
-        held out of one that is."""
-        checking = self.counts if self.record.use != "fit" else self.checking
-        wrong = (self.probe.values(self.simulator.run(values)) - self.measured) / self.noise[:, None]
-        return np.asarray(wrong[checking])
+        return wrong[which], moved[:, which]
 
 
 class Residuals:

@@ -139,7 +139,8 @@ class Result:
         chosen = list(names) if names is not None else list(dict.fromkeys(
             [*self.assembly.model.show, *(u.name for u in self.assembly.flat.unknowns),
              *(h.name for h in self.assembly.flat.held)]))
-        return SavedRun(self.assembly.model.name, self.time, self.signals(chosen), {n: self.unit(n) for n in chosen})
+        return SavedRun(self.assembly.model.name, self.time, self.signals(chosen), {n: self.unit(n) for n in chosen},
+                        f"{self.statistics['solver']} ({self.statistics['why']})" if self.statistics else "")
 
     def to_pandas(self, names: Iterable[str] | None = None) -> pd.DataFrame:
         """A table with time as index; by default the named outputs and all unknowns, columns `name [unit]`."""

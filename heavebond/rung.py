@@ -13,8 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from heavebond.catalogue import Candidate, candidates
+from heavebond.dae import Array
 from heavebond.experiment import Experiment
 from heavebond.leftover import Leftover, leftover
+from heavebond.places import nodes_of
 from heavebond.progress import Progress
 from heavebond.scoring import Base, Score, searched
 from heavebond.trial import Trial, bic, held_out
@@ -22,12 +24,17 @@ from heavebond.workers import Workers
 
 UNKNOWN = "unknown law"  # the class of learnt curves: a shape, no name
 REFITS = 24  # at least so many candidates are refitted, those with the largest scores
-PROMISING = 0.1  # and all whose gain is this share of the largest
+PROMISING = 0.1  # and where one of a class at a place has a gain of this share of the largest, all there
+AT_LEAST = 0.01  # that have this share of it
 NEARLY = 0.1  # share of what the best takes away that a rival may leave, where the noise is not given,
 RIVALS = 0.25  # share of what the best misses the noise by that a rival may miss more
 CLOSELY = 6  # trials at most are followed to the very end before they are compared,
 NEAR = 0.05  # those within this share of the logarithm of chi-square of the best
-TWINS = 1 - 1e-6  # candidates whose directions agree to this are the same machine
+TWINS = 1 - 1e-6  # candidates whose directions agree to this are the same machine,
+ALIKE = 1e-3  # their gains and shapes to this share,
+JOINED = 0.02  # and to this one where they are the same law at nodes that move as one,
+AS_ONE = 1e-6  # which is to this share of the largest value
+STEADY = 0.01  # what varies by less than this share of its size is steady
 SECONDS = 300.0  # after which no refit is begun
 # A candidate earns its place where chi-square on what was not fitted falls by this, in units of what is left: normal
 # deviations of some 3 squared would come by chance once in a thousand tries.
@@ -94,6 +101,8 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
     say("fitting what is free")
     base = fitted_base(experiment)
     held, n_held = held_out(base.problem, base.inner, base.exact)
+    courses = _courses(base)
+    found = [c for c in found if always or _says_more(c, base, courses)]
     trials: list[Trial] = []
     scores: list[Score] = []
     partial = False
@@ -106,7 +115,7 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
             place = {c.label: k for k, c in enumerate(found)}
             scores.sort(key=lambda s: place[s.candidate.label])
             left = leftover(base, scores)
-            jobs, twins = _planned(scores) if left.significant or always else ([], {})
+            jobs, twins = _planned(scores, _as_one(courses)) if left.significant or always else ([], {})
             for k, (candidate, trial) in enumerate(workers.refit(jobs, began + seconds), 1):
                 trials += [trial] if trial is not None else []
                 say(f"refitting {k} of {len(jobs)}: {candidate.label}"
@@ -115,18 +124,19 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
             say("comparing the best closely")
             trials = _polished(workers, trials, {c.label: g for c, g in jobs})
         except KeyboardInterrupt:
-            partial, left = True, leftover(base, scores)
-            jobs, twins = _planned(scores)
+            partial, left, twins = True, leftover(base, scores), {}
     return _judged(base, (held, n_held), left, scores, trials, twins, partial, clock.perf_counter() - began)
 
 
 def _polished(workers: Workers, trials: Sequence[Trial], guesses: Mapping[str, Sequence[Score]]) -> list[Trial]:
-    """The trials, those that are near the best followed to the end of their valleys."""
+    """The trials, those that are near the best followed to the end of their valleys: near on all samples or on those that
+    were fitted, as one that has not arrived may miss the others by much."""
     order = sorted(trials, key=merit)
     if not order:
         return []
-    near = [t for t in order[:CLOSELY] if merit(t) - merit(order[0]) < indistinct(order[0], merit(order[0]))
-            + NEAR * (order[0].samples + order[0].samples_held_out)]
+    margin = indistinct(order[0], merit(order[0])) + NEAR * (order[0].samples + order[0].samples_held_out)
+    lowest = min(t.bic for t in order)
+    near = [t for t in order if merit(t) - merit(order[0]) < margin or t.bic - lowest < margin][:CLOSELY]
     better = {c.label: t for c, t in workers.polish([(t, guesses[t.candidate.label]) for t in near])}
     return [better.get(t.candidate.label, t) for t in order]
 
@@ -140,7 +150,36 @@ def fitted_base(experiment: Experiment) -> Base:
     return Base.at(problem, inner)
 
 
-def _planned(scores: Sequence[Score]) -> tuple[list[tuple[Candidate, list[Score]]], dict[str, tuple[str, ...]]]:
+def _courses(base: Base) -> dict[str, tuple[str, Array]]:
+    """Each node of the base model with its domain and the course of its across variable on the fitted records."""
+    runs = [base.exact[run.record.name] for run in base.problem.runs]
+    results = [run.simulator.run(base.problem.values_of(base.inner, run.record.name)) for run in runs]
+    return {node.name: (node.domain.name, np.concatenate([result[f"{node.name}.{node.across}"] for result in results]))
+            for node in nodes_of(runs[0].assembly.flat).values()}
+
+
+def _as_one(courses: Mapping[str, tuple[str, Array]]) -> dict[str, str]:
+    """Nodes that move as one in the base model (what a lossless rope or lever joins), each with the first of them."""
+    found: dict[str, str] = {}
+    for name, (domain, course) in courses.items():
+        near = AS_ONE * max(float(np.abs(course).max()), 1e-300)
+        found[name] = next((first for first in found.values() if courses[first][0] == domain
+                            and np.abs(course - courses[first][1]).max() < near), name)
+    return found
+
+
+def _says_more(candidate: Candidate, base: Base, courses: Mapping[str, tuple[str, Array]]) -> bool:
+    """Whether what a law depends on besides its own motion changes at all: a seal that is pressed by a steady pressure has
+    dry friction, which the catalogue has without the pressure."""
+    effect = base.problem.experiment.model.library.component(candidate.component).effect
+    if effect is None or not effect.also:
+        return True
+    others = [courses[node][1] for node in candidate.change.nodes if node not in candidate.where and node in courses]
+    return all(float(np.ptp(course)) > STEADY * float(np.abs(course).max()) for course in others)
+
+
+def _planned(scores: Sequence[Score], as_one: Mapping[str, str]
+             ) -> tuple[list[tuple[Candidate, list[Score]]], dict[str, tuple[str, ...]]]:
     """What is refitted, and which candidates are the same as one of them. After a strong misfit a score names class and
     place rather than the law: all laws of one class at one place come together, the largest gain of any of them first."""
     families: dict[object, float] = {}
@@ -154,7 +193,7 @@ def _planned(scores: Sequence[Score]) -> tuple[list[tuple[Candidate, list[Score]
     kept: list[list[Score]] = []
     twins: dict[str, tuple[str, ...]] = {}
     for label, group in by_label.items():
-        k = next((k for k, other in enumerate(kept) if _same(other[0], group[0])), None)
+        k = next((k for k, other in enumerate(kept) if _same(other, group, as_one)), None)
         if k is None:
             kept.append(group)
             continue
@@ -164,7 +203,8 @@ def _planned(scores: Sequence[Score]) -> tuple[list[tuple[Candidate, list[Score]
         kept[k] = group if first == label else kept[k]
         twins[first] = (*twins.pop(other, ()), second)
     largest = kept[0][0].gain if kept else 0.0
-    chosen = [g for k, g in enumerate(kept) if k < REFITS or g[0].gain >= PROMISING * largest]
+    chosen = [g for k, g in enumerate(kept) if k < REFITS or
+              (families[_family(g[0])] >= PROMISING * largest and g[0].gain >= AT_LEAST * largest)]
     return [(g[0].candidate, g) for g in chosen], twins
 
 
@@ -173,29 +213,62 @@ def _family(score: Score) -> tuple[str, frozenset[str]]:
     return score.candidate.kind, frozenset(score.candidate.where)
 
 
-def _same(one: Score, other: Score) -> bool:
-    """Whether two candidates move all channels in the same proportion: one law at places that act alike."""
-    if one.candidate.vanishes != other.candidate.vanishes or len(one.candidate.numbers) != len(other.candidate.numbers):
+def _same(one: Sequence[Score], other: Sequence[Score], as_one: Mapping[str, str]) -> bool:
+    """Whether two candidates move all channels in the same proportion at all shapes: one law at places that act alike.
+    Where its nodes move as one it is the same machine, and only what a channel measures inside of what joins them could tell
+    them apart; steps over kinks make some directions rough, so that there the clearest decides."""
+    a, b = one[0].candidate, other[0].candidate
+    if a.vanishes != b.vanishes or len(one) != len(other) or len(a.numbers) != len(b.numbers):
         return False
+    pairs = list(zip(sorted(one, key=_shapes), sorted(other, key=_shapes), strict=True))
+    if a.component == b.component and _nodes(a, as_one) == _nodes(b, as_one):
+        return _alike(*max(pairs, key=lambda pair: min(s.gain for s in pair)), JOINED, 1 - JOINED)
+    return all(_alike(s, t, ALIKE, TWINS) for s, t in pairs)
+
+
+def _alike(one: Score, other: Score, share: float, cosine: float) -> bool:
+    """Whether two scores are the same to this share, and their directions to this cosine."""
     # one of them may be allowed in the other direction only
-    alike = abs(one.gain - other.gain) < 1e-3 * max(one.gain, other.gain)
-    return alike and len(one.shapes) == len(other.shapes) == 0 and abs(float(one.direction @ other.direction)) > TWINS
+    return np.allclose(_shapes(one)[0], _shapes(other)[0], rtol=share) and \
+        abs(one.gain - other.gain) <= share * max(one.gain, other.gain) and \
+        abs(float(one.direction @ other.direction)) > cosine
+
+
+def _nodes(candidate: Candidate, as_one: Mapping[str, str]) -> list[str]:
+    """The nodes that a candidate is put on, those that move as one by one name."""
+    return [as_one.get(node, node) for node in candidate.change.nodes]
+
+
+def _shapes(score: Score) -> tuple[list[float], int, int]:
+    """The choice of shapes and amplitudes and the side at which it was taken."""
+    return list(score.shapes.values()), len(score.along), score.side
 
 
 def _judged(base: Base, held: tuple[float, int], left: Leftover, scores: Sequence[Score], trials: Sequence[Trial],
             twins: dict[str, tuple[str, ...]], partial: bool, seconds: float) -> Step:
     problem = base.problem
-    r, cost = base.r, base.cost
-    order = sorted(trials, key=merit)
-    before = _merit(cost, len(r), len(base.inner), *held)
-    good = [t for t in order if merit(t) < before - EARNED and _earned(t, held)]
-    close = [t for t in good if merit(t) - merit(good[0]) < indistinct(good[0], before)]
-    cluster = (*close, *_twins_of(close, twins, scores))
     ended = tuple(c.free.name for c, end in zip(problem.columns, problem.at_end(base.inner), strict=True) if end)
-    return Step(
-        problem.experiment, problem.values_of(base.inner, problem.runs[0].record.name), cost, len(r),
-        float(r @ r) / len(r), *held, ended, left, tuple(_best_of_each(scores)), tuple(order), good[0] if good else None,
-        cluster, twins, tuple(_unseen(scores)), partial, seconds)
+    made = Step(
+        problem.experiment, problem.values_of(base.inner, problem.runs[0].record.name), base.cost, len(base.r),
+        float(base.r @ base.r) / len(base.r), *held, ended, left, tuple(_best_of_each(scores)),
+        tuple(sorted(trials, key=merit)), None, (), twins, tuple(_unseen(scores)), partial, seconds)
+    earned = _earned(made)
+    return choosing(made, earned[0]) if earned else made
+
+
+def choosing(made: Step, trial: Trial) -> Step:
+    """The step with one of its trials chosen, and what the records cannot tell from it."""
+    margin = indistinct(trial, made.merit)
+    close = [t for t in _earned(made) if t is not trial and min(m(t) - m(trial) for m in (merit, _joint)) < margin]
+    return replace(made, chosen=trial, cluster=(trial, *close, *_twins_of([trial, *close], made.twins, made.scores)))
+
+
+def leaders(made: Step, most: int) -> list[Step]:
+    """The step with each of the best trials chosen that earn their place, one of each class at each place."""
+    best: dict[object, Trial] = {}
+    for trial in _earned(made):
+        best.setdefault((trial.candidate.kind, frozenset(trial.candidate.where)), trial)
+    return [choosing(made, trial) for trial in list(best.values())[:most]]
 
 
 def _twins_of(close: Sequence[Trial], twins: Mapping[str, Sequence[str]], scores: Sequence[Score]) -> list[Trial]:
@@ -229,16 +302,25 @@ def merit(trial: Trial) -> float:
     return _merit(trial.cost, trial.samples, trial.unknowns, trial.chi2_held_out, trial.samples_held_out)
 
 
+def _joint(trial: Trial) -> float:
+    """The merit with what was held out as a fit to all samples would leave it: numbers that the fit leaves open by little
+    may miss other records by more than one law does more than another."""
+    held = trial.chi2_held_out - trial.slack / max(trial.samples_held_out, 1)
+    return _merit(trial.cost, trial.samples, trial.unknowns, held, trial.samples_held_out)
+
+
 def _merit(cost: float, samples: int, unknowns: int, chi2: float, held: int) -> float:
     return bic(cost, samples, unknowns) + (held * float(np.log(max(chi2, 1e-300))) if held else 0.0)
 
 
-def _earned(trial: Trial, held: tuple[float, int]) -> bool:
-    """Whether chi-square on what was not fitted falls by more than chance allows."""
-    if not held[1]:
-        return True
-    scale = max(1.0, trial.chi2_held_out)
-    return (held[0] - trial.chi2_held_out) * held[1] / scale > EARNED
+def _earned(made: Step) -> list[Trial]:
+    """The trials whose merit and chi-square on what was not fitted both fall by more than chance allows, best first."""
+    def falls(trial: Trial) -> bool:
+        scale = max(1.0, trial.chi2_held_out)
+        fallen = (made.chi2_held_out - trial.chi2_held_out) * made.samples_held_out / scale
+        return not made.samples_held_out or fallen > EARNED
+
+    return [t for t in made.trials if merit(t) < made.merit - EARNED and falls(t)]
 
 
 def indistinct(best: Trial, before: float) -> float:

@@ -19,17 +19,20 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 _HEAD = re.compile(r"(?P<name>.+) \[(?P<unit>[^\[\]]*)\]")
 LONGEST_NAME = 63  # of a MATLAB variable
-TAKEN = ("time", "model", "signals", "variables", "units")
+NEEDED = ("time", "model", "signals", "variables", "units")  # in a MAT file
+TAKEN = (*NEEDED, "solver")
 
 
 @dataclass(frozen=True)
 class SavedRun:
-    """A run without its diagram: `time` (N,) in s, and signals by name, (N,) each, in `units[name]`."""
+    """A run without its diagram: `time` (N,) in s, and signals by name, (N,) each, in `units[name]`; `solver` is what
+    integrated it and why (a CSV file does not tell)."""
 
     model: str
     time: Array
     values: dict[str, Array] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
+    solver: str = ""
 
     def names(self) -> list[str]:
         """The signals in the order of the file."""
@@ -89,7 +92,7 @@ def _form(path: Path, what: str) -> tuple[Callable[[SavedRun, Path], None], Call
 
 
 # -- tables ----------------------------------------------------------------------------------------------------------
-def _from_table(table: pd.DataFrame, path: Path, model: str) -> SavedRun:
+def _from_table(table: pd.DataFrame, path: Path, model: str, solver: str = "") -> SavedRun:
     """A table whose first column (or index) is the time; every column needs its unit."""
     heads = [_HEAD.fullmatch(str(column)) for column in table.columns]
     if not heads or heads[0] is None or heads[0]["name"] != "time":
@@ -99,7 +102,7 @@ def _from_table(table: pd.DataFrame, path: Path, model: str) -> SavedRun:
         raise _not_a_run(path, f"column '{without[0]}' has no unit in brackets")
     known = [(head["name"], head["unit"], table.iloc[:, k].to_numpy(float)) for k, head in enumerate(heads) if head]
     return SavedRun(model, known[0][2], {name: values for name, _, values in known[1:]},
-                    {name: unit for name, unit, _ in known[1:]})
+                    {name: unit for name, unit, _ in known[1:]}, solver)
 
 
 def _write_csv(run: SavedRun, path: Path) -> None:
@@ -119,7 +122,7 @@ def _parquet_missing(verb: str) -> UsageError:
 
 def _write_parquet(run: SavedRun, path: Path) -> None:
     table = run.to_pandas()
-    table.attrs = {"model": run.model}
+    table.attrs = {"model": run.model, "solver": run.solver}
     try:
         table.to_parquet(path, engine="pyarrow")
     except ImportError:
@@ -133,7 +136,8 @@ def _read_parquet(path: Path) -> SavedRun:
         table = pd.read_parquet(path, engine="pyarrow")
     except ImportError:
         raise _parquet_missing("reading") from None
-    return _from_table(table.reset_index(), path, str(table.attrs.get("model", path.stem)))
+    return _from_table(table.reset_index(), path, str(table.attrs.get("model", path.stem)),
+                       str(table.attrs.get("solver", "")))
 
 
 # -- MAT and NetCDF --------------------------------------------------------------------------------------------------
@@ -161,15 +165,15 @@ def _write_mat(run: SavedRun, path: Path) -> None:
 
     columns = {variable: run.values[name][:, None] for variable, name in zip(variables, names, strict=True)}
     savemat(str(path), {"time": run.time[:, None], **columns, "model": run.model, "signals": cells(names),
-                        "variables": cells(variables), "units": cells([run.units[name] for name in names])},
-            appendmat=False)
+                        "variables": cells(variables), "units": cells([run.units[name] for name in names]),
+                        "solver": run.solver}, appendmat=False)
 
 
 def _read_mat(path: Path) -> SavedRun:
     from scipy.io import loadmat
 
     raw = loadmat(path)
-    missing = [key for key in TAKEN if key not in raw]
+    missing = [key for key in NEEDED if key not in raw]
     if missing:
         raise _not_a_run(path, f"it has no variable '{missing[0]}'")
 
@@ -179,7 +183,7 @@ def _read_mat(path: Path) -> SavedRun:
     names, variables = texts("signals"), texts("variables")
     values = {name: np.asarray(raw[variable], float).ravel() for name, variable in zip(names, variables, strict=True)}
     return SavedRun("".join(raw["model"].ravel()), np.asarray(raw["time"], float).ravel(), values,
-                    dict(zip(names, texts("units"), strict=True)))
+                    dict(zip(names, texts("units"), strict=True)), "".join(raw.get("solver", np.array([])).ravel()))
 
 
 def _write_netcdf(run: SavedRun, path: Path) -> None:
@@ -187,7 +191,7 @@ def _write_netcdf(run: SavedRun, path: Path) -> None:
 
     file: Any
     with netcdf_file(str(path), "w", version=2) as file:
-        file.title = run.model
+        file.title, file.solver = run.model, run.solver
         file.createDimension("time", len(run.time))
         # `/` parts groups in NetCDF; the name as it is stands in `long_name`
         for name, unit, values in [("time", "s", run.time), *((n, run.units[n], v) for n, v in run.values.items())]:
@@ -207,7 +211,7 @@ def _read_netcdf(path: Path) -> SavedRun:
         time = np.array(variables.pop("time")[:], float)
         named = {v.long_name.decode(): (v.units.decode(), np.array(v[:], float)) for v in variables.values()}
         return SavedRun(file.title.decode(), time, {n: values for n, (_, values) in named.items()},
-                        {n: unit for n, (unit, _) in named.items()})
+                        {n: unit for n, (unit, _) in named.items()}, getattr(file, "solver", b"").decode())
 
 
 _FORMS: dict[str, tuple[Callable[[SavedRun, Path], None], Callable[[Path], SavedRun]]] = {

@@ -12,7 +12,7 @@ from urllib.parse import quote
 from heavebond.definition import ATTACHES, Component
 from heavebond.errors import ModelError
 from heavebond.library import Library
-from heavebond.model import STARTS
+from heavebond.model import SOLVERS, STARTS
 from heavebond.sampling import DRAWN, NAMED
 from heavebond.schema_values import (
     COMMON_ENTRIES,
@@ -78,7 +78,9 @@ def diagram() -> Schema:
         "initial": {"$ref": "#/definitions/initial"},
         "show": _each(_object({"is": _said("a formula; without it the name itself", FORMULA), "unit": UNIT}, ["unit"]),
                       "named outputs"),
-        "simulate": _object({"until": TIME, "every": TIME}, description="how long, and the time between output points"),
+        "simulate": _object({"until": TIME, "every": TIME, "solver": _said("what integrates a run; idas without it",
+                                                                           {"enum": list(SOLVERS)})},
+                            description="how long, the time between output points, and by what"),
         "view": _each({"anyOf": [seen(kind) for kind in SHAPES]}, "shapes that `heavebond animate` moves"),
         "source": _said("where it is from"), "notes": _said("text for readers", {})}, ["model"])
 

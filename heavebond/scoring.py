@@ -8,12 +8,15 @@ to what is free already and s (n,) those to the amplitude a of a candidate that 
 is the score (Lagrange multiplier) test: P holds the priors of the free parameters. Where nothing is missing z is normal
 with variance 1; with an amplitude a its mean is a |s_o| (the noncentrality), which says how large an effect must be to be
 seen. C. R. Rao (1948), doi:10.1017/S0305004100023987. A score is local: after a strong misfit it orders the work and
-names the family rather than the law.
+names the family rather than the law. And an amplitude that is too small to be seen may already change how the machine moves
+(a leakage that is the only way out of a chamber): where the tangent turns before the effect can be seen, that at an
+amplitude that can be is a score besides.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -28,6 +31,7 @@ from heavebond.quick import QuickSimulator
 from heavebond.residuals import Residuals, Run
 from heavebond.simulation import Simulator, Tolerances
 from heavebond.symbols import kinked
+from heavebond.units import Dimension
 
 # A search needs no more: at these the run errs by less than a tenth of the noise, which every refit would absorb.
 SEARCH = Tolerances(1e-5, 1e-7)
@@ -36,16 +40,24 @@ SEARCH = Tolerances(1e-5, 1e-7)
 SAME = 1e-3
 # Share of the amplitude that would move the channels by the whole misfit, at which the tangent beside a kink is taken.
 BESIDE = 1e-3
+# z from which one effect is seen, at whose amplitude a second tangent is taken; and the cosine of the two (what free
+# parameters take left out) above which they are one: the second would tell 1 % more of the misfit.
+SEEN, TURNED = 5.0, 0.995
 # A direction smaller than this share of the channels themselves is the rounding of the integrator.
 ROUNDING = 1e-12
+# A difference of two runs of the search is nothing where it is below so many times the error of one: the two err alike or
+# apart, up to twice as much.
+ROUGH = 2.0
 
 
 @dataclass(frozen=True)
 class Score:
     """One candidate at one choice of its shapes: z (see the module), the amplitude that the score asks for, `step` of the
     free parameters with it (in inner unknowns), the size |s| of its direction and the share of it that the free parameters
-    do not take; `direction` (n,) is s_o / |s_o|. An unseen one moves no channel beyond a thousandth of the noise. A law
-    with a kink at amplitude zero has another tangent on either `side` (1, -1; 0: one for both), each with its own score."""
+    do not take; `direction` (n,) is s_o / |s_o|. An unseen one moves no channel beyond a thousandth of the noise. Of several
+    amplitudes those `along` are moved, which have one unit (a stiffness and a damping have no common size). A law
+    with a kink at amplitude zero, or whose tangent turns near it, has another tangent on either `side` (1, -1; 0: at zero),
+    each with its own score."""
 
     candidate: Candidate
     shapes: Mapping[str, float]
@@ -55,6 +67,7 @@ class Score:
     size: float
     share: float
     direction: Array
+    along: tuple[str, ...] = ()
     side: int = 0
 
     @property
@@ -65,7 +78,7 @@ class Score:
     @property
     def signed(self) -> bool:
         """Whether the amplitude may have either sign."""
-        return self.side == 0 and self.candidate.vanishes and any(_below(n) for n in self.candidate.numbers)
+        return self.side == 0 and any(_below(n) for n in _along(self))
 
     @property
     def told_apart(self) -> bool:
@@ -126,6 +139,11 @@ class Base:
         return float(self.r @ self.r + prior @ prior)
 
     @cached_property
+    def error(self) -> float:
+        """The length of what the integrator of the search does to the residuals by its errors."""
+        return float(np.linalg.norm(self.r - self.quick))
+
+    @cached_property
     def moving(self) -> NDArray[np.int64]:
         """The free parameters (indices) that are not held by an end of their range: one that is can take nothing more."""
         return np.flatnonzero(~self.problem.at_end(self.inner))
@@ -154,15 +172,27 @@ def scored(base: Base, candidate: Candidate) -> list[Score]:
     except HeavebondError:
         return []
     found = []
-    sides = _sides(base, candidate)
+    kink = _kinked(base, candidate)
     for shapes in points:
         try:
-            s = _direction(base, runs, shapes) if candidate.vanishes else _difference(base, runs, shapes)
-            first = _scored(base, candidate, shapes, s)
-            found += [_beside(base, first, runs, side) for side in sides] if first.size > 0 and sides else [first]
+            if candidate.vanishes:
+                found += [score for first in _at_zero(base, candidate, runs, shapes)
+                          for score in _on_sides(base, first, runs, kink)]
+            else:
+                found.append(_scored(base, candidate, shapes, _difference(base, runs, shapes), ROUGH * base.error))
         except HeavebondError:  # this choice of the shapes cannot be simulated
             continue
     return found
+
+
+def _at_zero(base: Base, candidate: Candidate, runs: Sequence[Run], shapes: Mapping[str, float]) -> list[Score]:
+    """The scores at amplitude zero: amplitudes of one unit move together."""
+    moved = _moved(base, runs, shapes)
+    together: dict[Dimension, list[str]] = {}
+    for number in candidate.vanishing:
+        together.setdefault(number.unit.dimension, []).append(number.name)
+    return [replace(_scored(base, candidate, shapes, np.sum([moved[name] for name in names], axis=0)), along=tuple(names))
+            for names in together.values()]
 
 
 def _below(number: Sized) -> bool:
@@ -170,23 +200,47 @@ def _below(number: Sized) -> bool:
     return number.amplitude and (number.low is None or number.low < number.neutral)
 
 
-def _sides(base: Base, candidate: Candidate) -> tuple[int, ...]:
-    """On which sides of amplitude zero tangents are to be taken; none where its law has no kink there."""
+def _kinked(base: Base, candidate: Candidate) -> bool:
+    """Whether its law has a kink at amplitude zero."""
     amplitudes = {n.name.rpartition(".")[2]: n for n in candidate.vanishing}
     component = base.problem.experiment.model.library.component(candidate.component)
-    if not any(kinked(side, amplitudes) for line in component.equations for side in (line.tree.left, line.tree.right)):
-        return ()
-    return (1, -1) if any(_below(n) for n in amplitudes.values()) else (1,)
+    return any(kinked(side, amplitudes) for line in component.equations for side in (line.tree.left, line.tree.right))
 
 
-def _beside(base: Base, at_zero: Score, runs: Sequence[Run], side: int) -> Score:
-    """The score from a tangent at so small an amplitude that it does next to nothing: at a kink itself the derivative is
-    of neither side (of a valve whose edges shut at the same point, a thousand times that of either)."""
-    candidate = at_zero.candidate
-    step = side * BESIDE * float(np.linalg.norm(base.r)) / at_zero.size
-    moved = {n.name: n.neutral + step for n in candidate.vanishing}
-    found = _scored(base, candidate, at_zero.shapes, side * _direction(base, runs, {**at_zero.shapes, **moved}))
-    return replace(found, amplitude=side * found.amplitude, side=side)
+def _on_sides(base: Base, at_zero: Score, runs: Sequence[Run], kink: bool) -> list[Score]:
+    """The score at amplitude zero and those beside it that say something else. At a kink these stand alone: they are taken
+    at so small an amplitude that it does next to nothing, since the derivative at the kink itself is of neither side (of a
+    valve whose edges shut at the same point, a thousand times that of either)."""
+    amplitudes = _along(at_zero)
+    if at_zero.size == 0 or not amplitudes or not (kink or at_zero.told_apart):
+        return [at_zero]
+    step = BESIDE * float(np.linalg.norm(base.r)) / at_zero.size if kink else SEEN / (at_zero.size * at_zero.share)
+    sides = (1, -1) if any(_below(n) for n in amplitudes) else (1,)
+    found = []
+    for side in sides:
+        with suppress(HeavebondError):  # so much cannot be simulated, or is more than there may be
+            found.append(_beside(base, at_zero, runs, side * step))
+    return found if kink else [at_zero, *(s for s in found if _turned(s, at_zero))]
+
+
+def _turned(one: Score, other: Score) -> bool:
+    """Whether two scores of a candidate are about different directions."""
+    return one.size > 0 and float(one.side * one.direction @ other.direction) < TURNED
+
+
+def _beside(base: Base, at_zero: Score, runs: Sequence[Run], step: float) -> Score:
+    """The score from the tangent at an amplitude."""
+    side = 1 if step > 0 else -1
+    there = {**at_zero.shapes, **{n.name: n.neutral + step for n in _along(at_zero)}}
+    moved = _moved(base, runs, there)
+    s = side * np.sum([moved[name] for name in at_zero.along], axis=0)
+    found = _scored(base, at_zero.candidate, at_zero.shapes, s)
+    return replace(found, amplitude=side * found.amplitude, along=at_zero.along, side=side)
+
+
+def _along(score: Score) -> list[Sized]:
+    """The amplitudes that a score moves."""
+    return [n for n in score.candidate.numbers if n.name in score.along]
 
 
 def _settled(candidate: Candidate, runs: Sequence[Run], base: Base) -> Candidate:
@@ -217,15 +271,17 @@ def _values(base: Base, run: Run, more: Mapping[str, float]) -> dict[str, float]
     return {**{name: value for name, value in values.items() if name in known}, **more}
 
 
-def _direction(base: Base, runs: Sequence[Run], shapes: Mapping[str, float]) -> Array:
-    """d r / d a (n,) along all amplitudes together."""
-    return np.concatenate([run.residuals(_values(base, run, shapes))[1].sum(axis=0) for run in runs])
+def _moved(base: Base, runs: Sequence[Run], values: Mapping[str, float]) -> dict[str, Array]:
+    """d r / d a (n,) for each amplitude."""
+    found = np.hstack([run.residuals(_values(base, run, values))[1] for run in runs])
+    return dict(zip(runs[0].names, found, strict=True))
 
 
-def _scored(base: Base, candidate: Candidate, shapes: Mapping[str, float], s: Array) -> Score:
+def _scored(base: Base, candidate: Candidate, shapes: Mapping[str, float], s: Array, least: float = 0.0) -> Score:
+    """The score along s (n,); one no larger than `least` is taken for the errors of the integrator."""
     with np.errstate(over="ignore"):  # a run that went astray
         size = float(np.linalg.norm(s))
-    if not np.isfinite(size) or size <= ROUNDING * base.signals:
+    if not np.isfinite(size) or size <= max(ROUNDING * base.signals, least):
         return Score(candidate, shapes, 0.0, 0.0, np.zeros(len(base.inner)), 0.0, 0.0, np.zeros(0))
     left, step = base.split(s)
     length = float(np.linalg.norm(left))

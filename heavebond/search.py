@@ -1,7 +1,8 @@
 """Ways to the least cost within ranges and limits from one point on, with gradients.
 
-`trust`: sequential quadratic programming in a trust region, the curvature estimated from the gradients on the way
-(damped BFGS). A run that breaks down, or a machine that has lost its stability, is a step that was too long.
+`trust`: sequential quadratic programming in a trust region. The curvature is what the sensitivities of signals tell at each
+point (Gauss-Newton), corrected by the last step (symmetric rank one); where only gradients are known it is estimated from
+these (damped BFGS). A run that breaks down, or a machine that has lost its stability, is a step that was too long.
 `slsqp`: D. Kraft, A software package for sequential quadratic programming, 1988, as in SciPy; `ipopt`: A. Wachter and
 L. T. Biegler, 2006, doi:10.1007/s10107-004-0559-y, as in CasADi, with a limited-memory Hessian.
 """
@@ -24,6 +25,8 @@ from heavebond.progress import Progress
 METHODS = ("trust", "slsqp", "ipopt")
 # The search ends where a step gains less than this share of the cost: runs at the tolerances of a tuning are no smoother.
 SETTLED = 1e-4
+# What two searches have found is one and the same where it is nearer than this share of every range.
+APART = 0.03
 # A run that cannot be finished costs this many times the cost at the beginning.
 BROKEN = 1e3
 FLAT = 1e-4  # the least curvature, as a share of the largest
@@ -32,6 +35,7 @@ LONGEST_STEP = 0.5
 SHORTEST_STEP = 1e-4
 AT_GUARD = 0.8  # of GROWN: from there on it was the guard of stability that held a search back
 BEYOND = 0.02  # of the ranges: the first step without it
+SWUNG_UP = 2.0  # so many times the cost is put down to lost stability where that is lost; less to a poor estimate
 NEAR = 0.05  # a limit that is kept by more than this share has no force
 ACCEPTED = 0.1  # a step is taken where it gains this share of what was predicted
 GOOD = 0.7  # and the next may be longer from this share on
@@ -46,10 +50,14 @@ class Found:
     path: tuple[Evaluation, ...]
 
 
-def search(problem: Objective, first: Array, method: str, most_steps: int, say: Progress) -> Found:
-    """The least cost that is found from one point on; `most_steps` bounds the accepted steps."""
+def search(problem: Objective, first: Array, method: str, most_steps: int, say: Progress, others: Sequence[Found] = ()
+           ) -> Found:
+    """The least cost that is found from one point on; `most_steps` bounds the accepted steps. A search by `trust` that
+    comes to where one of `others` has ended stops there."""
     seen = _Seen(problem, say)
-    message = {"trust": _trust, "slsqp": _slsqp, "ipopt": _ipopt}[method](seen, np.clip(first, 0, 1), most_steps)
+    first = np.clip(first, 0, 1)
+    message = _trust(seen, first, most_steps, [found.best for found in others]) if method == "trust" else \
+        {"slsqp": _slsqp, "ipopt": _ipopt}[method](seen, first, most_steps)
     best = min(seen.path, key=lambda e: (not e.kept, e.cost))
     return Found(problem.evaluate(best.at) if best.gradient is None else best, message, tuple(seen.path))
 
@@ -90,7 +98,7 @@ class _Step:
     gain: float
 
 
-def _trust(seen: _Seen, first: Array, most_steps: int) -> str:
+def _trust(seen: _Seen, first: Array, most_steps: int, known_best: Sequence[Evaluation]) -> str:
     problem = seen.problem
     at = seen.slopes(first)
     if at.gradient is None:
@@ -103,15 +111,14 @@ def _trust(seen: _Seen, first: Array, most_steps: int) -> str:
         step = _quadratic_step(at, curvature, radii, penalty)
         settled = step.gain < SETTLED * max(abs(at.cost), 1e-300)
         if settled or radii.max() < SHORTEST_STEP or idle >= 2:
-            if not (calm and problem.growth(at.at) > AT_GUARD * GROWN):
-                return "settled" if settled or idle >= 2 else "no shorter step leads on"
-            # held back by the linearised machine alone: friction may hold it still a little further
-            calm, idle, radii = False, 0, np.full(len(first), BEYOND)
-            continue
+            return "settled" if settled or idle >= 2 else "no shorter step leads on"
         trial_at = np.clip(at.at + step.d, 0, 1)
         growth = problem.growth(trial_at)
         if calm and not growth < GROWN:
-            radii = _shorter_where(radii, step.d, problem.growth_slope(trial_at) * step.d)
+            calm = problem.growth(at.at) < AT_GUARD * GROWN
+            # held back by the linearised machine alone: friction, or its own motion, may hold it a little further
+            radii = _shorter_where(radii, step.d, problem.growth_slope(trial_at) * step.d, _to_guard(problem, at.at, step.d)
+                                   ) if calm else np.full(len(first), BEYOND)
             continue
         # After a step that went well the next is likely taken: its gradient comes with it, at less than two runs. Runs that
         # ring are long, and longer with sensitivities.
@@ -120,10 +127,12 @@ def _trust(seen: _Seen, first: Array, most_steps: int) -> str:
         sure = gained > ACCEPTED * step.gain
         if sure and (trial := seen.slopes(trial_at)).gradient is not None:
             known = _definite(trial.curvature)
-            curvature = _updated(curvature if known is None else known, at, trial, forces)
+            curvature = _updated(curvature, at, trial, forces) if known is None else _corrected(known, at, trial, forces)
             idle = idle + 1 if gained < SETTLED * abs(at.cost) else 0
             problem.resize(trial)
             at = trial
+            if any(other.cost <= at.cost and np.abs(other.at - at.at).max() < APART for other in known_best):
+                return "came to where another search ended"
             if gained > GOOD * step.gain:
                 radii = np.where(np.abs(step.d) > 0.9 * radii, np.minimum(2 * radii, LONGEST_STEP), radii)
         else:
@@ -132,18 +141,32 @@ def _trust(seen: _Seen, first: Array, most_steps: int) -> str:
 
 
 def _after_refusal(problem: Objective, at: Evaluation, trial: Evaluation, d: Array, radii: Array) -> Array:
-    """Shorter radii in the unknowns in which a step was too long, as the slopes at its far end tell."""
+    """Shorter radii in the unknowns in which a step was too long, as the slopes at its far end tell, or what has cost the
+    machine its stability."""
     if trial.gradient is not None and at.gradient is not None:
-        return _shorter_where(radii, d, (trial.gradient - at.gradient) * d)
-    rise = problem.growth_slope(trial.at) * d if np.isfinite(problem.growth(trial.at)) else np.zeros(len(d))
+        return _shorter_where(radii, d, (trial.gradient - at.gradient) * d, _lowest_between(at, trial, d))
+    before, after = problem.growth(at.at), problem.growth(trial.at)
+    lost = not trial.cost < SWUNG_UP * abs(at.cost) and before + max(GROWN, 0.2 * abs(before)) < after < np.inf and after > 0
+    rise = problem.growth_slope(trial.at) * d if lost else np.zeros(len(d))
     return _shorter_where(radii, d, rise, _shorter(at, trial, d))
 
 
 def _shorter_where(radii: Array, d: Array, rise: Array, share: float = 0.3) -> Array:
-    """Radii shortened in the unknowns to which most of a rise is due; in all where none is to blame."""
+    """Radii shortened in the unknowns to which most of a rise is due; all alike where none is to blame."""
     most = float(rise.max())
-    guilty = rise >= 0.3 * most if most > 0 else np.ones(len(d), dtype=bool)
-    return np.where(guilty, np.minimum(radii, np.abs(d)) * share, radii)
+    if not most > 0:
+        return np.asarray(radii * share * float((np.abs(d) / radii).max()))
+    return np.where(rise >= 0.3 * most, np.minimum(radii, np.abs(d)) * share, radii)
+
+
+def _to_guard(problem: Objective, at: Array, d: Array) -> float:
+    """The share of a step that leads to the guard of stability, by bisection: that costs no run."""
+    low, high = 0.0, 1.0
+    while high - low > 0.05:
+        middle = (low + high) / 2
+        inside = problem.growth(np.clip(at + middle * d, 0, 1)) < (1 + AT_GUARD) / 2 * GROWN
+        low, high = (middle, high) if inside else (low, middle)
+    return max(low, 0.05)
 
 
 def _first_curvature(at: Evaluation) -> Array:
@@ -174,6 +197,17 @@ def _shorter(at: Evaluation, trial: Evaluation, d: Array) -> float:
     slope = float(at.gradient @ d)
     bend = trial.cost - at.cost - slope
     return float(np.clip(-slope / (2 * bend), 0.1, 0.5)) if np.isfinite(bend) and bend > 0 else 0.25
+
+
+def _lowest_between(at: Evaluation, trial: Evaluation, d: Array) -> float:
+    """The share of a step to try next: the lowest point of the cubic through the costs and slopes at both ends."""
+    assert at.gradient is not None and trial.gradient is not None
+    first, last = float(at.gradient @ d), float(trial.gradient @ d)
+    bend = first + last - 3 * (trial.cost - at.cost)
+    root = bend**2 - first * last
+    if not (np.isfinite(root) and root >= 0 and last > 0):
+        return 0.3
+    return float(np.clip(1 - (last + np.sqrt(root) - bend) / (last - first + 2 * np.sqrt(root)), 0.1, 0.7))
 
 
 def _quadratic_step(at: Evaluation, curvature: Array, radii: Array, penalty: float) -> _Step:
@@ -215,12 +249,29 @@ def _forces(at: Evaluation) -> Array:
     return forces
 
 
-def _updated(curvature: Array, old: Evaluation, new: Evaluation, forces: Array) -> Array:
-    """Damped BFGS (M. J. D. Powell, 1978): stays positive definite where the cost is not convex."""
+def _turned(old: Evaluation, new: Evaluation, forces: Array) -> Array:
+    """By how much the slope of the Lagrangian has changed over a step."""
     assert old.gradient is not None and new.gradient is not None
     assert old.limit_gradients is not None and new.limit_gradients is not None
+    return np.asarray(new.gradient - old.gradient + forces @ (new.limit_gradients - old.limit_gradients))
+
+
+def _corrected(known: Array, old: Evaluation, new: Evaluation, forces: Array) -> Array:
+    """A curvature that is known but for small parts, corrected by what the last step missed (symmetric rank one, A. R.
+    Conn, N. I. M. Gould, P. L. Toint, 1991, doi:10.1007/BF01594934). BFGS would replace what is known along the step, which
+    in a narrow valley is mostly its steep side."""
     d = new.at - old.at
-    turned = new.gradient - old.gradient + forces @ (new.limit_gradients - old.limit_gradients)
+    missed = _turned(old, new, forces) - known @ d
+    along = float(missed @ d)
+    if abs(along) < 1e-8 * float(np.linalg.norm(missed) * np.linalg.norm(d)) or not d.any():
+        return known
+    found = _definite(known + np.outer(missed, missed) / along)
+    return known if found is None else found
+
+
+def _updated(curvature: Array, old: Evaluation, new: Evaluation, forces: Array) -> Array:
+    """Damped BFGS (M. J. D. Powell, 1978): stays positive definite where the cost is not convex."""
+    d, turned = new.at - old.at, _turned(old, new, forces)
     straight = curvature @ d
     bend, expected = float(d @ turned), float(d @ straight)
     if expected <= 0:

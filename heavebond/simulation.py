@@ -1,4 +1,4 @@
-"""Integration by SUNDIALS IDAS through CasADi: grids, measured inputs, failures in the model's words."""
+"""Integration of a diagram, by IDAS or another solver: grids, measured inputs, failures in the model's words."""
 
 from __future__ import annotations
 
@@ -10,19 +10,21 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from heavebond.buffered import Buffered
 from heavebond.charts import Chart, Charts
 from heavebond.co_simulation import check_allowed
 from heavebond.dae import Array, Assembly, Factors, Integrand, assemble, integrand, substitute_inputs
 from heavebond.definition import Value
 from heavebond.errors import Problem, SimulationError, UsageError
 from heavebond.expression import constant
-from heavebond.idas import MOST_STEPS, Idas, caught_errors
+from heavebond.idas import MOST_STEPS, caught_errors
 from heavebond.idas import Tolerances as Tolerances  # a part of this module's interface
 from heavebond.initialise import Start, Tangent, start, tangent
 from heavebond.inputs import Pieced, pieced
 from heavebond.jumps import EventEquations
 from heavebond.model import Model
 from heavebond.result import Along, Result, Stayed
+from heavebond.solvers import DEFAULT, RETYPE, Choice, Integrator, algebraic_left, chosen, integrator
 from heavebond.start_equations import StartEquations
 from heavebond.switching import MOST_STEPS_IN_CHART, Switching, settled
 from heavebond.symbols import stack
@@ -36,18 +38,20 @@ POINTS = 1000  # output points where nothing is said
 def simulate(model: Model | Assembly, until: Time | None = None, *, every: Time | None = None,
              parameters: Mapping[str, float | str] | None = None, also: Iterable[str] = (),
              sensitivities: Iterable[str] = (), rtol: float = 1e-8, atol: float = 1e-10,
-             allow_fmu: bool = False) -> Result:
+             solver: str | None = None, allow_fmu: bool = False) -> Result:
     """Run a diagram from 0 to `until` (seconds, or `"2 min"`), with an output point `every` so often.
 
     Both default to what the diagram says under `simulate:`. `parameters` overrides values by name. `sensitivities`
     names parameters with respect to which the derivative of every signal is wanted (`result.sensitivity`). Errors are
-    controlled to rtol and to atol times each unknown's nominal size. The programs in FMUs are run with `allow_fmu` only;
-    a diagram with FMUs is refused otherwise. Raises StartError where no consistent start
-    exists and SimulationError where the integration fails; a given Assembly is not built anew.
+    controlled to rtol and to atol times each unknown's nominal size. `solver` is idas, cvodes, rosenbrock or auto (see
+    `solvers`), by default what the diagram says, else idas; UsageError where it cannot integrate the diagram. The programs
+    in FMUs are run with `allow_fmu` only; a diagram with FMUs is refused otherwise. Raises StartError where no consistent
+    start exists and SimulationError where the integration fails; a given Assembly is not built anew.
     """
     assembly = model if isinstance(model, Assembly) else assemble(model, also)
-    return Simulator(assembly, until, every=every, tolerances=Tolerances(rtol, atol),
-                     sensitivities=sensitivities, allow_fmu=allow_fmu).run(parameters)
+    written = assembly.model.solver
+    return Simulator(assembly, until, every=every, tolerances=Tolerances(rtol, atol), sensitivities=sensitivities,
+                     solver=solver or (written.text if written else None), allow_fmu=allow_fmu).run(parameters)
 
 
 class Simulator:
@@ -57,10 +61,11 @@ class Simulator:
                  times: Array | None = None, tolerances: Tolerances | None = None,
                  quadratures: ca.SX | None = None, factors: Factors | None = None, sensitivities: Iterable[str] = (),
                  free_start: bool = False, like: Simulator | None = None, driven: Pieced | None = None,
-                 allow_fmu: bool = False):
-        """`factors` stand in the quadratures; `free_start` adds the states at the first time to the sensitivities (see
-        `run_from`); what can be taken from another simulator (`like`) is not made again; `driven` are inputs to be taken
-        instead of the records'."""
+                 solver: str | None = None, allow_fmu: bool = False):
+        """IDAS integrates where no other `solver` is asked for, whatever the diagram says of its plain runs. `factors`
+        stand in the quadratures; `free_start` adds the states at the first time to the sensitivities (see `run_from`); what
+        can be taken from another simulator (`like`) is not made again; `driven` are inputs to be taken instead of the
+        records'."""
         self.assembly = assembly
         check_allowed(assembly.flat, allow_fmu, sensitivities := tuple(sensitivities))
         self.tolerances = tolerances or Tolerances()
@@ -72,21 +77,30 @@ class Simulator:
         self.pieces: Pieced = driven or (like.pieces if like is not None and self._driven_as(like) else
                                          pieced(assembly.flat, float(self.time[0]), float(self.time[-1])))
         self.quadratures, self.factors = quadratures, factors
-        self.integrand = _with_integrals(integrand(assembly, quadratures, len(self.sensitivities)), factors)
-        self.integrals = 0 if quadratures is None else quadratures.numel() * (1 + len(self.sensitivities))
-        self.stops = np.union1d(self.time, self.pieces.inner_breaks(self.time[0], self.time[-1]))
-        self.integrator = self._integrator()
-        self.loops = _loops(self.integrand)
         self.start_equations: StartEquations = like.start_equations \
             if like is not None and like.assembly.reduced is assembly.reduced else StartEquations(assembly)
-        self._known_slopes: dict[int, ca.Function] = {}
+        self.integrand = self._made(assembly, quadratures)
+        self.integrals = 0 if quadratures is None else quadratures.numel() * (1 + len(self.sensitivities))
+        self.stops = np.union1d(self.time, self.pieces.inner_breaks(self.time[0], self.time[-1]))
         charts = Charts(assembly)
+        self.solver: Choice = chosen(solver, assembly, charts.needed)
+        self.integrator = self._integrator()
+        self.loops = _loops(self.integrand)
+        self._known_slopes: dict[int, ca.Function] = {}
+        self._hoist = Buffered(self.integrand.hoist)
+        self._keep = np.searchsorted(self.stops, self.time)
         self.switching = self._switching(charts) if assembly.flat.events or charts.needed else None
 
     def _switching(self, charts: Charts) -> Switching:
         return Switching(charts, self._framed, self.integrals, self.stops, self.inputs,
-                         lambda made, grid: Idas(made, grid, self.tolerances,
-                                                 MOST_STEPS_IN_CHART if charts.needed else MOST_STEPS))
+                         lambda made, grid: integrator(self.solver.name, made, grid, self.tolerances,
+                                                       MOST_STEPS_IN_CHART if charts.needed else MOST_STEPS))
+
+    def _made(self, assembly: Assembly, quadratures: ca.SX | None) -> Integrand:
+        """What is integrated; with the sensitivities, parameters move that follow the start or are held, too."""
+        moving = {*np.flatnonzero(self.along.any(axis=1)).tolist(), *self.start_equations.solved_for,
+                  *(held.index for held in assembly.flat.held)}
+        return _with_integrals(integrand(assembly, quadratures, len(self.sensitivities), sorted(moving)), self.factors)
 
     def _framed(self, chart: Chart) -> Frame:
         """The equations in the states of a chart; quadratures are given in those of the first."""
@@ -94,11 +108,12 @@ class Simulator:
         quadratures = ca.SX(0, 1) if self.quadratures is None else self.quadratures
         if chart.assembly is self.assembly:
             return Frame(chart, EventEquations(chart.assembly, quadratures, factors), self.integrand, self.loops)
+        if self.solver.name == "cvodes" and chart.assembly.algebraic_names:
+            raise UsageError([algebraic_left(chart.assembly.algebraic_names)])
         u = chart.assembly.arguments[4]
         raw = chart.assembly.reduced.express(ca.substitute(quadratures, self.assembly.arguments[4], u))
         quadratures = substitute_inputs(raw, self.assembly.flat, self.assembly.flat.time, u)
-        made = _with_integrals(integrand(chart.assembly, None if self.quadratures is None else quadratures,
-                                         len(self.sensitivities)), self.factors)
+        made = self._made(chart.assembly, None if self.quadratures is None else quadratures)
         return Frame(chart, EventEquations(chart.assembly, quadratures, factors), made, _loops(made))
 
     def _driven_as(self, like: Simulator) -> bool:
@@ -106,9 +121,9 @@ class Simulator:
         own, others = ([(k.source, k.unit.text) for k in s.assembly.flat.inputs] for s in (self, like))
         return own == others and self.time[0] == like.time[0] and self.time[-1] == like.time[-1]
 
-    def _integrator(self) -> Idas | ca.Function:
+    def _integrator(self) -> Integrator | ca.Function:
         """From the first stop to the others."""
-        return Idas(self.integrand, self.stops, self.tolerances)
+        return integrator(self.solver.name, self.integrand, self.stops, self.tolerances)
 
     def _driven(self, times: Array) -> dict[str, Array]:
         """What drives the integrator between its stops, at times between them."""
@@ -151,14 +166,16 @@ class Simulator:
         started = clock.perf_counter()
         found = self._integrate(assembly, first, moved)
         seconds = {"start": started - began, "integration": clock.perf_counter() - started}
-        statistics = {"solver": "idas", "seconds": seconds, "start_steps": first.steps, **found.statistics}
-        keep, sizes = np.searchsorted(self.stops, self.time), self._sizes(moved)
+        statistics = {"solver": self.solver.name, "why": self.solver.why, "seconds": seconds,
+                      "start_steps": first.steps, **found.statistics}
+        keep, sizes = self._keep, self._sizes(moved)
         instants = found.instants if moved is None else tuple(replace(i, delays=i.delays / sizes) for i in found.instants)
         n_q = self.integrals // (1 + len(self.sensitivities))
 
         def taken(of: Assembly, at: NDArray[np.intp], x: Array, z: Array, stays: tuple[Stayed, ...] = ()) -> Result:
             """The run at some of its times, from x and z there in the states of an assembly."""
-            stops, n_x, n_z = keep[at], len(of.x_nominal), len(of.z_nominal)
+            stops = slice(None) if len(at) == len(self.stops) else keep[at]
+            n_x, n_z = len(of.x_nominal), len(of.z_nominal)
             along = None if moved is None else Along(
                 self.sensitivities, _by_direction(x[n_x:, stops], sizes), _by_direction(z[n_z:, stops], sizes),
                 (moved.p / sizes).T, _by_direction(found.quadratures[n_q:, stops], sizes),
@@ -174,9 +191,9 @@ class Simulator:
 
     def _check_decided(self, result: Result) -> None:
         """SimulationError where a run went on although nothing decided an algebraic unknown, in any of its charts."""
-        elsewhere = np.concatenate([np.zeros(0, int), *(at for at, _ in result.stays)])
-        own = np.setdiff1d(np.arange(len(result.time)), elsewhere)
-        for part, at in ((result, own), *((stay, np.arange(len(stay.time))) for _, stay in result.stays)):
+        own = np.ones(len(result.time), bool)
+        own[[k for at, _ in result.stays for k in at]] = False
+        for part, at in ((result, np.flatnonzero(own)), *((stay, np.arange(len(stay.time))) for _, stay in result.stays)):
             if len(part.z) and len(at):
                 from heavebond.failure import check_decided
 
@@ -217,8 +234,20 @@ class Simulator:
     def _failure(self, assembly: Assembly, first: Start, said: str) -> SimulationError:
         from heavebond.failure import explain_failure
 
+        if self.solver.name != DEFAULT:
+            return self._failure_by_default(assembly, first)
         with caught_errors():  # it integrates again up to there
             return explain_failure(self, assembly, first, said)
+
+    def _failure_by_default(self, assembly: Assembly, first: Start) -> SimulationError:
+        """Why another solver than IDAS stopped: as IDAS tells it, or that IDAS goes through."""
+        again = Simulator(assembly, times=self.time, tolerances=self.tolerances, driven=self.pieces, allow_fmu=True)
+        try:
+            again._integrate(assembly, first, None)
+        except SimulationError as error:
+            return error
+        return SimulationError([Problem("solver-gave-up", f"{self.solver.name} gave up where {DEFAULT} goes through", None,
+                                        RETYPE.format(DEFAULT) + ".")])
 
     def _trace(self, x: Array, z: Array, quadratures: Array, statistics: dict[str, object]) -> Trace:
         """A run without events."""
@@ -237,16 +266,16 @@ class Simulator:
         x0 = np.append(x0, np.zeros(n_all - n_x))  # integrals begin at 0, as does what stands in where no state is
         x_size, z_size = np.tile(assembly.x_nominal, blocks), np.tile(assembly.z_nominal, blocks)
         middle = (self.stops[:-1] + self.stops[1:]) / 2
-        p = self.integrand.hoist(first.p, dp)
+        p = self._hoist(first.p, dp)["o0"]
         found = self.integrator(x0=x0, z0=z0, p=p, **self._driven(middle))
-        x = np.column_stack([x0, np.array(found["xf"]).reshape(n_all, n)])
-        z = self._settled(x, np.column_stack([z0, np.array(found["zf"]).reshape(len(z0), n)]), p, self.stops)
-        z = z * z_size[:, None]
-        x, q = x[:n_x] * x_size[:, None], x[n_all - self.integrals:]
+        x = np.column_stack([x0, np.asarray(found["xf"]).reshape(n_all, n)])
+        z = self._settled(x, np.column_stack([z0, np.asarray(found["zf"]).reshape(len(z0), n)]), p, self.stops)
+        x[:n_x] *= x_size[:, None]
+        z, x, q = z * z_size[:, None], x[:n_x], x[n_all - self.integrals:]
         statistics = {k: v for k, v in self.integrator.stats().items() if k in ("nsteps", "nfevals", "netfails")}
         return self._trace(x, z, q, statistics)
 
-    def _settled(self, x: Array, z: Array, p: ca.DM, times: Array) -> Array:
+    def _settled(self, x: Array, z: Array, p: ca.DM | Array, times: Array) -> Array:
         return settled(self.loops, x, z, p, times, self.inputs(times))
 
 

@@ -106,7 +106,10 @@ class Unknown:
                 wrong = self.error[i, c] - (rows[:, None, :] @ x)[:, 0]
                 gain = towards / variance[:, None]
                 x = x + gain[:, :, None] * wrong[:, None, :]
+                # as P. D. Joseph writes it, (I - K c) P (I - K c)' + K K': P stays a covariance where an input is so free,
+                # or a state so far from any sample, that the shorter form leaves nothing but rounding
                 p = p - gain[:, :, None] * towards[:, None, :]
+                p = p + (gain - (p @ rows[:, :, None])[:, :, 0])[:, :, None] * gain[:, None, :]
                 constant += np.log(2 * np.pi * variance)
                 scaled = wrong / variance[:, None]
                 squares += scaled[:, :, None] * wrong[:, None, :]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
+from heavebond.charts import Charts
 from heavebond.dae import Assembly
 from heavebond.errors import listing
 from heavebond.expand import Medium
@@ -26,6 +27,16 @@ class ChosenState:
     name: str
     unit: str
     why: str
+
+
+@dataclass(frozen=True)
+class OpenChoice:
+    """Unknowns that equations of a moving constraint tie together, of which a run takes others as states where the first
+    go bad: the `states` that it begins with, the `others` that may take their place, and the equations."""
+
+    states: tuple[str, ...]
+    others: tuple[str, ...]
+    equations: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -67,6 +78,7 @@ class Summary:
     index: int
     differentiated: tuple[Differentiation, ...]
     states: tuple[ChosenState, ...]
+    charts: tuple[OpenChoice, ...]
     algebraic: tuple[str, ...]
     loops: tuple[AlgebraicLoop, ...]
     start_mode: str
@@ -124,8 +136,13 @@ class Summary:
     def _states(self, width: int) -> list[str]:
         if not self.states:
             return ["States", "  none"]
-        return ["States, and the equation in which the rate of each stands",
-                *columns([(s.name, s.unit, s.why) for s in self.states], width)]
+        lines = ["States, and the equation in which the rate of each stands",
+                 *columns([(s.name, s.unit, s.why) for s in self.states], width)]
+        if self.charts:
+            lines += ["", "States that may give way to others during the run, as constraints move", *columns([
+                (listing(c.states, 6), f"to {listing(c.others, 6)}", "; ".join(c.equations[:3]))
+                for c in self.charts], width)]
+        return lines
 
     def _start(self, width: int) -> list[str]:
         head = "Start" + (f" ({self.start_mode})" if self.start_mode else "")
@@ -155,11 +172,28 @@ def summary(assembly: Assembly, start: Start | None) -> Summary:
         differentiated=tuple(_differentiation(flat.equations[i], times) for i, times in reduced.differentiated),
         states=tuple(ChosenState(assembly.state_names[k], _rate_unit(flat.unknowns[j].unit.text, order),
                                  _why(assembly, (j, order))) for k, (j, order) in enumerate(reduced.states)),
-        algebraic=tuple(assembly.algebraic_names),
+        charts=_charts(assembly), algebraic=tuple(assembly.algebraic_names),
         loops=tuple(_loop(assembly, loop.equations, loop.torn, loop.left) for loop in reduced.loops),
         start_mode=model.initial.mode or "",
         start=tuple(_tidy(line, sizes.get(line.name, 0.0)) for line in table if line.name not in asked),
         solved=tuple(line for line in table if line.name in asked))
+
+
+def _charts(assembly: Assembly) -> tuple[OpenChoice, ...]:
+    """What may be exchanged for what where the states change during a run; nothing where one choice does for all of it."""
+    charts, flat = Charts(assembly), assembly.flat
+    if not charts.needed:
+        return ()
+    found = []
+    for part in charts.home.parts[::-1]:  # positions before their rates
+        # the highest derivatives stand in a part; states are one order lower
+        states, others = ([assembly.reduced.name((j, order - 1)) for j, order in part.columns if
+                           ((j, order) in part.dummies) == dummy] for dummy in (False, True))
+        moving = [flat.equations[i] for i in part.rows if any((i, j) in charts.home.moving for j, _ in part.columns)]
+        # a rate that has a name of its own needs no second one
+        named = [name for name in others if not name.startswith("der(")] or others
+        found.append(OpenChoice(tuple(states), tuple(named), tuple(f"{e.owner}: {_one_space(e.text)}" for e in moving)))
+    return tuple(found)
 
 
 def _tie(circuit: Circuit) -> str:

@@ -19,9 +19,9 @@ from heavebond.charts import MOST as MOST_STRAIN
 from heavebond.crossings import crossing, suspects
 from heavebond.dae import Array, Integrand
 from heavebond.errors import Problem, SimulationError
-from heavebond.idas import Idas
 from heavebond.initialise import Start, Tangent
 from heavebond.jumps import Moved
+from heavebond.solvers import Integrator
 from heavebond.start_equations import Point
 from heavebond.timetable import same_instant, timetable
 from heavebond.trace import ChartChange, Frame, Instant, Now, Record, Trace
@@ -34,14 +34,14 @@ PRECISION = 1e-2  # of the distance at which two instants are one: to what a cro
 # So many events of conditions within this share of the run are chattering, and so many of one condition: the hops of a ball
 # that falls to 0.05 of its height reach the rounding of time after as many.
 CHATTER, AGAIN, WITHIN = 30, 4, 1e-8
-# What IDAS says where the user interrupts, and where a run leads nowhere: no event comes before that. At the end of a chart
-# it may crawl; there it gets so many steps between two points only.
-INTERRUPTED, CRAWLS = "IDA_RES_FAIL", "IDA_TOO_MUCH_WORK"
+# What IDAS and CVODES say where the user interrupts, and where a run leads nowhere: no event comes before that. At the end
+# of a chart they may crawl; there they get so many steps between two points only.
+INTERRUPTED, CRAWLS = ("IDA_RES_FAIL", "CV_RHSFUNC_FAIL"), ("IDA_TOO_MUCH_WORK", "CV_TOO_MUCH_WORK")
 MOST_STEPS_IN_CHART = 5000
 MOST_CASCADES = 100  # events that set off each other at one instant
 MOST_HALVINGS = 40  # of a step in which a chart ends
 
-Build = Callable[[Integrand, Array], Idas]
+Build = Callable[[Integrand, Array], Integrator]
 
 
 @dataclass(frozen=True)
@@ -159,7 +159,8 @@ class Switching:
                 ) -> tuple[Now, int, int]:
         """Where to go on after the integrator has failed, in steps of how many points and with how many halvings: what comes
         after an event that is not known yet, or after the end of a chart, may be out of its equations' reach."""
-        if INTERRUPTED in str(error) or not (self.charts.needed or (self.conditions and CRAWLS not in str(error))):
+        interrupted, crawls = (any(word in str(error) for word in words) for words in (INTERRUPTED, CRAWLS))
+        if interrupted or not (self.charts.needed or (self.conditions and not crawls)):
             raise error
         if self.charts.needed and self._strain(now) >= ENOUGH and (changed := self._changed(now, record)) is not None:
             return changed, FIRST, 0
@@ -356,6 +357,7 @@ class Switching:
             delays = [delays[0]] * len(events)
         else:
             raise self._chattering(now.t, events, "set off each other without end")
+        equations.check_continuous(before, point, happened)
         names = tuple(equations.events[i].name for i in happened)
         record.instants.append(Instant(now.t, names, before, point, now.frame.assembly, np.array(late)))
         self._write(begun, record)
@@ -380,7 +382,7 @@ class Switching:
         record.write(now, np.array([now.t]), now.y[:, None], now.z[:, None])
 
 
-def settled(loops: ca.Function | None, x: Array, z: Array, p: ca.DM, times: Array, inputs: Array) -> Array:
+def settled(loops: ca.Function | None, x: Array, z: Array, p: ca.DM | Array, times: Array, inputs: Array) -> Array:
     """Algebraic unknowns solved anew at every point: between its steps IDAS only interpolates them, and where the states are
     quiet its steps are long (and at a jump of an input they belong to the time before it)."""
     if loops is None:

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from heavebond.charts import Chart
 from heavebond.dae import Array, Assembly, Integrand
-from heavebond.idas import Idas
 from heavebond.jumps import EventEquations, Moved
+from heavebond.solvers import Integrator
 from heavebond.start_equations import Point
 from heavebond.symbols import stack
 
@@ -73,7 +73,7 @@ class Frame:
     equations: EventEquations
     made: Integrand
     loops: ca.Function | None
-    integrators: dict[int, Idas] = field(default_factory=dict)
+    integrators: dict[int, Integrator] = field(default_factory=dict)
 
     @property
     def assembly(self) -> Assembly:

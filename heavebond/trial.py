@@ -20,7 +20,7 @@ from heavebond.experiment import Experiment, Free
 from heavebond.fitting import own_start
 from heavebond.progress import Progress
 from heavebond.quick import QuickSimulator
-from heavebond.residuals import BROKEN, Residuals, Run
+from heavebond.residuals import AT_END, BROKEN, Residuals, Run
 from heavebond.scoring import Base, Score, between, exact_runs, shape_ranges
 from heavebond.units import Range
 
@@ -31,7 +31,9 @@ FIRST, LAST = 8, 40  # least squares steps: to compare starts, and to end
 # A refit is not followed to its end where its first steps leave all but this share of a chi-square per sample above LARGE.
 NOTHING, LARGE = 0.02, 10.0
 SECONDS = 60.0  # of this process, after which a refit that has not come far is not followed further
-WIDE = 30.0  # an amplitude is sought up to this many times what would move the channels by their whole misfit
+# An amplitude is sought up to this many times what would move the channels by their whole misfit, as far as the tangent at
+# zero tells, and up to as many times that where it ends there, so often.
+WIDE, WIDENED = 30.0, 2
 STARTS = (0.15, 0.5, 0.85)  # shares of the ranges of shapes
 APART = 1.5  # where an amplitude begins that must be above another one
 SMALL = 0.02  # share of the amplitude that a score asks for with which a refit begins besides
@@ -48,7 +50,9 @@ ANOTHER = (1.001, 3.0)
 class Trial:
     """A candidate after its refit: the values of all that was free (SI), the sum of squares with priors `cost`, chi-square
     per sample on the fitted and the held-out records, the number of unknowns, which of the free parameters ended at an end
-    of their range, and the experiment with the candidate in it. `score` is the gain that its score had promised."""
+    of their range, and the experiment with the candidate in it. `score` is the gain that its score had promised. By `slack`
+    the sum of squares on what was held out would fall, more than that of the fit would rise, if all numbers moved as the fit
+    lets them (of the trials that are compared closely; see `_Refit.slack`)."""
 
     candidate: Candidate
     experiment: Experiment
@@ -62,6 +66,7 @@ class Trial:
     at_end: tuple[str, ...]
     score: float
     evaluations: int
+    slack: float = 0.0
 
     @property
     def bic(self) -> float:
@@ -87,12 +92,15 @@ def tried(base: Base, candidate: Candidate, guesses: Sequence[Score] = (), progr
 def polished(base: Base, trial: Trial, guesses: Sequence[Score] = (), progress: Progress | None = None) -> Trial:
     """A refit followed to the end of its valley: what is compared closely must have arrived."""
     refit = _Refit(base, trial.candidate, guesses)
+    refit.sought({n.name: trial.experiment.free[n.name].range for n in trial.candidate.numbers if n.name in refit.ranges})
     start = np.array([c.inner(trial.values[c.free.name]) for c in refit.problem.columns])
     try:
-        better = refit.judged(refit.arrive(start, progress or (lambda text: None)))
+        there = refit.arrive(start, progress or (lambda text: None))
+        better = refit.judged(there)
+        there, better = (there, better) if better.cost < trial.cost else (start, trial)
+        return replace(better, slack=refit.slack(there))
     except HeavebondError:
         return trial
-    return better if better.cost < trial.cost else trial
 
 
 @dataclass(frozen=True)
@@ -121,10 +129,10 @@ class _Refit:
         return float(np.linalg.norm(self.base.r)) / guess.size if guess.size > 0 else 1.0
 
     def _amplitudes(self) -> dict[str, tuple[float, float]]:
-        widest = WIDE * max([self._scale(g) for g in self.guesses], default=1.0)
         found = {}
         for number in self.candidate.numbers:
             if number.amplitude and number.sought is None:
+                widest = WIDE * max([self._scale(g) for g in self.guesses if number.name in g.along], default=1.0)
                 low = number.neutral - widest if number.low is None else max(number.low, number.neutral - widest)
                 high = number.neutral + widest
                 found[number.name] = (low, high if number.high is None else min(high, number.high))
@@ -134,13 +142,15 @@ class _Refit:
         problem = self.base.problem
         inside = np.clip(self.base.inner, problem.low, problem.high)
         vanishing = [n.name for n in self.candidate.vanishing]
-        neutral = {n.name: n.neutral for n in self.candidate.numbers}
+        neutral = {n.name: n.neutral for n in self.candidate.vanishing}
+        # amplitudes that a guess does not move begin small: from an end of its range one finds no way
+        little = {name: neutral[name] + (g.side or 1) * SMALL * self._scale(g) for g in self.guesses for name in g.along}
         plans = []
         for guess in sorted(self.guesses, key=lambda g: -g.gain)[:MOST_SHAPES]:
             right = bool(vanishing) and (guess.signed or guess.z > 0)
             size = guess.amplitude if right else (guess.side or 1) * 0.1 * self._scale(guess)
             point = np.clip(inside + guess.step, problem.low, problem.high) if right else inside
-            numbers = {**{name: neutral[name] + size for name in vanishing}, **guess.shapes}
+            numbers = {**little, **{name: neutral[name] + size for name in guess.along}, **guess.shapes}
             # what must be above another amplitude begins there: at the same value its shapes would have no effect yet
             numbers.update({high: APART * numbers[low] for high, low in self.candidate.orders
                             if high in vanishing and low in vanishing})
@@ -207,6 +217,42 @@ class _Refit:
         return float(r @ r) if np.all(np.isfinite(r)) else np.inf
 
     def best(self, progress: Progress) -> Array | None:
+        """The best fit; further out where an amplitude ends at an end of its range that no declared bound is."""
+        inner = self._best(progress)
+        for _ in range(WIDENED if inner is not None else 0):
+            assert inner is not None
+            wider = self._wider(inner)
+            if not wider or process_time() - self.began > SECONDS:
+                break
+            values = [c.outer(v) for c, v in zip(self.problem.columns, inner, strict=True)]
+            self.sought(wider)
+            inner = np.array([c.inner(v) for c, v in zip(self.problem.columns, values, strict=True)])
+            inner = np.asarray(self.descend(inner, progress, LAST, 1e-5).x)
+        return inner
+
+    def _wider(self, inner: Array) -> dict[str, Range]:
+        """Wider ranges for amplitudes that ended at an end of theirs."""
+        found = {}
+        numbers = {n.name: n for n in self.candidate.vanishing}
+        for column, value, low, high in zip(self.problem.columns, inner, self.problem.low, self.problem.high, strict=True):
+            number, span = numbers.get(column.free.name), column.free.range
+            if number is None or min(value - low, high - value) >= AT_END * (high - low):
+                continue
+            ends = [number.neutral + WIDE * (end - number.neutral) for end in (span.low, span.high)]
+            wider = replace(span, low=ends[0] if number.low is None else max(number.low, ends[0]),
+                            high=ends[1] if number.high is None else min(number.high, ends[1]))
+            if (value > (low + high) / 2 and wider.high > span.high) or (value < (low + high) / 2 and wider.low < span.low):
+                found[number.name] = wider
+        return found
+
+    def sought(self, ranges: Mapping[str, Range]) -> None:
+        """Seek some numbers in other ranges from now on."""
+        experiment = self.problem.experiment
+        free = {name: replace(f, range=ranges[name]) if name in ranges else f for name, f in experiment.free.items()}
+        self.ranges |= {name: (span.low, span.high) for name, span in ranges.items()}
+        self.problem = Residuals(replace(experiment, free=free), runs=self.problem.runs)
+
+    def _best(self, progress: Progress) -> Array | None:
         """The best starts a few steps; the best of them, and another that is near it, to the end."""
         starts = [self._start(plan) for plan in self.plans]
         costs = [self._cost(start) for start in starts]
@@ -265,6 +311,41 @@ class _Refit:
                      max((g.gain for g in self.guesses), default=float("nan")),
                      problem.evaluations)
 
+    def slack(self, inner: Array) -> float:
+        """What the numbers' own uncertainty does to the figure on what was held out. With r (n,) and J (n, m) the residuals
+        there and their derivatives, F the information of the fit with its priors, and steps d of what is not at an end of
+        its range,
+
+            |r|**2 - min over d of |r + J d|**2 + d'F d  =  (J'r)' (J'J + F)**-1 J'r,
+
+        so that |r|**2 less this is what a fit to all samples at once would add, as far as the tangent holds."""
+        problem = self.problem
+        moving = np.flatnonzero(~problem.at_end(inner))
+        fitted = np.vstack([problem.evaluate(inner)[1], problem.priors(inner)[1]])[:, moving]
+        r, J = self._checked(inner)
+        J = J[:, moving]
+        normal, slope = fitted.T @ fitted + J.T @ J, J.T @ r
+        scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+        return float(slope / scale @ np.linalg.lstsq(normal / scale[:, None] / scale, slope / scale, rcond=1e-12)[0])
+
+    def _checked(self, inner: Array) -> tuple[Array, Array]:
+        """Residuals (n,) of all samples that are held out, and their derivatives (n, m) to the inner unknowns."""
+        problem, names = self.problem, list(self.problem.experiment.free)
+        exact = exact_runs(problem.experiment, self.runs, self.base.exact)
+        parts, blocks = [np.zeros(0)], [np.zeros((0, len(inner)))]
+        for record in problem.experiment.records.values():
+            values = problem.values_of(inner, record.name)
+            if record.use != "fit":
+                values |= own_start(problem.experiment, record, values)
+            wrong, moved = exact[record.name].again(names, values, QuickSimulator).held_out(values)
+            block = np.zeros((len(wrong), len(inner)))
+            for k, column in enumerate(problem.columns):
+                if column.record in ("", record.name):
+                    block[:, k] = moved[names.index(column.free.name)] * column.slope(inner[k])
+            parts.append(wrong)
+            blocks.append(block)
+        return np.concatenate(parts), np.vstack(blocks)
+
 
 def held_out(problem: Residuals, inner: Array, runs: Mapping[str, Run]) -> tuple[float, int]:
     """Chi-square per sample on what was not fitted, and its samples; NaN where there is nothing of the kind."""
@@ -277,7 +358,7 @@ def held_out(problem: Residuals, inner: Array, runs: Mapping[str, Run]) -> tuple
         elif not run.checking.any():
             continue
         try:
-            parts.append(run.held_out(values))
+            parts.append(run.held_out(values)[0])
         except (SimulationError, StartError):  # it breaks down there: that counts against it, and is no end of the search
             parts.append(np.full(int((run.checking if record.use == "fit" else run.counts).sum()), BROKEN))
     r = np.concatenate(parts)

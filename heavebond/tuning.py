@@ -13,14 +13,13 @@ from heavebond.errors import Problem, UsageError, suggest
 from heavebond.model import Model
 from heavebond.objective import Evaluation, Objective, Task
 from heavebond.progress import Progress, numbered
-from heavebond.search import METHODS, Found, search
+from heavebond.search import APART, METHODS, Found, search
 
 # Points of the hypercube are drawn so many times more often than they are run, where the linearised machine tells which
 # of them are beyond the limit of stability.
 DRAWN = 4
-# From a point at the limit of stability that is so far (of a range) from what was found, and costs at most so much more (of
-# the cost), another search begins.
-APART = 0.03
+# From a point at the limit of stability that lies apart from what was found, and costs at most so much more (of the cost),
+# another search begins.
 PROMISING = 0.15
 
 
@@ -65,10 +64,11 @@ def tune(model: Model | Assembly | Objective, task: Task, *, explore: int = 5, s
     problem = model if isinstance(model, Objective) else \
         Objective(model if isinstance(model, Assembly) else assemble(model), task)
     say = progress or (lambda text: None)
-    found = [search(problem, first, method, most_steps, numbered(say, "start", number, starts))
-             for number, first in enumerate(starting_points(problem, explore, starts, seed, say), 1)]
+    found: list[Found] = []
+    for number, first in enumerate(starting_points(problem, explore, starts, seed, say), 1):
+        found.append(search(problem, first, method, most_steps, numbered(say, "start", number, starts), found))
     for first in _edges(problem, min(found, key=_rank), say):
-        found.append(search(problem, first, method, most_steps, say))
+        found.append(search(problem, first, method, most_steps, say, found))
     best = min(found, key=_rank)
     limits = dict(zip(task.limits, best.best.limits.tolist(), strict=True))
     return Tuned(task, problem.values(best.best.at), best.best.cost, _before(problem), dict(best.best.cases),

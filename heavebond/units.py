@@ -28,9 +28,10 @@ ONE: Dimension = ()
 
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _LETTERS = "A-Za-zµΩ°"
+_UNDER = r"/\([A-Za-z]\w*(?:\*\*\d+|[*/][A-Za-z]\w*)*\)"                         # /(s*Pa)
 UNIT = (rf"(?:1/)?[{_LETTERS}%][\w°%µΩ]*"                                        # kN
         rf"(?:\*\*-?\d{{1,2}}(?!\d)|\^-?\d+|[*/·](?=[{_LETTERS}])[\w°%µΩ]+)*"   # *s, /m, **2
-        r"(?:/\([A-Za-z][\w*]*\))?|1")                                           # /(s*Pa)
+        rf"(?:{_UNDER})?|1(?:{_UNDER})?")
 _QUANTITY = re.compile(rf"\s*({NUMBER})(?:\s+({UNIT}))?\s*$")
 _RANGE = re.compile(rf"\s*({NUMBER})(?:\s+({UNIT}))?\s*\.\.\s*({NUMBER})(?:\s+({UNIT}))?\s*$")
 _BAND = re.compile(rf"\s*({NUMBER})(?:\s+({UNIT}))?\s*\+-\s*({NUMBER})(?:\s+({UNIT}))?\s*$")
@@ -221,15 +222,12 @@ def declared_unit(text: str) -> Unit:
 
 
 def _without_brackets(text: str) -> str:
-    """`a/(b*c)` as `a/b/c`: the one use of brackets that units need."""
+    """`a/(b*c)` as `a/b/c`, `a/(b/c)` as `a/b*c`: the one use of brackets that units need."""
     found = re.fullmatch(r"(.*)/\(([^()]*)\)", text)
     if not found:
         return text
-    return found.group(1) + "".join("/" + part for part in _factors(found.group(2)))
-
-
-def _factors(text: str) -> list[str]:
-    return [part for part in re.split(r"(?<!\*)\*(?!\*)", text) if part]
+    factors = re.findall(r"(^|/|(?<!\*)\*(?!\*))((?:[^*/]|\*\*)+)", found.group(2))
+    return found.group(1) + "".join(("*" if sign == "/" else "/") + part for sign, part in factors)
 
 
 def read_unit(text: str) -> Unit:
@@ -263,7 +261,7 @@ def _why_not(text: str) -> tuple[str, str, str]:
         return "unit-power", f"the power in '{text}' is written `**`", f"Write '{text.strip().replace('^', '**')}'."
     if _DECIMAL_COMMA.search(text):
         return "decimal-comma", f"'{text}' has a decimal comma", f"Write '{text.replace(',', '.')}'."
-    glued = re.fullmatch(rf"\s*({NUMBER})([A-Za-z%°µ].*)", text)
+    glued = re.fullmatch(rf"\s*((?>{NUMBER}))([A-Za-z%°µ].*)", text)
     if glued:
         return "quantity-no-space", f"'{text}' has no space between number and unit", \
             f"Write '{glued.group(1)} {glued.group(2).strip()}'."

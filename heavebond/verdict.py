@@ -42,17 +42,26 @@ def explained(ladder: Sequence[Rung], findings: Sequence[Finding]) -> bool:
     them: of the better of the diagram as it stands and fitted, lest an effect be credited with what parameters do."""
     if not findings:
         return _held(ladder[-1]) <= NEAR
-    last = _held(findings[-1].rung)
-    first = min(_held(r) for r in ladder[:2] if r is not findings[0].rung)
-    if not findings[-1].rung.comparison.experiment.noise_given:
-        return last <= NEAR or first - last >= GONE_ESTIMATED * (first - 1) > 0
-    return is_noise(findings[-1].rung) or first - last >= (NEARLY if last <= NEAR else GONE) * (first - 1) > 0
+    last, first = findings[-1].rung, [r for r in ladder[:2] if r is not findings[0].rung]
+    held = _gone(min(map(_held, first)), _held(last))
+    if not last.comparison.experiment.noise_given:
+        return _held(last) <= NEAR or held >= GONE_ESTIMATED
+    if is_noise(last.chi2_fit, last.chi2_held_out, last.samples_held_out):
+        return True
+    # of several effects each mends what another does wrong: together they can come near the noise with wrong names
+    near, gone = max(_held(last), last.chi2_fit) <= NEAR, min(held, _gone(min(r.chi2_fit for r in first), last.chi2_fit))
+    return len(findings) == 1 and gone >= (NEARLY if near else GONE)
 
 
-def is_noise(rung: Rung) -> bool:
-    """Whether what a model leaves on what was not fitted is no more than the given noise can be."""
-    samples = rung.samples_held_out
-    return rung.comparison.experiment.noise_given and samples > 0 and rung.chi2_held_out <= 1 + SIGMAS * (2 / samples) ** 0.5
+def _gone(first: float, last: float) -> float:
+    """The share of what is above the noise that is taken away."""
+    return (first - last) / (first - 1) if first > 1 else 0.0
+
+
+def is_noise(fitted: float, held_out: float, samples: int) -> bool:
+    """Whether these chi-squares a sample are no more than given noise can be: on `samples` that were not fitted by chance
+    alone, and near it on those that were fitted."""
+    return fitted <= NEAR and samples > 0 and held_out <= 1 + SIGMAS * (2 / samples) ** 0.5
 
 
 def _held(rung: Rung) -> float:
@@ -68,11 +77,13 @@ def verdict(base: Fit | None, ladder: Sequence[Rung], findings: Sequence[Finding
             shape: Finding | None) -> str:
     """One of the six words."""
     if not steps[0].left.significant:
-        if _still(ladder[0]):
+        if _still(ladder[0]) or steps[0].partial:
             return "undetermined"
         return "parameters" if base is not None and _better(base) else "nothing"
     if findings and explained(ladder, findings):
         return "effect" if all(f.certain for f in findings) else "one_of"
+    if steps[-1].partial:
+        return "undetermined"
     return "shape" if shape is not None or findings else "undetermined"
 
 
@@ -107,9 +118,7 @@ def words(said: str, ladder: Sequence[Rung], findings: Sequence[Finding], steps:
         left = _held(findings[-1].rung)
         lines.append("What is left on records that were not fitted is near the noise." if left <= NEAR else
                      f"What is left there is still {number(left**0.5, 3)} times the noise: diagnose the new experiment too.")
-    lines += [f"{f.candidate.kind.capitalize()} {f.candidate.place} is not needed any more beside what was found after it: "
-              "take it out and diagnose again." for f in findings if not f.needed]
-    if any(step.partial for step in steps):
+    if said != "undetermined" and any(step.partial for step in steps):
         lines.append("The search was ended early: not every candidate was refitted.")
     return tuple(lines)
 
@@ -156,6 +165,10 @@ def _shape(ladder: Sequence[Rung], findings: Sequence[Finding], steps: Sequence[
 
 
 def _undetermined(ladder: Sequence[Rung], findings: Sequence[Finding], steps: Sequence[Step], shape: Finding | None) -> str:
+    if steps[-1].partial:
+        near = " and ".join(f"{f.candidate.kind} {f.candidate.place}" for f in findings)
+        return "Not told yet: the search was ended before every candidate was refitted." + (f" Best so far: {near}." if near
+                                                                                           else "")
     if not steps[0].left.significant:
         return "Not to be told from these records: no channel moves by more than a few times its noise."
     return "More than noise is left, but nothing in the catalogue lowers the error on what was not fitted."

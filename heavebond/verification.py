@@ -63,7 +63,8 @@ class Verification:
             hints.append(f"{listing(steps, 4)}: run with a smaller --rtol until they stay; a chaotic motion never does.")
         if widths:
             hints.append(f"{listing(widths, 4)}: the transitions ({listing(self.widths, 4)}) are too wide to count as "
-                         "sharp. Set them narrower, or take a component that switches (DryFriction, RigidStop).")
+                         "sharp. Set them narrower, or take a component that switches (DryFriction, RigidStop, on shafts "
+                         "RotationalDryFriction, RotationalRigidStop).")
         return Problem("results-moved", f"{len(self.moved)} of {len(self.outputs)} outputs depend on tolerances or "
                        f"transitions by more than {self.allowed:.2g} of their range", None, "\n".join(hints),
                        tuple(line for failed in self.failures for line in (failed.message, *failed.notes)))

@@ -145,6 +145,11 @@ class Targets:
         experiment = self.pair(0)[1]
         return experiment.with_name(f"{experiment.stem}_input.csv")
 
+    @property
+    def report(self) -> Path:
+        """The page on the diagnosis of `rig.yaml`, `rig_report.html`: that of `rig_2.yaml` is another one."""
+        return self.folder / f"{self.experiment}_report.html"
+
 
 def _counted(name: str, more: int) -> str:
     """`rig` as `rig_2`, `rig_2` as `rig_3`."""

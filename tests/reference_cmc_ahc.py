@@ -29,17 +29,17 @@ ACTIVE: dict[str, float] = {
     # wave
     "a": 0.5, "T": 12.0, "t_r": 6.0,
     # masses and the structure
-    "m_1": 30e3, "m_2": 66.5e3, "m_3": 66.5e3, "g": 9.81,
-    "k_wire": 4.0e6, "d_wire": 30e3, "k_string": 298e3, "d_string": 10e3,
+    "m_1": 30e3, "m_2": 68e3, "m_3": 65e3, "g": 9.81,
+    "k_wire": 4.0e6, "d_wire": 50e3, "k_string": 298e3, "d_string": 15e3,
     "k_form": 1.0e6, "d_form": 220e3, "e_t": 1e-3, "WOB": 30e3,
     # passive part
     "c": 42e3, "d": 52e3, "A_plunger": math.pi / 4 * 0.4**2, "A_eq": 69e-4, "h": 4.0,
     "F_c": 12e3, "F_s": 22.8e3, "v_s": 0.1, "v_t": 1e-3, "sigma_2": 10e3, "k_p": 0.4e-4,
     # active part
-    "A": math.pi / 2 * (0.2**2 - 0.17**2), "V_0": 0.067, "beta": 1.75e9, "leak_piston": 2.5e-11,
+    "A": math.pi / 2 * (0.2**2 - 0.17**2), "V_0": 0.067, "beta": 1.8e9, "leak_piston": 2e-11,
     "p_s": 345e5, "q_r": 920 / 60e3, "dp_r": 35e5, "dp_t": 1e4, "leak_edge": 1e-12,
     "q_bypass": 4000 / 60e3, "dp_bypass": 5e5, "bypass": 0.0,
-    "f_n": 0.75, "zeta": 0.88, "K_p": 3.02, "K_v": 0.55, "t_m": 0.01,
+    "f_n": 0.75, "zeta": 0.87, "K_p": 3.02, "K_v": 0.55, "t_m": 0.02,
 }
 PASSIVE = {**ACTIVE, "bypass": 1.0, "K_p": 0.0, "K_v": 0.0}
 FRICTIONLESS = {"F_c": 0.0, "F_s": 0.0, "sigma_2": 0.0, "k_p": 0.0}

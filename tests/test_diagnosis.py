@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -67,6 +68,17 @@ def test_what_the_catalogue_lacks_is_a_shape(tmp_path: Path) -> None:
 def test_too_little_motion_tells_nothing(tmp_path: Path) -> None:
     said = found(tmp_path, "passive", [], ["dry friction"], scale=0.002, seconds=20)
     assert said.verdict == "undetermined"
+
+
+def test_a_search_that_is_ended_early_does_not_blame_the_catalogue() -> None:
+    def say(text: str) -> None:
+        if "refitting 1 " in text:
+            signal.raise_signal(signal.SIGINT)
+
+    said = diagnose("receiver_rig/choked", classes=["sensor gain", "line resistance"], number=1, progress=say)
+    assert said.verdict == "undetermined"
+    assert said.words[0].startswith("Not told yet: the search was ended before every candidate was refitted. Best so far: ")
+    assert len(said.findings) == 1
 
 
 def test_every_verdict_has_the_same_keys(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import sys
 import pytest
 
 from benchmarks.fuzz import __main__ as command
-from benchmarks.fuzz.campaign import Judge, smallest
+from benchmarks.fuzz.campaign import Judge, patiently, smallest
 from benchmarks.fuzz.diagrams import Diagram, Part, diagram
 from benchmarks.fuzz.judging import FAULTS, Verdict, judge
 
@@ -57,11 +57,19 @@ def test_a_wrong_answer_is_a_fault(rig: Diagram, monkeypatch: pytest.MonkeyPatch
 
 
 @pytest.mark.slow
-def test_a_diagram_that_takes_too_long_is_a_hang_and_the_next_is_judged(rig: Diagram) -> None:
-    judged = Judge(limit=0.0, first=0.0)
+def test_a_diagram_that_takes_too_long_is_a_hang_and_the_next_is_judged(
+        rig: Diagram, monkeypatch: pytest.MonkeyPatch) -> None:
+    def slow(seed: int, text: str) -> Verdict:
+        while "until: 1 s" in text:
+            pass
+        return judge(seed, text)
+
+    monkeypatch.setattr("benchmarks.fuzz.campaign.judge", slow)
+    judged = Judge(limit=0.0)
     assert judged(7, rig.text()).outcome == "hang"
-    judged.limit = judged.first = 60.0
-    assert judged(7, rig.text()).outcome == "ran"
+    assert judged(7, rig.shortened(0.5).text()).outcome == "ran"
+    assert (found := patiently(judged, rig)).outcome == "long"
+    assert found.what == "ran"
     judged.close()
 
 
@@ -73,3 +81,6 @@ def test_the_campaign_goes_on_where_it_was_stopped(tmp_path, monkeypatch: pytest
         command.main()
     assert [json.loads(line)["seed"] for line in results.read_text().splitlines()] == [0, 1, 2, 3, 4]
     assert "5 diagrams: " in capsys.readouterr().out
+    counts = command.summary(results)
+    assert counts["diagrams"] == 5
+    assert counts["code"] == {command.code(): 5}

@@ -180,6 +180,35 @@ def test_mass_on_a_belt() -> None:
     audit(model("mass_on_a_belt")).raise_if_open(SMALL)
 
 
+def test_drill_string_that_sticks() -> None:
+    """The bit stands until the string is wound up by M_s/c. Then its angle swings by A = (M_s - M_c)/c and V/w about what
+    M_c leaves, as seen from the drive, until it stands again; the string is then short of M_s by 2 A c."""
+    c, J, V, M_s, M_c = 500, 300, 10, 6000, 3000
+    w, A = np.sqrt(c / J), (M_s - M_c) / c
+    slip, stick = 2 * (np.pi - np.arctan2(A * w, V)) / w, 2 * A / V
+    found = run("drill_string_that_sticks", sensitivities=("grip.M_s",))
+    begins, ends = times(found, "grip.forward"), times(found, "grip.stick")
+    assert len(begins) > 3
+    assert begins == pytest.approx(M_s / (c * V) + np.arange(len(begins)) * (slip + stick), abs=SMALL)
+    assert ends == pytest.approx(begins[: len(ends)] + slip, abs=SMALL)
+    assert np.abs(found["bit.w"][found["grip.mode"] == 0]).max() < 1e-8  # it creeps by 1e-12 of M_s on J_r only
+    by_M = 1 / (c * V) - 2 / w * (V * w / c) / ((A * w) ** 2 + V**2) + 2 / (c * V)
+    assert found.event_sensitivity("grip.forward", 1, "grip.M_s") == pytest.approx(by_M, rel=1e-6)
+    audit(model("drill_string_that_sticks")).raise_if_open(SMALL)
+
+
+def test_shafts_that_lock_up() -> None:
+    found = run("shafts_that_lock_up")
+    assert times(found, "clutch.stick") == pytest.approx([20 / (6 / 2 + 6 / 3)], abs=SMALL)
+    # of the motor's torque 3/5 go to the load, once 9 N*m
+    loose = 5 + 9 / (3 / 5) / 5
+    assert times(found, "clutch.backward") == pytest.approx([loose], abs=SMALL)
+    locked = (found.time > 4 + 1e-9) & (found.time < loose)
+    assert np.abs(found["motor.w"][locked] - found["load.w"][locked]).max() < 1e-9
+    common = 8 + 5 * 3**2 / 2 / 5
+    assert found["load.w"][-1] == pytest.approx(common + (9 - loose) * 6 / 3, rel=SMALL)
+
+
 def test_friction_under_prescribed_motion() -> None:
     found = run("friction_under_prescribed_motion")
     assert times(found, "grip.stick") == pytest.approx([0.25, 0.75, 1.25, 1.75], abs=1e-9)

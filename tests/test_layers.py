@@ -15,7 +15,7 @@ import heavebond
 ROOT = Path(heavebond.__file__).parent
 TABLE = ROOT.parent / "docs" / "architecture.md"
 ROW = re.compile(r"^\|[^|]*\| `([\w.]+)` \|", re.MULTILINE)
-ONLY_IMPORTER = {"networkx": "structure", "yaml": "source", "pint": "units"}
+ONLY_IMPORTER = {"yaml": "source", "pint": "units"}
 # loaded inside functions only, so that `import heavebond` and `heavebond --help` stay quick
 HEAVY = {"casadi", "numpy", "scipy", "pandas", "matplotlib", "networkx", "rich", "pint"}
 QUICK = ("__init__", "cli", "terminal", "errors")

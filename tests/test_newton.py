@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from heavebond.newton import Frame, continued, newton, settled
+from heavebond.newton import Frame, continued, factors, least_change, newton, settled
 
 FREE = Frame(np.ones(1), np.full(1, -np.inf), np.full(1, np.inf))
 
@@ -87,3 +87,33 @@ def test_what_never_settles_is_given_up() -> None:
         return scalar(lambda x: 1 - (x - before[0]) / step, lambda x: -1 / step)
 
     assert not settled(scalar(lambda x: 1.0, lambda x: 0.0), slowed, np.zeros(1), FREE).good
+
+
+@pytest.fixture
+def chain() -> np.ndarray:
+    """Second differences of 300 points, the first held: well posed, and ill conditioned by 1e5."""
+    n = 300
+    return np.diag(np.full(n, 2.0)) - np.diag(np.ones(n - 1), 1) - np.diag(np.ones(n - 1), -1)
+
+
+def test_large_regular_systems_are_eliminated_to_the_same_solution(chain: np.ndarray) -> None:
+    right = np.random.default_rng(1).normal(size=(300, 2))
+    assert factors(chain) is not None
+    assert least_change(chain, right) == pytest.approx(np.linalg.lstsq(chain, right, rcond=None)[0], rel=1e-8)
+
+
+def test_what_nothing_decides_is_left_by_the_least_change_in_large_systems_too(chain: np.ndarray) -> None:
+    # held nowhere: only differences matter
+    chain[0, 0] = chain[-1, -1] = 1.0
+    assert factors(chain) is None
+    right = np.random.default_rng(2).normal(size=300)
+    right -= right.mean()
+    found = least_change(chain, right)
+    assert found.mean() == pytest.approx(0.0, abs=1e-9 * np.abs(found).max())
+    assert chain @ found == pytest.approx(right, abs=1e-9)
+
+
+@pytest.mark.parametrize("small", [1e-12, 0.0])
+def test_a_rank_in_doubt_is_not_eliminated(chain: np.ndarray, small: float) -> None:
+    chain[:, 5] *= small
+    assert factors(chain) is None

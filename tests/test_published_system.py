@@ -1,33 +1,77 @@
-"""The published compensator: what the model gives for each published number, and how far that is from it."""
+"""The published compensator: what the model gives for each published number, and how far that is from it.
+
+What it gives stands once, in the table of docs/published_system.md; here the model is held against that table.
+"""
 
 from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import heavebond as hb
+from heavebond.casework import assembled, measured, tuned_by
 from heavebond.objective import Objective
 from heavebond.study import load_study
-from heavebond.tuning import tune
 
 STUDIES = "cmc_ahc/studies/"
+PAGE = Path(__file__).parents[1] / "docs" / "published_system.md"
 FREQUENCIES = ["0.25 Hz", "0.5 Hz", "0.75 Hz", "1 Hz", "2.5 Hz"]
-# kN, at the optimum of the quality index, which friction makes rough: 5 %
-WOB = {"with": [16.8, 4.92, 2.94, 3.38, 2.36], "without": [15.85, 3.80, 1.99, 1.40, 0.785]}
-PUBLISHED = {"with": [15, 6.2, 2.1, 2, 1.9], "without": [15, 7.1, 1.1, 1, 1]}
-WITHIN_A_QUARTER = {"with": [True, True, False, False, True], "without": [True, False, False, False, True]}
+PUBLISHED = {"with": [15, 6.2, 2.1, 2, 1.9], "without": [15, 7.1, 1.1, 1, 1]}     # kN, Table 3
+WITHIN_A_QUARTER = {"with": [True, True, False, True, True], "without": [True, False, False, False, True]}
+CELLS = [(friction, f_n) for friction in PUBLISHED for f_n in FREQUENCIES]
+# The variation of the weight on bit is not what is minimised: at optima of one index, friction makes it rough to 5 %.
+ROUGH = 0.05
 
 
-def test_what_the_model_gives_is_as_near_as_the_page_says() -> None:
-    for friction, ours in WOB.items():
-        near = np.abs(np.array(ours) / PUBLISHED[friction] - 1) <= 0.25
+@cache
+def on_the_page() -> dict[tuple[str, str], dict[str, float]]:
+    """The rows of the table on the page."""
+    found = {}
+    for line in PAGE.read_text(encoding="utf-8").splitlines():
+        cells = [cell.strip() for cell in line.strip("|").split("|")]
+        if len(cells) == 10 and (cells[0], cells[1]) in CELLS:
+            swept, tuned = ([float(word) for word in cells[k].split(",")] for k in (2, 5))
+            found[cells[0], cells[1]] = {
+                "swept K_p": swept[0], "swept K_v": swept[1], "swept phi": float(cells[3]), "swept WOB": float(cells[4]),
+                "K_p": tuned[0], "K_v": tuned[1], "phi": float(cells[6]), "WOB": float(cells[7].split()[0]),
+                "published": float(cells[8]), "runs": float(cells[9])}
+    return found
+
+
+def variations(friction: str) -> np.ndarray:
+    """kN, over the five valves."""
+    return np.array([on_the_page()[friction, f_n]["WOB"] for f_n in FREQUENCIES])
+
+
+def test_the_page_is_as_near_as_it_says() -> None:
+    for friction, published in PUBLISHED.items():
+        assert [on_the_page()[friction, f_n]["published"] for f_n in FREQUENCIES] == published
+        near = np.abs(variations(friction) / published - 1) <= 0.25
         assert near.tolist() == WITHIN_A_QUARTER[friction]
+    assert sum(map(sum, WITHIN_A_QUARTER.values())) == 6
+    assert "Six of the ten cells are within 25 %" in PAGE.read_text(encoding="utf-8")
+
+
+def test_the_trend_is_as_published() -> None:
+    """A fast fall up to 0.75 Hz and little beyond; friction matters much for passive, little for active compensation."""
+    for friction in PUBLISHED:
+        slow, _, enough, _, fast = variations(friction)
+        assert (np.diff(variations(friction)) < 0).all()
+        assert enough - fast < 0.1 * (slow - enough)
+    assert (np.abs(variations("with") - variations("without")) < 1.5).all()     # kN, against 45 in passive operation
+    for name in on_the_page().values():
+        assert name["phi"] <= name["swept phi"]
 
 
 def test_eigenfrequency_is_within_five_percent() -> None:
     found = hb.run_study(STUDIES + "eigenfrequency", processes=1)
     assert abs(found.difference(found.of("with"), "frequency")) < 0.05
-    assert found.value(found.of("with"), "frequency") == pytest.approx(0.2412, rel=1e-3)
+    assert found.value(found.of("with"), "frequency") == pytest.approx(0.2392, rel=1e-3)
+    slowest = next(mode for mode in found.of("with").modes if mode["swings"])
+    assert list(slowest["components"])[:2] == ["drilling.hook", "crown"]
 
 
 def test_passive_statements() -> None:
@@ -35,7 +79,9 @@ def test_passive_statements() -> None:
     found = hb.run_study(STUDIES + "fig6", processes=1)
     off = {name: found.value(found.of(name), "off bottom") for name in ("with", "without", "as printed")}
     assert off["without"] == off["as printed"] == 0 < 20 < off["with"]
-    assert found.value(found.of("without"), "WOB variation") == pytest.approx(15.86, rel=0.01)
+    with_friction, without = (found.value(found.of(name), "WOB variation") for name in ("with", "without"))
+    assert without == pytest.approx(15.86, rel=0.01)
+    assert with_friction > 3 * without
 
 
 def test_gains_and_variation_at_three_quarter_hertz() -> None:
@@ -45,44 +91,61 @@ def test_gains_and_variation_at_three_quarter_hertz() -> None:
     assert found.value(tuned, "controller.K_p") == pytest.approx(3.02, rel=0.10)
     assert found.value(tuned, "controller.K_v") == pytest.approx(0.55, rel=0.10)
     assert found.value(found.of("without"), "controller.K_v") == pytest.approx(0.55, rel=0.10)
-    for friction, ours in WOB.items():
-        assert found.value(found.of(friction), "WOB variation") == pytest.approx(ours[2], rel=0.05)
+    for friction in PUBLISHED:
+        ours = on_the_page()[friction, "0.75 Hz"]
+        assert found.value(found.of(friction), "controller.K_p") == pytest.approx(ours["K_p"], rel=0.01)
+        assert found.value(found.of(friction), "WOB variation") == pytest.approx(ours["WOB"], rel=ROUGH)
     # friction adds about 1 kN, as published
     assert 0.5 < found.value(tuned, "WOB variation") - found.value(found.of("without"), "WOB variation") < 1.5
     assert found.value(tuned, "crown") < 20
 
 
-def test_the_gradient_optimum_is_below_the_two_sweeps_at_a_tenth_of_their_cost() -> None:
-    """One cell of the table, and of its sweep the part around the best."""
-    study = load_study(STUDIES + "table3")
-    assembly = hb.assemble(hb.load("cmc_ahc/active_frictionless"))
-    found = tune(assembly, study.tuning, explore=12, starts=2)
-    sweeps = study.procedures[0].sweeps
-    assert [len(values) for _, values in sweeps] == [121, 801]
-    assert found.simulations <= sum(len(values) for _, values in sweeps) / 10
+@pytest.mark.parametrize(("friction", "f_n"), CELLS)
+def test_gradients_in_every_cell(friction: str, f_n: str) -> None:
+    """The optimum of the page, not above that of its sweeps, at a tenth of their runs."""
+    study, number = load_study(STUDIES + "table3"), CELLS.index((friction, f_n))
+    page, assembly = on_the_page()[friction, f_n], assembled(study, study.case(number))
+    sweeps, gradients = study.procedures
+    assert [len(values) for _, values in sweeps.sweeps] == [121, 801]
+    found = tuned_by(Objective(assembly, study.tuning), gradients)
+    assert found.cost == pytest.approx(page["phi"], rel=1e-3)
+    assert found.simulations <= (121 + 801) / 10
+    # on the bottom of a valley the gains move the cost by less than it is known: K_v by 1 %, K_p by less
+    assert [*found.values.values()] == pytest.approx([page["K_p"], page["K_v"]], rel=0.01)
+    numbers, _, _ = measured(study, assembly.with_parameters(found.values))
+    assert numbers["WOB variation"] / 1e3 == pytest.approx(page["WOB"], rel=ROUGH)
+    # a point of the sweeps near the best one is not below
     objective = Objective(assembly, study.tuning)
-    for k_p in (2.9, 3.0, 3.1, 3.15, 3.2, 3.25, 3.3):
-        assert found.cost <= objective.at({"controller.K_p": k_p, "controller.K_v": 0.51}).cost * (1 + 1e-5)
+    swept = objective.at({"controller.K_p": page["swept K_p"], "controller.K_v": page["swept K_v"]}).cost
+    assert found.cost <= swept * (1 + 1e-5)
+    assert swept == pytest.approx(page["swept phi"], rel=1e-3)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("friction", list(WOB))
-def test_table_3(friction: str) -> None:
-    """Both procedures in every cell; the optimum by gradients is never above that of the sweeps, at a tenth of the runs
-    in nine of ten."""
+@pytest.mark.complete
+def test_table_3_whole() -> None:
+    """Both procedures in every cell, as the study's one command works them out."""
     found = hb.run_study(STUDIES + "table3")
-    for f_n, ours in zip(FREQUENCIES, WOB[friction], strict=True):
+    assert found.complete
+    for friction, f_n in CELLS:
+        page = on_the_page()[friction, f_n]
         swept, tuned = (found.of(friction, f_n, procedure=name) for name in ("sweeps", "gradients"))
         assert found.value(tuned, "cost") <= found.value(swept, "cost") * (1 + 1e-5)
-        share = 0.15 if (friction, f_n) == ("without", "2.5 Hz") else 0.1    # a long valley there
-        assert found.value(tuned, "simulations") <= found.value(swept, "simulations") * share
-        assert found.value(tuned, "WOB variation") == pytest.approx(ours, rel=0.05)
+        assert found.value(tuned, "simulations") <= found.value(swept, "simulations") * 0.1
+        assert found.value(swept, "cost") == pytest.approx(page["swept phi"], rel=1e-3)
+        # as told to 0.01; beside the best value the cost is as low
+        assert found.value(swept, "controller.K_p") == pytest.approx(page["swept K_p"], abs=0.025)
+        assert found.value(swept, "controller.K_v") == pytest.approx(page["swept K_v"], abs=0.015)
+        assert found.value(tuned, "WOB variation") == pytest.approx(page["WOB"], rel=ROUGH)
 
 
 @pytest.mark.slow
 def test_amplitude() -> None:
     found = hb.run_study(STUDIES + "amplitude")
-    assert found.value(found.of("active", "1.75 m"), "off bottom") == 0
+    amplitudes = ["0.5 m", "0.75 m", "1 m", "1.25 m", "1.5 m", "1.75 m"]
+    for active in ("active", "active, 2.5 Hz"):
+        of = [found.of(active, a) for a in amplitudes]
+        assert all(found.value(outcome, "off bottom") == 0 for outcome in of)
+        assert (np.diff([found.value(outcome, "WOB variation") for outcome in of]) > 0).all()
     assert found.value(found.of("passive, no friction", "0.5 m"), "slams") == 0
     for passive in ("passive", "passive, no friction", "passive, as printed"):
         assert found.value(found.of(passive, "1.75 m"), "slams") == 2

@@ -97,6 +97,7 @@ simulate: {until: 60 s}
     ("c: 40 kN/m", "c: '1,2 kN/m'", "1,2 kN/m"), ("c: 40 kN/m", "c: .5e3 kN/m", ""), ("c: 40 kN/m", "c: 50 mN/m", ""),
     ("unit: mm}", "units: mm}", "units"), ("start: steady", "start: steadi", "steadi"),
     ("between: spline", "between: cubic", "cubic"),
+    ("60 s}", "60 s, solver: cvodes}", ""), ("60 s}", "60 s, solver: cvode}", "cvode"),
     ("column: z, ", "", "column"), ("until: 60 s", "until: 60", "60"), ("model: rig", "modle: rig", "model"),
     ("c: 40 kN/m", "c: 40 kN m", "40 kN m"),
     ("c: 40 kN/m", "c: 4 kN/m + 500 N/m", ""), ("c: 40 kN/m", "c: 40 N/m^1", "N/m^1"),

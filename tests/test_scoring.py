@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from heavebond import scoring
+from heavebond import keeping, scoring
 from heavebond.catalogue import Candidate, candidates
-from heavebond.dae import Array
+from heavebond.dae import Array, assemble
 from heavebond.experiment import load_experiment
+from heavebond.model import load
 from heavebond.residuals import Residuals
 from heavebond.scoring import Base, scored, searched
 from heavebond.simulation import Tolerances
@@ -115,14 +116,19 @@ free: {left.beta: 1e9 Pa +- 10 %}
 """
 
 
-def test_a_kink_at_amplitude_zero_has_a_tangent_of_its_own_on_either_side(tmp_path: Path) -> None:
-    """Overlap of a valve that is shut at rest: the derivative at zero itself is of neither side."""
-    (tmp_path / "shut.yaml").write_text(SHUT)
-    (tmp_path / "shut_at_rest.yaml").write_text(BESIDE)
+def _shut(folder: Path) -> Residuals:
+    """The blocked cylinder with its valve moved a little after a second of rest."""
+    (folder / "shut.yaml").write_text(SHUT)
+    (folder / "shut_at_rest.yaml").write_text(BESIDE)
     t = np.linspace(0, 4, 201)
     u = 1e-3 * np.where(t > 1, np.sin(3 * (t - 1)), 0) ** 3
-    np.savetxt(tmp_path / "train.csv", np.stack([t, u, 100 + 0 * t], 1), delimiter=",", header="t,u,p", comments="")
-    problem = searched(load_experiment(tmp_path / "shut_at_rest.yaml"))
+    np.savetxt(folder / "train.csv", np.stack([t, u, 100 + 0 * t], 1), delimiter=",", header="t,u,p", comments="")
+    return searched(load_experiment(folder / "shut_at_rest.yaml"))
+
+
+def test_a_kink_at_amplitude_zero_has_a_tangent_of_its_own_on_either_side(tmp_path: Path) -> None:
+    """Overlap of a valve that is shut at rest: the derivative at zero itself is of neither side."""
+    problem = _shut(tmp_path)
     base = Base.at(problem, problem.start)
     candidate = _candidate(problem, "ProportionalValve43 in valve (overlap)")
     run, = base.runs(candidate.change.on_experiment(problem.experiment), [candidate.numbers[0].name])
@@ -134,3 +140,46 @@ def test_a_kink_at_amplitude_zero_has_a_tangent_of_its_own_on_either_side(tmp_pa
     assert sides[1] == pytest.approx(tangent(1e-9), rel=0.05)  # beside zero it hardly changes
     assert sides[-1] == pytest.approx(tangent(-1e-9), rel=0.05)
     assert tangent(0.0) > 1.1 * max(sides.values())  # at the kink both edges count half
+
+
+def test_a_tangent_that_turns_before_the_effect_is_seen_is_taken_there_too(tmp_path: Path) -> None:
+    """What leaks between two blocked chambers decides how fast their pressures meet: twice as much is another course."""
+    problem = _shut(tmp_path)
+    base = Base.at(problem, problem.start)
+    candidate = _candidate(problem, "LaminarLeakage between a and b")
+    zero, beside = scored(base, candidate)
+    assert (zero.side, beside.side) == (0, 1)
+    there = scoring.SEEN / (zero.size * zero.share)  # where z of the first tangent would be 5
+    run, = base.runs(candidate.change.on_experiment(problem.experiment), [candidate.numbers[0].name])
+    tangent = run.residuals({candidate.numbers[0].name: there})[1][0]
+    assert beside.size == pytest.approx(float(np.linalg.norm(tangent)), rel=1e-3)  # at the tolerances of a search
+    assert beside.size < 0.6 * zero.size  # more of it does less
+    assert zero.direction @ beside.direction < scoring.TURNED
+    # a law in proportion to its amplitude has one tangent
+    assert [s.side for s in scored(base, _candidate(problem, "SensorOffset in the channel left.a.p"))] == [0]
+
+
+def test_amplitudes_of_different_units_are_scored_one_after_the_other() -> None:
+    problem = searched(load_experiment("passive_rig/friction"))
+    base = Base.at(problem, problem.start)
+    candidate = _candidate(problem, "EndStop between platform and crown")
+    found = scored(base, candidate)
+    stiffness, damping = (n.name for n in candidate.numbers if n.amplitude)
+    assert {s.along for s in found} == {(stiffness,), (damping,)}
+    run, = base.runs(candidate.change.on_experiment(problem.experiment), [])
+    for name in (stiffness, damping):
+        score = max((s for s in found if s.along == (name,)), key=lambda s: s.size)
+        step = 1e-3 * np.linalg.norm(base.r) / score.size  # moves the channels by a thousandth of the misfit
+        moved = run.residuals({**score.shapes, stiffness: 0.0, damping: 0.0, name: step})[0] - base.quick
+        assert np.linalg.norm(moved) == pytest.approx(step * score.size, rel=0.05)  # 5 %: the stop is met now and then only
+
+
+def test_diagrams_that_are_tried_once_are_not_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HEAVEBOND_CACHE", str(tmp_path))
+    monkeypatch.setattr(keeping, "WORTH", 0.0)
+    model = load("cmc_ahc/designed")
+    before = set(tmp_path.iterdir())
+    assemble(model, keep=False)
+    assert set(tmp_path.iterdir()) == before
+    assemble(model)
+    assert set(tmp_path.iterdir()) > before

@@ -148,3 +148,12 @@ def test_without_a_start_the_structure_is_told_all_the_same(tmp_path: Path) -> N
 
 def test_data_is_json(tmp_path: Path) -> None:
     assert json.loads(json.dumps(_summary(SLIDER, tmp_path).as_dict()))["model"] == "slider"
+
+
+def test_states_that_may_change_are_told() -> None:
+    found = summary(hb.assemble(hb.load("mechanisms/pendulum")), None)
+    assert [(c.states, c.others) for c in found.charts] == [(("bob.x",), ("bob.y",)), (("bob.v_x",), ("bob.v_y",))]
+    assert found.charts[0].equations == ("bob: x**2 + y**2 = L**2",)
+    assert "\n  bob.x    to bob.y    bob: x**2 + y**2 = L**2\n" in found.text()
+    # constraints that never change need one choice only
+    assert not summary(hb.assemble(hb.load("passive_rig")), None).charts

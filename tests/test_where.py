@@ -13,11 +13,13 @@ from click.testing import CliRunner
 from heavebond.cli import main
 from heavebond.comparison import compare_record
 from heavebond.curves import Samples, Variable, best_curve
+from heavebond.dae import assemble
 from heavebond.deviation import Beside, known_of, with_values
 from heavebond.errors import UsageError
 from heavebond.experiment import Experiment, load_experiment
 from heavebond.misfit import Where, where
-from heavebond.model import loads
+from heavebond.model import load, loads
+from heavebond.places import nodes_of, places_of
 from heavebond.smoother import Unknown
 
 COMPONENT = """\
@@ -243,3 +245,11 @@ def test_command_tells_draws_and_writes_figures(tmp_path: Path) -> None:
     written = json.loads(figures.read_text(encoding="utf-8"))
     assert written["missing"] is True
     assert {p["place"] for p in written["places"]} == {"supply-receiver", "receiver-air", "receiver"}
+
+
+def test_places_inside_of_blocks_are_beside_their_parts() -> None:
+    flat = assemble(load("cmc_ahc/designed")).flat
+    beside = {place.name: place.components for place in places_of(flat, nodes_of(flat))}
+    assert beside["ahc.chamber_a-ahc.chamber_b"] == ("ahc.cylinder", "ahc.valve", "ahc.bypass")
+    assert beside["drilling.bottom-drilling.bit"] == ("drilling.formation",)
+    assert {"cmc.gas", "cmc.friction", "ahc.cylinder", "rocker"} < set(beside["platform-crown"])

@@ -8,8 +8,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.diagnosis import confusion, detectability, false_alarms, keeping
+from benchmarks.diagnosis import compensator, confusion, detectability, false_alarms, keeping
 from benchmarks.diagnosis.rigs import RIGS
+from heavebond.presentation import readable
 
 PAGE = Path(__file__).parents[2] / "docs" / "diagnosis_study.md"
 BEGIN, END = "<!-- written by `python -m benchmarks.diagnosis.page` -->", "<!-- end of what it writes -->"
@@ -111,14 +112,32 @@ def sizes(rows: Sequence[Row], checks: Sequence[Row]) -> str:
         table(["rig", "effect", "times", "verdict", "outcome", "named"], told)])
 
 
+def machine(rows: Sequence[Row]) -> str:
+    """The cases of the compensator: what was said, and what of the whole catalogue it took."""
+    lines, values = [], []
+    for row in rows:
+        ladder = row["ladder"]
+        effects = [f"{p['name']} {readable(p['value'], p['unit'], 3)}" for p in row["parameters"]]
+        off = [abs(row["fitted"][name] / true - 1) for name, true in row["values"].items() if name in row["fitted"]]
+        lines.append((row["key"], OUTCOMES[row["outcome"]], said(row),
+                      " to ".join(figure(ladder[k][2], 4) for k in ([1, -1] if len(ladder) > 2 else [-1])),
+                      f"{row['refitted']} of {row['scored']}", f"{row['processor']:.0f}", f"{row['megabytes']:.0f}"))
+        values.append((row["key"], ", ".join(effects) or "-", f"{100 * max(off, default=0):.1f} %"))
+    return "\n\n".join([
+        table(["hidden", "outcome", "said", "chi-square held out", "refitted", "processor, s", "MB"], lines),
+        "What was fitted, and how far the free parameters are from the machine's own values at most:",
+        table(["hidden", "the effect's numbers", "parameters off by"], values)])
+
+
 def main() -> None:
     """All tables into the page."""
     found = {study: list(keeping.read(study).values()) for study in
-             (confusion.STUDY, false_alarms.STUDY, detectability.STUDY, detectability.CHECKS)}
+             (confusion.STUDY, false_alarms.STUDY, detectability.STUDY, detectability.CHECKS, compensator.STUDY)}
     rows = found[confusion.STUDY]
     parts = ["## False alarms", alarms(found[false_alarms.STUDY]), "## Confusion", outcomes(rows), matrix(rows),
              "### Every case", cases(rows), "## How large an effect must be",
-             sizes(found[detectability.STUDY], found[detectability.CHECKS])]
+             sizes(found[detectability.STUDY], found[detectability.CHECKS]),
+             "## A machine of real size", machine(found[compensator.STUDY])]
     text = PAGE.read_text(encoding="utf-8")
     head, _, rest = text.partition(BEGIN)
     PAGE.write_text("\n\n".join([head.rstrip(), BEGIN, *parts, END]) + rest.partition(END)[2], encoding="utf-8")

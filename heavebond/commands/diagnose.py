@@ -29,15 +29,15 @@ RANKED = 12  # candidates that are shown
 @click.option("--folder", metavar="FOLDER", type=click.Path(path_type=Path, file_okay=False),
               help="Where the files go [default: beside EXPERIMENT].")
 @click.option("--report", "report_file", metavar="FILE", type=click.Path(path_type=Path),
-              help="The report [default: report.html in the folder].")
+              help="The report [default: NAME_report.html in the folder].")
 @json_option
 def diagnose(experiment: str, auto: bool, classes: tuple[str, ...], seconds: float, processes: int | None,
              folder: Path | None, report_file: Path | None) -> dict[str, object]:
     """Find out which physical effect the diagram of EXPERIMENT lacks, where, and how sure that is.
 
-    Writes a diagram that extends the model with what was found, the experiment on it (NAME_2.yaml) and a report.
-    Figures count on records that were not fitted; where there are none, on stretches that are held out. Ctrl-C ends the
-    search with what was found so far.
+    Writes a diagram that extends the model with what was found, the experiment on it (NAME_2.yaml) and a report
+    (NAME_report.html). Figures count on records that were not fitted; where there are none, on stretches that are held
+    out. Ctrl-C ends the search with what was found so far.
     """
     from heavebond import terminal
     from heavebond.diagnosis import diagnose as diagnosed
@@ -48,7 +48,7 @@ def diagnose(experiment: str, auto: bool, classes: tuple[str, ...], seconds: flo
     given = load_experiment(experiment)
     check_classes(given, classes)
     targets = Targets.beside(given, folder)
-    page = report_file or targets.folder / "report.html"
+    page = report_file or targets.report
     check_writable(page, (".html",))
     with terminal.working("diagnosing") as progress:
         found = diagnosed(given, auto=auto, number=processes, seconds=seconds, classes=classes, progress=progress)

@@ -39,6 +39,8 @@ if TYPE_CHECKING:
 @picture_option("Where to draw; without --plot all outputs of the diagram are drawn")
 @click.option("--rtol", metavar="NUMBER", type=click.FloatRange(0, 0.1, min_open=True), default=1e-8, show_default=True,
               help="Relative tolerance of the integrator.")
+@click.option("--solver", metavar="NAME",
+              help="Which solver integrates: idas (the default), cvodes, rosenbrock (compiled), or auto.")
 @click.option("--allow-fmu", is_flag=True,
               help="Run the programs in the FMUs of the diagram. Do so only with FMUs you trust.")
 @click.option("--verify", "verified", is_flag=True, help="Repeat with tighter tolerances and a tenth of the widths of all "
@@ -47,8 +49,8 @@ if TYPE_CHECKING:
               help="With --verify: by how much of its range an output may move.")
 @json_option
 def run(model: str, settings: tuple[str, ...], until: str | None, every: str | None, plotted: tuple[str, ...],
-        saved: tuple[Path, ...], output: Path | None, rtol: float, allow_fmu: bool, verified: bool,
-        within: float) -> dict[str, object]:
+        saved: tuple[Path, ...], output: Path | None, rtol: float, solver: str | None, allow_fmu: bool,
+        verified: bool, within: float) -> dict[str, object]:
     """Simulate the diagram MODEL and tell the range of each of its outputs.
 
     MODEL is a YAML file or the name of a bundled diagram (cmc_ahc, cmc_ahc/passive).
@@ -70,7 +72,7 @@ def run(model: str, settings: tuple[str, ...], until: str | None, every: str | N
         with terminal.working("assembling"):
             assembly = assembled(with_settings(load(model), settings), "--plot", formulas)
         with terminal.working("integrating"):
-            result = simulate(assembly, until, every=every, rtol=rtol, allow_fmu=allow_fmu)
+            result = simulate(assembly, until, every=every, rtol=rtol, solver=solver, allow_fmu=allow_fmu)
     listed = list(assembly.model.show) or assembly.state_names or [u.name for u in assembly.flat.unknowns]
     names = list(dict.fromkeys([*listed, *plotted]))
     figures = _figures(result, names)
@@ -169,4 +171,5 @@ def _statistics(result: Result) -> str:
              f"integration {seconds['integration']:.2g} s"]
     if "nsteps" in said:
         parts.append(f"{said['nsteps']} steps")
+    parts.append(f"solver {said['solver']} ({said['why']})")
     return "; ".join(parts)

@@ -1,0 +1,138 @@
+"""Several effects at once: which ladders are followed, what is taken out again, and when several names are given."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from benchmarks.diagnosis.making import Hidden
+from benchmarks.diagnosis.rigs import RIGS
+from benchmarks.diagnosis.truths import RECEIVER
+from heavebond import climbing, verdict
+from heavebond.climbing import Way, climb
+from heavebond.diagnosis import diagnose
+from heavebond.leftover import Leftover
+from heavebond.rung import Step
+from heavebond.trial import Trial
+
+SAMPLES = 1000
+CLASSES = ("choked flow", "sensor offset", "dead band", "sensor gain")
+
+
+def test_two_effects_are_found_and_what_the_first_may_be_is_told_beside_the_second(tmp_path: Path) -> None:
+    # a gauge 0.24 bar off, and a valve that chokes; alone, an error of the gauge's gain would leave four times as much as
+    # one of its offset; beside the valve both leave noise
+    known = {truth.name: truth for truth in RECEIVER}
+    hidden = [known["choked inlet"], known["SensorOffset in the channel receiver.p"]]
+    machine = Hidden(replace(RIGS["receiver"], seconds=60.0), hidden, "test", tmp_path, 1.0, 0.0)
+    found = diagnose(machine.case([0.6, 24e3]).experiment, classes=CLASSES, number=1, auto=True)
+    gauge, valve = found.findings
+    assert found.verdict == "one_of"
+    assert valve.kinds == ("choked flow",)
+    assert {"sensor offset", "sensor gain"} <= set(gauge.kinds)
+    assert found.ladder[-1].chi2_held_out < 1.12 < 5 < found.ladder[2].chi2_held_out  # 601 samples: 1 +- 0.06
+
+
+def test_of_several_effects_noise_is_asked() -> None:
+    def explained(fitted: float, held: float, *, effects: int) -> bool:
+        ladder: list[Any] = [_rung(1000, 1000), _rung(100, 500), *(_rung(fitted, held) for _ in range(effects))]
+        return verdict.explained(ladder, [SimpleNamespace(rung=rung) for rung in ladder[2:]])  # type: ignore[misc]
+
+    assert explained(1.05, 1.05, effects=1) and explained(1.05, 1.05, effects=5)
+    assert explained(1.3, 1.3, effects=1) and not explained(1.3, 1.3, effects=2)
+    # far more is gone where nothing was fitted, from where the diagram went astray, than where it was
+    assert not explained(10, 10, effects=1) and explained(2.5, 10, effects=1)
+    assert not explained(2.1, 1.05, effects=3)
+
+
+def _rung(fitted: float, held: float) -> Any:
+    comparison = SimpleNamespace(experiment=SimpleNamespace(noise_given=True))
+    return SimpleNamespace(chi2_fit=fitted, chi2_held_out=held, samples_held_out=SAMPLES, comparison=comparison)
+
+
+# -- ladders of a made-up catalogue: chi-square by the effects in the diagram ----------------------------------------------
+Table = Mapping[str, float]
+
+
+def climbed(monkeypatch: pytest.MonkeyPatch, table: Table, *, given: bool = True, most: int = 5) -> tuple[str, list[str]]:
+    """The effects that are found, and the diagrams on which a step was made; what is not in the table leaves what is left
+    without any one of its effects, at best."""
+    made: list[str] = []
+
+    def left(effects: str) -> float:
+        name = "".join(sorted(effects))
+        return table[name] if name in table else min((left(name.replace(e, "")) for e in name), default=1000.0)
+
+    def trial(effects: str, new: str) -> Trial:
+        chi2 = left(effects + new)
+        candidate = SimpleNamespace(label=new, kind=new, where=(), change=SimpleNamespace(moved={}))
+        return Trial(candidate, experiment(effects + new), {}, chi2 * SAMPLES, chi2, chi2, SAMPLES,  # type: ignore[arg-type]
+                     SAMPLES, len(effects) + 1, (), 0.0, 0)
+
+    def step(effects: str, new: Sequence[str]) -> Step:
+        chi2 = left(effects)
+        trials = sorted((trial(effects, e) for e in new if e not in effects), key=lambda t: t.cost)
+        bare = Step(experiment(effects), dict.fromkeys(effects, 0.0), chi2 * SAMPLES, SAMPLES,  # type: ignore[arg-type]
+                    chi2, chi2, SAMPLES, (), Leftover(0, 0, 0, 9), (), tuple(trials), None, (), {}, (), False, 0.0)
+        best = climbing.leaders(bare, 1)
+        return best[0] if best else bare
+
+    def experiment(effects: str) -> SimpleNamespace:
+        return SimpleNamespace(effects=effects, noise_given=given)
+
+    def stepping(at: Any, way: Way) -> Step:
+        made.append(at.effects)
+        return step(at.effects, "ABCD")
+
+    monkeypatch.setattr(climbing, "following", lambda made: made.chosen.experiment)
+    monkeypatch.setattr(climbing, "candidates", lambda at: [trial("", e).candidate for e in "ABCD"])
+    monkeypatch.setattr(climbing, "single", lambda at, candidate, say: step(at.effects, [candidate.label]))
+    way, _ = climb(experiment(""), stepping, lambda text: None, most)  # type: ignore[arg-type]
+    return "".join(added.candidate.label for added in way), made
+
+
+# C alone takes more than A or B, which are there
+MISLED = {"": 1000, "A": 40, "B": 60, "C": 10, "AB": 1, "AC": 6, "BC": 7, "CD": 3, "ACD": 1.6}
+
+
+def test_the_best_first_effect_need_not_be_one_of_the_two(monkeypatch: pytest.MonkeyPatch) -> None:
+    found, made = climbed(monkeypatch, MISLED)
+    assert found == "AB"
+    assert made == ["", "C", "A", "B"]  # noise beside A ends the search; then A is looked back on
+
+
+def test_one_step_is_one_effect(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert climbed(monkeypatch, MISLED, most=1) == ("C", [""])
+
+
+def test_noise_ends_the_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert climbed(monkeypatch, {**MISLED, "C": 1.05}) == ("C", [""])
+
+
+def test_with_an_estimated_noise_the_best_alone_is_followed(monkeypatch: pytest.MonkeyPatch) -> None:
+    _, made = climbed(monkeypatch, {"": 1000, "A": 40, "B": 60, "C": 10}, given=False)
+    assert made == ["", "C"]
+    _, made = climbed(monkeypatch, {"": 1000, "A": 40, "B": 60, "C": 10})
+    assert made == ["", "C", "A", "B"]  # and none of A or B with another is better than C
+
+
+def test_an_effect_that_is_not_missed_any_more_is_taken_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    # A and B do next to nothing alone, so no ladder begins with them
+    found, _ = climbed(monkeypatch, {"": 1000, "A": 700, "B": 800, "C": 10, "AC": 4, "BC": 6, "AB": 1, "ABC": 1})
+    assert found == "AB"
+
+
+def test_another_effect_takes_the_place_of_one_that_it_beats_beside_a_later_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    found, _ = climbed(monkeypatch, {"": 1000, "C": 10, "AC": 2, "A": 800, "AD": 1, "D": 900})
+    assert found == "AD"
+
+
+def test_a_name_by_an_effect_that_is_taken_out_goes_back_to_what_drove_it() -> None:
+    gone = SimpleNamespace(change=SimpleNamespace(moved={"inlet.u": "lag_inlet.u"}))
+    assert climbing._before("Delay before lag_inlet.u", gone) == "Delay before inlet.u"  # type: ignore[arg-type]
+    assert climbing._before("Delay before outlet.u", gone) == "Delay before outlet.u"  # type: ignore[arg-type]

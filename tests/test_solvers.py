@@ -1,0 +1,268 @@
+"""Solvers by name: the same answers from each of them, and clear words where one cannot be used."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import heavebond as hb
+from heavebond import cli
+from heavebond.model import SOLVERS
+
+MODELS = Path(__file__).parents[1] / "models"
+# Diagrams whose friction turns over within a fraction of a mm/s: a difference of 1e-8 moves the instant at which the load
+# breaks loose. IDAS itself moves by 1e-3 of the range there when its tolerance is tightened.
+SHARP = {"cmc_ahc/printed_friction", "cmc_ahc/printed_friction_passive", "cmc_ahc/irregular_sea_passive"}
+# rms of the difference over the range of an output: all run at rtol 1e-8, errors add up over thousands of steps
+AGREE, AGREE_SHARP = 1e-5, {"cvodes": 3e-3, "rosenbrock": 3e-2}
+LOOP = {"cmc_ahc/detailed", "dc_stage", "mechanisms/double_pendulum", "mechanisms/four_bar", "mechanisms/pendulum",
+        "mechanisms/slider_crank", "pneumatic_cylinder"}
+CUT = {"cmc_ahc/passive_then_active", "excavator_boom", "mechanisms/double_pendulum", "mechanisms/four_bar",
+       "mechanisms/pendulum", "mechanisms/slider_crank", "pneumatic_cylinder"}
+TURNED = {"excavator_boom"}  # with algebraic unknowns in the states that it goes on with
+needs_compiler = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc here")
+
+BALL = """
+model: ball
+components:
+  body:   {is: Mass, m: 2 kg}
+  weight: {is: Weight, m: 2 kg, g: 9.80665 m/s**2}
+  floor:  {is: BouncingFloor, e: 0.8}
+nodes:
+  ball: [body.a, weight.a, floor.a]
+initial: {ball.x: 1 m, ball.v: 0 m/s}
+simulate: {until: 2 s, every: 10 ms}
+"""
+FLOOR = """
+component: BouncingFloor
+summary: Throws back what falls on it.
+ports: {a: translational}
+parameters:
+  e: {unit: 1, min: 0, max: 1, doc: restitution}
+equations: |
+  a.f = 0   # no force between two impacts
+when:
+  impact: {condition: a.x < 0, then: {a.v: -e * a.v}}
+power: controlled, impacts
+"""
+SHAKEN = """
+model: shaken
+components:
+  deck:
+    is: PositionSource
+    u: {file: heave.csv, column: "z [mm]", time: {column: "time [s]", unit: s}, unit: mm, between: spline}
+  spring: {is: SpringDamper, c: 2 kN/m, d: 40 N*s/m}
+  load:   {is: Mass, m: 10 kg}
+nodes: {deck: [deck.a, spring.a], load: [spring.b, load.a]}
+initial: {start: steady}
+show: {load: {is: load.x, unit: mm}}
+simulate: {until: 5 s, every: 10 ms}
+"""
+ROOT = """
+model: root
+components:
+  source: {is: PositionSource, u: "=sqrt((1 s - time)/1 s)*0.1 m"}
+  spring: {is: SpringDamper, c: 2 kN/m, d: 40 N*s/m}
+  load:   {is: Mass, m: 10 kg}
+nodes: {deck: [source.a, spring.a], load: [spring.b, load.a]}
+initial: {load.x: 0 m, load.v: 0 m/s}
+simulate: {until: 2 s}
+"""
+
+
+def diagrams() -> list[str]:
+    """The bundled machines, without the examples of single components."""
+    files = sorted(p for p in MODELS.glob("*/*.yaml") if p.parent.name != "examples")
+    return [p.parent.name if p.stem == p.parent.name else f"{p.parent.name}/{p.stem}" for p in files
+            if any(line.startswith("model:") for line in p.read_text(encoding="utf-8").splitlines())
+            and not any(line.startswith(("experiment:", "study:")) for line in p.read_text(encoding="utf-8").splitlines())]
+
+
+def apart(one: hb.Result, other: hb.Result) -> float:
+    """The largest rms of a difference between outputs, over the output's range."""
+    names = list(one.assembly.model.show) or one.assembly.state_names or one.names()
+    ranges = {name: float(np.ptp(one[name])) for name in names}
+    return max((float(np.sqrt(np.mean((one[name] - other[name]) ** 2))) / ranges[name] for name in names
+                if ranges[name] > 1e-9 * float(np.abs(one[name]).max())), default=0.0)
+
+
+def refusal(name: str, solver: str) -> str:
+    """The code of the problem that a diagram is refused with, or none."""
+    if solver == "rosenbrock":
+        return "solver-cut" if name in CUT else ""
+    return "solver-algebraic" if name in LOOP | TURNED else ""
+
+
+def check(name: str, solver: str) -> None:
+    """The diagram runs as by IDAS, or is refused for the reason that is known."""
+    assembly = hb.assemble(hb.load(name))
+    if code := refusal(name, solver):
+        with pytest.raises(hb.UsageError) as caught:
+            hb.simulate(assembly, solver=solver)
+        assert caught.value.problems[0].code == code
+        assert "solver='" in caught.value.problems[0].hint
+        return
+    plain, run = hb.simulate(assembly), hb.simulate(assembly, solver=solver)
+    assert (plain.statistics["solver"], run.statistics["solver"]) == ("idas", solver)
+    assert [event for _, event in run.events] == [event for _, event in plain.events]
+    assert apart(plain, run) < (AGREE_SHARP[solver] if name in SHARP else AGREE)
+
+
+@pytest.mark.parametrize("name", ["cmc_ahc", "cmc_ahc/passive_then_active", "cmc_ahc/detailed", "excavator_boom",
+                                  "cylinder_rig", "quarter_car", "hydrostatic_drive"])
+def test_cvodes_agrees_with_idas(name: str) -> None:
+    check(name, "cvodes")
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", ["cmc_ahc", "dc_stage", "passive_rig/passive_rig_friction", "pneumatic_cylinder"])
+def test_rosenbrock_agrees_with_idas(name: str) -> None:
+    check(name, "rosenbrock")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("solver", ["cvodes", pytest.param("rosenbrock", marks=needs_compiler)])
+@pytest.mark.parametrize("name", diagrams())
+def test_every_bundled_machine_runs_alike_by_every_solver(name: str, solver: str) -> None:
+    check(name, solver)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", sorted((MODELS / "examples").glob("*.yaml")), ids=lambda path: path.stem)
+def test_every_example_runs_alike_by_auto(path: Path) -> None:
+    assembly = hb.assemble(hb.load(path))
+    plain, run = hb.simulate(assembly), hb.simulate(assembly, solver="auto")
+    assert run.statistics["solver"] == ("idas" if assembly.algebraic_names else "cvodes")
+    assert apart(plain, run) < 1e-4  # examples of laws with steps among them
+    assert [name for _, name in run.events] == [name for _, name in plain.events]
+
+
+# -- sensitivities -----------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("solver", ["cvodes", pytest.param("rosenbrock", marks=needs_compiler)])
+def test_sensitivities_are_those_of_differences(solver: str) -> None:
+    assembly, names = hb.assemble(hb.load("cmc_ahc")), ["controller.K_p", "crown.m"]
+    run = hb.simulate(assembly, 6.0, every=0.05, sensitivities=names, solver=solver)
+    plain = hb.simulate(assembly, 6.0, every=0.05, sensitivities=names)
+    for name in names:
+        exact = run.sensitivity("WOB", name)
+        largest = np.abs(exact).max()
+        # forward sensitivities are right to some 1e-4 of their largest value (see Tolerances)
+        assert np.abs(exact - plain.sensitivity("WOB", name)).max() < 1e-3 * largest
+        if name == "controller.K_p":
+            value = assembly.parameter_values[name]
+            high, low = (hb.simulate(assembly, 6.0, every=0.05, parameters={name: value + h}, rtol=1e-11, atol=1e-13)["WOB"]
+                         for h in (1e-3, -1e-3))
+            assert np.abs(exact - (high - low) / 2e-3).max() < 1e-3 * largest
+
+
+def test_sensitivities_go_through_events_with_cvodes(tmp_path: Path) -> None:
+    (tmp_path / "bouncing_floor.yaml").write_text(FLOOR)
+    model = hb.loads(BALL, tmp_path)
+    run = hb.simulate(model, sensitivities=["floor.e", "weight.g"], solver="cvodes")
+    e, g = 0.8, 9.80665
+    first = np.sqrt(2 / g)  # s: the first bounce; then hops of 2 e v/g, 2 e**2 v/g
+    times = [time for time, _ in run.events]
+    assert times[:2] == pytest.approx([first, first * (1 + 2 * e)], abs=1e-6)
+    assert run.event_sensitivity("floor.impact", 1, "floor.e") == pytest.approx(2 * first, rel=1e-5)
+    plain = hb.simulate(model, sensitivities=["floor.e", "weight.g"])
+    for name in ("floor.e", "weight.g"):
+        ours, theirs = run.sensitivity("ball.x", name), plain.sensitivity("ball.x", name)
+        assert np.abs(ours - theirs).max() < 1e-5 * np.abs(theirs).max()
+
+
+def test_a_run_backwards_asks_for_idas() -> None:
+    from heavebond.adjoint import Adjoint
+    from heavebond.costs import Evaluator, read_cost
+
+    assembly, study = hb.assemble(hb.load("cmc_ahc")), hb.load_study("cmc_ahc/quality_index")
+    evaluator = Evaluator(assembly, [read_cost(assembly, study.tuning.cost)], 72.0, 96.0)
+    simulator = hb.Simulator(assembly, times=np.array([0.0, 72.0, 96.0]), quadratures=evaluator.quadratures,
+                             factors=evaluator.factors, solver="cvodes")
+    with pytest.raises(hb.UsageError, match="solver='idas'"):
+        Adjoint(simulator, evaluator, ["controller.K_p"])
+
+
+# -- inputs, failures --------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("solver", ["cvodes", pytest.param("rosenbrock", marks=needs_compiler)])
+def test_measured_inputs(solver: str, tmp_path: Path) -> None:
+    t = np.arange(0, 5.01, 0.1)
+    rows = [f"{a:.3f},{b:.9g}" for a, b in zip(t, 20 * np.sin(3 * t), strict=True)]
+    (tmp_path / "heave.csv").write_text("time [s],z [mm]\n" + "\n".join(rows) + "\n")
+    model = hb.loads(SHAKEN, tmp_path)
+    assert apart(hb.simulate(model), hb.simulate(model, solver=solver)) < 1e-6
+
+
+@pytest.mark.parametrize("solver", ["cvodes", pytest.param("rosenbrock", marks=needs_compiler)])
+def test_a_failure_is_told_as_by_idas(solver: str) -> None:
+    with pytest.raises(hb.SimulationError) as caught:
+        hb.simulate(hb.loads(ROOT), solver=solver)
+    assert "the integration stopped at t = 1" in str(caught.value)
+    assert "no finite value" in str(caught.value)
+
+
+# -- the choice --------------------------------------------------------------------------------------------------------
+def test_the_choice_and_why() -> None:
+    model = hb.load("quarter_car")
+    told = {solver: hb.simulate(model, 0.1, solver=solver).statistics for solver in (None, "idas", "cvodes", "auto")}
+    assert [(s["solver"], s["why"]) for s in told.values()] == [
+        ("idas", "the default"), ("idas", "asked for"), ("cvodes", "asked for"),
+        ("cvodes", "no algebraic unknowns are left")]
+    loop = hb.simulate(hb.load("dc_stage"), 0.1, solver="auto").statistics
+    assert (loop["solver"], loop["why"]) == ("idas", "algebraic unknowns are left: screw.a.tau")
+
+
+def test_a_diagram_says_by_what_its_plain_runs_are_made(tmp_path: Path) -> None:
+    base = tmp_path / "base.yaml"
+    text = (MODELS / "quarter_car" / "quarter_car.yaml").read_text(encoding="utf-8")
+    base.write_text(text.replace("simulate: {", "simulate: {solver: cvodes, "), encoding="utf-8")
+    variant = tmp_path / "variant.yaml"
+    variant.write_text("model: variant\nextends: base.yaml\nsimulate: {until: 0.1 s}\n", encoding="utf-8")
+    found = hb.simulate(hb.load(variant))
+    assert (found.statistics["solver"], found.statistics["why"]) == ("cvodes", "as the diagram says")
+    assert hb.simulate(hb.load(variant), solver="idas").statistics["solver"] == "idas"
+    # what is compared, fitted or tuned is run by IDAS
+    assert hb.Simulator(hb.assemble(hb.load(variant))).solver.name == "idas"
+
+
+def test_a_name_that_is_no_solver(tmp_path: Path) -> None:
+    with pytest.raises(hb.UsageError, match="Did you mean 'cvodes'"):
+        hb.simulate(hb.load("quarter_car"), solver="cvode")
+    with pytest.raises(hb.ModelError, match="There are idas, cvodes, rosenbrock, auto") as caught:
+        hb.loads("model: m\nsimulate: {until: 1 s, solver: zzz}\n", tmp_path)
+    assert caught.value.problems[0].place is not None
+
+
+def test_the_compiler_is_asked_for_where_there_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", "")
+    with pytest.raises(hb.UsageError, match="apt install gcc") as caught:
+        hb.simulate(hb.load("quarter_car"), solver="rosenbrock")
+    assert "--solver auto" in caught.value.problems[0].hint
+
+
+@needs_compiler
+def test_a_compiler_that_fails_and_what_it_leaves(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    model = hb.load("quarter_car")
+    assert hb.simulate(model, 0.1, solver="rosenbrock").time[-1] == 0.1
+    assert list(tmp_path.iterdir()) == []
+    monkeypatch.setattr("heavebond.solvers.compiler", lambda: "false")
+    with pytest.raises(hb.UsageError, match="false could not compile the equations"):
+        hb.simulate(model, 0.1, solver="rosenbrock")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_command_line_tells_it() -> None:
+    told = CliRunner().invoke(cli.main, ["run", "quarter_car", "--until", "0.1 s", "--solver", "cvodes"])
+    assert told.exit_code == 0
+    assert "solver cvodes (asked for)" in told.output
+    wrong = CliRunner().invoke(cli.main, ["run", "dc_stage", "--solver", "cvodes"])
+    assert wrong.exit_code != 0
+    for words in ("screw.a.tau", "--solver idas", "auto"):
+        assert words in " ".join(str(wrong.exception).split()) + wrong.output
+    assert set(SOLVERS) == {"idas", "cvodes", "rosenbrock", "auto"}
