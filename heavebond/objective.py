@@ -291,8 +291,12 @@ def check_ranges(assembly: Assembly, ranges: Mapping[str, Range]) -> None:
             raise UsageError([Problem("free-unknown", f"'{name}' is no parameter that may be free", None,
                                       suggest(name, units))])
         if units[name].dimension != wanted.unit.dimension:
-            raise UsageError([Problem("unit-wrong", f"the range of {name} is in {wanted.unit.text}; "
-                                      f"{units[name].text} is needed")])
+            plain = wanted.unit.text == "1"
+            told = "has no unit" if plain else f"is in {wanted.unit.text}"
+            raise UsageError([Problem("unit-missing" if plain else "unit-wrong", f"the range of {name} {told}; "
+                                      f"{units[name].text} is needed", None,
+                                      f"Write '{wanted.low:g} .. {wanted.high:g} {units[name].text}', if that is meant."
+                                      if plain else f"Write it in {units[name].text} or in a multiple of it.")])
 
 
 def check_free(assembly: Assembly, task: Task) -> None:

@@ -163,7 +163,7 @@ def moving(folder: Path) -> Path:
 def swept(folder: Path) -> list[Path]:
     """The compensator over its two gains, and what of the quarter car moves its comfort."""
     asked = {
-        "map": Sweep(find("cmc_ahc"), (read_over("controller.K_p=2 .. 3.5 1/m; 4"),
+        "map": Sweep(find("cmc_ahc"), (read_over("controller.K_p=1 .. 3 1/m; 5"),
                                        read_over("controller.K_v=0.4 .. 0.7 s/m; 4")), (("rms(crown)", "mm"),),
                      window=("72 s", "")),
         "tornado": Sweep(find("quarter_car"), tuple(map(read_over, (
