@@ -14,6 +14,7 @@ nothing sets. Hiskens and Pai, Trajectory sensitivity analysis of hybrid systems
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -220,10 +221,14 @@ class EventEquations:
 
 
 def _differentiated(assembly: Assembly) -> list[int]:
-    """The unknowns whose rates the equations contain, that are no states, and that follow from what events change."""
-    flat, states = assembly.flat, set(assembly.reduced.states)
+    """The unknowns whose rates stand in the equations, that are no states, and that follow from what events change. A speed
+    that is told of a node, and that nothing else asks for, does not count: a spring may be jerked at its end."""
+    flat, states, n = assembly.flat, set(assembly.reduced.states), len(assembly.flat.unknowns)
+    used = Counter(c % n for row in flat.entries for c, _ in row)
+    idle = [" is the rate of " in equation.label and any(c < n and used[c] == 1 for c, _ in row)
+            for equation, row in zip(flat.equations, flat.entries, strict=True)]
+    rated = sorted({c % n for row, told in zip(flat.entries, idle, strict=True) if not told for c, _ in row if c >= n})
     held = {assembly.arguments[3][h.index].element_hash() for h in flat.held} | {
         s.element_hash() for s in ca.symvar(assembly.arguments[2])}
-    rated = [j for j, highest in enumerate(assembly.reduced.choices.constraints.highest)
-             if highest > 0 and (j, 0) not in states]
-    return [j for j in rated if held & {s.element_hash() for s in ca.symvar(assembly.express(flat.levels[0][j]))}]
+    return [j for j in rated if (j, 0) not in states
+            and held & {s.element_hash() for s in ca.symvar(assembly.express(flat.levels[0][j]))}]

@@ -82,6 +82,7 @@ ENDS: dict[str, Callable[[], dict[str, float]]] = {
     "load_above_an_open_contact": lambda: {"load.x": -100 * 9.81 / 1e6, "contact.N": 981.0},
     "pump_on_a_relief_valve": lambda: {"line.p": 100e5 + 10 * LPM / 1e-10},
     "guess_that_a_formula_gives": lambda: {"load.x": 0.2 - 0.1 * np.cos(np.sqrt(1000 / 3))},
+    "spring_jerked_at_its_end": lambda: {"body.x": 0.02 * (1 - np.cos(np.sqrt(1000 / 3) * 0.5))},
     "capacitors_that_divide_a_voltage": lambda: {"middle.v": 2 + 3 / 4 * 10},
     "cylinder_that_pushes_nothing": lambda: {"rod.v": 10 * LPM / 20e-4, "A.p": 0.0},
     # a ripple of 20 A tanh(T/4 tau) that is reached with the time constant of the coil
