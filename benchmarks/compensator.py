@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
-import subprocess
-import sys
 import tempfile
 from collections.abc import Iterator
 from functools import partial
@@ -16,7 +13,7 @@ import numpy as np
 import yaml
 
 import heavebond as hb
-from benchmarks.measuring import PAIRS, Figure, at_most, paired, spoken
+from benchmarks.measuring import PAIRS, Figure, at_most, paired, process, spoken
 from heavebond.adjoint import Adjoint
 from heavebond.costs import Evaluator, read_cost
 from heavebond.dae import Array
@@ -26,7 +23,6 @@ from heavebond.source import Mapping, Node, Scalar, read
 from heavebond.study import load_study
 from heavebond.tuning import tune
 
-ROOT = Path(__file__).parents[1]
 SENSITIVE = ("controller.K_p", "controller.K_v", "ahc.valve.f_n", "crown.m", "wave.a")
 COMMAND = ("-c", "from heavebond.cli import main; main()")
 
@@ -96,13 +92,6 @@ def assembly_figures() -> list[Figure]:
 
 
 # -- whole processes ---------------------------------------------------------------------------------------------------
-def process(*arguments: str) -> str:
-    """What Python says when called like this; CalledProcessError where it fails."""
-    paths = [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH", "")])]
-    return subprocess.run([sys.executable, *arguments], env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
-                          capture_output=True, text=True, check=True).stdout
-
-
 def process_disagreement() -> float:
     """The last weight on bit that the command tells, against the same run in this process; a share of it."""
     with tempfile.TemporaryDirectory() as folder:
@@ -116,8 +105,7 @@ def process_disagreement() -> float:
 def process_figures() -> list[Figure]:
     """Start of Python included, on both sides."""
     assert process_disagreement() < 1e-6
-    runs = (("`heavebond run cmc_ahc` / `import casadi, numpy`", (*COMMAND, "run", "cmc_ahc"), "import casadi, numpy", 8.0),
-            ("`import heavebond` / `import numpy`", ("-c", "import heavebond"), "import numpy", 1.3),
+    runs = (("`import heavebond` / `import numpy`", ("-c", "import heavebond"), "import numpy", 1.3),
             ("`heavebond --help` / `import numpy`", (*COMMAND, "--help"), "import numpy", 3.0))
     return [at_most(f"process: {what}", paired(partial(process, *ours), partial(process, "-c", theirs)), limit)
             for what, ours, theirs, limit in runs]

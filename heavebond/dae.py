@@ -156,13 +156,17 @@ class Assembly:
         return ca.jtimes(value, low, high) + ca.jtimes(value, t, rate)
 
 
-def assemble(model: Model, also: Iterable[str] = (), widths: float = 1.0) -> Assembly:
+def assemble(model: Model, also: Iterable[str] = (), widths: float = 1.0, *, keep: bool = True) -> Assembly:
     """YAML meaning to runnable equations; `also` names positions wanted beside those the diagram itself names, `widths` is
-    a factor on the widths of all transitions. What was reduced before from the same contents comes from the cache."""
+    a factor on the widths of all transitions. What was reduced before from the same contents comes from the cache, unless
+    it is not to be kept: of hundreds of diagrams that are tried once each, packing takes longer than making."""
     wanted = sorted(set(also))
+
+    def make() -> Reduced:
+        return reduce(flatten(model, wanted, widths))
+
     with put_off():
-        return build(kept(KEPT, lambda: _follows(model, wanted, widths), lambda: reduce(flatten(model, wanted, widths)),
-                          {"model": model}))
+        return build(kept(KEPT, lambda: _follows(model, wanted, widths), make, {"model": model}) if keep else make())
 
 
 def _follows(model: Model, also: Sequence[str], widths: float) -> Fingerprint:
