@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from heavebond.definition import Value
 from heavebond.errors import ModelError, Problem, Problems, UsageError, listing, suggest
 from heavebond.expression import Expr, ExpressionProblem
 from heavebond.fingerprint import Fingerprint, contents, key, program
@@ -162,7 +163,15 @@ def assemble(model: Model, also: Iterable[str] = (), widths: float = 1.0) -> Ass
     wanted = sorted(set(also))
     with put_off():
         return build(kept(KEPT, lambda: _follows(model, wanted, widths), lambda: reduce(flatten(model, wanted, widths)),
-                          {"model": model}))
+                          _told, {"model": model}))
+
+
+def _told(reduced: Reduced) -> bool:
+    """Whether a reduced diagram follows from no more than `_follows` tells: not where a component has lists of values in
+    files of its own, which the diagram does not name."""
+    expanded = reduced.flat.expanded
+    given = (b.value for leaf in expanded.leaves.values() for b in leaf.parameters.values() if isinstance(b.value, Value))
+    return {v.file for v in given if v.file} <= set(expanded.model.sources)
 
 
 def _follows(model: Model, also: Sequence[str], widths: float) -> Fingerprint:

@@ -34,10 +34,11 @@ def values_in(*modules: str) -> tuple[type, ...]:
                  if isinstance(c, type) and is_dataclass(c) and c.__module__ == f"heavebond.{module}" and name[0] != "_")
 
 
-def kept(kind: Kind, follows: Callable[[], Fingerprint], make: Callable[[], T],
+def kept(kind: Kind, follows: Callable[[], Fingerprint], make: Callable[[], T], lasting: Callable[[T], bool],
          outside: Mapping[str, object] | None = None) -> T:
     """What `make` gives, from the cache where it is there; `follows` is what it follows from, and is asked again after it
-    was made, so that nothing is kept that was made while files changed. What is `outside` is not kept with it."""
+    was made, so that nothing is kept that was made while files changed, nor what follows from more (is not `lasting`).
+    What is `outside` is not kept with it."""
     cache, before = _on(), time.time_ns()
     if cache is None or (first := _fingerprint(follows)) is None:
         return make()
@@ -46,7 +47,7 @@ def kept(kind: Kind, follows: Callable[[], Fingerprint], make: Callable[[], T],
         return found
     began = time.process_time()
     made = make()
-    if time.process_time() - began >= WORTH:
+    if time.process_time() - began >= WORTH and lasting(made):
         _keep(cache, kind, _fingerprint(follows), before, made, outside)
     return made
 
