@@ -66,10 +66,11 @@ class Run:
 
     def __init__(self, experiment: Experiment, record: Record, names: list[str], tolerances: Tolerances = TOLERANCES, *,
                  kind: type[Simulator] = Simulator, like: Run | None = None):
-        """`kind` of simulator to use; `like` is a run of the same record with another diagram, which is not read again."""
+        """`kind` of simulator to use; `like` is a run of the same record with another diagram: the record is not read again,
+        and this diagram, one of many that are tried, is not kept in the cache."""
         self.record, self.names = record, names
         self.found: Measured = like.found if like is not None else measure(experiment, record)
-        self.assembly = assemble_for(experiment, record)
+        self.assembly = assemble_for(experiment, record, keep=like is None)
         self.probe = Probe(self.assembly, [o.shown.text for o in experiment.outputs.values()])
         units = [read_unit(o.shown.unit) for o in experiment.outputs.values()]
         self.scale = np.array([u.scale for u in units])

@@ -34,6 +34,7 @@ TWINS = 1 - 1e-6  # candidates whose directions agree to this are the same machi
 ALIKE = 1e-3  # their gains and shapes to this share,
 JOINED = 0.02  # and to this one where they are the same law at nodes that move as one,
 AS_ONE = 1e-6  # which is to this share of the largest value
+STEADY = 0.01  # what varies by less than this share of its size is steady
 SECONDS = 300.0  # after which no refit is begun
 # A candidate earns its place where chi-square on what was not fitted falls by this, in units of what is left: normal
 # deviations of some 3 squared would come by chance once in a thousand tries.
@@ -100,6 +101,8 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
     say("fitting what is free")
     base = fitted_base(experiment)
     held, n_held = held_out(base.problem, base.inner, base.exact)
+    courses = _courses(base)
+    found = [c for c in found if always or _says_more(c, base, courses)]
     trials: list[Trial] = []
     scores: list[Score] = []
     partial = False
@@ -112,7 +115,7 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
             place = {c.label: k for k, c in enumerate(found)}
             scores.sort(key=lambda s: place[s.candidate.label])
             left = leftover(base, scores)
-            jobs, twins = _planned(scores, _as_one(base)) if left.significant or always else ([], {})
+            jobs, twins = _planned(scores, _as_one(courses)) if left.significant or always else ([], {})
             for k, (candidate, trial) in enumerate(workers.refit(jobs, began + seconds), 1):
                 trials += [trial] if trial is not None else []
                 say(f"refitting {k} of {len(jobs)}: {candidate.label}"
@@ -126,12 +129,14 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
 
 
 def _polished(workers: Workers, trials: Sequence[Trial], guesses: Mapping[str, Sequence[Score]]) -> list[Trial]:
-    """The trials, those that are near the best followed to the end of their valleys."""
+    """The trials, those that are near the best followed to the end of their valleys: near on all samples or on those that
+    were fitted, as one that has not arrived may miss the others by much."""
     order = sorted(trials, key=merit)
     if not order:
         return []
-    near = [t for t in order[:CLOSELY] if merit(t) - merit(order[0]) < indistinct(order[0], merit(order[0]))
-            + NEAR * (order[0].samples + order[0].samples_held_out)]
+    margin = indistinct(order[0], merit(order[0])) + NEAR * (order[0].samples + order[0].samples_held_out)
+    lowest = min(t.bic for t in order)
+    near = [t for t in order if merit(t) - merit(order[0]) < margin or t.bic - lowest < margin][:CLOSELY]
     better = {c.label: t for c, t in workers.polish([(t, guesses[t.candidate.label]) for t in near])}
     return [better.get(t.candidate.label, t) for t in order]
 
@@ -145,20 +150,32 @@ def fitted_base(experiment: Experiment) -> Base:
     return Base.at(problem, inner)
 
 
-def _as_one(base: Base) -> dict[str, str]:
+def _courses(base: Base) -> dict[str, tuple[str, Array]]:
+    """Each node of the base model with its domain and the course of its across variable on the fitted records."""
+    runs = [base.exact[run.record.name] for run in base.problem.runs]
+    results = [run.simulator.run(base.problem.values_of(base.inner, run.record.name)) for run in runs]
+    return {node.name: (node.domain.name, np.concatenate([result[f"{node.name}.{node.across}"] for result in results]))
+            for node in nodes_of(runs[0].assembly.flat).values()}
+
+
+def _as_one(courses: Mapping[str, tuple[str, Array]]) -> dict[str, str]:
     """Nodes that move as one in the base model (what a lossless rope or lever joins), each with the first of them."""
-    run = base.exact[base.problem.runs[0].record.name]
-    result = run.simulator.run(base.problem.values_of(base.inner, run.record.name))
     found: dict[str, str] = {}
-    first: list[tuple[str, str, Array]] = []
-    for node in nodes_of(run.assembly.flat).values():
-        course = result[f"{node.name}.{node.across}"]
+    for name, (domain, course) in courses.items():
         near = AS_ONE * max(float(np.abs(course).max()), 1e-300)
-        same = (name for name, domain, other in first if domain == node.domain.name and np.abs(course - other).max() < near)
-        found[node.name] = next(same, node.name)
-        if found[node.name] == node.name:
-            first.append((node.name, node.domain.name, course))
+        found[name] = next((first for first in found.values() if courses[first][0] == domain
+                            and np.abs(course - courses[first][1]).max() < near), name)
     return found
+
+
+def _says_more(candidate: Candidate, base: Base, courses: Mapping[str, tuple[str, Array]]) -> bool:
+    """Whether what a law depends on besides its own motion changes at all: a seal that is pressed by a steady pressure has
+    dry friction, which the catalogue has without the pressure."""
+    effect = base.problem.experiment.model.library.component(candidate.component).effect
+    if effect is None or not effect.also:
+        return True
+    others = [courses[node][1] for node in candidate.change.nodes if node not in candidate.where and node in courses]
+    return all(float(np.ptp(course)) > STEADY * float(np.abs(course).max()) for course in others)
 
 
 def _planned(scores: Sequence[Score], as_one: Mapping[str, str]

@@ -16,6 +16,7 @@ amplitude that can be is a score besides.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -215,7 +216,10 @@ def _on_sides(base: Base, at_zero: Score, runs: Sequence[Run], kink: bool) -> li
         return [at_zero]
     step = BESIDE * float(np.linalg.norm(base.r)) / at_zero.size if kink else SEEN / (at_zero.size * at_zero.share)
     sides = (1, -1) if any(_below(n) for n in amplitudes) else (1,)
-    found = [_beside(base, at_zero, runs, side * step) for side in sides]
+    found = []
+    for side in sides:
+        with suppress(HeavebondError):  # so much cannot be simulated, or is more than there may be
+            found.append(_beside(base, at_zero, runs, side * step))
     return found if kink else [at_zero, *(s for s in found if _turned(s, at_zero))]
 
 

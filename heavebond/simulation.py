@@ -77,15 +77,15 @@ class Simulator:
         self.pieces: Pieced = driven or (like.pieces if like is not None and self._driven_as(like) else
                                          pieced(assembly.flat, float(self.time[0]), float(self.time[-1])))
         self.quadratures, self.factors = quadratures, factors
-        self.integrand = _with_integrals(integrand(assembly, quadratures, len(self.sensitivities)), factors)
+        self.start_equations: StartEquations = like.start_equations \
+            if like is not None and like.assembly.reduced is assembly.reduced else StartEquations(assembly)
+        self.integrand = self._made(assembly, quadratures)
         self.integrals = 0 if quadratures is None else quadratures.numel() * (1 + len(self.sensitivities))
         self.stops = np.union1d(self.time, self.pieces.inner_breaks(self.time[0], self.time[-1]))
         charts = Charts(assembly)
         self.solver: Choice = chosen(solver, assembly, charts.needed)
         self.integrator = self._integrator()
         self.loops = _loops(self.integrand)
-        self.start_equations: StartEquations = like.start_equations \
-            if like is not None and like.assembly.reduced is assembly.reduced else StartEquations(assembly)
         self._known_slopes: dict[int, ca.Function] = {}
         self._hoist = Buffered(self.integrand.hoist)
         self._keep = np.searchsorted(self.stops, self.time)
@@ -95,6 +95,12 @@ class Simulator:
         return Switching(charts, self._framed, self.integrals, self.stops, self.inputs,
                          lambda made, grid: integrator(self.solver.name, made, grid, self.tolerances,
                                                        MOST_STEPS_IN_CHART if charts.needed else MOST_STEPS))
+
+    def _made(self, assembly: Assembly, quadratures: ca.SX | None) -> Integrand:
+        """What is integrated; with the sensitivities, parameters move that follow the start or are held, too."""
+        moving = {*np.flatnonzero(self.along.any(axis=1)).tolist(), *self.start_equations.solved_for,
+                  *(held.index for held in assembly.flat.held)}
+        return _with_integrals(integrand(assembly, quadratures, len(self.sensitivities), sorted(moving)), self.factors)
 
     def _framed(self, chart: Chart) -> Frame:
         """The equations in the states of a chart; quadratures are given in those of the first."""
@@ -107,8 +113,7 @@ class Simulator:
         u = chart.assembly.arguments[4]
         raw = chart.assembly.reduced.express(ca.substitute(quadratures, self.assembly.arguments[4], u))
         quadratures = substitute_inputs(raw, self.assembly.flat, self.assembly.flat.time, u)
-        made = _with_integrals(integrand(chart.assembly, None if self.quadratures is None else quadratures,
-                                         len(self.sensitivities)), self.factors)
+        made = self._made(chart.assembly, None if self.quadratures is None else quadratures)
         return Frame(chart, EventEquations(chart.assembly, quadratures, factors), made, _loops(made))
 
     def _driven_as(self, like: Simulator) -> bool:

@@ -357,6 +357,7 @@ class Switching:
             delays = [delays[0]] * len(events)
         else:
             raise self._chattering(now.t, events, "set off each other without end")
+        equations.check_continuous(before, point, happened)
         names = tuple(equations.events[i].name for i in happened)
         record.instants.append(Instant(now.t, names, before, point, now.frame.assembly, np.array(late)))
         self._write(begun, record)

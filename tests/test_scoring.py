@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from heavebond import scoring
+from heavebond import keeping, scoring
 from heavebond.catalogue import Candidate, candidates
-from heavebond.dae import Array
+from heavebond.dae import Array, assemble
 from heavebond.experiment import load_experiment
+from heavebond.model import load
 from heavebond.residuals import Residuals
 from heavebond.scoring import Base, scored, searched
 from heavebond.simulation import Tolerances
@@ -171,3 +172,14 @@ def test_amplitudes_of_different_units_are_scored_one_after_the_other() -> None:
         step = 1e-3 * np.linalg.norm(base.r) / score.size  # moves the channels by a thousandth of the misfit
         moved = run.residuals({**score.shapes, stiffness: 0.0, damping: 0.0, name: step})[0] - base.quick
         assert np.linalg.norm(moved) == pytest.approx(step * score.size, rel=0.05)  # 5 %: the stop is met now and then only
+
+
+def test_diagrams_that_are_tried_once_are_not_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HEAVEBOND_CACHE", str(tmp_path))
+    monkeypatch.setattr(keeping, "WORTH", 0.0)
+    model = load("cmc_ahc/designed")
+    before = set(tmp_path.iterdir())
+    assemble(model, keep=False)
+    assert set(tmp_path.iterdir()) == before
+    assemble(model)
+    assert set(tmp_path.iterdir()) > before
