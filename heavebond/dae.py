@@ -26,7 +26,7 @@ from heavebond.symbols import split, stack
 from heavebond.units import UnitProblem, check_unit, parse_quantity
 
 Array = NDArray[np.float64]
-KEPT = Kind("reduced", values_in(
+KEPT = Kind(Reduced, "reduced", values_in(
     "definition", "errors", "expand", "expression", "flatten", "happening", "library", "model", "parameters", "rank",
     "reduce", "resolver", "source", "states", "units", "view"))
 # how often a signal may be differentiated

@@ -476,4 +476,4 @@ def _check_time(name: str, value: Value, problems: Problems) -> None:
                      hint="Write for example `60 s`.")
 
 
-KEPT = Kind("diagram", values_in("definition", "errors", "expression", "library", "model", "source", "units", "view"))
+KEPT = Kind(Model, "diagram", values_in("definition", "errors", "expression", "library", "model", "source", "units", "view"))

@@ -381,6 +381,7 @@ WRONG = {
     "nothing": lambda data: b"",
     "numbers too large": lambda data: data.replace(b'"root":["value",0]', b'"root":["value",9]'.replace(b"9", b"999999")),
     "half": lambda data: data[:len(data) // 2],
+    "another value": lambda data: packing.pack(7, ()),
 }
 
 
