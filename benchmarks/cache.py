@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
+import heavebond as hb
 from benchmarks import chain
 from benchmarks.compensator import COMMAND, process
 from benchmarks.measuring import Figure, at_most, paired, spoken
@@ -47,7 +48,7 @@ def figures() -> list[Figure]:
         run = partial(process, *COMMAND, "run", "cmc_ahc")
         imports = paired(partial(warm, folder, run), partial(process, "-c", "import casadi, numpy"), 7)
         processes = paired(partial(warm, folder, run), run)
-        large = partial(chain.assembled, MASSES)
+        large = partial(hb.assemble, hb.load(chain.DIAGRAM).with_parameters({"n": MASSES}))
         assemblies = paired(partial(warm, folder, large), large)
     return [at_most("process: `heavebond run cmc_ahc`, cache warm / `import casadi, numpy`", imports, 8.0),
             Figure("process: `heavebond run cmc_ahc`, cache warm / without a cache", spoken(processes)),

@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from heavebond.definition import Value
 from heavebond.errors import ModelError, Problem, Problems, UsageError, listing, suggest
 from heavebond.expression import Expr, ExpressionProblem
 from heavebond.fingerprint import Fingerprint, contents, key, program
@@ -25,7 +26,7 @@ from heavebond.symbols import split, stack
 from heavebond.units import UnitProblem, check_unit, parse_quantity
 
 Array = NDArray[np.float64]
-KEPT = Kind("reduced", values_in(
+KEPT = Kind(Reduced, "reduced", values_in(
     "definition", "errors", "expand", "expression", "flatten", "happening", "library", "model", "parameters", "rank",
     "reduce", "resolver", "source", "states", "units", "view"))
 # how often a signal may be differentiated
@@ -166,7 +167,15 @@ def assemble(model: Model, also: Iterable[str] = (), widths: float = 1.0, *, kee
         return reduce(flatten(model, wanted, widths))
 
     with put_off():
-        return build(kept(KEPT, lambda: _follows(model, wanted, widths), make, {"model": model}) if keep else make())
+        return build(kept(KEPT, lambda: _follows(model, wanted, widths), make, _told, {"model": model}) if keep else make())
+
+
+def _told(reduced: Reduced) -> bool:
+    """Whether a reduced diagram follows from no more than `_follows` tells: not where a component has lists of values in
+    files of its own, which the diagram does not name."""
+    expanded = reduced.flat.expanded
+    given = (b.value for leaf in expanded.leaves.values() for b in leaf.parameters.values() if isinstance(b.value, Value))
+    return {v.file for v in given if v.file} <= set(expanded.model.sources)
 
 
 def _follows(model: Model, also: Sequence[str], widths: float) -> Fingerprint:

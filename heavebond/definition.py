@@ -69,13 +69,15 @@ class SignalPort:
 
 @dataclass(frozen=True)
 class Value:
-    """A number with its unit or a formula, as written in a diagram; `si`: a plain Python number in SI."""
+    """A number with its unit or a formula, as written in a diagram; `si`: a plain Python number in SI; `file`: the one in
+    whose column it stands."""
 
     expr: Expr
     text: str
     place: Place
     formula: bool = False
     si: bool = False
+    file: Path | None = None
 
 
 @dataclass(frozen=True)

@@ -22,10 +22,11 @@ WORTH = 0.03
 
 @dataclass(frozen=True)
 class Kind:
-    """What is kept: a word for it, and the dataclasses that it is made of."""
+    """What is kept: its class, a word for it, and the dataclasses that it is made of."""
 
+    of: type
     word: str
-    classes: tuple[type, ...]
+    classes: tuple[type, ...] = ()
 
 
 def values_in(*modules: str) -> tuple[type, ...]:
@@ -34,10 +35,11 @@ def values_in(*modules: str) -> tuple[type, ...]:
                  if isinstance(c, type) and is_dataclass(c) and c.__module__ == f"heavebond.{module}" and name[0] != "_")
 
 
-def kept(kind: Kind, follows: Callable[[], Fingerprint], make: Callable[[], T],
+def kept(kind: Kind, follows: Callable[[], Fingerprint], make: Callable[[], T], lasting: Callable[[T], bool],
          outside: Mapping[str, object] | None = None) -> T:
     """What `make` gives, from the cache where it is there; `follows` is what it follows from, and is asked again after it
-    was made, so that nothing is kept that was made while files changed. What is `outside` is not kept with it."""
+    was made, so that nothing is kept that was made while files changed, nor what follows from more (is not `lasting`).
+    What is `outside` is not kept with it."""
     cache, before = _on(), time.time_ns()
     if cache is None or (first := _fingerprint(follows)) is None:
         return make()
@@ -46,7 +48,7 @@ def kept(kind: Kind, follows: Callable[[], Fingerprint], make: Callable[[], T],
         return found
     began = time.process_time()
     made = make()
-    if time.process_time() - began >= WORTH:
+    if time.process_time() - began >= WORTH and lasting(made):
         _keep(cache, kind, _fingerprint(follows), before, made, outside)
     return made
 
@@ -54,11 +56,14 @@ def kept(kind: Kind, follows: Callable[[], Fingerprint], make: Callable[[], T],
 def kept_diagram(kind: Kind, path: Path, make: Callable[[], T], files: Callable[[T], Sequence[Path]]) -> T:
     """The diagram in a file, from the cache where it is there. It follows from the `files` that it is written in, which are
     known when it was read once; they are kept by themselves."""
+    def where() -> Fingerprint:
+        own = program()
+        return Fingerprint(key(own.digest, os.getcwd(), str(path)).encode(), own.newest)
+
     cache, before = _on(), time.time_ns()
-    if cache is None or (first := _fingerprint(program)) is None:
+    if cache is None or (here := _fingerprint(where)) is None:
         return make()
-    chain = Kind("files", ())
-    here = Fingerprint(key(first.digest, os.getcwd(), str(path)).encode(), first.newest)
+    chain = Kind(tuple, "files")
 
     def follows(names: Sequence[Path]) -> Fingerprint:
         own = diagram_files(names)
@@ -95,6 +100,8 @@ def _found(cache: Cache, kind: Kind, follows: Fingerprint, outside: Mapping[str,
         return None
     try:
         found: T = unpack(data, kind.classes, outside)
+        if not isinstance(found, kind.of):
+            raise Unpackable(f"this is no {kind.word}")
     except Unpackable:
         cache.drop(name)
         return None

@@ -85,6 +85,13 @@ class Model:
     view: dict[str, Seen] = field(default_factory=dict)
     files: tuple[Path, ...] = ()
 
+    @property
+    def sources(self) -> tuple[Path, ...]:
+        """Its files, and those in which lists of its values stand."""
+        settings = [*(v for i in self.body.instances.values() for v in i.settings.values()),
+                    *(s.value for s in self.settings.values())]
+        return (*self.files, *dict.fromkeys(v.file for v in settings if isinstance(v, Value) and v.file))
+
     def with_parameters(self, values: Dictionary[str, float | str]) -> Model:
         """A model with other values: `{"gas.c": "40 kN/m"}`, or a plain number in the parameter's base unit; and with other
         values at the start: `{"initial.crown.x": 0.02}`."""
@@ -131,7 +138,7 @@ def _python_value(path: str, given: float | str) -> Value:
 def load(name: str | Path) -> Model:
     """Load a diagram: the path of a file, or the name of a bundled one (`cmc_ahc`, `cmc_ahc/passive`)."""
     path = find(name)
-    return kept_diagram(KEPT, path, lambda: _load(path, ()), lambda model: model.files)
+    return kept_diagram(KEPT, path, lambda: _load(path, ()), lambda model: model.sources)
 
 
 def loads(text: str, folder: Path | str = ".") -> Model:
@@ -469,4 +476,4 @@ def _check_time(name: str, value: Value, problems: Problems) -> None:
                      hint="Write for example `60 s`.")
 
 
-KEPT = Kind("diagram", values_in("definition", "errors", "expression", "library", "model", "source", "units", "view"))
+KEPT = Kind(Model, "diagram", values_in("definition", "errors", "expression", "library", "model", "source", "units", "view"))

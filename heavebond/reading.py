@@ -306,7 +306,8 @@ def column_values(node: Mapping, name: str, source: Source, problems: Problems) 
         problems.extend(error)
         return {}
     scale = read_unit(unit.text)
-    return {f"{name}[{k}]": Value(Number(scale.to_si(float(number)), scale, 0), f"{number:g} {unit.text}", wanted.place)
+    return {f"{name}[{k}]": Value(Number(scale.to_si(float(number)), scale, 0), f"{number:g} {unit.text}", wanted.place,
+                                  file=file)
             for k, number in enumerate(numbers, 1) if number == number}
 
 

@@ -250,6 +250,36 @@ def test_a_change_to_an_extended_file_is_noticed_and_a_file_that_comes_before_it
     assert hb.load(path).files[0] == tmp_path / "own" / named
 
 
+TABLE = """model: table
+components:
+  input: {is: Constant, k: 2}
+  law:   {is: Lookup, x: {file: curve.csv, values: x, unit: "1"}, v: {file: curve.csv, values: y, unit: "1"}}
+nodes:
+  u: [input.y, law.u]
+show: {y: {is: law.y, unit: "1"}}
+simulate: {until: 1 s}
+"""
+
+
+def test_a_change_to_a_list_of_values_in_a_file_is_noticed(kept: store.Cache, tmp_path: Path) -> None:
+    (tmp_path / "curve.csv").write_text("x,y\n0,0\n4,4\n", encoding="utf-8")
+    (tmp_path / "table.yaml").write_text(TABLE, encoding="utf-8")
+    for scale in (1, 3):
+        (tmp_path / "curve.csv").write_text(f"x,y\n0,0\n4,{4 * scale}\n", encoding="utf-8")
+        assert hb.simulate(hb.load(tmp_path / "table.yaml"))["y"][-1] == pytest.approx(2 * scale, rel=1e-3)
+    assert work_of(tmp_path / "table.yaml") == (0, 0)
+    # in a block of the user's own nobody but that file knows of the list: it is not kept
+    (tmp_path / "block.yaml").write_text(
+        "component: Block\nsummary: A curve.\nports: {u: {signal: in, unit: 1}, y: {signal: out, unit: 1}}\ncomponents:\n"
+        + TABLE.splitlines()[3] + "\nnodes: {i: [u, law.u], o: [law.y, y]}\n", encoding="utf-8")
+    path = tmp_path / "around.yaml"
+    path.write_text("model: around\ncomponents:\n  input: {is: Constant, k: 2}\n  block: {is: Block}\n"
+                    "nodes: {u: [input.y, block.u]}\nshow: {y: {is: block.y, unit: 1}}\nsimulate: {until: 1 s}\n",
+                    encoding="utf-8")
+    assert work_of(path) == (1, 1)
+    assert work_of(path) == (0, 1)
+
+
 def test_other_values_signals_widths_and_folders_are_other_entries(
         kept: store.Cache, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = folder / "swing.yaml"
@@ -351,6 +381,7 @@ WRONG = {
     "nothing": lambda data: b"",
     "numbers too large": lambda data: data.replace(b'"root":["value",0]', b'"root":["value",9]'.replace(b"9", b"999999")),
     "half": lambda data: data[:len(data) // 2],
+    "another value": lambda data: packing.pack(7, ()),
 }
 
 
