@@ -18,7 +18,7 @@ MODELS = Path(__file__).parents[1] / "models"
 # Diagrams whose friction turns over within a fraction of a mm/s: a difference of 1e-8 moves the instant at which the load
 # breaks loose. IDAS itself moves by 1e-3 of the range there when its tolerance is tightened.
 SHARP = {"cmc_ahc/printed_friction", "cmc_ahc/printed_friction_passive", "cmc_ahc/irregular_sea_passive"}
-# rms of the difference over the range of an output (see `apart`): all run at rtol 1e-8, errors add up over thousands of steps
+# rms of the difference over the range of an output (see `apart`): at rtol 1e-8 errors add up over thousands of steps
 AGREE, AGREE_SHARP = 3e-5, {"cvodes": 3e-3, "rosenbrock": 3e-2}
 LOOP = {"cmc_ahc/detailed", "dc_stage", "mechanisms/double_pendulum", "mechanisms/four_bar", "mechanisms/pendulum",
         "mechanisms/slider_crank", "pneumatic_cylinder"}
