@@ -87,7 +87,7 @@ def _check(asked: str, assembly: Assembly, changes_states: bool) -> None:
     if compiler() is None:
         raise UsageError([Problem(
             "compiler-missing", "rosenbrock needs a C compiler, and there is none on this computer", place,
-            f"Install one (Debian, Ubuntu: sudo apt install gcc). Or else: {RETYPE.format('auto')}.",
+            f"Install one (Debian, Ubuntu: sudo apt install gcc). {RETYPE.format('auto')} to do without.",
             (f"Looked for {listing(COMPILERS)} on the PATH.",))])
 
 

@@ -18,8 +18,8 @@ MODELS = Path(__file__).parents[1] / "models"
 # Diagrams whose friction turns over within a fraction of a mm/s: a difference of 1e-8 moves the instant at which the load
 # breaks loose. IDAS itself moves by 1e-3 of the range there when its tolerance is tightened.
 SHARP = {"cmc_ahc/printed_friction", "cmc_ahc/printed_friction_passive", "cmc_ahc/irregular_sea_passive"}
-# rms of the difference over the range of an output: all run at rtol 1e-8, errors add up over thousands of steps
-AGREE, AGREE_SHARP = 1e-5, {"cvodes": 3e-3, "rosenbrock": 3e-2}
+# rms of the difference over the range of an output (see `apart`): at rtol 1e-8 errors add up over thousands of steps
+AGREE, AGREE_SHARP = 3e-5, {"cvodes": 3e-3, "rosenbrock": 3e-2}
 LOOP = {"cmc_ahc/detailed", "dc_stage", "mechanisms/double_pendulum", "mechanisms/four_bar", "mechanisms/pendulum",
         "mechanisms/slider_crank", "pneumatic_cylinder"}
 CUT = {"cmc_ahc/passive_then_active", "excavator_boom", "mechanisms/double_pendulum", "mechanisms/four_bar",
@@ -84,11 +84,15 @@ def diagrams() -> list[str]:
 
 
 def apart(one: hb.Result, other: hb.Result) -> float:
-    """The largest rms of a difference between outputs, over the output's range."""
-    names = list(one.assembly.model.show) or one.assembly.state_names or one.names()
-    ranges = {name: float(np.ptp(one[name])) for name in names}
-    return max((float(np.sqrt(np.mean((one[name] - other[name]) ** 2))) / ranges[name] for name in names
-                if ranges[name] > 1e-9 * float(np.abs(one[name]).max())), default=0.0)
+    """The largest rms of a difference between outputs, over the output's range or, where that is more, a hundredth of its
+    largest value: tolerances are relative to the value, and a pressure of 170 bar may swing by 0.06 bar."""
+    found = [0.0]
+    for name in list(one.assembly.model.show) or one.assembly.state_names or one.names():
+        largest = float(np.abs(one[name]).max())
+        if largest > 1e-12:  # below is rounding, as the spool of a shut valve
+            size = max(float(np.ptp(one[name])), 0.01 * largest)
+            found.append(float(np.sqrt(np.mean((one[name] - other[name]) ** 2))) / size)
+    return max(found)
 
 
 def refusal(name: str, solver: str) -> str:
