@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 # installed once, and again when the dependencies change
 READY := $(VENV)/.ready
 
-.PHONY: demo test test-slow lint types pages docs bench fuzz false-alarms confusion detectability clean
+.PHONY: demo test test-slow lint types pages docs bench fuzz false-alarms confusion detectability compensator clean
 
 demo: $(READY)
 	$(BIN)/heavebond demo --output demo
@@ -39,7 +39,7 @@ fuzz: $(READY)
 	$(BIN)/python -m benchmarks.fuzz
 
 # the study of the diagnosis: hours; each goes on where it was stopped
-false-alarms confusion detectability: $(READY)
+false-alarms confusion detectability compensator: $(READY)
 	$(BIN)/python -m benchmarks.diagnosis.$(subst -,_,$@)
 	$(BIN)/python -m benchmarks.diagnosis.page
 

@@ -125,8 +125,11 @@ def _cause(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array)
                 "line, or a lever loses its arm. Add what decides it: a leakage, a spring.", notes)
     if rates.size and rates[order[0]] > 1e6:
         return f"{listing(names, 2)} run away: an instability, a wrong sign or a very stiff element.", notes
-    return (f"{listing(names, 2)} change fastest: a kink or jump there that the solver cannot step over. Smooth it "
-            "(a transition velocity or pressure), let it happen as an event (`when:`), or loosen the tolerances.", notes)
+    fastest = names or assembly.algebraic_names
+    verb = "changes" if len(fastest) == 1 else "change"
+    return (f"{listing(fastest, 2)} {verb} fastest: a kink or jump there that the solver cannot step over. Smooth it "
+            "(a transition velocity or pressure), let it happen as an event (a Step for a jump in time, "
+            "`when:` in a component), or loosen the tolerances.", notes)
 
 
 def _lost(assembly: Assembly, at: dict[int, float], t: float) -> Problem | None:

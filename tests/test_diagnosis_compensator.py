@@ -10,6 +10,7 @@ import pytest
 from benchmarks.diagnosis.compensator import CASES, LEAKAGE, made
 from heavebond.catalogue import candidates
 from heavebond.diagnosis import Diagnosis, attempt, diagnose
+from heavebond.fitting import fit
 from heavebond.rung import fitted_base, step
 from heavebond.scoring import scored
 
@@ -63,22 +64,37 @@ def test_what_the_integrator_errs_by_is_no_effect(tmp_path: Path) -> None:
     assert not any(s.told_apart for s in found)
 
 
+def test_the_simplified_machine_is_a_fair_base_for_records_of_the_detailed_one(tmp_path: Path) -> None:
+    """What oil, piston and gas bottles add is below the noise; values of the machine come back within their uncertainty."""
+    experiment, values = made(replace(CASES["nothing passive"], seconds=40, rate=10), tmp_path)
+    found = fit(experiment)
+    for part in found.after.records.values():  # 2406 samples each: 1 +- 0.03
+        assert part.chi2 == pytest.approx(1, abs=0.09)
+    for parameter in found.parameters:
+        low, high = parameter.interval  # 95 %; the gas stiffens a little as it is compressed
+        assert low - (high - low) / 2 < values[parameter.name] < high + (high - low) / 2
+
+
 @pytest.mark.slow
 def test_leakage_is_named_among_the_whole_catalogue(tmp_path: Path) -> None:
     experiment, _ = made(CASES["leakage"], tmp_path)
     found = diagnose(experiment)
     assert found.verdict == "effect"
     assert named(found) == {("internal leakage", CYLINDER)}
-    assert found.ladder[-1].chi2_held_out <= 1.05 < found.ladder[1].chi2_held_out  # 9606 samples: 1 +- 0.014
+    # the loop hides it but for 4 % of the noise's variance on the other sea; 9606 samples: 1 +- 0.014
+    assert found.ladder[-1].chi2_held_out < 1.02 < 1.03 < found.ladder[1].chi2_held_out
 
 
 @pytest.mark.slow
-def test_seal_friction_of_the_passive_machine_earns_its_place(tmp_path: Path) -> None:
-    # stick-slip with the bit lifting off; what is left held out comes from slams that the fitted sea did not have
-    experiment, values = made(CASES["friction passive"], tmp_path)
+@pytest.mark.parametrize("case", ["friction passive", "friction"])
+def test_seal_friction_earns_its_place(tmp_path: Path, case: str) -> None:
+    """Stick-slip with the bit lifting off; under control only the pressures tell of it."""
+    experiment, values = made(CASES[case], tmp_path)
     tried = attempt(experiment, "StribeckFriction", ("platform", "crown"))
     assert tried.earned
-    assert tried.finding.rung.chi2_fit < 1.1
-    assert tried.finding.rung.chi2_held_out < 0.01 * tried.ladder[1].chi2_held_out
+    assert tried.finding.rung.chi2_fit < 1.05
+    assert tried.finding.rung.chi2_held_out < 1.3  # slams that the fitted sea did not have
     fitted = tried.finding.fit.values
-    assert {name: fitted[name] for name in values} == pytest.approx(values, rel=0.05)
+    known = [name for name in values if name != "cmc.gas.d"]  # which takes the viscous part, that this law has not
+    assert {name: fitted[name] for name in known} == pytest.approx({name: values[name] for name in known}, rel=0.05)
+    assert fitted["cmc.gas.d"] > values["cmc.gas.d"]

@@ -27,10 +27,11 @@ REFUSED = (
     "two_sources_on_one_node", "sources_joined_through_a_sensor", "circuit_without_reference",
     "flow_sources_into_a_rigid_junction", "loop_of_rigid_transformers", "springs_that_float",
     "fixed_at_both_ends_of_a_rigid_chain", "torque_on_a_free_shaft", "signal_loop_without_memory",
-    "two_circuits_without_reference",
+    "two_circuits_without_reference", "heat_that_goes_nowhere",
     # lost rank
     "mass_of_zero_under_a_force", "resistance_of_zero_between_sources", "volume_of_zero", "bulk_modulus_of_zero",
     "valves_shut_at_the_start", "valve_shuts_during_the_run", "valves_shut_for_good_during_the_run",
+    "valve_shut_for_good_before_a_dead_end",
     "slide_that_drives_a_crank_at_dead_centre", "capacitor_whose_series_resistance_is_zero",
     # start
     "rigid_inertias_with_other_speeds", "steady_state_of_two_closed_chambers", "steady_and_a_place_as_well",

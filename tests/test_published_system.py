@@ -121,6 +121,11 @@ def test_gradients_in_every_cell(friction: str, f_n: str) -> None:
     assert swept == pytest.approx(page["swept phi"], rel=1e-3)
 
 
+def test_a_slip_in_the_name_of_a_study_is_told_with_the_study_that_is_meant() -> None:
+    with pytest.raises(hb.UsageError, match=r"Did you mean 'cmc_ahc/studies/table3'"):
+        load_study(STUDIES + "table33")
+
+
 @pytest.mark.complete
 def test_table_3_whole() -> None:
     """Both procedures in every cell, as the study's one command works them out."""

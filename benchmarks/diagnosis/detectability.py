@@ -42,7 +42,7 @@ CHECKED = {"receiver": ("SensorOffset in the channel receiver.p", "SensorGain in
                         "PneumaticLine between receiver and outlet.a", "PneumaticOrifice between supply and receiver"),
            "passive": ("CoulombFriction between platform and crown", "Drag between platform and crown",
                        "SensorOffset in the channel string.F"),
-           "cylinder": ("Cylinder in cylinder (leakage)",)}
+           "cylinder": ("Drag between frame and load",)}
 
 
 def chance(directions: Array, signed: Array, level: float) -> float:

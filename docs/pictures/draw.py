@@ -96,6 +96,13 @@ def compensator(folder: Path) -> Path:
     return path
 
 
+def detailed(folder: Path) -> Path:
+    """The compensator part by part."""
+    path = folder / "cmc_detailed.svg"
+    path.write_text(hb.draw(hb.load("cmc_ahc/detailed"), open=("cmc", "ahc")), encoding="utf-8")
+    return path
+
+
 def _of_study(name: str, folder: Path) -> Path:
     result = hb.run_study(f"cmc_ahc/studies/{name}", processes=1)
     return plot.save(plot_study(result, result.study.pictures[0]), folder / f"published_{name}.png")
@@ -156,7 +163,7 @@ def moving(folder: Path) -> Path:
 def swept(folder: Path) -> list[Path]:
     """The compensator over its two gains, and what of the quarter car moves its comfort."""
     asked = {
-        "map": Sweep(find("cmc_ahc"), (read_over("controller.K_p=2 .. 3.5 1/m; 4"),
+        "map": Sweep(find("cmc_ahc"), (read_over("controller.K_p=1 .. 3 1/m; 5"),
                                        read_over("controller.K_v=0.4 .. 0.7 s/m; 4")), (("rms(crown)", "mm"),),
                      window=("72 s", "")),
         "tornado": Sweep(find("quarter_car"), tuple(map(read_over, (
@@ -199,6 +206,7 @@ DRAWN = (
     moving,
     swept,
     sea,
+    detailed,
 )
 
 if __name__ == "__main__":
