@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 # installed once, and again when the dependencies change
 READY := $(VENV)/.ready
 
-.PHONY: demo test test-slow lint types pages docs bench fuzz false-alarms confusion detectability compensator clean
+.PHONY: demo test test-slow lint types pages docs bench scaling fuzz false-alarms confusion detectability compensator clean
 
 demo: $(READY)
 	$(BIN)/heavebond demo --output demo
@@ -33,6 +33,10 @@ docs: $(READY)
 
 bench: $(READY)
 	$(BIN)/python -m benchmarks
+
+# docs/scaling.md: what a million runs cost
+scaling: $(READY)
+	$(BIN)/python -m benchmarks.scaling
 
 # 100 000 random diagrams: hours; goes on where it was stopped
 fuzz: $(READY)

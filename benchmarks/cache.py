@@ -11,8 +11,8 @@ from pathlib import Path
 
 import heavebond as hb
 from benchmarks import chain
-from benchmarks.compensator import COMMAND, process
-from benchmarks.measuring import Figure, at_most, paired, spoken
+from benchmarks.compensator import COMMAND
+from benchmarks.measuring import Figure, at_most, paired, process, spoken
 from heavebond.cache import FOLDER
 
 MASSES = 1000

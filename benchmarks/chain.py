@@ -27,8 +27,8 @@ JAXONOMY = 22.0
 
 
 def assembled(masses: int) -> Assembly:
-    """From the file to the assembly, none of which was kept before."""
-    return hb.assemble(hb.load(DIAGRAM).with_parameters({"n": masses}), keep=False)
+    """From the file to the assembly."""
+    return hb.assemble(hb.load(DIAGRAM).with_parameters({"n": masses}))
 
 
 def ours(masses: int) -> Array:

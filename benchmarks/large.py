@@ -42,7 +42,7 @@ class Large:
 
     def simulator(self, size: int, until: float | None = None) -> hb.Simulator:
         """Read, assembled, with an integrator that can run."""
-        return hb.Simulator(hb.assemble(self.model(size), keep=False), until, tolerances=TOLERANCES)
+        return hb.Simulator(hb.assemble(self.model(size)), until, tolerances=TOLERANCES)
 
     def by_hand(self, flat: Flat, times: Array) -> ca.Function:
         """The integrator of the flat equations."""
@@ -85,5 +85,5 @@ def figures() -> list[Figure]:
         found.append(Figure(f"{large.what} ({flat.x.numel()} states): integration / hand-written CasADi", spoken(warm)))
         found.append(Figure(f"{large.what}: read, assemble, start, integrate / build and integrate by hand", spoken(whole)))
         model = large.model(large.size)
-        found.append(Figure(f"{large.what}: assembly", duration(seconds(partial(hb.assemble, model, keep=False)))))
+        found.append(Figure(f"{large.what}: assembly", duration(seconds(partial(hb.assemble, model)))))
     return found

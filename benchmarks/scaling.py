@@ -8,16 +8,17 @@ import os
 import pickle
 import signal
 import statistics
+import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
 import psutil
-from distributed import LocalCluster
+from distributed import Client, LocalCluster
 
 import heavebond as hb
 from benchmarks.measuring import Figure, cpu, duration, write_page
@@ -31,6 +32,7 @@ from heavebond.study import Packed, Study, load_study
 PAGE = Path(__file__).parents[1] / "docs" / "scaling.md"
 CASES, WORKERS, PAIRS = 200, 2, 5
 EMPTY_TASKS = 1000
+MANY = 64  # tasks at a time where nobody shall wait for another
 STUDY = """study: seas
 model: {model}
 cases:
@@ -125,20 +127,46 @@ def nothing(packed: Packed | None, number: int) -> int:
     return number
 
 
+@contextmanager
+def machines(number: int = WORKERS) -> Iterator[tuple[psutil.Process, Cluster]]:
+    """A scheduler and workers in processes of their own, begun as on the command line."""
+    with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
+        told = Path(folder) / "scheduler.json"
+
+        def begun(module: str, *options: str) -> subprocess.Popen[bytes]:
+            line = [sys.executable, "-m", f"distributed.cli.{module}", "--scheduler-file", str(told), "--no-dashboard"]
+            made = subprocess.Popen([*line, *options], stderr=subprocess.DEVNULL)
+            stack.callback(made.wait)
+            stack.callback(made.terminate)
+            return made
+
+        scheduler = begun("dask_scheduler", "--host", "127.0.0.1", "--port", "0")
+        while not told.exists():
+            time.sleep(0.1)
+        begun("dask_worker", "--nthreads", "1", "--nworkers", str(number))
+        address = json.loads(told.read_text(encoding="utf-8"))["address"]
+        with Client(address, set_as_default=False) as client:  # type: ignore[no-untyped-call]
+            client.wait_for_workers(number)
+        yield psutil.Process(scheduler.pid), stack.enter_context(Cluster(address))
+
+
 def throughput(tasks: int = EMPTY_TASKS) -> list[Figure]:
-    """Tasks per second of one scheduler where a task takes no time, as `heavebond study` hands them over: alone, and with
-    the study that a case carries."""
+    """What tasks that take no time cost the process that asks and the scheduler, handed over as by `heavebond study`: alone
+    and with what a case carries."""
     packed, found = seas(CASES).packed(), list[Figure]()
-    with workers() as (_, cluster):
+    with machines() as (scheduler, cluster):
         for what, carried in (("nothing", lambda k: None), ("a case", packed)):
             list(as_done(cluster, nothing, [(k, (carried(k), k)) for k in range(50)], AHEAD * WORKERS))
-            for ahead in (AHEAD * WORKERS, 64):
-                began, used = time.perf_counter(), time.process_time()
-                done = [k for k, _ in as_done(cluster, nothing, ((k, (carried(k % CASES), k)) for k in range(tasks)), ahead)]
-                took, here = time.perf_counter() - began, time.process_time() - used
-                assert sorted(done) == list(range(tasks))
-                found.append(Figure(f"empty tasks that carry {what}, {ahead} at a time",
-                                    f"{tasks / took:.0f} per s; {duration(here / tasks)} of the one who asks"))
+            began, there, here = time.perf_counter(), sum(scheduler.cpu_times()[:2]), time.process_time()
+            given = ((k, (carried(k % CASES), k)) for k in range(tasks))
+            done = [k for k, _ in as_done(cluster, nothing, given, MANY)]
+            took = time.perf_counter() - began
+            asking, giving = time.process_time() - here, sum(scheduler.cpu_times()[:2]) - there
+            assert sorted(done) == list(range(tasks))
+            task = f"an empty task that carries {what}"
+            found += [Figure(f"{task}: processor time of the process that asks", duration(asking / tasks)),
+                      Figure(f"{task}: processor time of the scheduler", duration(giving / tasks)),
+                      Figure(f"{task}: tasks per second, {WORKERS} workers", f"{tasks / took:.0f}")]
     return found
 
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from heavebond.library import bundled
 
 # what decides with us how a diagram is read and reduced: package and the name under which it is installed
-LIBRARIES = {"casadi": "casadi", "numpy": "numpy", "networkx": "networkx", "scipy": "scipy", "yaml": "pyyaml",
+LIBRARIES = {"casadi": "casadi", "numpy": "numpy", "scipy": "scipy", "yaml": "pyyaml",
              "pint": "pint"}
 STARTED = time.time_ns()
 # Clocks of file systems tick slowly: a file that changed this shortly before it was read may have changed after, too.

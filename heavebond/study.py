@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import zlib
 from collections.abc import Callable
 from collections.abc import Mapping as Dictionary
 from collections.abc import Sequence as Many
@@ -121,7 +122,7 @@ class Study:
 
     def packed(self) -> Callable[[int], Packed]:
         """What a worker is sent of the case of a number: all that cases share is packed once for all of them."""
-        shared = pickle.dumps(replace(self, axes=()))
+        shared = zlib.compress(pickle.dumps(replace(self, axes=())))
 
         def one(number: int) -> Packed:
             levels = zip(self.axes, self._index(number), strict=True)
@@ -167,9 +168,9 @@ class Packed:
         return replace(_unpacked(self.shared), axes=self.axes, first=self.number)
 
 
-@lru_cache(maxsize=1)
+@lru_cache(maxsize=4)
 def _unpacked(shared: bytes) -> Study:
-    found = pickle.loads(shared)
+    found = pickle.loads(zlib.decompress(shared))
     assert isinstance(found, Study)
     return found
 

@@ -6,8 +6,10 @@ from pathlib import Path
 
 import pytest
 
+import heavebond as hb
 from benchmarks import cache, chain, compensator, heave, large
 from benchmarks.measuring import Paired, at_most, duration
+from heavebond import idas
 
 
 @pytest.mark.parametrize("gain", heave.GAINS.values(), ids=list(heave.GAINS))
@@ -24,6 +26,18 @@ def test_the_diagram_and_the_flat_equations_of_the_chain_agree() -> None:
 def test_the_diagram_and_the_flat_equations_of_large_machines_agree(machine: large.Large, size: int, until: float) -> None:
     # both are integrated to 1e-6 of what moves, each with its own steps
     assert machine.disagreement(size, until) < 1e-3
+
+
+def test_the_order_of_least_fill_changes_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    """States and algebraic unknowns of a mechanism, which is small enough to be taken as it comes."""
+    assembly = hb.assemble(hb.load("mechanisms/four_bar"))
+    assert len(assembly.x_nominal) and len(assembly.z_nominal)
+    usual = hb.simulate(assembly, 0.5, every=0.05)
+    monkeypatch.setattr(idas, "LARGE", 1)
+    ordered = hb.simulate(assembly, 0.5, every=0.05)
+    # to the integrator's tolerances, as its rounding differs
+    assert ordered.x == pytest.approx(usual.x, abs=1e-8)
+    assert ordered.z == pytest.approx(usual.z, rel=1e-6, abs=1e-6)
 
 
 def test_pyyaml_reads_the_same_text_from_the_compensator(tmp_path: Path) -> None:
