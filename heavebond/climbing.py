@@ -75,11 +75,11 @@ def climb(experiment: Experiment, stepping: Stepping, say: Progress, most: int =
                 break
         longer = [found for way, made in steps for found in _extended(way, made)
                   if worth_it(found[-1].step) and _merit(found) < _merit(ways[0])]
+        if longer:
+            ways = _distinct(sorted(longer, key=_merit))
+        last = replace(ways[0][-1].step if longer else steps[0][1], partial=steps[-1][1].partial)
         if not longer:
-            last = steps[0][1]
             break
-        ways = _distinct(sorted(longer, key=_merit))
-        last = ways[0][-1].step
         if not last.partial:
             ways[0], partial = _looked_back(ways[0], stepping, say)
             last = replace(ways[0][-1].step, partial=partial)

@@ -27,7 +27,7 @@ from heavebond.rung import Step, following, learnt, single, step
 from heavebond.separation import Separation, separate
 from heavebond.threads import single_threaded
 from heavebond.trial import Trial
-from heavebond.verdict import misses, verdict, words
+from heavebond.verdict import explained, misses, verdict, words
 
 SEVERAL = "More than one effect may be missing: --auto looks for several that explain it together."
 
@@ -107,12 +107,10 @@ def diagnose(experiment: Experiment | str | Path, *, auto: bool = False, number:
                     progress=lambda text: say(f"step {len(way) + 1}{beside}: {text}"))
 
     way, last = climb(now, stepping, say, MOST if auto else 1)
-    steps = [*(added.step for added in way), *([] if way and last.chosen is way[-1].chosen else [last])]
-    findings = []
-    for added in way:
-        say(f"confirming {added.candidate.label}")
-        findings.append(_finding(added))
-        ladder.append(findings[-1].rung)
+    # the last step made may be that of the last effect itself
+    steps = [*(added.step for added in (way[:-1] if way and last.chosen is way[-1].chosen else way)), last]
+    findings = _confirmed(way, ladder, say)
+    ladder += [f.rung for f in findings]
     now = _at(findings[-1].fit.experiment, findings[-1].fit) if findings else now
     shape = None
     if misses(ladder, findings, steps):
@@ -125,6 +123,18 @@ def diagnose(experiment: Experiment | str | Path, *, auto: bool = False, number:
             *([SEVERAL] if said == "shape" and findings and not auto else []))
     return Diagnosis(experiment, said, told, tuple(ladder), tuple(findings), tuple(steps), shape, base,
                      _noise(ladder[0].comparison), clock.perf_counter() - began, apart)
+
+
+def _confirmed(way: Way, ladder: Sequence[Rung], say: Progress) -> list[Finding]:
+    """The effects of a ladder with intervals and figures from full runs. What the first one explains by itself is not taken
+    back because several together do not reach the noise: then it stands alone."""
+    findings: list[Finding] = []
+    for added in way:
+        say(f"confirming {added.candidate.label}")
+        findings.append(_finding(added))
+    if len(findings) > 1 and explained(ladder, findings[:1]) and not explained(ladder, findings):
+        return [replace(findings[0], alternatives=way[0].step.cluster)]
+    return findings
 
 
 def _separation(findings: Sequence[Finding], say: Progress) -> Separation | None:

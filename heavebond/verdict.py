@@ -25,6 +25,7 @@ SIGMAS = 3.0  # standard deviations of that figure, up to which what is left is 
 NEARLY = 0.9
 GONE = 1 - (1 - 0.85) ** 2
 GONE_ESTIMATED = 0.85
+LARGE = 0.15  # error, as a share of what was measured, beyond which no name is given however much is gone
 FURTHER = 0.2  # share of what is left that a further step must take away
 CHANCE = 0.005  # p value below which fitted parameters are better than those of the data sheet
 STILL = 3.0  # channels whose own motion is below this many times their noise tell nothing
@@ -50,7 +51,9 @@ def explained(ladder: Sequence[Rung], findings: Sequence[Finding]) -> bool:
         return True
     # of several effects each mends what another does wrong: together they can come near the noise with wrong names
     near, gone = max(_held(last), last.chi2_fit) <= NEAR, min(held, _gone(min(r.chi2_fit for r in first), last.chi2_fit))
-    return len(findings) == 1 and gone >= (NEARLY if near else GONE)
+    if len(findings) > 1 or last.error_held_out > LARGE:
+        return False
+    return gone >= (NEARLY if near else GONE)
 
 
 def _gone(first: float, last: float) -> float:
@@ -80,7 +83,7 @@ def verdict(base: Fit | None, ladder: Sequence[Rung], findings: Sequence[Finding
         if _still(ladder[0]) or steps[0].partial:
             return "undetermined"
         return "parameters" if base is not None and _better(base) else "nothing"
-    if findings and explained(ladder, findings):
+    if findings and explained(ladder, findings) and not (steps[-1].partial and _held(findings[-1].rung) > NEAR):
         return "effect" if all(f.certain for f in findings) else "one_of"
     if steps[-1].partial:
         return "undetermined"

@@ -50,9 +50,17 @@ def test_of_several_effects_noise_is_asked() -> None:
     assert not explained(2.1, 1.05, effects=3)
 
 
-def _rung(fitted: float, held: float) -> Any:
+def test_no_name_where_the_model_still_misses_by_much_of_what_was_measured() -> None:
+    ladder = [_rung(1e6, 1e6, 5.0), _rung(1e6, 1e6, 5.0)]
+    for left, named in ((0.1, True), (0.2, False)):
+        after = _rung(1e4, 1e4, left)
+        assert verdict.explained([*ladder, after], [SimpleNamespace(rung=after)]) is named  # type: ignore[list-item]
+
+
+def _rung(fitted: float, held: float, error: float = 0.02) -> Any:
     comparison = SimpleNamespace(experiment=SimpleNamespace(noise_given=True))
-    return SimpleNamespace(chi2_fit=fitted, chi2_held_out=held, samples_held_out=SAMPLES, comparison=comparison)
+    return SimpleNamespace(chi2_fit=fitted, chi2_held_out=held, samples_held_out=SAMPLES, comparison=comparison,
+                           error_held_out=error)
 
 
 # -- ladders of a made-up catalogue: chi-square by the effects in the diagram ----------------------------------------------
