@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import heavebond as hb
-from benchmarks.measuring import PAIRS, Figure, at_most, duration, paired, seconds
+from benchmarks.measuring import PAIRS, Figure, at_most, duration, paired, process, seconds
 from heavebond.dae import Assembly
 from heavebond.simulation import Tolerances
 
@@ -20,12 +20,15 @@ DIAGRAM = Path(__file__).parent / "chain.yaml"
 TOLERANCES = Tolerances(1e-6, 1e-8)
 COMPARED = 1000  # masses in the comparison with the model by hand
 SIZES = (10, 100, 1000, 5000)
-ONCE = 1000  # a larger chain is assembled once
+GROWTH = 1.15
+MEMORY = 1000
+# s from an acausal diagram of 10 masses to the end of its first run; measured on such a machine, not run here
+JAXONOMY = 22.0
 
 
 def assembled(masses: int) -> Assembly:
-    """From the file to the assembly."""
-    return hb.assemble(hb.load(DIAGRAM).with_parameters({"n": masses}))
+    """From the file to the assembly, none of which was kept before."""
+    return hb.assemble(hb.load(DIAGRAM).with_parameters({"n": masses}), keep=False)
 
 
 def ours(masses: int) -> Array:
@@ -58,15 +61,28 @@ def disagreement(masses: int) -> float:
     return float(np.abs(ours(masses) - flat).max() / np.abs(flat).max())
 
 
+def peak(masses: int) -> float:
+    """The largest memory in MB of a process that reads, assembles and integrates a chain, and does nothing else."""
+    said = process("-c", "import resource, sys; from benchmarks.chain import ours; ours(int(sys.argv[1])); "
+                   "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)", str(masses))
+    return float(said) / 1024
+
+
 def figures() -> list[Figure]:
-    """The whole way against that by hand, and how the time of the assembly grows."""
+    """The whole way against that by hand, how its time grows, and what memory it needs."""
     assert disagreement(100) < 1e-3
     found = [at_most(f"chain({COMPARED}): read, assemble, integrate / build and integrate by hand",
                      paired(partial(ours, COMPARED), partial(by_hand, COMPARED)), 8)]
-    times = [float(np.median([seconds(partial(assembled, masses)) for _ in range(PAIRS if masses <= ONCE else 1)]))
-             for masses in SIZES]
-    found.append(Figure("chain(N): assembly, N = " + ", ".join(map(str, SIZES)), ", ".join(map(duration, times))))
-    growth = float(np.polyfit(np.log(SIZES[1:]), np.log(times[1:]), 1)[0])
-    found.append(Figure(f"chain(N): growth of the assembly from N = {SIZES[1]}", f"N^{growth:.2f}", "≤ N^1.2",
-                        growth <= 1.2))
+    times = [float(np.median([seconds(partial(ours, masses)) for _ in range(PAIRS)])) for masses in SIZES]
+    found.append(Figure("chain(N): read, assemble, integrate, N = " + ", ".join(map(str, SIZES)),
+                        ", ".join(map(duration, times))))
+    for begin in (SIZES[0], SIZES[1]):
+        k = SIZES.index(begin)
+        growth = float(np.polyfit(np.log(SIZES[k:]), np.log(times[k:]), 1)[0])
+        found.append(Figure(f"chain(N): growth from N = {begin}", f"N^{growth:.2f}", f"≤ N^{GROWTH:g}", growth <= GROWTH))
+    found.append(Figure(f"chain({SIZES[0]}): read, assemble, integrate, of the {JAXONOMY:g} s of jaxonomy",
+                        f"1/{JAXONOMY / times[0]:.0f}", "≤ 1/100", times[0] <= JAXONOMY / 100))
+    memory = peak(SIZES[-1])
+    found.append(Figure(f"chain({SIZES[-1]}): largest memory of the process", f"{memory:.0f} MB", f"≤ {MEMORY} MB",
+                        memory <= MEMORY))
     return found

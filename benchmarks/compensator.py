@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
-import subprocess
-import sys
 import tempfile
 from collections.abc import Iterator
 from functools import partial
@@ -16,16 +13,16 @@ import numpy as np
 import yaml
 
 import heavebond as hb
-from benchmarks.measuring import PAIRS, Figure, at_most, paired, spoken
+from benchmarks.measuring import PAIRS, Figure, at_most, paired, process, spoken
 from heavebond.adjoint import Adjoint
 from heavebond.costs import Evaluator, read_cost
 from heavebond.dae import Array
 from heavebond.objective import TOLERANCES
+from heavebond.solvers import compiler
 from heavebond.source import Mapping, Node, Scalar, read
 from heavebond.study import load_study
 from heavebond.tuning import tune
 
-ROOT = Path(__file__).parents[1]
 SENSITIVE = ("controller.K_p", "controller.K_v", "ahc.valve.f_n", "crown.m", "wave.a")
 COMMAND = ("-c", "from heavebond.cli import main; main()")
 
@@ -95,13 +92,6 @@ def assembly_figures() -> list[Figure]:
 
 
 # -- whole processes ---------------------------------------------------------------------------------------------------
-def process(*arguments: str) -> str:
-    """What Python says when called like this; CalledProcessError where it fails."""
-    paths = [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH", "")])]
-    return subprocess.run([sys.executable, *arguments], env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
-                          capture_output=True, text=True, check=True).stdout
-
-
 def process_disagreement() -> float:
     """The last weight on bit that the command tells, against the same run in this process; a share of it."""
     with tempfile.TemporaryDirectory() as folder:
@@ -115,18 +105,17 @@ def process_disagreement() -> float:
 def process_figures() -> list[Figure]:
     """Start of Python included, on both sides."""
     assert process_disagreement() < 1e-6
-    runs = (("`heavebond run cmc_ahc` / `import casadi, numpy`", (*COMMAND, "run", "cmc_ahc"), "import casadi, numpy", 8.0),
-            ("`import heavebond` / `import numpy`", ("-c", "import heavebond"), "import numpy", 1.3),
+    runs = (("`import heavebond` / `import numpy`", ("-c", "import heavebond"), "import numpy", 1.3),
             ("`heavebond --help` / `import numpy`", (*COMMAND, "--help"), "import numpy", 3.0))
     return [at_most(f"process: {what}", paired(partial(process, *ours), partial(process, "-c", theirs)), limit)
             for what, ours, theirs, limit in runs]
 
 
 # -- sensitivities -----------------------------------------------------------------------------------------------------
-def sensitivity_disagreement(until: float = 12.0) -> float:
+def sensitivity_disagreement(until: float = 12.0, solver: str = "idas") -> float:
     """d WOB / d K_p against central differences of tight runs, as a share of its largest value."""
     assembly, name = hb.assemble(hb.load("cmc_ahc")), SENSITIVE[0]
-    exact = hb.simulate(assembly, until, sensitivities=[name]).sensitivity("WOB", name)
+    exact = hb.simulate(assembly, until, sensitivities=[name], solver=solver).sensitivity("WOB", name)
     value, step = assembly.parameter_values[name], 1e-3
     high, low = (hb.simulate(assembly, until, parameters={name: value + h}, rtol=1e-11, atol=1e-13)["WOB"]
                  for h in (step, -step))
@@ -134,15 +123,30 @@ def sensitivity_disagreement(until: float = 12.0) -> float:
 
 
 def sensitivity_figures() -> list[Figure]:
-    """Runs with one, two and five forward sensitivities against plain ones."""
-    assert sensitivity_disagreement() < 1e-3
-    assembly = hb.assemble(hb.load("cmc_ahc"))
+    """Runs with one, two and five forward sensitivities against plain ones by the same solver."""
+    assembly, found = hb.assemble(hb.load("cmc_ahc")), []
+    for solver, numbers, limit in (("idas", (1, 2, 5), 6), ("cvodes", (5,), 4.5), ("rosenbrock", (5,), 4.5)):
+        if solver == "rosenbrock" and compiler() is None:
+            continue
+        assert sensitivity_disagreement(solver=solver) < 1e-3
+        plain = hb.Simulator(assembly, solver=solver)
+        for number in numbers:
+            simulator = hb.Simulator(assembly, sensitivities=SENSITIVE[:number], solver=solver)
+            measured = paired(simulator.run, plain.run, PAIRS + 2)
+            what = f"cmc_ahc: run with sensitivities to {number} parameter{'s' * (number > 1)} / without, {solver}"
+            found.append(at_most(what, measured, limit) if number == 5 else Figure(what, spoken(measured)))
+    return found
+
+
+def solver_figures() -> list[Figure]:
+    """What a run by another solver takes of one by IDAS."""
+    assembly, found = hb.assemble(hb.load("cmc_ahc")), []
     plain = hb.Simulator(assembly)
-    found = []
-    for number in (1, 2, 5):
-        measured = paired(hb.Simulator(assembly, sensitivities=SENSITIVE[:number]).run, plain.run, PAIRS + 2)
-        what = f"cmc_ahc: run with sensitivities to {number} parameter{'s' * (number > 1)} / without"
-        found.append(at_most(what, measured, 6) if number == 5 else Figure(what, spoken(measured)))
+    for solver in ("cvodes", *(["rosenbrock"] if compiler() else [])):
+        simulator = hb.Simulator(assembly, solver=solver)
+        ours, theirs = simulator.run()["WOB"], plain.run()["WOB"]
+        assert np.abs(ours - theirs).max() < 1e-4 * np.ptp(theirs)
+        found.append(Figure(f"cmc_ahc: run by {solver} / by idas", spoken(paired(simulator.run, plain.run))))
     return found
 
 
@@ -189,4 +193,5 @@ def tuning_figures() -> list[Figure]:
 
 def figures() -> list[Figure]:
     """All of the above."""
-    return [*assembly_figures(), *process_figures(), *sensitivity_figures(), *adjoint_figures(), *tuning_figures()]
+    return [*assembly_figures(), *process_figures(), *solver_figures(), *sensitivity_figures(), *adjoint_figures(),
+            *tuning_figures()]

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 import heavebond as hb
 from benchmarks.floor import Floor, NoFloor
 from benchmarks.measuring import Figure, at_most, duration, paired, spoken
+from heavebond.idas import integrator_options
 from heavebond.simulation import Tolerances
 
 Array = NDArray[np.float64]
@@ -64,6 +65,8 @@ class Heave:
                                   {"reltol": TOLERANCES.rtol, "abstol": TOLERANCES.atol, "max_num_steps": 10**6})
         assembly = hb.assemble(hb.load(DIAGRAM)).with_parameters({"K_p": gain})
         self.simulator, self.assembly = self.simulated(assembly), assembly
+        dae = self.simulator.integrand.dae
+        self.same = ca.integrator("same", "idas", dae, 0, times, integrator_options(dae, TOLERANCES))
         first = self.simulator.run()
         self.x0 = first.x[:, 0] / assembly.x_nominal
         self.p = self.simulator.integrand.hoist(first.p, np.zeros((len(first.p), 0)))
@@ -75,6 +78,14 @@ class Heave:
     def by_hand(self) -> Array:
         """The states (8, points) of the flat equations."""
         return self.flat(x0=START, p=self.parameters)["xf"].full()
+
+    def called(self) -> ca.DM:
+        """The scaled states (8, points) from the integrator that heavebond made, called as CasADi calls it."""
+        return self.same(x0=self.x0, p=self.p)["xf"]
+
+    def as_array(self) -> Array:
+        """These made into an array."""
+        return self.called().full()
 
     def integrated(self, simulator: hb.Simulator | None = None) -> Array:
         """The scaled states (8, points) from the integrator that heavebond made, called by itself."""
@@ -123,9 +134,10 @@ def figures() -> list[Figure]:
         assert heave.disagreement() < 1e-3
         found.append(at_most(f"heave, {name}: integration / hand-written CasADi",
                              paired(heave.integrated, heave.by_hand, 7), 1.05))
-        added = paired(heave.simulator.run, heave.integrated, 7)
-        found.append(Figure(f"heave, {name}: what `Simulator.run` adds to the integrator",
-                            f"{100 * (added.ratio - 1):.1f} % ({duration(added.ours - added.theirs)})", "≤ 5 %",
-                            added.ratio <= 1.05))
+        for what, theirs, limit in (("", heave.as_array, 1.05), (", its states left with CasADi", heave.called, None)):
+            added = paired(heave.simulator.run, theirs, 9)
+            found.append(Figure(f"heave, {name}: what `Simulator.run` adds to the integrator{what}",
+                                f"{100 * (added.ratio - 1):.1f} % ({duration(added.ours - added.theirs)})",
+                                "≤ 5 %" if limit else "", added.ratio <= limit if limit else None))
         found += floor_figures(name, heave)
     return found

@@ -3,15 +3,29 @@
 from __future__ import annotations
 
 import gc
+import os
+import platform
 import resource
 import statistics
+import subprocess
+import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
+import casadi
+import numpy
+from rich.console import Console
+from rich.table import Table
+
+ROOT = Path(__file__).parents[1]
 PAIRS = 5
 # a measurement shorter than this is repeated until it is as long: the clock and the caches are no longer seen
 SHORTEST = 0.1
+BEGIN, END = "<!-- written by the benchmark -->", "<!-- end of what the benchmark writes -->"
+WIDTH = 150  # the table whole, also into a file
+MET = {True: "yes", False: "no", None: ""}
 
 
 @dataclass(frozen=True)
@@ -71,4 +85,31 @@ def spoken(found: Paired) -> str:
 
 def duration(time_s: float) -> str:
     """`86.1 ms`, `1.62 s`."""
-    return f"{time_s:.2f} s" if time_s >= 0.9995 else f"{1e3 * time_s:.3g} ms"
+    return f"{time_s:.2f} s" if abs(time_s) >= 0.9995 else f"{1e3 * time_s:.3g} ms"
+
+
+def process(*arguments: str) -> str:
+    """What Python says when called like this; CalledProcessError where it fails."""
+    paths = [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH", "")])]
+    return subprocess.run([sys.executable, *arguments], env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
+                          capture_output=True, text=True, check=True).stdout
+
+
+# -- pages -------------------------------------------------------------------------------------------------------------
+def page_table(figures: Sequence[Figure], conditions: str) -> str:
+    """The table in Markdown."""
+    rows = [f"| {f.what} | {f.measured} | {f.target} | {MET[f.met]} |" for f in figures]
+    return "\n".join([BEGIN, "", f"{conditions}", "", "| what | measured | target | met? |", "|---|---|---|---|", *rows, "",
+                      END])
+
+
+def write_page(figures: Sequence[Figure], page: Path) -> None:
+    """Print the table, and put it into the page between its marks."""
+    conditions = (f"Python {platform.python_version()}, CasADi {casadi.CasadiMeta.version()}, NumPy {numpy.__version__}, "
+                  f"{platform.machine()}.")
+    table = Table("what", "measured", "target", "met?", title=conditions, title_justify="left")
+    for figure in figures:
+        table.add_row(figure.what.replace("`", ""), figure.measured, figure.target, MET[figure.met])
+    Console(width=WIDTH).print(table)
+    head, _, rest = page.read_text(encoding="utf-8").partition(BEGIN)
+    page.write_text(head + page_table(figures, conditions) + rest.partition(END)[2], encoding="utf-8")

@@ -1,121 +1,158 @@
-"""A bond graph as a picture (SVG): letters, bonds with half arrows, causal strokes."""
+"""A bond graph as a picture (SVG): letters, straight bonds with half arrows, causal strokes."""
 
 from __future__ import annotations
 
-from pathlib import Path
+from collections import Counter
+from collections.abc import Mapping
 from xml.sax.saxutils import escape, quoteattr
 
 from heavebond.bond_graph import WORD, Bond, BondGraph, Vertex, bond_graph, told
-from heavebond.definition import Component
-from heavebond.drawing import COLOURS, EDGE, OTHER, QUIET, WARNING, extent_of
-from heavebond.errors import Place
-from heavebond.layout import Item, Options, Strand, lay_out
-from heavebond.lettering import FONT, KIND, NAME, SUMMARY, TITLE, text_width, wrapped
+from heavebond.bond_layout import Point, places
+from heavebond.drawing import COLOURS, EDGE, OTHER, QUIET, WARNING
+from heavebond.lettering import FONT, KIND, NAME, SUMMARY, TITLE, Box, Style, bounds, text_width, wrapped
 from heavebond.model import Model
-from heavebond.sheets import Net, Part, Sheet
 
-BARB, BAR, LETTER = 9, 7, 16  # px: the half arrow's length, half of a causal stroke, an element's letter
-Point = tuple[float, float]
+BARB, BAR = 9, 7  # px: the half arrow's length, half of a causal stroke
+LETTER, LABEL = Style(17, bold=True), Style(10, quiet=True)
+LENGTH, CLEAR = 62.0, 5.0  # px: of a bond from middle to middle of two letters; between a letter and its bonds
+ROOM = 22.0  # px: what a vertex wants around it
+MORE = 7.0  # px: what each bond beyond four at a vertex adds to the length of all of them
+BESIDE = 9.0  # px between two bonds of the same vertices
+LEAST = 520.0  # px: a page is not slimmer
 
 
 def draw_bond_graph(model: Model) -> str:
     """The bond graph of a diagram as the text of an SVG file; ModelError for a diagram that cannot be read."""
     graph = bond_graph(model)
-    drawn = lay_out(_sheet(graph), {}, Options(False, {}))
-    box = extent_of(drawn)
-    lines: list[str] = []
-    for item in drawn.items:
-        lines += _vertex(graph.vertices[item.part.path], item)
-    items = {item.part.name: item for item in drawn.items}
-    for bond, strand in zip(graph.bonds, drawn.lines, strict=True):
-        lines += _bond(graph, bond, strand, items)
-    notes = told(graph)
-    width = max(box.right - box.left, 520)
-    written = [line for note in notes for line in wrapped(note, SUMMARY, width)]
+    shapes = {key: _shape(vertex) for key, vertex in graph.vertices.items()}
+    busy = Counter(key for b in graph.bonds for key in (b.tail, b.head))
+    lengths = {(b.tail, b.head): LENGTH + sum(_reach(shapes[key], busy[key]) for key in (b.tail, b.head))
+               for b in graph.bonds}
+    at = places(lengths, {key: ROOM + 0.7 * shape.right for key, shape in shapes.items()})
+    boxes = {key: shapes[key].moved(*place) for key, place in at.items()}
+    ends = _ends(graph, at, boxes)
+    lines = [line for bond, path in zip(graph.bonds, ends, strict=True) for line in _bond(graph, bond, path)]
+    taken = list(boxes.values())
+    for key, vertex in graph.vertices.items():
+        lines += _vertex(vertex, at[key], boxes[key])
+        if vertex.label and vertex.letter != WORD:
+            box = _label_box(vertex.label, boxes[key], taken, ends)
+            taken.append(box)
+            lines.append(_text((box.left + box.right) / 2, box.bottom - 3, vertex.label, LABEL.size, QUIET, False))
+    return _page(model, graph, lines, bounds(taken) if taken else Box(0, 0, LEAST, 0))
+
+
+def _page(model: Model, graph: BondGraph, lines: list[str], box: Box) -> str:
+    """The picture with its title above and what is to be known below."""
+    width = max(box.right - box.left, LEAST)
+    written = [line for note in told(graph) for line in wrapped(note, SUMMARY, width)]
     left, top = round(box.left - EDGE), round(box.top - EDGE - 44)
     whole_x = round(width + 2 * EDGE)
-    whole_y = round(box.bottom + EDGE + 24 + 15 * len(written)) - top
-    head = [f'<svg xmlns="http://www.w3.org/2000/svg" width="{whole_x}" height="{whole_y}" '
-            f'viewBox="{left} {top} {whole_x} {whole_y}" font-family={quoteattr(FONT)} fill="none" stroke-linejoin="round">',
-            f"<title>{escape(model.name)}, bond graph</title>",
-            f'<rect x="{left}" y="{top}" width="{whole_x}" height="{whole_y}" fill="#ffffff"/>',
-            _text(left + EDGE, top + EDGE + 4, f"{model.name}: bond graph", TITLE.size, "#000000", True, "start")]
-    y = box.bottom + 20
-    lines += _legend(graph, left + EDGE, y)
-    lines += [_text(left + EDGE, y + 18 + 15 * k, line.text, SUMMARY.size, QUIET, False, "start")
-              for k, line in enumerate(written)]
-    return "\n".join([*head, *lines, "</svg>"]) + "\n"
+    whole_y = round(box.bottom + EDGE + 40 + 15 * len(written)) - top
+    y = box.bottom + 36
+    return "\n".join([
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{whole_x}" height="{whole_y}" '
+        f'viewBox="{left} {top} {whole_x} {whole_y}" font-family={quoteattr(FONT)} fill="none" stroke-linejoin="round">',
+        f"<title>{escape(model.name)}, bond graph</title>",
+        f'<rect x="{left}" y="{top}" width="{whole_x}" height="{whole_y}" fill="#ffffff"/>',
+        _text(left + EDGE, top + EDGE + 4, f"{model.name}: bond graph", TITLE.size, "#000000", True, "start"), *lines,
+        *_legend(graph, left + EDGE, y),
+        *(_text(left + EDGE, y + 18 + 15 * k, line.text, SUMMARY.size, QUIET, False, "start")
+          for k, line in enumerate(written)), "</svg>"]) + "\n"
 
 
-def _sheet(graph: BondGraph) -> Sheet:
-    """Vertices as parts with a port for each bond, bonds as nodes of two ends."""
-    place = Place("bond graph", 1)
-    ports: dict[str, dict[str, str]] = {key: {} for key in graph.vertices}
-    nets = []
-    for k, bond in enumerate(graph.bonds):
-        for key in (bond.tail, bond.head):
-            ports[key][f"b{k}"] = bond.domain
-        nets.append(Net(f"bond {k}", "", bond.domain, ((bond.tail, f"b{k}"), (bond.head, f"b{k}"))))
-    parts = {key: Part(key, key, Component(_shown(vertex), "", place, Path()), ports[key], (), None, ())
-             for key, vertex in graph.vertices.items()}
-    return Sheet("", parts, tuple(nets))
+# -- vertices ----------------------------------------------------------------------------------------------------------
+def _shape(vertex: Vertex) -> Box:
+    """What a letter or a word takes up about its middle."""
+    across = text_width(vertex.label, NAME) / 2 + 8 if vertex.letter == WORD else text_width(vertex.letter, LETTER) / 2
+    high = 12.0 if vertex.letter == WORD else 7.0
+    return Box(-across, -high, across, high)
 
 
-def _shown(vertex: Vertex) -> str:
-    return "" if vertex.letter == WORD else vertex.letter
+def _reach(shape: Box, bonds: int) -> float:
+    """How much longer a bond is at a word, and where many meet, so that all have room."""
+    return max(0.0, (shape.right - 10) / 2) + MORE * max(0, bonds - 4)
 
 
-def _vertex(vertex: Vertex, item: Item) -> list[str]:
+def _vertex(vertex: Vertex, place: Point, box: Box) -> list[str]:
     colour = WARNING if vertex.derivative or vertex.broken else "#000000"
-    if vertex.letter == WORD:
-        box = item.extent
-        return [f'<rect x="{box.left + 6:g}" y="{box.top + 6:g}" width="{box.right - box.left - 12:g}" '
-                f'height="{box.bottom - box.top - 12:g}" rx="3" stroke="{QUIET}" fill="#f7f7f5"/>',
-                _text(item.x, item.y + 4, vertex.label, NAME.size, colour, True)]
-    lines = [_text(item.x, item.y + (2 if vertex.label else 6), vertex.letter, LETTER, colour, True)]
-    return [*lines, _text(item.x, item.y + 14, vertex.label, KIND.size, QUIET, False)] if vertex.label else lines
+    if vertex.letter != WORD:
+        return [_text(place[0], place[1] + 6, vertex.letter, LETTER.size, colour, True)]
+    return [f'<rect x="{box.left:.1f}" y="{box.top:.1f}" width="{box.right - box.left:.1f}" '
+            f'height="{box.bottom - box.top:.1f}" rx="3" stroke="{QUIET}" fill="#f7f7f5"/>',
+            _text(place[0], place[1] + 4, vertex.label, NAME.size, colour, True)]
+
+
+def _label_box(label: str, own: Box, taken: list[Box], bonds: list[tuple[Point, Point]]) -> Box:
+    """Where the name of a letter stands: of the places around it the one that covers least."""
+    wide, high = text_width(label, LABEL) / 2, LABEL.size + 3
+    x, y = (own.left + own.right) / 2, (own.top + own.bottom) / 2
+    tried = [Box(u - wide, v - high / 2, u + wide, v + high / 2) for u, v in (
+        (x, own.bottom + 8), (x, own.top - 8), (own.right + wide + 4, y), (own.left - wide - 4, y),
+        (own.right + wide, own.bottom + 5), (own.left - wide, own.bottom + 5),
+        (own.right + wide, own.top - 5), (own.left - wide, own.top - 5))]
+    covered = [3 * sum(box.meets(other) for other in taken if other is not own) + sum(_through(box, *bond) for bond in bonds)
+               for box in tried]
+    return tried[covered.index(min(covered))]
+
+
+def _through(box: Box, start: Point, end: Point) -> bool:
+    """Whether a line goes through a box, as near as its steps of a fortieth tell."""
+    return any(box.left < start[0] + k / 40 * (end[0] - start[0]) < box.right
+               and box.top < start[1] + k / 40 * (end[1] - start[1]) < box.bottom for k in range(41))
 
 
 def _text(x: float, y: float, text: str, size: int, colour: str, bold: bool, align: str = "middle") -> str:
     weight = ' font-weight="bold"' if bold else ""
-    return f'<text x="{x:g}" y="{y:g}" font-size="{size}"{weight} fill="{colour}" text-anchor="{align}">' \
+    return f'<text x="{x:.1f}" y="{y:.1f}" font-size="{size}"{weight} fill="{colour}" text-anchor="{align}">' \
         f"{escape(text)}</text>"
 
 
-def _bond(graph: BondGraph, bond: Bond, strand: Strand, items: dict[str, Item]) -> list[str]:
+# -- bonds -------------------------------------------------------------------------------------------------------------
+def _ends(graph: BondGraph, at: Mapping[str, Point], boxes: Mapping[str, Box]) -> list[tuple[Point, Point]]:
+    """Where each bond begins and ends: on the line between the middles, clear of what stands there."""
+    pairs = [frozenset((b.tail, b.head)) for b in graph.bonds]
+    found = []
+    for k, bond in enumerate(graph.bonds):
+        (x, y), (u, v) = at[bond.tail], at[bond.head]
+        length = ((u - x)**2 + (v - y)**2)**0.5 or 1.0
+        along = ((u - x) / length, (v - y) / length)
+        aside = BESIDE * (pairs[:k].count(pairs[k]) - (pairs.count(pairs[k]) - 1) / 2)
+        aside *= 1 if bond.tail < bond.head else -1  # the same side for both ways
+        dx, dy = -along[1] * aside, along[0] * aside
+        first, last = _out_of(boxes[bond.tail], along, (dx, dy)), _out_of(boxes[bond.head], (-along[0], -along[1]), (dx, dy))
+        found.append(((x + dx + first * along[0], y + dy + first * along[1]),
+                      (u + dx - last * along[0], v + dy - last * along[1])))
+    return found
+
+
+def _out_of(box: Box, along: Point, off: Point) -> float:
+    """How far from beside the middle of a box a line leaves it, and is clear of it."""
+    half = ((box.right - box.left) / 2 + CLEAR, (box.bottom - box.top) / 2 + CLEAR)
+    ways = [(side - o * (1 if a > 0 else -1)) / abs(a) for side, a, o in zip(half, along, off, strict=True) if abs(a) > 1e-9]
+    return max(0.0, min(ways))
+
+
+def _bond(graph: BondGraph, bond: Bond, ends: tuple[Point, Point]) -> list[str]:
     """A line, the half arrow at its head, the causal stroke across the end that effort is imposed on."""
-    path = _path(strand, items[bond.tail])
+    (x, y), (u, v) = ends
+    length = ((u - x)**2 + (v - y)**2)**0.5 or 1.0
+    along = ((u - x) / length, (v - y) / length)
     colour = COLOURS.get(bond.domain, OTHER)
     late = any(graph.vertices[key].derivative for key in (bond.tail, bond.head))
     dashed = ' stroke-dasharray="4 3"' if bond.modulated else ""
-    told_of = escape(f"{bond.domain}, power counts from {bond.tail} to {bond.head}")
-    lines = ['<path class="bond" d="M' + " L".join(f"{x:g} {y:g}" for x, y in path) +
-             f'" stroke="{colour}" stroke-width="1.6"{dashed}><title>{told_of}</title></path>']
-    end, along = _end(path, bond.head == bond.tail)
-    back, aside = (-along[0], -along[1]), (along[1], -along[0])
-    tip = (end[0] + BARB * (0.8 * back[0] + 0.6 * aside[0]), end[1] + BARB * (0.8 * back[1] + 0.6 * aside[1]))
-    lines.append(f'<path class="half-arrow" d="M{end[0]:g} {end[1]:g} L{tip[0]:g} {tip[1]:g}" stroke="{colour}" '
-                 'stroke-width="1.6"/>')
+    said = escape(f"{bond.domain}, power counts from {bond.tail} to {bond.head}")
+    tip = (u - BARB * (0.8 * along[0] - 0.6 * along[1]), v - BARB * (0.8 * along[1] + 0.6 * along[0]))
+    lines = [f'<path class="bond" d="M{x:.1f} {y:.1f} L{u:.1f} {v:.1f}" stroke="{colour}" stroke-width="1.6"{dashed}>'
+             f"<title>{said}</title></path>",
+             f'<path class="half-arrow" d="M{u:.1f} {v:.1f} L{tip[0]:.1f} {tip[1]:.1f}" stroke="{colour}" '
+             'stroke-width="1.6"/>']
     if bond.stroke:
-        at, way = _end(path, bond.stroke == bond.tail)
-        x, y = way[1] * BAR, -way[0] * BAR
-        lines.append(f'<path class="stroke{" late" if late else ""}" d="M{at[0] - x:g} {at[1] - y:g} L{at[0] + x:g} '
-                     f'{at[1] + y:g}" stroke="{WARNING if late else "#000000"}" stroke-width="2.4"/>')
+        at = ends[0] if bond.stroke == bond.tail else ends[1]
+        p, q = along[1] * BAR, -along[0] * BAR
+        lines.append(f'<path class="stroke{" late" if late else ""}" d="M{at[0] - p:.1f} {at[1] - q:.1f} '
+                     f'L{at[0] + p:.1f} {at[1] + q:.1f}" stroke="{WARNING if late else "#000000"}" stroke-width="2.4"/>')
     return lines
-
-
-def _path(strand: Strand, tail: Item) -> list[Point]:
-    """The wire as one line that begins at the tail."""
-    path: list[Point] = [(float(x), float(y)) for x, y in strand.wire.lines[0]]
-    own = {(a.x + tail.x, a.y + tail.y) for a in tail.shape.anchors}
-    return path if path[0] in own else path[::-1]
-
-
-def _end(path: list[Point], first: bool) -> tuple[Point, Point]:
-    """An end of a line and the direction in which it runs out there."""
-    (x, y), (u, v) = (path[0], path[1]) if first else (path[-1], path[-2])
-    length = abs(x - u) + abs(y - v) or 1.0
-    return (x, y), ((x - u) / length, (y - v) / length)
 
 
 def _legend(graph: BondGraph, x: float, y: float) -> list[str]:

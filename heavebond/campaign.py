@@ -7,7 +7,7 @@ import hashlib
 import json
 import math
 import time as clock
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import Executor
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -28,6 +28,8 @@ from heavebond.study import Procedure, Study, load_study
 from heavebond.units import Unit
 
 KEPT = "done"
+# tasks that a worker elsewhere has at a time, so that it need not wait for the next one
+AHEAD = 2
 CALIBRATION = "calibration"
 DIED = "the process that worked on this case died, also when it was tried again (killed, or out of memory)"
 
@@ -135,24 +137,31 @@ def _outcomes(study: Study, kept: Kept | None, fresh: bool, executor: Executor |
             done += 1
             yield k, Outcome(**told)
         else:
-            left.append((k, (study, *job)))
+            left.append((k, job))
     told_so_far = _Told(say, len(jobs), done)
 
     def died(k: int, _: BaseException) -> Outcome:
         case, procedure = jobs[k]
         return Outcome(case, procedure.name if procedure is not None else "", problem=DIED)
 
-    for k, outcome in as_done(executor, worked, left, number + 1, instead=died) if executor is not None else \
-            _here(left, told_so_far):
+    if executor is None:
+        done_now = _here(study, left, told_so_far)
+    else:
+        packed = study.packed()
+        given = ((k, (packed(case), case, procedure)) for k, (case, procedure) in left)
+        ahead = AHEAD * number if isinstance(executor, Cluster) else number + 1
+        done_now = as_done(executor, worked, given, ahead, instead=died)
+    for k, outcome in done_now:
         if kept is not None and not outcome.problem:
             kept.write(names[k], outcome.as_dict())
         told_so_far.one_more()
         yield k, outcome
 
 
-def _here(left: Sequence[tuple[int, tuple[Study, int, Procedure | None]]], told: _Told) -> Iterator[tuple[int, Outcome]]:
-    for k, given in left:
-        yield k, worked(*given, told.inside(*given[:2]))
+def _here(study: Study, left: Iterable[tuple[int, tuple[int, Procedure | None]]], told: _Told
+          ) -> Iterator[tuple[int, Outcome]]:
+    for k, (case, procedure) in left:
+        yield k, worked(study, case, procedure, told.inside(study, case))
 
 
 class _Told:

@@ -24,7 +24,7 @@ from heavebond.processes import Stopped, heed
 from heavebond.progress import Progress
 from heavebond.result import Result, unknown_signal
 from heavebond.simulation import Simulator, grid
-from heavebond.study import COST, SIMULATIONS, Calibration, Measure, Procedure, Study
+from heavebond.study import COST, SIMULATIONS, Calibration, Measure, Packed, Procedure, Study
 from heavebond.tuning import Tuned, sweep_in_turn, tune
 from heavebond.units import Unit, read_unit
 
@@ -58,9 +58,10 @@ class Outcome:
         return asdict(self)
 
 
-def worked(study: Study, number: int, procedure: Procedure | None, progress: Progress | None = None) -> Outcome:
+def worked(given: Study | Packed, number: int, procedure: Procedure | None, progress: Progress | None = None) -> Outcome:
     """The case of that number; what goes wrong in this case is part of what came out."""
     began = clock.perf_counter()
+    study = given.study if isinstance(given, Packed) else given
     name = procedure.name if procedure is not None else ""
     try:
         found = _worked(study, study.case(number), procedure, progress or heed)
@@ -95,7 +96,7 @@ def _worked(study: Study, case: StudyCase, procedure: Procedure | None, progress
 
 def assembled(study: Study, case: StudyCase) -> Assembly:
     """The diagram of a case, with what was calibrated: a case in which such a parameter has a value of its own keeps it."""
-    assembly = assemble(case.model, named_in(study))
+    assembly = assemble(case.model, named_in(study), keep=False)  # of a thousand cases each is met once
     own = assembly.parameter_values
     return assembly.with_parameters({name: after for name, (before, after) in study.calibrated.items()
                                      if math.isclose(own[name], before, rel_tol=1e-9, abs_tol=0.0)})

@@ -27,7 +27,7 @@ from heavebond.units import UnitProblem, check_unit, parse_quantity
 Array = NDArray[np.float64]
 KEPT = Kind("reduced", values_in(
     "definition", "errors", "expand", "expression", "flatten", "happening", "library", "model", "parameters", "rank",
-    "reduce", "resolver", "states", "units", "view"))
+    "reduce", "resolver", "source", "states", "units", "view"))
 # how often a signal may be differentiated
 DERIVATIVES = {"hold": 0, "linear": 1, "spline": 3}
 
@@ -270,28 +270,32 @@ class Integrand:
     hoist: ca.Function
 
 
-def integrand(assembly: Assembly, quadratures: ca.SX | None = None, directions: int = 0) -> Integrand:
+def integrand(assembly: Assembly, quadratures: ca.SX | None = None, directions: int = 0, moving: Sequence[int] = ()
+              ) -> Integrand:
     """The DAE for `ca.integrator`: x = x_nominal * x_s, z = z_nominal * z_s; quadratures unscaled.
 
-    `directions` adds that many forward sensitivities: with dp (n_p, directions) the directions in parameter space,
-    X = dx_s/dp and Z = dz_s/dp satisfy X' = f_x X + f_z Z + f_p dp, 0 = g_x X + g_z Z + g_p dp. Written out in SX and
-    integrated with the model, this is cheaper than the integrator's own forward mode and under the same error control.
+    `directions` adds that many forward sensitivities: with dp (n_p, directions) the directions in parameter space, zero but
+    for the parameters `moving` (by their indices), X = dx_s/dp and Z = dz_s/dp satisfy X' = f_x X + f_z Z + f_p dp,
+    0 = g_x X + g_z Z + g_p dp. Written out in SX and integrated with the model, this is cheaper than the integrator's own
+    forward mode and under the same error control.
     """
     t, x, z, p, u, rate = assembly.arguments
     x_s, z_s = ca.SX.sym("x", x.numel()), ca.SX.sym("z", z.numel())
     x_nominal, z_nominal = ca.SX(ca.DM(assembly.x_nominal)), ca.SX(ca.DM(assembly.z_nominal))
     right = [assembly.ode / x_nominal, assembly.alg, *([quadratures] if quadratures is not None else [])]
     replaced = ca.substitute(right, [x, z, rate], [x_s * x_nominal, z_s * z_nominal, ca.SX(1)])
-    dp = ca.SX.sym("dp", p.numel(), directions)
-    x_s, z_s, replaced = _augmented(x_s, z_s, p, dp, replaced)
+    rows = list(moving) if directions else []
+    dp, whole = ca.SX.sym("dp", len(rows), directions), ca.SX.sym("dp", p.numel(), directions)
+    x_s, z_s, replaced = _augmented(x_s, z_s, p[rows], dp, replaced)
     sizes = [r.numel() for r in replaced]
     stacked, = ca.cse([stack(replaced)])
-    given = stack([p, ca.vec(dp)]) if directions else p
-    constants, hoist = given, ca.Function("hoist", [p, dp], [given])
+    given, parametric = stack([p, ca.vec(dp)]), ca.SX(0, 1)
+    constants = given
     if p.numel():
-        stacked, symbols, parametric = ca.extract_parametric(stacked, given)
-        constants = stack([given, *symbols])
-        hoist = ca.Function("hoist", [p, dp], [stack([given, *parametric])])
+        stacked, symbols, expressions = ca.extract_parametric(stacked, given)
+        constants, parametric = stack([given, *symbols]), stack(expressions)
+    hoisted, = ca.substitute([stack([given, parametric])], [ca.vec(dp)], [ca.vec(whole[rows, :])])
+    hoist = ca.Function("hoist", [p, whole], [hoisted])
     parts = ca.vertsplit(stacked, [0, *np.cumsum(sizes).tolist()])
     if not x_s.numel():  # an integrator needs a state: one that stays zero
         x_s, parts[0] = ca.SX.sym("x"), ca.SX(1, 1)
@@ -302,12 +306,14 @@ def integrand(assembly: Assembly, quadratures: ca.SX | None = None, directions: 
 
 
 def _augmented(x: ca.SX, z: ca.SX, p: ca.SX, dp: ca.SX, right: list[ca.SX]) -> tuple[ca.SX, ca.SX, list[ca.SX]]:
-    """x, z and the right sides (ode, alg, quadratures) with the forward sensitivities along each column of dp."""
+    """x, z and the right sides (ode, alg, quadratures) with the forward sensitivities along each column of dp, the moves of
+    some parameters p."""
     columns = dp.shape[1]
     if not columns:
         return x, z, right
     x_along, z_along = ca.SX.sym("X", x.numel(), columns), ca.SX.sym("Z", z.numel(), columns)
-    # one sweep for all arguments: each partial derivative is written once
-    arguments, along = stack([p, x, z]), ca.vertcat(dp, x_along, z_along)
-    both = [stack([side, ca.vec(ca.jtimes(side, arguments, along))]) for side in right]
+    # one Jacobian serves all columns, so that each partial derivative is written once
+    moved = ca.jacobian(stack(right), stack([x, z, p])) @ ca.vertcat(x_along, z_along, dp)
+    ends = np.cumsum([0, *(side.numel() for side in right)]).tolist()
+    both = [stack([side, ca.vec(moved[begin:end, :])]) for side, begin, end in zip(right, ends[:-1], ends[1:], strict=True)]
     return stack([x, ca.vec(x_along)]), stack([z, ca.vec(z_along)]), both

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 WIDEST_EXCERPT = 110
 LONGEST_MESSAGE = 400
+FEW = 3  # candidates with the same last word that are named
 SHORTEST_KIND = 5  # letters from which a capitalised name is taken for a component's in suggestions
 
 
@@ -154,14 +155,16 @@ class Problems:
 def suggest(word: str, candidates: Iterable[str]) -> str:
     """`Did you mean 'x'?` for the candidates nearest to `word` (case ignored), or an empty text.
 
-    The name of a component that stands in the word as a whole (`HydraulicCylinder`, `cylinder`) is the only one.
+    The name of a component that stands in the word as a whole (`HydraulicCylinder`, `cylinder`) is the only one. A word that
+    ends a few candidates (`K_p` of `controller.K_p`) means these.
     """
     if len(word) > 100:
         return ""
     by_lower: dict[str, str] = {}
     for candidate in candidates:
         by_lower.setdefault(candidate.lower(), candidate)
-    near = difflib.get_close_matches(word.lower(), list(by_lower), n=2, cutoff=0.6)
+    ending = [n for n in by_lower if n.endswith(f".{word.lower()}")]
+    near = ending if 1 <= len(ending) <= FEW else difflib.get_close_matches(word.lower(), list(by_lower), n=2, cutoff=0.6)
     if not near:
         return ""
     kinds = {n: name for n, name in by_lower.items() if name[0].isupper() and len(n) >= SHORTEST_KIND}

@@ -151,7 +151,7 @@ def _load(path: Path, chain: tuple[Path, ...]) -> Experiment:
     root = source.root
     if "experiment" not in root.items:
         kind = next((k for k in ("model", "component", "study") if k in root.items), None)
-        hint = "This file describes a diagram; `heavebond run` runs it." if kind == "model" else \
+        hint = "This file describes a diagram; `heavebond run` runs it, its --save keeps the run." if kind == "model" else \
             f"This file describes a {kind}." if kind else suggest("experiment", root.items)
         raise ModelError([Problem("not-an-experiment", f"{source.name} is no experiment: it has no `experiment:`",
                                   root.place, hint)])

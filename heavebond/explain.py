@@ -23,10 +23,12 @@ DECIDES = {
     "electrical": "an ElectricalGround, a VoltageSource or a Capacitor on one of these nodes, or a Resistor from there to "
                   "such a node",
     "pneumatic": "a Receiver, an Atmosphere or a PneumaticSource on one of these nodes",
+    "thermal": "a HeatCapacity or an Ambient on one of these nodes, or a ThermalResistance from there to such a node",
+    "bond": "a C or an Se on one of these nodes, or an R",
 }
 # what ends a rigid loop, by domain
 ELASTIC = {"translational": "a Spring", "rotational": "a TorsionSpring", "hydraulic": "a LineResistance",
-           "pneumatic": "a PneumaticLine", "electrical": "a Resistor"}
+           "pneumatic": "a PneumaticLine", "electrical": "a Resistor", "thermal": "a ThermalResistance"}
 
 
 def singular(flat: Flat, rows: Sequence[Sequence[int]], matching: Sequence[int]) -> ModelError:
@@ -47,7 +49,12 @@ def singular(flat: Flat, rows: Sequence[Sequence[int]], matching: Sequence[int])
         near = [b for b in parts.underdetermined if part.touched.intersection(b.core_columns)]
         told.update(near)
         loose = [flat.unknowns[j] for b in near for j in b.core_columns]
-        if part.shared or not any(u.role in SHARED for u in loose):
+        # heat that goes nowhere leaves a temperature open, whatever pressures the equations hold besides
+        own = [_domain(flat, u) for u in part.shared]
+        elsewhere = [u for u in loose if u.role in SHARED and _domain(flat, u) not in own]
+        if part.shared and elsewhere:
+            problems.append(_undecided(flat, elsewhere, part))
+        elif part.shared or not any(u.role in SHARED for u in loose):
             problems.append(part.fixed_twice(loose))
         else:
             problems.append(_undecided(flat, loose, part))

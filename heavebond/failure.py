@@ -104,8 +104,8 @@ def _cause(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array)
     order = np.argsort(-np.where(np.isfinite(rates), rates, np.inf))[:3]
     owners = _owners(assembly)
     names = [assembly.state_names[k] for k in order]
-    notes = [f"{assembly.state_names[k]} = {x[k]:.6g}, changing by {ode[k]:.3g} a second"
-             f"   ({owners.get(assembly.state_names[k], '')})" for k in order]
+    notes = [f"{name} = {x[k]:.6g}, changing by {ode[k]:.3g} a second" + (f"   ({owners[name]})" if owners.get(name) else "")
+             for k, name in zip(order, names, strict=True)]
     at = assembly.point(t, x, z, p, u)
     if found := _lost(assembly, at, t):
         return f"{found.message[:1].upper()}{found.message[1:]}.\n{found.hint}", [*notes, *found.notes]
@@ -117,15 +117,19 @@ def _cause(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array)
     wild = _not_finite(assembly, t, x, z, p, u)
     if wild or not np.all(np.isfinite(ode)) or not np.all(np.isfinite(alg)):
         which = listing(wild, 4) or "an equation"
-        return (f"From there on {which} has no finite value: a root or logarithm of a negative number, a division by 0.",
+        has = "have" if len(wild) > 1 else "has"
+        return (f"From there on {which} {has} no finite value: a root or logarithm of a negative number, a division by 0.",
                 notes)
     if len(z) and _singular(assembly, t, x, z, p, u):
         return (f"{listing(assembly.algebraic_names, 4)} cannot be solved for there: a valve shuts a volume-free "
                 "line, or a lever loses its arm. Add what decides it: a leakage, a spring.", notes)
     if rates.size and rates[order[0]] > 1e6:
         return f"{listing(names, 2)} run away: an instability, a wrong sign or a very stiff element.", notes
-    return (f"{listing(names, 2)} change fastest: a kink or jump there that the solver cannot step over. Smooth it "
-            "(a transition velocity or pressure), let it happen as an event (`when:`), or loosen the tolerances.", notes)
+    fastest = names or assembly.algebraic_names
+    verb = "changes" if len(fastest) == 1 else "change"
+    return (f"{listing(fastest, 2)} {verb} fastest: a kink or jump there that the solver cannot step over. Smooth it "
+            "(a transition velocity or pressure), let it happen as an event (a Step for a jump in time, "
+            "`when:` in a component), or loosen the tolerances.", notes)
 
 
 def _lost(assembly: Assembly, at: dict[int, float], t: float) -> Problem | None:
@@ -137,9 +141,12 @@ def _lost(assembly: Assembly, at: dict[int, float], t: float) -> Problem | None:
 
 
 def _not_finite(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array) -> list[str]:
-    """The variables that are no numbers at the state where the run stopped, or a little later in time."""
-    for later in (0.0, 1e-6, 1e-3):
-        values = np.array(assembly.values(t + later * max(abs(t), 1.0), x, z, p, u, 1.0)).ravel()
+    """The variables that are no numbers at the state where the run stopped, or a little later in time, the state there or
+    on its way."""
+    rates = np.array(assembly.rates(t, x, z, p, u, 1.0)[0]).ravel()
+    for later, further in ((0.0, 0.0), (1e-6, 0.0), (1e-3, 0.0), (1e-6, 1.0), (1e-5, 1.0)):
+        step = later * max(abs(t), 1.0)
+        values = np.array(assembly.values(t + step, x + further * step * rates, z, p, u, 1.0)).ravel()
         bad = [unknown.name for unknown, value in zip(assembly.flat.unknowns, values, strict=True)
                if not np.isfinite(value)]
         if bad:

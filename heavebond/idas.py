@@ -6,15 +6,15 @@ import io
 import os
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, redirect_stderr
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import casadi as ca
-import numpy as np
-from numpy.typing import NDArray
 
+from heavebond.buffered import Buffered
 from heavebond.dae import Array, Integrand
 
 # Steps between two output points, after which a run is given up: at a value that is no number IDAS would halve its
@@ -35,42 +35,6 @@ class Tolerances:
     rtol: float = 1e-8
     atol: float = 1e-10
     along: float = 1e-3
-
-
-class Buffered:
-    """A function of CasADi that works on arrays where they are. (Made into an array number by number, the states at 6000
-    points take longer than a tenth of a run.) Inputs that are not given are zero."""
-
-    def __init__(self, function: ca.Function, outputs: Sequence[str]):
-        self._buffer, self._run = function.buffer()
-        self._given = {name: np.zeros(function.nnz_in(name)) for name in function.name_in()}
-        self._shapes = {name: (function.size2_out(name), function.size1_out(name)) for name in outputs}
-        self._number = {name: function.index_out(name) for name in outputs}
-        for k, values in enumerate(self._given.values()):
-            if values.size:
-                self._set(self._buffer.set_arg, k, values)
-
-    @staticmethod
-    def _set(bind: Callable[..., None], number: int, values: NDArray[np.float64]) -> None:
-        bind(number, memoryview(values))  # type: ignore[arg-type]  # arrays are buffers, which typing knows from Python 3.12 on
-
-    def __call__(self, **given: Any) -> dict[str, Array]:
-        for name, values in self._given.items():
-            values[:] = np.asarray(given[name], float).ravel(order="F") if name in given else 0.0
-        found = {name: np.empty(shape) for name, shape in self._shapes.items()}
-        for name, made in found.items():
-            if made.size:
-                self._set(self._buffer.set_res, self._number[name], made)
-        self._run()
-        return {name: made.T for name, made in found.items()}
-
-    def size1_in(self, name: str) -> int:
-        """The number of numbers in an input."""
-        return len(self._given[name])
-
-    def stats(self) -> dict[str, Any]:
-        """Counts of steps and evaluations of the last call."""
-        return dict(self._buffer.stats())
 
 
 class Idas:
@@ -129,15 +93,25 @@ def caught_errors() -> Iterator[list[str]]:
     """Catch what is written to standard error: the time and step at which SUNDIALS gave up are said only there, by C
     itself or by CasADi through Python's `sys.stderr`."""
     sys.stderr.flush()
-    kept = os.dup(2)
+    kept, file = os.dup(2), _file(os.getpid())
+    begin = os.lseek(file, 0, os.SEEK_END)
     heard: list[str] = []
     words = io.StringIO()
-    with tempfile.TemporaryFile() as file, redirect_stderr(words):
-        os.dup2(file.fileno(), 2)
+    with redirect_stderr(words):
+        os.dup2(file, 2)
         try:
             yield heard
         finally:
             os.dup2(kept, 2)
             os.close(kept)
-            file.seek(0)
-            heard.append(file.read().decode(errors="replace") + words.getvalue())
+            os.lseek(file, begin, os.SEEK_SET)
+            said = os.read(file, os.fstat(file).st_size - begin)
+            os.ftruncate(file, begin)
+            heard.append(said.decode(errors="replace") + words.getvalue())
+
+
+@lru_cache(maxsize=1)
+def _file(process: int) -> int:
+    """A file of this process for what it says: opening one takes as long as a hundred steps of a run."""
+    with tempfile.TemporaryFile() as file:
+        return os.dup(file.fileno())

@@ -8,7 +8,7 @@ import numpy as np
 
 from heavebond import start_failure
 from heavebond.dae import Array, Assembly
-from heavebond.newton import RANK, Found, Frame, System, continued, newton, settled, weights
+from heavebond.newton import Found, Frame, System, continued, least_change, newton, settled, weights
 from heavebond.start_equations import Point, StartEquations, StartSystem
 from heavebond.symbols import uniform
 
@@ -97,7 +97,7 @@ def _least_change(at: tuple[Array, Array], moved: Array, sizes: Array) -> Array:
     if not jacobian.size:
         return np.zeros((len(sizes), moved.shape[1]))
     row = weights(residual, jacobian)[:, None]
-    return np.asarray(np.linalg.lstsq(jacobian * row, -moved * row, rcond=RANK)[0] * sizes[:, None])
+    return least_change(jacobian * row, -moved * row) * sizes[:, None]
 
 
 class _Search:
@@ -259,10 +259,12 @@ class _Search:
     def _check_constants(self) -> None:
         """Coefficients of parameters alone that are zero: a mass or stiffness of 0 is told before anything is solved."""
         constant, function = self.equations.constants
-        values = function(self.assembly.p).full().ravel()
+        values = function(self.assembly.p)["o0"].ravel()
         start_failure.check_pivots(self.assembly, list(zip(constant, values, strict=True)), self._point(self.y0, 1.0))
 
     def _check(self, point: Point) -> None:
+        if self.equations.sound(point):
+            return
         values, assembly = point.values(), self.assembly
         pivots = np.array(assembly.pivots(*values)).ravel()
         start_failure.check_pivots(assembly, list(zip(assembly.reduced.pivots, pivots, strict=True)), point)

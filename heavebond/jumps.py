@@ -14,6 +14,7 @@ nothing sets. Hiskens and Pai, Trajectory sensitivity analysis of hybrid systems
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -23,8 +24,12 @@ import numpy as np
 from heavebond.co_simulation import Partners
 from heavebond.dae import Array, Assembly
 from heavebond.errors import Problem, SimulationError, listing
+from heavebond.presentation import readable
 from heavebond.start_equations import Point
 from heavebond.symbols import stack
+
+# of its usual size, by which what is differentiated may differ before and after an event
+CONTINUOUS = 1e-7
 
 
 @dataclass(frozen=True)
@@ -69,6 +74,9 @@ class EventEquations:
         direction = ca.SX.sym("d", p.numel())
         self._instants = ca.Function("instants", [p, direction], [
             first, period, ca.jtimes(first, p, direction), ca.jtimes(period, p, direction)])
+        self._differentiated = _differentiated(assembly)
+        followed = stack([assembly.flat.levels[0][j] for j in self._differentiated])
+        self._followed = ca.Function("followed", arguments, [assembly.express(followed)])
         self._loops = ca.rootfinder("loops", "newton", {
             "x": z, "p": stack([a for a in arguments if a is not z]), "g": assembly.alg},
             {"error_on_fail": False, "abstol": 1e-14, "max_iter": 30}) if self.has_loops else None
@@ -120,6 +128,25 @@ class EventEquations:
             return np.zeros(m)
         indicators, _ = self._at_one(point, np.zeros(m), moved.x, moved.p)
         return np.asarray(-indicators[condition] / slope)
+
+    def check_continuous(self, before: Point, after: Point, happened: Sequence[int]) -> None:
+        """SimulationError where events make jump what the equations differentiate, a prescribed position or speed of a mass
+        above all: its rate there is no number, and what follows from it would be wrong in silence. Where an event sets
+        states, the law of an impact is known, and the others follow it."""
+        if not self._differentiated or any(self.states[row] is not None for i in happened for row in self.rows[i]):
+            return
+        first, then = (np.array(self._followed(*point.values())).ravel() for point in (before, after))
+        unknowns = [self.assembly.flat.unknowns[j] for j in self._differentiated]
+        jumped = [k for k, u in enumerate(unknowns) if not abs(then[k] - first[k]) <= CONTINUOUS * u.nominal]
+        if jumped:
+            what = " and ".join(f"'{self.events[i].name}'" for i in happened)
+            names = listing((unknowns[k].name for k in jumped), 4)
+            raise SimulationError([Problem(
+                "event-impulse", f"at t = {after.t:.6g} s {what} makes {names} jump, whose rate other equations need",
+                unknowns[jumped[0]].place, "That takes an infinite force, torque or flow. Let it change in a finite time: a "
+                "Ramp, a PolynomialMotion, or a SecondOrderLag behind what jumps.", tuple(
+                    f"{unknowns[k].name}: {readable(first[k], unknowns[k].unit.text)} before, "
+                    f"{readable(then[k], unknowns[k].unit.text)} after" for k in jumped[:4]))])
 
     # -- resets ----------------------------------------------------------------------------------------------------
     def settled(self, point: Point, fired: Sequence[int]) -> Point:
@@ -191,3 +218,17 @@ class EventEquations:
             if held is not None:
                 p[held] = values[row]
         return replace(point, x=x, p=p)
+
+
+def _differentiated(assembly: Assembly) -> list[int]:
+    """The unknowns whose rates stand in the equations, that are no states, and that follow from what events change. A speed
+    that is told of a node, and that nothing else asks for, does not count: a spring may be jerked at its end."""
+    flat, states, n = assembly.flat, set(assembly.reduced.states), len(assembly.flat.unknowns)
+    used = Counter(c % n for row in flat.entries for c, _ in row)
+    idle = [" is the rate of " in equation.label and any(c < n and used[c] == 1 for c, _ in row)
+            for equation, row in zip(flat.equations, flat.entries, strict=True)]
+    rated = sorted({c % n for row, told in zip(flat.entries, idle, strict=True) if not told for c, _ in row if c >= n})
+    held = {assembly.arguments[3][h.index].element_hash() for h in flat.held} | {
+        s.element_hash() for s in ca.symvar(assembly.arguments[2])}
+    return [j for j in rated if (j, 0) not in states
+            and held & {s.element_hash() for s in ca.symvar(assembly.express(flat.levels[0][j]))}]

@@ -12,6 +12,7 @@ from heavebond.dae import Array
 from heavebond.errors import HeavebondError, Problem, UsageError
 from heavebond.linearisation import Linearisation
 from heavebond.model import Model
+from heavebond.objective import check_ranges
 from heavebond.operating import OperatingPoints
 from heavebond.simulation import Time
 from heavebond.units import Range
@@ -37,7 +38,7 @@ def root_locus(model: Model, parameter: str, span: Range, *, at: Time | None = N
 
     operating = OperatingPoints(model, at)
     linearisation = Linearisation(operating.assembly)
-    operating.assembly.with_parameters({parameter: 0.0})  # says what is wrong with a name that cannot be set
+    check_ranges(operating.assembly, {parameter: span})
 
     def poles(value: float) -> NDArray[np.complex128]:
         linear = linearisation.at(operating.at({parameter: value}))

@@ -159,6 +159,9 @@ def find(name: str | Path, head: str = "model") -> Path:
                 return candidate
     known = [m.parent.name if m.stem == m.parent.name else f"{m.parent.name}/{m.stem}"
              for m in sorted(bundled("models").glob("*/*.yaml"))]
+    if head == "study":
+        known += [m.relative_to(bundled("models")).with_suffix("").as_posix()
+                  for m in sorted(bundled("models").glob("*/studies/*.yaml"))]
     here = [p.name for p in sorted(Path.cwd().glob("*.yaml"))[:50]]
     hint = suggest(str(name), [*known, *here])
     raise UsageError([Problem("file-missing", f"there is no {head} '{name}'", None,
@@ -466,4 +469,4 @@ def _check_time(name: str, value: Value, problems: Problems) -> None:
                      hint="Write for example `60 s`.")
 
 
-KEPT = Kind("diagram", values_in("definition", "errors", "expression", "library", "model", "units", "view"))
+KEPT = Kind("diagram", values_in("definition", "errors", "expression", "library", "model", "source", "units", "view"))

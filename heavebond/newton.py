@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,10 @@ GOOD = 1e-6
 # singular values below this share of the largest are directions that nothing decides; nominal values may be off by
 # some powers of ten without making a decided direction look like one of these
 RANK = 1e-11
+# unknowns from which on equations are solved by sparse elimination where their rank is beyond doubt: smallest singular value
+# as a share of the whole, as so many inverse iterations find it. Decomposing a thousand rows takes seconds, eliminating
+# them a few milliseconds.
+LARGE, BEYOND_DOUBT, ITERATIONS = 200, 1e-8, 4
 # a continuation whose steps become shorter than this share of the whole is given up
 SHORTEST = 1e-3
 # share of a step below which halving it is given up; steps of one equation on a path from solution to solution
@@ -68,6 +73,32 @@ def weights(residual: Array, jacobian: Array) -> Array:
     return np.asarray(1 / np.where(gradient > 0, gradient, np.maximum(np.abs(residual), 1e-300)))
 
 
+def factors(matrix: Array) -> Any:
+    """The sparse triangular factors of a large square matrix (n, n) of full rank, with their `solve`; None for a small one,
+    and where the rank is in doubt."""
+    n = len(matrix)
+    if n < LARGE or matrix.shape != (n, n):
+        return None
+    from scipy.sparse import csc_array
+    from scipy.sparse.linalg import splu
+
+    try:
+        found: Any = splu(csc_array(matrix))
+    except RuntimeError:  # exactly singular
+        return None
+    direction, growth = np.cos(np.arange(1.0, n + 1)), np.inf
+    for _ in range(ITERATIONS):  # inverse iteration: towards the singular vector that the matrix shortens most
+        direction = found.solve(found.solve(direction / np.linalg.norm(direction), "T"))
+        growth = float(np.linalg.norm(direction))
+    return found if 1 / np.sqrt(growth) > BEYOND_DOUBT * np.linalg.norm(matrix) else None
+
+
+def least_change(matrix: Array, right: Array) -> Array:
+    """The x (n,) or (n, k) of least norm that solves matrix (m, n) x = right in the sense of least squares."""
+    found = factors(matrix)
+    return np.asarray(np.linalg.lstsq(matrix, right, rcond=RANK)[0] if found is None else found.solve(right))
+
+
 @np.errstate(over="ignore", invalid="ignore")  # a trial may go anywhere; what is no number is not taken
 def newton(system: System, y: Array, frame: Frame, most: int = MOST_STEPS) -> Found:
     """Gauss-Newton with at most so many steps of least norm in scaled unknowns, halved until the residual falls; a step
@@ -81,7 +112,7 @@ def newton(system: System, y: Array, frame: Frame, most: int = MOST_STEPS) -> Fo
         size = float(np.linalg.norm(residual * row))
         if np.abs(residual * row).max() < CONVERGED:
             break
-        step = np.linalg.lstsq(jacobian * row[:, None], -residual * row, rcond=RANK)[0]
+        step = least_change(jacobian * row[:, None], -residual * row)
         length = 1.0
         while length > SHORTEST_STEP:
             trial = frame.within(y + length * step * frame.sizes)

@@ -21,6 +21,10 @@ from heavebond.units import Range, UnitProblem, parse_range
 
 # The quality index of the reference runs is seen to about 1e-6 at these; tighter only costs time.
 TOLERANCES = Tolerances(1e-6, 1e-8)
+# Measured on the compensator, the gradients of k costs by a run backwards take as long as 2 + k/2 plain runs (some 3 where
+# no run is known yet), a run with m sensitivities as long as 1.3 + 0.25 m: backwards is quicker from 2 k and so many
+# parameters on.
+FEW = 5
 POINTS_FOR_SIZES = 400
 POINTS_FOR_CURVATURE = 200
 # Where the diagram's own values are beyond the limit of stability, so many points are asked for one that is not.
@@ -108,10 +112,9 @@ class Objective:
         self.costs = [read_cost(assembly, task.cost), *(read_limit(assembly, t) for t in task.limits)]
         for cost in self.costs:
             check_smooth(cost)
-        # Measured on the compensator, the gradients of k costs by a run backwards take as long as 2 + k/2 plain runs (some 3
-        # where no run is known yet), a run with m sensitivities as long as 1.3 + 0.5 m. The way back begins anew at every
-        # break of a measured input, which costs more than it saves, and does not go through events.
-        self.backwards = len(self.names) > len(self.costs) + 2 and not (assembly.flat.inputs or assembly.flat.events)
+        # The way back begins anew at every break of a measured input, which costs more than it saves, and does not go
+        # through events.
+        self.backwards = len(self.names) >= 2 * len(self.costs) + FEW and not (assembly.flat.inputs or assembly.flat.events)
         self.runs, self.simulations = 0, 0.0
         self._growth: dict[bytes, float] = {}
         weights = np.array([case.weight for case in task.cases])
@@ -288,8 +291,12 @@ def check_ranges(assembly: Assembly, ranges: Mapping[str, Range]) -> None:
             raise UsageError([Problem("free-unknown", f"'{name}' is no parameter that may be free", None,
                                       suggest(name, units))])
         if units[name].dimension != wanted.unit.dimension:
-            raise UsageError([Problem("unit-wrong", f"the range of {name} is in {wanted.unit.text}; "
-                                      f"{units[name].text} is needed")])
+            plain = wanted.unit.text == "1"
+            told = "has no unit" if plain else f"is in {wanted.unit.text}"
+            raise UsageError([Problem("unit-missing" if plain else "unit-wrong", f"the range of {name} {told}; "
+                                      f"{units[name].text} is needed", None,
+                                      f"Write '{wanted.low:g} .. {wanted.high:g} {units[name].text}', if that is meant."
+                                      if plain else f"Write it in {units[name].text} or in a multiple of it.")])
 
 
 def check_free(assembly: Assembly, task: Task) -> None:

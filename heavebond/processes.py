@@ -6,7 +6,7 @@ import multiprocessing
 import os
 import signal
 import time as clock
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
 from multiprocessing.synchronize import Event
 from typing import Any, TypeVar
@@ -90,26 +90,28 @@ def _begun(stop: Event, begin: Callable[..., None] | None, given: tuple[Any, ...
         begin(*given)
 
 
-def as_done(executor: Executor, function: Callable[..., T], jobs: Sequence[tuple[K, tuple[Any, ...]]], ahead: int,
+def as_done(executor: Executor, function: Callable[..., T], jobs: Iterable[tuple[K, tuple[Any, ...]]], ahead: int,
             until: float = float("inf"), instead: Callable[[K, BaseException], T] | None = None) -> Iterator[tuple[K, T]]:
     """The key of each job and function(*arguments), in the order in which they are done; `ahead` jobs are handed over at a
-    time, none after `until` (of `time.perf_counter`). What a job raises is raised here.
+    time, none after `until` (of `time.perf_counter`), and taken from `jobs` only then. What a job raises is raised here.
 
     Where a worker dies, the jobs that were lost with it are tried again, each alone, so that the one to blame is known;
     `instead(key, error)` stands for what comes of that one. Without it the error is raised.
     """
-    waiting = list(jobs)[::-1]
+    coming, refused = iter(jobs), list[tuple[K, tuple[Any, ...]]]()
     running: dict[Future[T], tuple[K, tuple[Any, ...]]] = {}
     workers = executor if isinstance(executor, Workers) and instead is not None else None
-    while waiting or running:
-        while waiting and len(running) < ahead and clock.perf_counter() <= until:
-            job = waiting.pop()
+    while True:
+        while len(running) < ahead and clock.perf_counter() <= until:
+            job = refused.pop() if refused else next(coming, None)
+            if job is None:
+                break
             try:
                 running[executor.submit(function, *job[1])] = job
             except BrokenExecutor:
                 if workers is None:
                     raise
-                waiting.append(job)
+                refused.append(job)
                 if running:
                     break
                 workers.renew()

@@ -203,9 +203,23 @@ class System:
         point = {s.element_hash(): float(v) for s, v in zip(split(self.flat.p), self.p_values, strict=True)}
         for j, (symbol, unknown) in enumerate(zip(self.flat.levels[0], self.flat.unknowns, strict=True)):
             point[symbol.element_hash()] = float(guess[j]) or 0.1 * unknown.nominal * (0.5 + uniform(3, j))
+        point |= self._plain_numbers()
         problems = explain.lost(self.flat, losses(system, point))
         return ModelError(problems) if problems else \
             explain.singular(self.flat, collapse_rows(self.flat), [-1] * len(self.flat.equations))
+
+    def _plain_numbers(self) -> dict[int, float]:
+        """What an equation alone says, `u = 0` of a valve that the diagram shuts for good, by the hash of its symbol."""
+        known = {s.element_hash() for s in self.flat.levels[0]}
+        alone = [(r, inside[0]) for r in self.flat.residuals
+                 if len(inside := ca.symvar(r)) == 1 and inside[0].element_hash() in known]
+        if not alone:
+            return {}
+        residuals, symbols = stack([r for r, _ in alone]), stack([s for _, s in alone])
+        both = ca.Function("alone", [symbols], [residuals, ca.sum2(ca.jacobian(residuals, symbols))])
+        values, slopes = (np.array(v).ravel() for v in both(0))
+        return {s.element_hash(): -float(value / slope) for (_, s), value, slope in zip(alone, values, slopes, strict=True)
+                if slope and np.isfinite(value)}
 
     def _entries(self, rows: list[Row], unknown: list[Column]) -> list[list[tuple[int, int]]]:
         """(position in `unknown`, kind) of each row; those of the given equations are known from the templates."""

@@ -131,7 +131,7 @@ def _trust(seen: _Seen, first: Array, most_steps: int, known_best: Sequence[Eval
             idle = idle + 1 if gained < SETTLED * abs(at.cost) else 0
             problem.resize(trial)
             at = trial
-            if any(other.cost <= at.cost and np.abs(other.at - at.at).max() < APART for other in known_best):
+            if any(o.kept and o.cost <= at.cost and np.abs(o.at - at.at).max() < APART for o in known_best):
                 return "came to where another search ended"
             if gained > GOOD * step.gain:
                 radii = np.where(np.abs(step.d) > 0.9 * radii, np.minimum(2 * radii, LONGEST_STEP), radii)

@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from heavebond.buffered import Buffered
 from heavebond.charts import Chart, Charts
 from heavebond.co_simulation import check_allowed
 from heavebond.dae import Array, Assembly, Factors, Integrand, assemble, integrand, substitute_inputs
@@ -76,16 +77,17 @@ class Simulator:
         self.pieces: Pieced = driven or (like.pieces if like is not None and self._driven_as(like) else
                                          pieced(assembly.flat, float(self.time[0]), float(self.time[-1])))
         self.quadratures, self.factors = quadratures, factors
-        self.integrand = _with_integrals(integrand(assembly, quadratures, len(self.sensitivities)), factors)
+        self.start_equations: StartEquations = like.start_equations \
+            if like is not None and like.assembly.reduced is assembly.reduced else StartEquations(assembly)
+        self.integrand = self._made(assembly, quadratures)
         self.integrals = 0 if quadratures is None else quadratures.numel() * (1 + len(self.sensitivities))
         self.stops = np.union1d(self.time, self.pieces.inner_breaks(self.time[0], self.time[-1]))
         charts = Charts(assembly)
         self.solver: Choice = chosen(solver, assembly, charts.needed)
         self.integrator = self._integrator()
         self.loops = _loops(self.integrand)
-        self.start_equations: StartEquations = like.start_equations \
-            if like is not None and like.assembly.reduced is assembly.reduced else StartEquations(assembly)
         self._known_slopes: dict[int, ca.Function] = {}
+        self._hoist = Buffered(self.integrand.hoist)
         self._keep = np.searchsorted(self.stops, self.time)
         self.switching = self._switching(charts) if assembly.flat.events or charts.needed else None
 
@@ -93,6 +95,12 @@ class Simulator:
         return Switching(charts, self._framed, self.integrals, self.stops, self.inputs,
                          lambda made, grid: integrator(self.solver.name, made, grid, self.tolerances,
                                                        MOST_STEPS_IN_CHART if charts.needed else MOST_STEPS))
+
+    def _made(self, assembly: Assembly, quadratures: ca.SX | None) -> Integrand:
+        """What is integrated; with the sensitivities, parameters move that follow the start or are held, too."""
+        moving = {*np.flatnonzero(self.along.any(axis=1)).tolist(), *self.start_equations.solved_for,
+                  *(held.index for held in assembly.flat.held)}
+        return _with_integrals(integrand(assembly, quadratures, len(self.sensitivities), sorted(moving)), self.factors)
 
     def _framed(self, chart: Chart) -> Frame:
         """The equations in the states of a chart; quadratures are given in those of the first."""
@@ -105,8 +113,7 @@ class Simulator:
         u = chart.assembly.arguments[4]
         raw = chart.assembly.reduced.express(ca.substitute(quadratures, self.assembly.arguments[4], u))
         quadratures = substitute_inputs(raw, self.assembly.flat, self.assembly.flat.time, u)
-        made = _with_integrals(integrand(chart.assembly, None if self.quadratures is None else quadratures,
-                                         len(self.sensitivities)), self.factors)
+        made = self._made(chart.assembly, None if self.quadratures is None else quadratures)
         return Frame(chart, EventEquations(chart.assembly, quadratures, factors), made, _loops(made))
 
     def _driven_as(self, like: Simulator) -> bool:
@@ -259,7 +266,7 @@ class Simulator:
         x0 = np.append(x0, np.zeros(n_all - n_x))  # integrals begin at 0, as does what stands in where no state is
         x_size, z_size = np.tile(assembly.x_nominal, blocks), np.tile(assembly.z_nominal, blocks)
         middle = (self.stops[:-1] + self.stops[1:]) / 2
-        p = self.integrand.hoist(first.p, dp)
+        p = self._hoist(first.p, dp)["o0"]
         found = self.integrator(x0=x0, z0=z0, p=p, **self._driven(middle))
         x = np.column_stack([x0, np.asarray(found["xf"]).reshape(n_all, n)])
         z = self._settled(x, np.column_stack([z0, np.asarray(found["zf"]).reshape(len(z0), n)]), p, self.stops)
@@ -268,7 +275,7 @@ class Simulator:
         statistics = {k: v for k, v in self.integrator.stats().items() if k in ("nsteps", "nfevals", "netfails")}
         return self._trace(x, z, q, statistics)
 
-    def _settled(self, x: Array, z: Array, p: ca.DM, times: Array) -> Array:
+    def _settled(self, x: Array, z: Array, p: ca.DM | Array, times: Array) -> Array:
         return settled(self.loops, x, z, p, times, self.inputs(times))
 
 

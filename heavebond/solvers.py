@@ -17,6 +17,7 @@ from typing import Any, Protocol
 
 import casadi as ca
 
+from heavebond.buffered import Buffered
 from heavebond.dae import Array, Assembly, Integrand
 from heavebond.errors import Place, Problem, UsageError, listing, suggest
 from heavebond.idas import MOST_STEPS, Idas, Tolerances, integrator_options
@@ -118,19 +119,19 @@ class Explicit:
         outputs = [float(t) for t in stops[1:]] if len(stops) > 1 else [float(stops[0]) + 1.0]
         options = {**solver_options(solver, made.dae, tolerances), "max_num_steps": most_steps}
         given = (solver, made.dae, float(stops[0]), outputs)
-        self._function = _compiled(*given, options) if solver == "rosenbrock" else ca.integrator("run", *given, options)
+        function = _compiled(*given, options) if solver == "rosenbrock" else ca.integrator("run", *given, options)
+        self._function = Buffered(function, ("xf", "zf"))
 
     def size1_in(self, name: str) -> int:
         """The number of numbers in an input."""
-        return int(self._function.size1_in(name))
+        return self._function.size1_in(name)
 
-    def __call__(self, **given: Any) -> dict[str, Any]:
-        # an input without rows but with a column for each output would be taken for so many runs
-        return dict(self._function(**{k: v for k, v in given.items() if self._function.numel_in(k)}))
+    def __call__(self, **given: Any) -> dict[str, Array]:
+        return self._function(**given)
 
     def stats(self) -> dict[str, Any]:
         """Counts of steps and evaluations of the last call; compiled code keeps none."""
-        return dict(self._function.stats()) if self._counts else {}
+        return self._function.stats() if self._counts else {}
 
 
 def solver_options(solver: str, dae: Mapping[str, ca.SX], tolerances: Tolerances) -> dict[str, Any]:

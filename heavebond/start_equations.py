@@ -9,6 +9,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
+from heavebond.buffered import Buffered
 from heavebond.dae import Array, Assembly
 from heavebond.errors import Place
 from heavebond.expression import Call, Expr, Name, children, parse_formula
@@ -19,8 +20,9 @@ from heavebond.symbols import split, stack
 
 # functions whose second argument is the width over which they turn
 REGULARISED = ("smooth_sign", "signed_sqrt")
-# what jumps, though its derivative is zero everywhere
-STEPS = {ca.OP_SIGN, ca.OP_FLOOR, ca.OP_CEIL, ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_IF_ELSE_ZERO}
+# what jumps or turns at a point, though its second derivative is zero everywhere else
+CORNERS = {ca.OP_FMIN, ca.OP_FMAX, ca.OP_FABS, ca.OP_FMOD, ca.OP_REMAINDER, ca.OP_COPYSIGN, ca.OP_SIGN, ca.OP_FLOOR,
+           ca.OP_CEIL, ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_IF_ELSE_ZERO}
 
 
 @dataclass(frozen=True)
@@ -58,30 +60,20 @@ class StartSystem:
         self.rows = rows
         self._arguments = list(assembly.arguments)
         self._residuals, self._unknowns = stack([r.residual for r in rows]), unknowns
-        # CasADi stores columns, NumPy rows
-        slopes = ca.densify(ca.jacobian(self._residuals, unknowns).T)
-        self._function = ca.Function("start", [stack(self._arguments)], [self._residuals, slopes])
+        self._function = ca.Function("start", self._arguments, [self._residuals, ca.jacobian(self._residuals, unknowns)])
+        self._buffered = Buffered(self._function)
 
     def at(self, point: Point) -> tuple[Array, Array]:
-        """Residuals and Jacobian, both in SI.
-
-        Through buffers: as matrices of CasADi they would take ten times longer to hand over than to evaluate.
-        """
-        residual, jacobian = np.empty(len(self.rows)), np.empty((len(self.rows), self._unknowns.numel()))
-        buffer, evaluate = self._function.buffer()
-        buffer.set_arg(0, memoryview(np.hstack(point.values())))  # type: ignore[call-arg, arg-type]
-        for k, array in enumerate((residual, jacobian)):
-            if array.size:
-                buffer.set_res(k, memoryview(array))  # type: ignore[call-arg, arg-type]
-        evaluate()
-        return residual, jacobian
+        """Residuals and Jacobian, both in SI."""
+        residual, jacobian = self._buffered(*point.values()).values()
+        return residual.ravel(), jacobian
 
     @cached_property
     def affine(self) -> bool:
         """Whether the residuals are straight lines in the unknowns, whatever else they contain: then one step of Newton's
         method tells all."""
-        steps = {self._function.instruction_id(k) for k in range(self._function.n_instructions())} & STEPS
-        return not steps and not any(ca.which_depends(self._residuals, self._unknowns, 2, True))
+        corners = {self._function.instruction_id(k) for k in range(self._function.n_instructions())} & CORNERS
+        return not corners and not any(ca.which_depends(self._residuals, self._unknowns, 2, True))
 
     @cached_property
     def _slopes(self) -> ca.Function:
@@ -173,12 +165,25 @@ class StartEquations:
         return sorted({k for k in found if k is not None})
 
     @cached_property
-    def constants(self) -> tuple[list[Pivot], ca.Function]:
+    def _told(self) -> Buffered:
+        """The coefficients that were divided by, the rates and all variables, given a point."""
+        assembly = self.assembly
+        arguments = list(assembly.arguments)
+        return Buffered(ca.Function("told", arguments, [
+            stack([f(*arguments)]) for f in (assembly.pivots, assembly.values)] + [assembly.ode]))
+
+    def sound(self, point: Point) -> bool:
+        """Whether every variable and rate is a number at a point, and no coefficient that was divided by is zero."""
+        found = list(self._told(*point.values()).values())
+        return all(np.isfinite(values).all() for values in found) and bool(np.all(found[0] != 0))
+
+    @cached_property
+    def constants(self) -> tuple[list[Pivot], Buffered]:
         """The coefficients of parameters alone that were divided by, and their values, given the parameters."""
         p, pivots = self.assembly.flat.p, self.assembly.reduced.pivots
         known = {s.element_hash() for s in split(p)}
         found = [q for q in pivots if {s.element_hash() for s in ca.symvar(q.coefficient)} <= known]
-        return found, ca.Function("constants", [p], [stack([q.coefficient for q in found])])
+        return found, Buffered(ca.Function("constants", [p], [stack([q.coefficient for q in found])]))
 
     @cached_property
     def _usual(self) -> list[float]:

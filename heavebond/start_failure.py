@@ -10,7 +10,7 @@ import numpy as np
 from heavebond import explain
 from heavebond.dae import Array, Assembly
 from heavebond.errors import Place, Problem, Problems, StartError, listing
-from heavebond.newton import weights
+from heavebond.newton import factors, weights
 from heavebond.presentation import readable
 from heavebond.rank import losses
 from heavebond.reduce import Pivot
@@ -21,6 +21,11 @@ AT = "at the start"
 DEPENDENT, DISAGREE = 1e-8, 1e-6
 # what a hint names at most
 MOST_NAMED = 6
+
+# what brings a state to rest, by its unit
+BALANCES = {"m": "a Fixed, a Spring", "m/s": "a Fixed, a Spring, a Damper", "rad": "a FixedShaft, a TorsionSpring",
+            "rad/s": "a FixedShaft, a RotationalDamper", "Pa": "a way out to a Tank or an Atmosphere",
+            "K": "a way for the heat, a ThermalResistance to an Ambient", "V": "a Resistor", "A": "a Resistor"}
 
 
 def lost(assembly: Assembly, point: Point) -> list[Problem]:
@@ -153,8 +158,16 @@ def _no_rest(equations: StartEquations, point: Point, conflict: Sequence[StartRo
     notes = tuple(f"{row.label.removeprefix('steady: ').removesuffix(' = 0')} stays at {raw[row]:.4g} {units[row.label]}"
                   for row in conflict)
     return Problem("start-unsteady", "this machine has no steady state, or none that can be reached from the guess",
-                   conflict[0].place, "Something must hold or balance what moves there: a Fixed, a Spring, a Tank, a "
-                   "valve.\nOr begin without `start: steady`, or give guesses (`~`) near the place of rest.", notes)
+                   conflict[0].place, f"Something must hold or balance what moves there{_balances(equations, conflict)}."
+                   "\nOr begin without `start: steady`, or give guesses (`~`) near the place of rest.", notes)
+
+
+def _balances(equations: StartEquations, conflict: Sequence[StartRow]) -> str:
+    """`: a Spring or a Fixed`, for what moves on in a conflict."""
+    flat, moving = equations.assembly.flat, " ".join(row.label for row in conflict)
+    kinds = [BALANCES[unit] for j, _ in equations.assembly.reduced.states
+             if (unit := flat.unknowns[j].unit.text) in BALANCES and f"({flat.unknowns[j].name})" in moving]
+    return f": {'; '.join(dict.fromkeys(kinds))}" if kinds else ""
 
 
 def _conflict(system: StartSystem, point: Point, sizes: Array) -> list[int]:
@@ -193,8 +206,10 @@ def undetermined(equations: StartEquations, point: Point, sizes: Array) -> None:
     if not np.all(np.isfinite(jacobian)):
         return
     jacobian = jacobian * sizes
-    row = weights(residual, jacobian)
-    _, values, right = np.linalg.svd(jacobian * row[:, None], full_matrices=True)
+    jacobian = jacobian * weights(residual, jacobian)[:, None]
+    if factors(jacobian) is not None:
+        return
+    _, values, right = np.linalg.svd(jacobian, full_matrices=True)
     null = right[int((values > 1e-10 * max(values.max(initial=0.0), 1e-300)).sum()):]
     assembly = equations.assembly
     solved = [assembly.parameter_names[k] for k in equations.solved_for]

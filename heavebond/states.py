@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from heavebond.buffered import Buffered
 from heavebond.flatten import Flat
 from heavebond.resolver import Resolver
 from heavebond.structure import components_of
@@ -205,19 +206,24 @@ class Guess:
                 if {s.element_hash() for s in ca.symvar(value)} <= known:
                     self._asked.append(flat.names[name])
                     values.append(value)
-        self._values = ca.Function("guess", [flat.p, flat.time], [stack(values), ca.jacobian(stack(values), flat.p)])
+        self._expressions, self._arguments = stack(values), [flat.p, flat.time]
+        self._values = Buffered(ca.Function("guess", self._arguments, [self._expressions]))
 
     def __call__(self, p: NDArray[np.float64]) -> NDArray[np.float64]:
         """The values (n,) at the parameters p."""
         values = self._declared.copy()
-        values[self._asked] = np.array(self._values(p, 0.0)[0]).ravel()
+        values[self._asked] = self._values(p)["o0"].ravel()
         return values
 
     def slopes(self, p: NDArray[np.float64]) -> NDArray[np.float64]:
         """How they move with the parameters, (n, n_p)."""
         slopes = np.zeros((len(self._declared), len(p)))
-        slopes[self._asked] = np.array(self._values(p, 0.0)[1].full())
+        slopes[self._asked] = self._slopes(p)["o0"]
         return slopes
+
+    @cached_property
+    def _slopes(self) -> Buffered:
+        return Buffered(ca.Function("slopes", self._arguments, [ca.jacobian(self._expressions, self._arguments[0])]))
 
 
 def pivot_columns(matrix: NDArray[np.float64]) -> list[int]:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import pickle
+from collections.abc import Callable
 from collections.abc import Mapping as Dictionary
 from collections.abc import Sequence as Many
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -85,7 +88,8 @@ class Calibration:
 @dataclass(frozen=True)
 class Study:
     """What a study file says. `task` is what is tuned in each case, by each of the procedures; None where nothing is.
-    `calibrated` are parameters that are set on top (SI: before, after), in the cases in which they have the value before."""
+    `calibrated` are parameters that are set on top (SI: before, after), in the cases in which they have the value before.
+    `first` is the number of its first case, where the others were left out (`Packed`)."""
 
     name: str
     summary: str
@@ -104,6 +108,7 @@ class Study:
     calibration: Calibration | None = None
     calibrated: Dictionary[str, tuple[float, float]] = field(default_factory=dict)
     places: Dictionary[str, Place] = field(default_factory=dict)
+    first: int = 0
 
     @property
     def cases(self) -> tuple[StudyCase, ...]:
@@ -112,8 +117,22 @@ class Study:
 
     def case(self, number: int) -> StudyCase:
         """The case of that number in `cases`."""
-        index = np.unravel_index(number, tuple(len(axis.levels) for axis in self.axes)) if self.axes else ()
-        return case_at(self.axes, self.model, tuple(map(int, index)))
+        return case_at(self.axes, self.model, self._index(number))
+
+    def packed(self) -> Callable[[int], Packed]:
+        """What a worker is sent of the case of a number: all that cases share is packed once for all of them."""
+        shared = pickle.dumps(replace(self, axes=()))
+
+        def one(number: int) -> Packed:
+            levels = zip(self.axes, self._index(number), strict=True)
+            return Packed(shared, tuple(replace(axis, levels=(axis.levels[k],)) for axis, k in levels), number)
+
+        return one
+
+    def _index(self, number: int) -> tuple[int, ...]:
+        """The number of the level on each axis."""
+        index = np.unravel_index(number - self.first, tuple(len(axis.levels) for axis in self.axes)) if self.axes else ()
+        return tuple(map(int, index))
 
     @property
     def tuning(self) -> Task:
@@ -132,6 +151,27 @@ class Study:
     def sample(self) -> Axis | None:
         """The axis whose levels are points of a sample."""
         return next((axis for axis in self.axes if axis.sampling is not None), None)
+
+
+@dataclass(frozen=True)
+class Packed:
+    """One case of a study on its way to a worker; small however many cases there are."""
+
+    shared: bytes
+    axes: tuple[Axis, ...]
+    number: int
+
+    @property
+    def study(self) -> Study:
+        """The study of that case alone, which keeps its number."""
+        return replace(_unpacked(self.shared), axes=self.axes, first=self.number)
+
+
+@lru_cache(maxsize=1)
+def _unpacked(shared: bytes) -> Study:
+    found = pickle.loads(shared)
+    assert isinstance(found, Study)
+    return found
 
 
 def load_study(name: str | Path) -> Study:

@@ -357,6 +357,7 @@ class Switching:
             delays = [delays[0]] * len(events)
         else:
             raise self._chattering(now.t, events, "set off each other without end")
+        equations.check_continuous(before, point, happened)
         names = tuple(equations.events[i].name for i in happened)
         record.instants.append(Instant(now.t, names, before, point, now.frame.assembly, np.array(late)))
         self._write(begun, record)
@@ -381,7 +382,7 @@ class Switching:
         record.write(now, np.array([now.t]), now.y[:, None], now.z[:, None])
 
 
-def settled(loops: ca.Function | None, x: Array, z: Array, p: ca.DM, times: Array, inputs: Array) -> Array:
+def settled(loops: ca.Function | None, x: Array, z: Array, p: ca.DM | Array, times: Array, inputs: Array) -> Array:
     """Algebraic unknowns solved anew at every point: between its steps IDAS only interpolates them, and where the states are
     quiet its steps are long (and at a jump of an input they belong to the time before it)."""
     if loops is None:

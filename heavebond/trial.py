@@ -20,7 +20,7 @@ from heavebond.experiment import Experiment, Free
 from heavebond.fitting import own_start
 from heavebond.progress import Progress
 from heavebond.quick import QuickSimulator
-from heavebond.residuals import BROKEN, Residuals, Run
+from heavebond.residuals import AT_END, BROKEN, Residuals, Run
 from heavebond.scoring import Base, Score, between, exact_runs, shape_ranges
 from heavebond.units import Range
 
@@ -31,7 +31,9 @@ FIRST, LAST = 8, 40  # least squares steps: to compare starts, and to end
 # A refit is not followed to its end where its first steps leave all but this share of a chi-square per sample above LARGE.
 NOTHING, LARGE = 0.02, 10.0
 SECONDS = 60.0  # of this process, after which a refit that has not come far is not followed further
-WIDE = 30.0  # an amplitude is sought up to this many times what would move the channels by their whole misfit
+# An amplitude is sought up to this many times what would move the channels by their whole misfit, as far as the tangent at
+# zero tells, and up to as many times that where it ends there, so often.
+WIDE, WIDENED = 30.0, 2
 STARTS = (0.15, 0.5, 0.85)  # shares of the ranges of shapes
 APART = 1.5  # where an amplitude begins that must be above another one
 SMALL = 0.02  # share of the amplitude that a score asks for with which a refit begins besides
@@ -92,6 +94,7 @@ def polished(base: Base, trial: Trial, guesses: Sequence[Score] = (), lender: Tr
     """A refit followed to the end of its valley: what is compared closely must have arrived. A `lender` is another law's
     refit at the same place that fits better; from its values, as far as the two have the same, another valley is sought."""
     refit = _Refit(base, trial.candidate, guesses)
+    refit.sought({n.name: trial.experiment.free[n.name].range for n in trial.candidate.numbers if n.name in refit.ranges})
     values = {**trial.values, **_lent(lender, trial.candidate)} if lender is not None else trial.values
     start = refit.problem.allowed(np.clip([c.inner(values[c.free.name]) for c in refit.problem.columns],
                                           refit.problem.low, refit.problem.high))
@@ -229,6 +232,42 @@ class _Refit:
         return float(r @ r) if np.all(np.isfinite(r)) else np.inf
 
     def best(self, progress: Progress) -> Array | None:
+        """The best fit; further out where an amplitude ends at an end of its range that no declared bound is."""
+        inner = self._best(progress)
+        for _ in range(WIDENED if inner is not None else 0):
+            assert inner is not None
+            wider = self._wider(inner)
+            if not wider or process_time() - self.began > SECONDS:
+                break
+            values = [c.outer(v) for c, v in zip(self.problem.columns, inner, strict=True)]
+            self.sought(wider)
+            inner = np.array([c.inner(v) for c, v in zip(self.problem.columns, values, strict=True)])
+            inner = np.asarray(self.descend(inner, progress, LAST, 1e-5).x)
+        return inner
+
+    def _wider(self, inner: Array) -> dict[str, Range]:
+        """Wider ranges for amplitudes that ended at an end of theirs."""
+        found = {}
+        numbers = {n.name: n for n in self.candidate.vanishing}
+        for column, value, low, high in zip(self.problem.columns, inner, self.problem.low, self.problem.high, strict=True):
+            number, span = numbers.get(column.free.name), column.free.range
+            if number is None or min(value - low, high - value) >= AT_END * (high - low):
+                continue
+            ends = [number.neutral + WIDE * (end - number.neutral) for end in (span.low, span.high)]
+            wider = replace(span, low=ends[0] if number.low is None else max(number.low, ends[0]),
+                            high=ends[1] if number.high is None else min(number.high, ends[1]))
+            if (value > (low + high) / 2 and wider.high > span.high) or (value < (low + high) / 2 and wider.low < span.low):
+                found[number.name] = wider
+        return found
+
+    def sought(self, ranges: Mapping[str, Range]) -> None:
+        """Seek some numbers in other ranges from now on."""
+        experiment = self.problem.experiment
+        free = {name: replace(f, range=ranges[name]) if name in ranges else f for name, f in experiment.free.items()}
+        self.ranges |= {name: (span.low, span.high) for name, span in ranges.items()}
+        self.problem = Residuals(replace(experiment, free=free), runs=self.problem.runs)
+
+    def _best(self, progress: Progress) -> Array | None:
         """The best starts a few steps; the best of them, and another that is near it, to the end."""
         starts = [self._start(plan) for plan in self.plans]
         costs = [self._cost(start) for start in starts]

@@ -28,9 +28,10 @@ ONE: Dimension = ()
 
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _LETTERS = "A-Za-zµΩ°"
+_UNDER = r"/\([A-Za-z]\w*(?:\*\*\d+|[*/][A-Za-z]\w*)*\)"                         # /(s*Pa)
 UNIT = (rf"(?:1/)?[{_LETTERS}%][\w°%µΩ]*"                                        # kN
         rf"(?:\*\*-?\d{{1,2}}(?!\d)|\^-?\d+|[*/·](?=[{_LETTERS}])[\w°%µΩ]+)*"   # *s, /m, **2
-        r"(?:/\([A-Za-z]\w*(?:\*\*\d+|[*/][A-Za-z]\w*)*\))?|1")                   # /(s*Pa)
+        rf"(?:{_UNDER})?|1(?:{_UNDER})?")
 _QUANTITY = re.compile(rf"\s*({NUMBER})(?:\s+({UNIT}))?\s*$")
 _RANGE = re.compile(rf"\s*({NUMBER})(?:\s+({UNIT}))?\s*\.\.\s*({NUMBER})(?:\s+({UNIT}))?\s*$")
 _BAND = re.compile(rf"\s*({NUMBER})(?:\s+({UNIT}))?\s*\+-\s*({NUMBER})(?:\s+({UNIT}))?\s*$")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import chain, compensator, heave
+from benchmarks import cache, chain, compensator, heave, large
 from benchmarks.measuring import Paired, at_most, duration
 
 
@@ -17,6 +17,13 @@ def test_the_diagram_and_the_flat_equations_of_the_heave_compensator_agree(gain:
 
 def test_the_diagram_and_the_flat_equations_of_the_chain_agree() -> None:
     assert chain.disagreement(20) < 1e-3
+
+
+@pytest.mark.parametrize(("machine", "size", "until"), [(large.LARGE[0], 20, 6.0), (large.LARGE[1], 20, 0.5),
+                                                        (large.LARGE[2], 100, 0.3)], ids=["string", "line", "cylinders"])
+def test_the_diagram_and_the_flat_equations_of_large_machines_agree(machine: large.Large, size: int, until: float) -> None:
+    # both are integrated to 1e-6 of what moves, each with its own steps
+    assert machine.disagreement(size, until) < 1e-3
 
 
 def test_pyyaml_reads_the_same_text_from_the_compensator(tmp_path: Path) -> None:
@@ -30,6 +37,10 @@ def test_pyyaml_reads_the_same_text_from_the_compensator(tmp_path: Path) -> None
 
 def test_the_command_computes_what_the_library_does() -> None:
     assert compensator.process_disagreement() < 1e-9
+
+
+def test_what_is_measured_from_the_cache_comes_from_it(tmp_path: Path) -> None:
+    assert cache.kept(tmp_path / "cache") == 3
 
 
 def test_the_sensitivities_are_those_of_differences() -> None:

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import math
+import re
 import xml.etree.ElementTree as ET
+from itertools import combinations
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
 import heavebond as hb
 from heavebond.bond_graph import Bond, BondGraph, Vertex, bond_graph, causal, told
+from heavebond.bond_layout import crossings, places
 from heavebond.bond_picture import draw_bond_graph
 from heavebond.cli import main
 
@@ -131,6 +136,39 @@ def test_every_machine_has_a_picture_with_an_arrow_for_each_bond(name: str) -> N
     assert sum(k.startswith("stroke") for k in kinds) == sum(not b.modulated for b in graph.bonds)
     assert all(b.stroke in (b.tail, b.head) for b in graph.bonds if not b.modulated)
     assert svg == draw_bond_graph(model)
+
+
+@pytest.mark.parametrize("name", ["cmc_ahc", "hydrostatic_drive", "excavator_boom", "dc_stage"])
+def test_it_is_readable_on_a4(name: str) -> None:
+    """Letters stand clear of each other, bonds end clear of them and nearly none cross; in the 277 mm of A4 across, names of
+    10 px are above 5 pt (1 pt is 0.353 mm)."""
+    svg = draw_bond_graph(hb.load(name))
+    root = ET.fromstring(svg)
+    assert 10 * 277 / 0.353 / float(root.get("width", "inf")) > 5
+    # a letter's place is on its base line, 5 px or so below its middle
+    letters = [(float(e.get("x", "")), float(e.get("y", "")) - 5) for e in root.iter() if e.get("font-weight") == "bold"][1:]
+    assert min(math.dist(a, b) for a, b in combinations(letters, 2)) > 30
+    bonds = [[float(x) for x in re.findall(r"-?[\d.]+", e.get("d", ""))] for e in root.iter() if e.get("class") == "bond"]
+    assert len(bonds) == len(bond_graph(hb.load(name)).bonds)
+    assert min(math.dist((x, y), letter) for *_, x, y in bonds for letter in letters) > 8
+    ends = [end for x, y, u, v in bonds for end in ((x, y), (u, v))]
+    assert crossings(np.array(ends), [(2 * k, 2 * k + 1) for k in range(len(bonds))]) <= len(bonds) // 4
+
+
+def test_straight_bonds_have_their_lengths() -> None:
+    """A square comes out square, and a lone vertex stands apart."""
+    square = {("a", "b"): 60.0, ("b", "c"): 60.0, ("c", "d"): 60.0, ("d", "a"): 60.0}
+    found = places(square, dict.fromkeys("abcde", 10.0))
+    # its diagonals are wanted twice as long as its sides, so that the sides give a little
+    sides = [math.dist(found[p], found[q]) for p, q in square]
+    assert sides == pytest.approx([sides[0]] * 4, rel=1e-3)
+    assert 60 < sides[0] < 80
+    assert all(math.dist(found["e"], found[k]) > 50 for k in "abcd")
+
+
+def test_other_options_do_not_go_with_it(tmp_path: Path) -> None:
+    said = CliRunner().invoke(main, ["draw", "quarter_car", "--bond-graph", "--colour", "power"])
+    assert said.exit_code == 2
 
 
 def test_the_command_draws_it(tmp_path: Path) -> None:

@@ -320,7 +320,7 @@ def test_demo_needs_a_folder_that_can_be_made(folder: Path) -> None:
 def test_unknown_command_is_suggested() -> None:
     answer = call("chekc", "slider.yaml")
     assert answer.exit_code == 2
-    assert "Did you mean 'check'?" in answer.stderr
+    assert "Did you mean 'check'" in answer.stderr
     assert f"Commands: {', '.join(cli.main.commands)}." in call("zzz").stderr
 
 

@@ -409,8 +409,9 @@ components:
   motor: {is: TorqueSource, u: "=20 N*m*sin(2*pi*time/4 s)"}
   spring: {is: TorsionSpring, c: 100 N*m/rad}
   load: {is: Inertia, J: 3 kg*m**2}
+  mount: {is: TorsionSpringDamper, c: 20 N*m/rad, d: 2 N*m*s/rad}
   frame: {is: FixedShaft}
-nodes: {load: [motor.a, load.a, spring.b], frame: [spring.a, frame.a]}
+nodes: {load: [motor.a, load.a, spring.b, mount.b], frame: [spring.a, mount.a, frame.a]}
 show: {load.phi: {unit: rad}, load.w: {unit: rad/s}}
 simulate: {until: 8 s, every: 20 ms}
 """
@@ -472,6 +473,8 @@ PLACES = {
     "thermal": (HEAT, ("block", "room"), "case", ("skin.a", "case")),
 }
 OLD = {"Spring": (HANGING, "gas", "c: 5 kN/m"), "SpringDamper": (HANGING, "rope", "c: 9 kN/m, d: 200 N*s/m"),
+       "TorsionSpring": (SHAFT, "spring", "c: 100 N*m/rad"),
+       "TorsionSpringDamper": (SHAFT, "mount", "c: 20 N*m/rad, d: 2 N*m*s/rad"),
        "LaminarLeakage": (CIRCUIT, "throttle", "C: 4e-10 m**3/(s*Pa)"), "PressureSource": (CIRCUIT, "tank", "p_0: 2 bar"),
        "Receiver": (GAS, "vessel", "V: 10 L"),
        "Orifice": (CIRCUIT, "outlet", "q_r: 1 L/s, dp_r: 10 bar")}

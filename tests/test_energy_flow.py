@@ -162,3 +162,11 @@ def test_the_command_writes_a_reduced_diagram(tmp_path: Path, monkeypatch: pytes
     small, whole = hb.simulate(hb.load("small.yaml")), hb.simulate(hb.load("swing.yaml"))
     rms = np.sqrt(np.mean((small["x"] - whole["x"])**2)) / whole["x"].std()
     assert rms == pytest.approx(told["reduced"]["errors"]["x"], rel=1e-3)
+
+
+def test_options_that_need_another_one_say_so(capsys: pytest.CaptureFixture[str]) -> None:
+    for words, said in ((["energy", "quarter_car", "--write", "small.yaml"], "Add --reduce 98"),
+                        (["draw", "quarter_car", "--at", "1 s"], "Add for example --colour power")):
+        with pytest.raises(SystemExit) as caught:
+            main(words)
+        assert (caught.value.code, said in " ".join(capsys.readouterr().err.split())) == (2, True)

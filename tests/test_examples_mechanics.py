@@ -147,6 +147,12 @@ CASES = [
     Case("torsion_spring", "part.M", lambda t: 100*(phi(t) - 0.1), LAW),
     Case("torsion_spring_damper", "part.M", lambda t: 100*phi(t) + 5*w(t), LAW),
     Case("hardening_torsion_spring", "part.M", lambda t: 100*phi(t)*(1 + 0.5*(phi(t)/0.2)**2), LAW),
+    Case("cubic_torsion_spring", "part.M", lambda t: 2e3*phi(t)**3, LAW),
+    Case("bilinear_torsion_spring", "part.M", lambda t: 100*(phi(t) + 0.5*np.minimum(phi(t) - 0.03, 0)), LAW),
+    Case("torsion_spring_with_play", "part.M", lambda t: 100*outside(phi(t), 0.05), LAW),
+    Case("torsion_spring_damper_with_play", "part.M", lambda t: 100*outside(phi(t), 0.05) + 2*w(t), LAW),
+    Case("torque_curve_of_speed", "part.M", lambda t: 40*w(t)/2.5, "cubic splines reproduce the straight line"),
+    Case("torque_curve_of_angle", "part.M", lambda t: 40*phi(t)/0.4, "cubic splines reproduce the straight line"),
     Case("rotational_drag", "part.M", lambda t: 3*w(t)*np.abs(w(t)), LAW),
     Case("rotational_directional_friction", "part.M", lambda t: np.where(w(t) > 0, 30, 20)*np.tanh(w(t)/0.01), LAW
          + "; at the turns of the motion the speed is within the transition", 1e-3),

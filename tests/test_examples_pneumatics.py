@@ -117,6 +117,18 @@ def throttled(t: Array) -> Array:
     return integrated(rate, [1e5, 1e5], t, [1.0])[1]
 
 
+def vented(t: Array) -> Array:
+    """A vessel behind a quick exhaust valve, whose short line is filled and vented by a 3/2 valve."""
+    def rate(time: float, p: Array) -> list[float]:
+        x = spool(time, 0.01, 4.0)
+        valve = x*iso(1e-8, 0.3, 7e5, p[0]) - (1 - x)*iso(1e-8, 0.3, p[0], P_0)
+        feed = min(max((p[0] - p[1])/5e3, 0), 1)*iso(2e-8, 0.3, p[0], p[1])
+        vent = min(max((p[1] - p[0] - 5e3)/5e3, 0), 1)*iso(8e-8, 0.3, p[1], P_0)
+        return [RT/5e-5*(valve - feed), RT/2e-3*(feed - vent)]
+
+    return integrated(rate, [P_0, P_0], t, [4.0])[1]
+
+
 def crossed(row: int) -> Callable[[Array], Array]:
     """One vessel is filled and one vented through a 5/3 valve that opens at 0 and shuts at 0.3 s."""
     def rate(time: float, p: Array) -> list[float]:
@@ -175,6 +187,9 @@ CASES = [
          "isothermal discharge, SciPy", STRAIGHT),
     Case("pneumatic_check_valve", "1*vessel.p", rectified, "SciPy", TIGHT),
     Case("pneumatic_relief_valve", "1*vessel.p", relieved, "SciPy", TIGHT),
+    Case("pneumatic_shuttle_valve", "1*vessel.p", lambda t: 1e5 + RT/5e-3*iso(1e-8, 0.3, 6e5, 1e5)*t,
+         "choked filling", TIGHT),
+    Case("quick_exhaust_valve", "1*vessel.p", vented, "SciPy", STRAIGHT),
     Case("pneumatic_regulator", "1*vessel.p", regulated, "SciPy", TIGHT),
     Case("pneumatic_valve32", "1*vessel.p", switched, "SciPy", STRAIGHT),
     Case("one_way_flow_control", "1*vessel.p", throttled, "SciPy", STRAIGHT),
@@ -253,3 +268,8 @@ simulate: {until: 10 s, every: 10 ms}
     moving = np.abs(v) > 1e-3  # ten times the speed of transition, where tanh is 1 to 4e-9
     assert run["seal.F"][moving] == pytest.approx(curve[moving], rel=1e-8)
     assert run["seal.F"].max() == pytest.approx(curve.max(), rel=1e-2)
+
+
+def test_a_shuttle_valve_shuts_the_lower_supply_off() -> None:
+    run = hb.simulate(hb.load("examples/pneumatic_shuttle_valve"))
+    assert np.abs(run["1*valve.second.m"]).max() < 1e-9 * run["1*valve.first.m"].max()

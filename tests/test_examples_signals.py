@@ -112,6 +112,8 @@ CASES = [
     Case("second_order_lag", "part.y", second_order, RUN),
     Case("transfer_function", "part.y", lambda t: 1.5 - 2*np.exp(-t) + 0.5*np.exp(-2*t), "partial fractions"),
     Case("state_space", "part.y", lambda t: 2*(1 - 2*np.exp(-t) + np.exp(-2*t)), "partial fractions"),
+    Case("state_space22", "part.y_1", lambda t: 2*(1 - np.exp(-t)), "partial fractions"),
+    Case("state_space22", "part.y_2", lambda t: 2.5 - 2*np.exp(-t) - 0.5*np.exp(-2*t), "partial fractions"),
     Case("saturation", "part.y", lambda t: np.clip(u(t), -1, 1.5), LAW),
     Case("dead_band", "part.y", lambda t: u(t) - np.clip(u(t), -0.5, 0.5), LAW),
     Case("rate_limit", "part.y", lambda t: 3*t, "the limit; 1e-5 for what the smoothing takes near the end", 1e-5),

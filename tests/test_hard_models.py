@@ -27,15 +27,18 @@ REFUSED = (
     "two_sources_on_one_node", "sources_joined_through_a_sensor", "circuit_without_reference",
     "flow_sources_into_a_rigid_junction", "loop_of_rigid_transformers", "springs_that_float",
     "fixed_at_both_ends_of_a_rigid_chain", "torque_on_a_free_shaft", "signal_loop_without_memory",
-    "two_circuits_without_reference",
+    "two_circuits_without_reference", "heat_that_goes_nowhere",
     # lost rank
     "mass_of_zero_under_a_force", "resistance_of_zero_between_sources", "volume_of_zero", "bulk_modulus_of_zero",
     "valves_shut_at_the_start", "valve_shuts_during_the_run", "valves_shut_for_good_during_the_run",
-    "slide_that_drives_a_crank_at_dead_centre",
+    "valve_shut_for_good_before_a_dead_end",
+    "slide_that_drives_a_crank_at_dead_centre", "capacitor_whose_series_resistance_is_zero",
     # start
     "rigid_inertias_with_other_speeds", "steady_state_of_two_closed_chambers", "steady_and_a_place_as_well",
     "steady_load_that_nothing_holds", "solve_without_a_condition", "solve_beyond_the_bounds", "value_on_what_a_source_holds",
-    "joined_volumes_at_other_pressures", "gas_that_begins_at_zero",
+    "joined_volumes_at_other_pressures", "gas_that_begins_at_zero", "gauge_pressure_for_an_absolute_one",
+    # events
+    "step_into_a_position_source",
 )
 
 
@@ -79,6 +82,11 @@ ENDS: dict[str, Callable[[], dict[str, float]]] = {
     "load_above_an_open_contact": lambda: {"load.x": -100 * 9.81 / 1e6, "contact.N": 981.0},
     "pump_on_a_relief_valve": lambda: {"line.p": 100e5 + 10 * LPM / 1e-10},
     "guess_that_a_formula_gives": lambda: {"load.x": 0.2 - 0.1 * np.cos(np.sqrt(1000 / 3))},
+    "spring_jerked_at_its_end": lambda: {"body.x": 0.02 * (1 - np.cos(np.sqrt(1000 / 3) * 0.5))},
+    "capacitors_that_divide_a_voltage": lambda: {"middle.v": 2 + 3 / 4 * 10},
+    "cylinder_that_pushes_nothing": lambda: {"rod.v": 10 * LPM / 20e-4, "A.p": 0.0},
+    # a ripple of 20 A tanh(T/4 tau) that is reached with the time constant of the coil
+    "inverter_of_10_khz": lambda: {"coil.i": -20 * np.tanh(0.1 / 4) * (1 - np.exp(-20))},
 }
 
 

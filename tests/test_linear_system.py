@@ -315,3 +315,11 @@ def test_modes_name_components_at_any_operating_point(tmp_path: Path) -> None:
     assert told["at"] == "at 0.3 s"
     told = _command(["modes", "cmc_ahc", "--steady"], tmp_path)
     assert told["at"] == "in its steady state"
+
+
+@pytest.mark.parametrize(("span", "code"), [("0 .. 8", "unit-missing"), ("0 .. 8 kN", "unit-wrong")])
+def test_a_locus_runs_over_values_of_the_parameters_unit(span: str, code: str) -> None:
+    with pytest.raises(hb.UsageError) as caught:
+        hb.root_locus(hb.load("cmc_ahc"), "controller.K_p", parse_range(span))
+    assert [p.code for p in caught.value.problems] == [code]
+    assert "1/m" in str(caught.value)

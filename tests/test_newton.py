@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from heavebond.newton import Frame, continued, newton, settled
+import heavebond as hb
+from heavebond.initialise import start
+from heavebond.newton import Frame, continued, factors, least_change, newton, settled
+from heavebond.start_equations import StartEquations
 
 FREE = Frame(np.ones(1), np.full(1, -np.inf), np.full(1, np.inf))
 
@@ -87,3 +90,60 @@ def test_what_never_settles_is_given_up() -> None:
         return scalar(lambda x: 1 - (x - before[0]) / step, lambda x: -1 / step)
 
     assert not settled(scalar(lambda x: 1.0, lambda x: 0.0), slowed, np.zeros(1), FREE).good
+
+
+@pytest.fixture
+def chain() -> np.ndarray:
+    """Second differences of 300 points, the first held: well posed, and ill conditioned by 1e5."""
+    n = 300
+    return np.diag(np.full(n, 2.0)) - np.diag(np.ones(n - 1), 1) - np.diag(np.ones(n - 1), -1)
+
+
+def test_large_regular_systems_are_eliminated_to_the_same_solution(chain: np.ndarray) -> None:
+    right = np.random.default_rng(1).normal(size=(300, 2))
+    assert factors(chain) is not None
+    assert least_change(chain, right) == pytest.approx(np.linalg.lstsq(chain, right, rcond=None)[0], rel=1e-8)
+
+
+def test_what_nothing_decides_is_left_by_the_least_change_in_large_systems_too(chain: np.ndarray) -> None:
+    # held nowhere: only differences matter
+    chain[0, 0] = chain[-1, -1] = 1.0
+    assert factors(chain) is None
+    right = np.random.default_rng(2).normal(size=300)
+    right -= right.mean()
+    found = least_change(chain, right)
+    assert found.mean() == pytest.approx(0.0, abs=1e-9 * np.abs(found).max())
+    assert chain @ found == pytest.approx(right, abs=1e-9)
+
+
+@pytest.mark.parametrize("small", [1e-12, 0.0])
+def test_a_rank_in_doubt_is_not_eliminated(chain: np.ndarray, small: float) -> None:
+    chain[:, 5] *= small
+    assert factors(chain) is None
+
+
+@pytest.mark.parametrize(("force", "straight"), [
+    ("=-3 N*s/m * load.v + 2 N*sin(time/(1 s))", True), ("=-3 N*s**2/m**2 * load.v**2", False),
+    ("=-3 N*sign(load.v)", False), ("=if_else(load.v > 0 m/s, 1 N, 2 N)", False),
+    ("=min(load.v*1 N*s/m, 1 N)", False)])
+def test_straight_lines_are_told_from_others(force: str, straight: bool) -> None:
+    """Where nothing but straight lines is asked, one step tells all; what jumps is none, though its slope is constant."""
+    assembly = hb.assemble(hb.loads(f"""
+model: cart
+components:
+  wall:   {{is: Fixed}}
+  spring: {{is: Spring, c: 1 kN/m}}
+  cart:   {{is: Mass, m: 2 kg}}
+  push:   {{is: ForceSource, u: "{force}"}}
+nodes: {{wall: [wall.a, spring.a], load: [spring.b, cart.a, push.a]}}
+initial: {{start: steady, load.x: 1 m}}
+"""))
+    assert StartEquations(assembly).all.affine is straight
+    with pytest.raises(hb.StartError, match="the initial values contradict each other"):
+        start(assembly)
+
+
+def test_inside_means_held_by_no_bound() -> None:
+    frame = Frame(np.ones(2), np.zeros(2), np.full(2, np.inf))
+    assert frame.inside(np.array([1.0, 2.0]))
+    assert not frame.inside(np.array([0.0, 2.0]))

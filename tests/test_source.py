@@ -190,6 +190,7 @@ def test_suggestions() -> None:
     assert suggest("MASS", ["Mass"]) == "Did you mean 'Mass'?"
     assert suggest("x" * 10_000, ["x" * 9_999]) == ""
     assert suggest("valve", ["spring"]) == ""
+    assert suggest("K_p", ["wave.a", "controller.K_p", "k"]) == "Did you mean 'controller.K_p'?"
 
 
 # -- any text --------------------------------------------------------------------------------------------------------

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import pickle
 import signal
 from dataclasses import replace
 from pathlib import Path
@@ -285,6 +286,19 @@ def test_wrong_samples_are_refused_with_a_place(folder: Path, old: str, new: str
         hb.run_study(_study(SAMPLE.replace(old, new)), processes=1)
     assert [p.place.file for p in caught.value.problems if p.place] == ["study.yaml"] * len(caught.value.problems)
     assert code in [p.code for p in caught.value.problems]
+
+
+def test_a_task_carries_its_own_case_only(folder: Path) -> None:
+    """However many points a sample has; each case is the same as in the whole study."""
+    few, many = (_study(SAMPLE.replace("latin_hypercube: 6", f"latin_hypercube: {n}")) for n in (6, 600))
+    packed = many.packed()
+    assert len(pickle.dumps(packed(599))) < 1.02 * len(pickle.dumps(few.packed()(5)))
+    alone = pickle.loads(pickle.dumps(packed(577))).study
+    assert len(alone.cases) == 1
+    assert alone.case(577).levels[0].settings == many.case(577).levels[0].settings
+    assert worked(packed(577), 577, None).values == worked(many, 577, None).values
+    # what all cases share is unpacked once
+    assert packed(3).study.model is packed(4).study.model
 
 
 # -- workers that die --------------------------------------------------------------------------------------------------

@@ -11,6 +11,7 @@ import heavebond as hb
 from heavebond.costs import read_cost
 from heavebond.dae import Assembly
 from heavebond.objective import Case, Objective, Task, ranges
+from heavebond.search import search
 from heavebond.study import load_study
 from heavebond.tuning import Tuned, sweep, tune
 
@@ -165,6 +166,17 @@ def _check_optimum(name: str, found: list[Tuned]) -> None:
         assert result.cost == pytest.approx(cost, rel=1e-3)
         assert result.values["controller.K_p"] == pytest.approx(k_p, rel=0.01)
         assert result.values["controller.K_v"] == pytest.approx(k_v, rel=0.01)
+
+
+def test_a_search_ends_where_another_has_ended() -> None:
+    """Alone it goes on to the same optimum, by more evaluations."""
+    problem = Objective(hb.assemble(hb.load("cmc_ahc/active_frictionless")), load_study("cmc_ahc/quality_index").tuning)
+    first = search(problem, problem.shares([1.6, 0.53]), "trust", 30, lambda text: None)
+    alone, second = (search(problem, problem.shares([1.0, 0.7]), "trust", 30, lambda text: None, others)
+                     for others in ((), (first,)))
+    assert (first.message, second.message) == ("settled", "came to where another search ended")
+    assert len(second.path) < len(alone.path)
+    assert alone.best.cost == pytest.approx(first.best.cost, rel=1e-3)
 
 
 @pytest.mark.parametrize("name", list(COMPENSATORS))

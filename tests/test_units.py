@@ -33,7 +33,7 @@ COMMON = ["m", "mm", "kg", "t", "s", "min", "h", "N", "kN", "kN/m", "kN*s/m", "N
     ("42 kN/m", 42e3), ("35 bar", 35e5), ("460 L/min", 460e-3 / 60), ("1e6 Pa", 1e6), ("010 m", 10.0), ("-3 mm", -3e-3),
     (".5 t", 500.0), ("20 degC", 293.15), ("68 degF", 293.15), ("5 %", 0.05), ("7", 7.0), ("+2.5e-3 1", 2.5e-3),
     ("30 rpm", pi), ("90 deg", pi / 2), ("2 m**3/(s*Pa)", 2.0), ("3 N/mm²", 3e6), ("4 °C", 277.15), ("1 rev/min", pi / 30),
-    ("5 psi", 5 * 6894.757293168361)])
+    ("5 psi", 5 * 6894.757293168361), ("3 kN/(m/s)", 3e3), ("1e+10 Pa*s/(m**3/s)", 1e10), ("2 1/(V*s)", 2.0)])
 def test_quantity_in_si(text: str, value: float) -> None:
     assert parse_quantity(text)[0] == pytest.approx(value, rel=1e-14)
 

@@ -12,8 +12,8 @@ SEEN = 3.0  # chi-square per sample above noise from which an effect must be nam
 
 
 def outcome(rig: Rig, case: Case, found: Diagnosis) -> str:
-    """right (named), cluster (among those that are said to be alike), wrong (named, but another), shape, missed; a `weak`
-    one could not be made as large as `SEEN`."""
+    """right (one class at one place, and that one), cluster (among those that are said to be alike), wrong (named, but
+    another), shape, missed; a `weak` one could not be made as large as `SEEN`."""
     said = found.verdict
     if not case.truths:
         told = said in ("nothing", "parameters") or (said == "undetermined" and not found.steps[0].left.significant)
@@ -28,7 +28,8 @@ def outcome(rig: Rig, case: Case, found: Diagnosis) -> str:
     if said == "shape":
         return "shape"
     alike = [{_key(rig, t.candidate) for t in f.alternatives} for f in found.findings]
-    if all(any(n & accepted for n in named) for accepted in case.accepted) and said == "effect":
+    # a part in series on either side of another one is at one place
+    if all(any(n & accepted for n in named) for accepted in case.accepted) and all(len(a) == 1 for a in alike):
         return "right"
     if all(any(n & accepted for n in alike) for accepted in case.accepted):
         return "cluster"

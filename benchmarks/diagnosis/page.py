@@ -16,6 +16,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "diagnosis_study.md"
 BEGIN, END = "<!-- written by `python -m benchmarks.diagnosis.page` -->", "<!-- end of what it writes -->"
 OUTCOMES = {"right": "named", "cluster": "among those said to be alike", "shape": "a shape, no name", "missed": "missed",
             "weak": "too weak", "wrong": "named wrong", "broken": "broken"}
+NEVER = 1e4  # chi-square per sample; nobody begins a diagnosis so far from the record
 Row = Mapping[str, Any]
 
 
@@ -101,15 +102,31 @@ def sizes(rows: Sequence[Row], checks: Sequence[Row]) -> str:
         key = (row["rig"], row["label"])
         if key not in best or row["misfit_named"] < best[key]["misfit_named"]:
             best[key] = row
-    lines = [(r["rig"], r["label"], *(f"{figure(r[k])} {next(iter(r['numbers'].values()))}" for k in ("seen", "named")),
-              figure(r["misfit_seen"]), figure(r["misfit_named"]), r["rival"], f"{r['cosine']:.4f}") for r in best.values()]
-    told = [(r["rig"], r["label"], f"{r['factor']:g}", r["verdict"], OUTCOMES.get(r["outcome"], r["outcome"]),
-             "; ".join(f"{f['kind']} {f['place']}" for f in r["named"]) or "-") for r in checks]
+    lines = [(r["rig"], r["label"], *_from(r, "seen"), *_from(r, "named"), r["rival"], f"{r['cosine']:.4f}")
+             for r in best.values()]
+    points: dict[tuple[str, str], dict[float, Row]] = {}
+    for row in checks:
+        points.setdefault((row["rig"], row["label"]), {})[row["factor"]] = row
+    told = [(*key, *(_told(found[f]) if f in found else "-" for f in detectability.FACTORS))
+            for key, found in points.items()]
     return "\n\n".join([
-        table(["rig", "effect", "seen from", "named from", "misfit seen", "misfit named",
+        table(["rig", "effect", "seen from", "misfit", "named from", "misfit",
                "nearest of another class or place", "cosine"], lines),
-        "Checked by simulation, at half and at twice the amplitude from which it is named:",
-        table(["rig", "effect", "times", "verdict", "outcome", "named"], told)])
+        "Checked by simulation, at half and at twice the amplitude from which it should be named:",
+        table(["rig", "effect", "at half of it", "at twice"], told)])
+
+
+def _from(row: Row, what: str) -> tuple[str, str]:
+    """An amplitude with its unit and the misfit that goes with it; nothing tells two apart that move all channels alike."""
+    if row[f"misfit_{what}"] > NEVER:
+        return "never", "-"
+    return f"{figure(row[what])} {next(iter(row['numbers'].values()))}".removesuffix(" 1"), figure(row[f"misfit_{what}"])
+
+
+def _told(row: Row) -> str:
+    """What was said of one point."""
+    outcome = {"weak": "not named", "missed": "not named"}.get(row["outcome"], OUTCOMES.get(row["outcome"], row["outcome"]))
+    return outcome if outcome == "named" else f"{outcome}: {said(row)}"
 
 
 def machine(rows: Sequence[Row]) -> str:

@@ -154,14 +154,18 @@ class _Maker:
 
     def _kinds(self) -> list[str]:
         """Parts of one domain or some, what stands for the surroundings among them more often than by chance."""
-        self.domains = self.random.sample(DOMAINS, self.random.choice((1, 1, 1, 2, 3)))
         of = {name: {p.domain for p in c.ports.values()} for name, c in _components().items()}
+        # what goes from one domain to another is not met often by chance
+        between = [name for name, domains in of.items() if len(domains) > 1]
+        first = [self.random.choice(between)] if self.random.random() < 0.25 else []
+        self.domains = sorted(of[first[0]]) if first else self.random.sample(DOMAINS, self.random.choice((1, 1, 1, 2, 3)))
         fitting = [name for name, domains in of.items() if domains and domains <= {*self.domains, "$D"}
                    and (domains != {"$D"} or {*self.domains} & {*BONDS})]
         signals = [name for name, domains in of.items() if not domains]
         common = [name for name in COMMON if name in fitting]
         number = self.random.randint(1, 7)
-        chosen = [self.random.choice(common if common and self.random.random() < 0.5 else fitting) for _ in range(number)]
+        chosen = first + [self.random.choice(common if common and self.random.random() < 0.5 else fitting)
+                          for _ in range(number)]
         if self.random.random() < 0.35:
             chosen += [self.random.choice(SWITCHING if self.random.random() < 0.4 else signals)
                        for _ in range(self.random.randint(1, 3))]

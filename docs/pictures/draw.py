@@ -8,12 +8,20 @@ from pathlib import Path
 
 import heavebond as hb
 from heavebond import plot, plot_energy, plot_linear
+from heavebond.animation import save_animation
+from heavebond.bond_picture import draw_bond_graph
 from heavebond.energy_flow import energy_flow
+from heavebond.model import find
+from heavebond.motion import animate
 from heavebond.objective import Objective
+from heavebond.painting import paint
+from heavebond.plot_spectra import plot_spectra
 from heavebond.plot_study import plot_study
 from heavebond.plot_where import plot_place
+from heavebond.spectra import Swinging, evenly
 from heavebond.starter_folder import start_folder
 from heavebond.study import load_study
+from heavebond.sweep import Sweep, read_over, study_text
 from heavebond.tuning import sweep, tune
 from heavebond.units import parse_range
 
@@ -88,6 +96,13 @@ def compensator(folder: Path) -> Path:
     return path
 
 
+def detailed(folder: Path) -> Path:
+    """The compensator part by part."""
+    path = folder / "cmc_detailed.svg"
+    path.write_text(hb.draw(hb.load("cmc_ahc/detailed"), open=("cmc", "ahc")), encoding="utf-8")
+    return path
+
+
 def _of_study(name: str, folder: Path) -> Path:
     result = hb.run_study(f"cmc_ahc/studies/{name}", processes=1)
     return plot.save(plot_study(result, result.study.pictures[0]), folder / f"published_{name}.png")
@@ -124,6 +139,55 @@ def flow(folder: Path) -> Path:
                      folder / "energy_flow.png")
 
 
+def coloured(folder: Path) -> list[Path]:
+    """The loader coloured by the power that its parts pass on, and its bond graph."""
+    model = hb.load("hydrostatic_drive")
+    pictures = {"power.svg": hb.draw(model, colour=paint(model, "power")), "bonds.svg": draw_bond_graph(model)}
+    for name, picture in pictures.items():
+        (folder / name).write_text(picture, encoding="utf-8")
+    return [folder / name for name in pictures]
+
+
+def overlaid(folder: Path) -> Path:
+    """The quarter car with two dampers over each other."""
+    car = hb.load("quarter_car")
+    runs = {"soft": hb.simulate(car).saved(), "stiff": hb.simulate(car.with_parameters({"damper.d": "3 kN*s/m"})).saved()}
+    return plot.save(plot.plot_runs(runs, ["body.x", "comfort"]), folder / "overlaid.png")
+
+
+def moving(folder: Path) -> Path:
+    """The boom of the excavator as it is lifted."""
+    return save_animation(animate(hb.load("excavator_boom"), "6 s"), folder / "boom.gif")
+
+
+def swept(folder: Path) -> list[Path]:
+    """The compensator over its two gains, and what of the quarter car moves its comfort."""
+    asked = {
+        "map": Sweep(find("cmc_ahc"), (read_over("controller.K_p=1 .. 3 1/m; 5"),
+                                       read_over("controller.K_v=0.4 .. 0.7 s/m; 4")), (("rms(crown)", "mm"),),
+                     window=("72 s", "")),
+        "tornado": Sweep(find("quarter_car"), tuple(map(read_over, (
+            "damper.d=1.5 kN*s/m +- 30 %", "spring.c=22 kN/m +- 20 %", "tyre.c=190 kN/m +- 20 %", "body.m=320 kg +- 25 %"))),
+            (("rms(comfort)", "m/s**2"),), "one_at_a_time")}
+    drawn = []
+    with tempfile.TemporaryDirectory() as place:
+        for name, one in asked.items():
+            study = Path(place) / f"{name}.yaml"
+            study.write_text(study_text(one, Path(place)), encoding="utf-8")
+            result = hb.run_study(study, processes=1)
+            picture = next(p for p in result.study.pictures if p.kind == name)
+            drawn.append(plot.save(plot_study(result, picture), folder / f"sweep_{name}.png"))
+    return drawn
+
+
+def sea(folder: Path) -> Path:
+    """The platform and the crown block in an irregular sea: course, spectrum, cycles."""
+    run = hb.simulate(hb.load("cmc_ahc/irregular_sea"), 300.0)
+    seen = run.time >= 60.0
+    found = [Swinging(evenly(name, run.unit(name), run.time[seen], run[name][seen])) for name in ("platform", "crown")]
+    return plot.save(plot_spectra(found), folder / "sea.png")
+
+
 DRAWN = (
     weight_on_bit,
     friction,
@@ -137,6 +201,12 @@ DRAWN = (
     session,
     tuning,
     compensator,
+    coloured,
+    overlaid,
+    moving,
+    swept,
+    sea,
+    detailed,
 )
 
 if __name__ == "__main__":

@@ -51,6 +51,12 @@ def draw(model: str, output: Path | None, opened: tuple[str, ...], open_all: boo
     for text in marked:
         name, _, label = text.partition("=")
         highlight[name.strip()] = label.strip()
+    if bonds and (colour or values or marked or opened):
+        raise UsageError([Problem("bonds-alone", "a bond graph has no colours, values, marks or closed blocks", None,
+                                  "Draw it with --bond-graph alone, and the rest in a picture of its own.")])
+    if at is not None and not colour:
+        raise UsageError([Problem("at-alone", "--at says when colours are taken, and none are asked for", None,
+                                  "Add for example --colour power.")])
     with blamed_on_settings(settings):
         diagram = with_settings(load(model), settings)
         if bonds:

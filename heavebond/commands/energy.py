@@ -15,6 +15,7 @@ from heavebond.commands.arguments import (
     set_option,
     with_settings,
 )
+from heavebond.errors import Problem, UsageError
 
 if TYPE_CHECKING:
     from heavebond.energy import EnergyAudit
@@ -55,6 +56,9 @@ def energy(model: str, until: str | None, every: str | None, audited: bool, sank
 
     for path in (sankey, activity):
         check_picture(path)
+    if written is not None and share is None:
+        raise UsageError([Problem("write-what", "--write writes the reduced diagram, and nothing is to be reduced", None,
+                                  "Add --reduce 98, for the components that make up 98 % of the activity.")])
     if written is not None:
         check_writable(written, (".yaml",))
     with blamed_on_settings(settings), terminal.working("integrating"):

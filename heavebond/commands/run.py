@@ -167,9 +167,8 @@ def _statistics(result: Result) -> str:
     reduced = result.assembly.reduced
     parts = [f"{count(len(reduced.states), 'state')}, {count(len(reduced.algebraic), 'algebraic unknown')}",
              *([count(len(result.events), "event")] if result.assembly.flat.events else []),
-             f"{len(result.time)} points", f"start {seconds['start']:.2g} s",
+             f"{len(result.time)} points", f"solver {said['solver']} ({said['why']})", f"start {seconds['start']:.2g} s",
              f"integration {seconds['integration']:.2g} s"]
     if "nsteps" in said:
         parts.append(f"{said['nsteps']} steps")
-    parts.append(f"solver {said['solver']} ({said['why']})")
     return "; ".join(parts)

@@ -1,0 +1,57 @@
+"""A full diagnosis of a bundled rig, and where its time goes."""
+
+from __future__ import annotations
+
+import time
+
+import heavebond as hb
+from benchmarks.diagnosis.rigs import RIGS
+from benchmarks.measuring import Figure, duration
+from heavebond.diagnosis import Diagnosis, diagnose
+
+RIG, MISSING = "passive", "dry friction"
+LIMIT = 60.0
+# what a diagnosis says it is doing, by how its words begin; these two are said when they are done, the others before
+PHASES = {"fitting what is free": "fitting what is free", "scoring": "scoring candidates",
+          "refitting": "refitting candidates", "comparing": "following the best closely",
+          "confirming": "confirming the one chosen", "learning": "learning a curve", "is ": "looking back",
+          "": "telling alternatives apart"}
+DONE = ("scoring candidates", "refitting candidates")
+
+
+class Watch:
+    """Processor time by phase, from what a diagnosis says on its way."""
+
+    def __init__(self) -> None:
+        self.phase, self.since = PHASES["fitting what is free"], time.process_time()
+        self.spent: dict[str, float] = {}
+
+    def __call__(self, text: str) -> None:
+        words = text.removeprefix("step 1: ")
+        phase = next(name for begin, name in PHASES.items() if words.startswith(begin))
+        now = time.process_time()
+        # the first to be scored or refitted comes after another phase: the fit, and what is left by it
+        of = phase if phase in DONE and self.phase in DONE else self.phase
+        self.spent[of] = self.spent.get(of, 0.0) + now - self.since
+        self.phase, self.since = phase, now
+
+
+def watched() -> tuple[Diagnosis, Watch]:
+    """The diagnosis in this process alone, so that all of its processor time is seen."""
+    watch = Watch()
+    found = diagnose(hb.load_experiment(RIGS[RIG].experiment), number=1, progress=watch)
+    watch("")
+    return found, watch
+
+
+def figures() -> list[Figure]:
+    """Processor time of one diagnosis in one process; several share it out."""
+    began = time.process_time()
+    found, watch = watched()
+    took = time.process_time() - began
+    assert found.verdict == "found" and MISSING in found.findings[0].candidate.kind, found.words
+    step = found.steps[0]
+    what = f"{RIG} rig: diagnosis, {len(step.scores)} candidates scored, {len(step.trials)} refitted, one process"
+    shares = sorted(watch.spent.items(), key=lambda pair: -pair[1])
+    return [Figure(what, duration(took), f"≤ {LIMIT:g} s", took <= LIMIT),
+            *(Figure(f"{RIG} rig: {phase}", f"{100 * spent / took:.0f} %") for phase, spent in shares if spent > 0)]

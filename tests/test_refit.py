@@ -1,0 +1,52 @@
+"""A candidate refitted: where its numbers are sought, and how far its figures can be trusted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.diagnosis.making import Hidden
+from benchmarks.diagnosis.rigs import RIGS
+from benchmarks.diagnosis.truths import TRUTHS
+from heavebond import trial
+from heavebond.catalogue import candidates
+from heavebond.rung import fitted_base
+from heavebond.scoring import scored
+from heavebond.trial import polished, tried
+
+
+def test_an_amplitude_is_sought_beyond_what_the_tangent_tells(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The free flow of the valve takes most of a leak's misfit on itself, so that the leak is seven times what the rest asks
+    for."""
+    monkeypatch.setattr(trial, "WIDE", 3.0)
+    truth = next(t for t in TRUTHS["cylinder"] if t.name == "valve leak")
+    machine = Hidden(replace(RIGS["cylinder"], seconds=10.0), [truth], "test", tmp_path, 1.0, 0.0)
+    base = fitted_base(machine.case([1e-11]).experiment)
+    leak = next(c for c in candidates(base.problem.experiment) if c.label == truth.label)
+    guesses = scored(base, leak)
+    assert trial._Refit(base, leak, guesses).ranges["valve.leakage"][1] < 0.5e-11
+    found = tried(base, leak, guesses)
+    assert found is not None
+    assert found.values["valve.leakage"] == pytest.approx(1e-11, rel=0.1)
+    assert found.chi2_fit < 1.1  # 1503 samples: 1 +- 0.04
+    assert found.experiment.free["valve.leakage"].range.high > 1e-11  # what is written to the new experiment
+
+
+def test_slack_is_what_a_fit_to_all_samples_takes_away(tmp_path: Path) -> None:
+    """A few seconds of a record say little of twenty of another one."""
+    truth = next(t for t in TRUTHS["receiver"] if t.name == "leak in")
+    machine = Hidden(replace(RIGS["receiver"], seconds=20.0), [truth], "test", tmp_path, 1.0, 0.5)
+    records = machine.case([4e-10]).experiment.records
+    short = {n: replace(r, end=11.0) if r.use == "fit" else r for n, r in records.items()}
+    base = fitted_base(replace(machine.plain, records=short))
+    both = fitted_base(replace(machine.plain, records={n: replace(r, use="fit") for n, r in short.items()}))
+    leak = next(c for c in candidates(base.problem.experiment) if c.label == truth.label)
+    found, joint = (tried(at, leak, scored(at, leak)) for at in (base, both))
+    assert found is not None and joint is not None
+    found = polished(base, found, scored(base, leak))
+    apart, together = (t.cost + t.chi2_held_out * t.samples_held_out for t in (found, joint))
+    assert apart > 1.2 * together
+    assert np.isclose(apart - found.slack, together, rtol=0.05)  # as far as the tangent holds
