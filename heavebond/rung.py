@@ -7,7 +7,7 @@ take the one that leaves least on what was not fitted, if it earns its place the
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -137,8 +137,17 @@ def _polished(workers: Workers, trials: Sequence[Trial], guesses: Mapping[str, S
     margin = indistinct(order[0], merit(order[0])) + NEAR * (order[0].samples + order[0].samples_held_out)
     lowest = min(t.bic for t in order)
     near = [t for t in order if merit(t) - merit(order[0]) < margin or t.bic - lowest < margin][:CLOSELY]
-    better = {c.label: t for c, t in workers.polish([(t, guesses[t.candidate.label]) for t in near])}
+    better = {c.label: t for c, t in workers.polish([(t, guesses[t.candidate.label], None) for t in near])}
+    lent = [(t, guesses[t.candidate.label], lender) for t in better.values() if (lender := _lender(t, better.values()))]
+    better |= {c.label: t for c, t in workers.polish(lent)}
     return [better.get(t.candidate.label, t) for t in order]
+
+
+def _lender(trial: Trial, others: Iterable[Trial]) -> Trial | None:
+    """The best fitting law at the same place that fits better: what it found may do for this one too, as a law that holds
+    it as a special case should never leave less by ending in another valley."""
+    there = [t for t in others if set(t.candidate.where) == set(trial.candidate.where) and t.cost < trial.cost]
+    return min(there, key=lambda t: t.cost, default=None)
 
 
 def fitted_base(experiment: Experiment) -> Base:

@@ -89,18 +89,33 @@ def tried(base: Base, candidate: Candidate, guesses: Sequence[Score] = (), progr
         return None
 
 
-def polished(base: Base, trial: Trial, guesses: Sequence[Score] = (), progress: Progress | None = None) -> Trial:
-    """A refit followed to the end of its valley: what is compared closely must have arrived."""
+def polished(base: Base, trial: Trial, guesses: Sequence[Score] = (), lender: Trial | None = None,
+             progress: Progress | None = None) -> Trial:
+    """A refit followed to the end of its valley: what is compared closely must have arrived. A `lender` is another law's
+    refit at the same place that fits better; from its values, as far as the two have the same, another valley is sought."""
     refit = _Refit(base, trial.candidate, guesses)
     refit.sought({n.name: trial.experiment.free[n.name].range for n in trial.candidate.numbers if n.name in refit.ranges})
-    start = np.array([c.inner(trial.values[c.free.name]) for c in refit.problem.columns])
+    values = {**trial.values, **_lent(lender, trial.candidate)} if lender is not None else trial.values
+    start = refit.problem.allowed(np.clip([c.inner(values[c.free.name]) for c in refit.problem.columns],
+                                          refit.problem.low, refit.problem.high))
     try:
         there = refit.arrive(start, progress or (lambda text: None))
         better = refit.judged(there)
+        if lender is not None and better.cost >= trial.cost:
+            return trial
         there, better = (there, better) if better.cost < trial.cost else (start, trial)
         return replace(better, slack=refit.slack(there))
     except HeavebondError:
         return trial
+
+
+def _lent(lender: Trial, candidate: Candidate) -> dict[str, float]:
+    """The values of a refit for another law: what both diagrams have, and numbers of the laws that have the same name."""
+    own = {n.name.rpartition(".")[2]: n.name for n in candidate.numbers}
+    numbers = {n.name: n.name.rpartition(".")[2] for n in lender.candidate.numbers}
+    found = {name: value for name, value in lender.values.items() if name not in numbers}
+    return {**found, **{own[key]: lender.values[name] for name, key in numbers.items()
+                        if key in own and name in lender.values}}
 
 
 @dataclass(frozen=True)

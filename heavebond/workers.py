@@ -46,9 +46,9 @@ class Workers:
         """The refit of each candidate, in the order in which they are done; those not begun at `until` are left out."""
         return self._each(_refit, tried, jobs, [c for c, _ in jobs], until)
 
-    def polish(self, jobs: Sequence[tuple[Trial, Sequence[Score]]]) -> Iterator[tuple[Candidate, Trial]]:
-        """Each trial followed to the end of its valley."""
-        return self._each(_polish, polished, jobs, [t.candidate for t, _ in jobs], float("inf"))
+    def polish(self, jobs: Sequence[tuple[Trial, Sequence[Score], Trial | None]]) -> Iterator[tuple[Candidate, Trial]]:
+        """Each trial followed to the end of its valley, or of that to which another one leads."""
+        return self._each(_polish, polished, jobs, [job[0].candidate for job in jobs], float("inf"))
 
     def _each(self, remote: Callable[..., T], here: Callable[..., T], jobs: Sequence[tuple[Any, ...]],
               keys: Sequence[Candidate], until: float) -> Iterator[tuple[Candidate, T]]:
@@ -80,6 +80,6 @@ def _refit(candidate: Candidate, guesses: Sequence[Score]) -> Trial | None:
     return tried(_base, candidate, guesses, heed)
 
 
-def _polish(trial: Trial, guesses: Sequence[Score]) -> Trial:
+def _polish(trial: Trial, guesses: Sequence[Score], lender: Trial | None) -> Trial:
     assert _base is not None
-    return polished(_base, trial, guesses, heed)
+    return polished(_base, trial, guesses, lender, heed)

@@ -136,7 +136,7 @@ def machine(rows: Sequence[Row]) -> str:
         ladder = row["ladder"]
         effects = [f"{p['name']} {readable(p['value'], p['unit'], 3)}" for p in row["parameters"]]
         off = [abs(row["fitted"][name] / true - 1) for name, true in row["values"].items() if name in row["fitted"]]
-        outcome = OUTCOMES[row["outcome"]] if row["truth"] else {"right": "told so"}.get(row["outcome"], row["outcome"])
+        outcome = OUTCOMES[row["outcome"]] if row["kinds"] else {"right": "told so"}.get(row["outcome"], row["outcome"])
         lines.append((row["key"], outcome, said(row),
                       " to ".join(figure(ladder[k][2], 4) for k in ([1, -1] if len(ladder) > 2 else [-1])),
                       f"{row['refitted']} of {row['scored']}", f"{row['processor']:.0f}", f"{row['megabytes']:.0f}"))
