@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time as clock
 from collections.abc import Callable
 from concurrent.futures import Future
 from threading import Lock
@@ -12,7 +13,7 @@ from heavebond.errors import Problem, UsageError
 from heavebond.processes import Workers
 
 T = TypeVar("T")
-PATIENCE = 20.0  # seconds for a scheduler, and for the first answer of a worker
+PATIENCE = 20.0  # seconds for a scheduler, for the first answer of a worker, and for workers that were lost to come back
 _one = Lock()
 
 
@@ -20,7 +21,8 @@ class Cluster(Workers):
     """The workers of a scheduler (`tcp://host:8786`) as an executor. The scheduler gives what a worker loses to another one,
     and gives a task up with which several died.
 
-    UsageError where dask is not installed, where nobody answers, or where the workers have another version of this program.
+    UsageError where dask is not installed, where nobody answers, or where the workers have another version of this program;
+    later where all workers are lost and none comes back.
     """
 
     together = False
@@ -40,7 +42,8 @@ class Cluster(Workers):
             raise UsageError([Problem("scheduler-silent", f"no scheduler answers at '{address}'", None,
                                       "Start one with `dask scheduler`, and workers with `dask worker tcp://HOST:8786 "
                                       "--nthreads 1`; the address is what it prints.", (str(error),))]) from None
-        self.executor = self.client.get_executor()
+        self.executor, self.address = self.client.get_executor(), address
+        self._missed: float | None = None  # since when there is no worker
         try:
             self.number = self._checked(address)
         except BaseException:
@@ -64,8 +67,19 @@ class Cluster(Workers):
         return sum(threads.values())
 
     def submit(self, function: Callable[..., T], /, *given: Any, **named: Any) -> Future[T]:
+        self._missed = None
         found: Future[T] = self.executor.submit(_alone, function, *given, **named)
         return found
+
+    def listen(self) -> None:
+        if self.client.nthreads():
+            self._missed = None
+        elif self._missed is None:
+            self._missed = clock.monotonic()
+        elif clock.monotonic() - self._missed > PATIENCE:
+            raise UsageError([Problem("workers-lost", f"the scheduler at '{self.address}' has lost all of its workers", None,
+                                      f"Start some (`dask worker {self.address} --nthreads 1`) and give the same command "
+                                      "again: what was done is kept.")])
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         self.client.close()

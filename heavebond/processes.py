@@ -17,6 +17,7 @@ T = TypeVar("T")
 K = TypeVar("K")
 Lost = tuple[tuple[K, tuple[Any, ...]], BaseException]  # a job, its key and what is given, and how it ended
 ALONE = 2  # a job may never have begun when others took its process away: only so many deaths alone are its own
+LISTEN = 5.0  # seconds without a result after which it is asked whether any worker is left
 _stop: Event | None = None  # of a process that works for another one: set where what it does is not wanted any more
 
 
@@ -49,6 +50,9 @@ class Workers(Executor):
 
     def renew(self) -> None:
         """New workers, where those that died are not replaced by themselves."""
+
+    def listen(self) -> None:
+        """Called where nothing was done for a while; raises where no worker is left that could do it."""
 
 
 class Processes(Workers):
@@ -118,7 +122,10 @@ def as_done(executor: Executor, function: Callable[..., T], jobs: Iterable[tuple
         if not running:
             return
         lost: list[Lost[K]] = []
-        for done in wait(running, return_when=FIRST_COMPLETED).done:
+        ended = wait(running, LISTEN, FIRST_COMPLETED).done
+        if not ended and isinstance(executor, Workers):
+            executor.listen()
+        for done in ended:
             job = running.pop(done)
             if workers is not None and isinstance(error := done.exception(), workers.died):
                 lost.append((job, error))

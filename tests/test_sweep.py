@@ -343,3 +343,21 @@ def test_a_worker_of_a_cluster_that_is_killed_costs_its_task_only(folder: Path) 
             result = hb.run_study(study, executor=cluster, progress=tell)
     assert killed
     assert [o.values for o in result.outcomes] == [o.values for o in here.outcomes]
+
+
+def test_a_cluster_that_loses_all_of_its_workers_is_not_waited_for(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    distributed = pytest.importorskip("distributed")
+    from heavebond.cluster import Cluster
+
+    monkeypatch.setattr("heavebond.cluster.PATIENCE", 2.0)
+    monkeypatch.setattr("heavebond.processes.LISTEN", 0.2)
+    study = _study(SAMPLE.replace("latin_hypercube: 6", "latin_hypercube: 24"))
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as local:
+        def tell(text: str) -> None:
+            if text.startswith("4 of 24"):
+                local.scale(0)
+
+        with Cluster(local.scheduler_address) as cluster, pytest.raises(hb.UsageError, match="has lost all of its workers"):
+            hb.run_study(study, folder=folder / "out", executor=cluster, progress=tell)
+    again = hb.run_study(study, folder=folder / "out", processes=1)  # what was done is kept
+    assert len(again.outcomes) == 24 and not any(o.problem for o in again.outcomes)
