@@ -13,7 +13,7 @@ import heavebond as hb
 from benchmarks import chain
 from benchmarks.compensator import COMMAND
 from benchmarks.measuring import Figure, at_most, paired, process, spoken
-from heavebond.cache import FOLDER
+from heavebond.basis.cache import FOLDER
 
 MASSES = 1000
 

@@ -14,14 +14,14 @@ import yaml
 
 import heavebond as hb
 from benchmarks.measuring import PAIRS, Figure, at_most, paired, process, spoken
-from heavebond.adjoint import Adjoint
-from heavebond.costs import Evaluator, read_cost
-from heavebond.dae import Array
-from heavebond.objective import TOLERANCES
-from heavebond.solvers import compiler
-from heavebond.source import Mapping, Node, Scalar, read
-from heavebond.study import load_study
-from heavebond.tuning import tune
+from heavebond.numbers.dae import Array
+from heavebond.numbers.solvers import compiler
+from heavebond.studies.adjoint import Adjoint
+from heavebond.studies.costs import Evaluator, read_cost
+from heavebond.studies.objective import TOLERANCES
+from heavebond.studies.study import load_study
+from heavebond.studies.tuning import tune
+from heavebond.text.source import Mapping, Node, Scalar, read
 
 SENSITIVE = ("controller.K_p", "controller.K_v", "ahc.valve.f_n", "crown.m", "wave.a")
 COMMAND = ("-c", "from heavebond.cli import main; main()")

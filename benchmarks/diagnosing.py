@@ -7,7 +7,7 @@ import time
 import heavebond as hb
 from benchmarks.diagnosis.rigs import RIGS
 from benchmarks.measuring import Figure, duration
-from heavebond.diagnosis import Diagnosis, diagnose
+from heavebond.evidence.diagnosis import Diagnosis, diagnose
 
 RIG, MISSING = "passive", "dry friction"
 LIMIT = 60.0

@@ -22,12 +22,12 @@ from distributed import Client, LocalCluster
 
 import heavebond as hb
 from benchmarks.measuring import Figure, cpu, duration, write_page
-from heavebond.campaign import AHEAD
-from heavebond.casework import assembled, worked
-from heavebond.cluster import Cluster
-from heavebond.model import find
-from heavebond.processes import as_done
-from heavebond.study import Packed, Study, load_study
+from heavebond.basis.cluster import Cluster
+from heavebond.basis.processes import as_done
+from heavebond.language.model import find
+from heavebond.studies.campaign import AHEAD
+from heavebond.studies.casework import assembled, worked
+from heavebond.studies.study import Packed, Study, load_study
 
 PAGE = Path(__file__).parents[1] / "docs" / "scaling.md"
 CASES, WORKERS, PAIRS = 200, 2, 5

@@ -18,47 +18,58 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from heavebond.campaign import StudyResult, run_study
-    from heavebond.catalogue import candidates
-    from heavebond.comparison import Comparison, compare
-    from heavebond.dae import Assembly, assemble
-    from heavebond.diagnosis import Diagnosis, attempt, diagnose
-    from heavebond.drawing import draw
-    from heavebond.energy import audit
-    from heavebond.errors import DataError, HeavebondError, ModelError, SimulationError, StartError, UsageError
-    from heavebond.experiment import Experiment, load_experiment
-    from heavebond.finding import ladder
-    from heavebond.fitting import Fit, fit
-    from heavebond.linear_system import StateSpace, state_space
-    from heavebond.locus import root_locus
-    from heavebond.margins import loop_margins
-    from heavebond.misfit import Where, where
-    from heavebond.model import Model, load, loads
-    from heavebond.result import Result
-    from heavebond.saved import SavedRun, read_run
-    from heavebond.simplification import simplify
-    from heavebond.simulation import Simulator, simulate
-    from heavebond.study import Study, load_study
-    from heavebond.tuning import tune
+    from heavebond.analysis.linear_system import StateSpace, state_space
+    from heavebond.analysis.locus import root_locus
+    from heavebond.analysis.margins import loop_margins
+    from heavebond.analysis.simplification import simplify
+    from heavebond.basis.errors import DataError, HeavebondError, ModelError, SimulationError, StartError, UsageError
+    from heavebond.basis.saved import SavedRun, read_run
+    from heavebond.evidence.catalogue import candidates
+    from heavebond.evidence.comparison import Comparison, compare
+    from heavebond.evidence.diagnosis import Diagnosis, attempt, diagnose
+    from heavebond.evidence.experiment import Experiment, load_experiment
+    from heavebond.evidence.finding import ladder
+    from heavebond.evidence.fitting import Fit, fit
+    from heavebond.evidence.misfit import Where, where
+    from heavebond.language.model import Model, load, loads
+    from heavebond.numbers.dae import Assembly, assemble
+    from heavebond.numbers.result import Result
+    from heavebond.numbers.simulation import Simulator, simulate
+    from heavebond.pictures.drawing import draw
+    from heavebond.studies.campaign import StudyResult, run_study
+    from heavebond.studies.energy import audit
+    from heavebond.studies.study import Study, load_study
+    from heavebond.studies.tuning import tune
 
 __version__ = "0.1.0"
 
 # name -> module; loaded when first used, so that `import heavebond` and `heavebond --help` stay quick. No name is that of
 # a module: importing the module would put it in the function's place.
-_WHERE = {
-    "Diagnosis": "diagnosis", "diagnose": "diagnosis", "attempt": "diagnosis", "candidates": "catalogue",
-    "ladder": "finding",
-    "audit": "energy", "Fit": "fitting", "fit": "fitting", "Study": "study", "load_study": "study", "tune": "tuning",
-    "StudyResult": "campaign", "run_study": "campaign",
-    "Comparison": "comparison", "compare": "comparison", "draw": "drawing", "Experiment": "experiment",
-    "load_experiment": "experiment",
-    "Assembly": "dae", "assemble": "dae", "DataError": "errors", "HeavebondError": "errors", "ModelError": "errors",
-    "SimulationError": "errors", "StartError": "errors", "UsageError": "errors",
-    "StateSpace": "linear_system", "state_space": "linear_system", "loop_margins": "margins", "root_locus": "locus",
-    "simplify": "simplification",
-    "Model": "model", "load": "model", "loads": "model", "Result": "result", "SavedRun": "saved",
-    "read_run": "saved", "Simulator": "simulation", "simulate": "simulation", "Where": "misfit", "where": "misfit",
+_EXPORTS = {
+    "analysis.linear_system": ("state_space", "StateSpace"),
+    "analysis.locus": ("root_locus",),
+    "analysis.margins": ("loop_margins",),
+    "analysis.simplification": ("simplify",),
+    "basis.errors": ("DataError", "HeavebondError", "ModelError", "SimulationError", "StartError", "UsageError"),
+    "basis.saved": ("read_run", "SavedRun"),
+    "evidence.catalogue": ("candidates",),
+    "evidence.comparison": ("compare", "Comparison"),
+    "evidence.diagnosis": ("attempt", "diagnose", "Diagnosis"),
+    "evidence.experiment": ("Experiment", "load_experiment"),
+    "evidence.finding": ("ladder",),
+    "evidence.fitting": ("Fit", "fit"),
+    "evidence.misfit": ("Where", "where"),
+    "language.model": ("load", "loads", "Model"),
+    "numbers.dae": ("assemble", "Assembly"),
+    "numbers.result": ("Result",),
+    "numbers.simulation": ("simulate", "Simulator"),
+    "pictures.drawing": ("draw",),
+    "studies.campaign": ("run_study", "StudyResult"),
+    "studies.energy": ("audit",),
+    "studies.study": ("load_study", "Study"),
+    "studies.tuning": ("tune",),
 }
+_WHERE = {name: module for module, names in _EXPORTS.items() for name in names}
 __all__ = [
     "Assembly", "Comparison", "DataError", "Diagnosis", "Experiment", "Fit", "HeavebondError", "Model", "ModelError",
     "Result", "SavedRun", "SimulationError", "Simulator", "StartError", "StateSpace", "Study", "StudyResult",

@@ -16,6 +16,7 @@ from typing import Any, NoReturn
 import click
 
 from heavebond import __version__
+from heavebond.basis.errors import HeavebondError, Problem, UsageError, suggest
 from heavebond.commands.animate import animate
 from heavebond.commands.arguments import check_writable
 from heavebond.commands.cache import cache
@@ -41,11 +42,10 @@ from heavebond.commands.sensitivity import sensitivity
 from heavebond.commands.signal import signal
 from heavebond.commands.study import study
 from heavebond.commands.sweep import sweep
+from heavebond.commands.terminal import PIPE_CLOSED, print_problems
 from heavebond.commands.try_effect import try_effect
 from heavebond.commands.tune import tune
 from heavebond.commands.where import where
-from heavebond.errors import HeavebondError, Problem, UsageError, suggest
-from heavebond.terminal import PIPE_CLOSED, print_problems
 
 FINE, AT_FAULT, WRONG_USAGE, INTERRUPTED = 0, 1, 2, 130
 

@@ -34,14 +34,14 @@ from pathlib import Path
 from click.testing import CliRunner
 
 import heavebond as hb
-from heavebond import laws
-from heavebond.casework import checked
 from heavebond.cli import main
-from heavebond.initialise import start
-from heavebond.inputs import pieced
-from heavebond.library import bundled, library
-from heavebond.power import check_power
-from heavebond.source import parse, read
+from heavebond.language import laws
+from heavebond.language.library import bundled, library
+from heavebond.language.power import check_power
+from heavebond.numbers.initialise import start
+from heavebond.numbers.inputs import pieced
+from heavebond.studies.casework import checked
+from heavebond.text.source import parse, read
 
 ROOT = Path(__file__).parent.parent
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))

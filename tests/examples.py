@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 import heavebond as hb
-from heavebond.library import bundled
+from heavebond.language.library import bundled
 
 Array = NDArray[np.float64]
 FOLDER = bundled("models") / "examples"

@@ -11,14 +11,14 @@ import pytest
 from test_sensitivities import LOOP, MEASURED, PENDULUM, PRELOADED, _bundled, _text
 
 import heavebond as hb
-from heavebond.adjoint import Adjoint
-from heavebond.costs import Evaluator, read_cost
-from heavebond.dae import Array, Assembly
-from heavebond.library import bundled
-from heavebond.model import loads
-from heavebond.objective import Objective, Task, ranges
-from heavebond.simulation import Simulator, Tolerances
-from heavebond.tuning import tune
+from heavebond.language.library import bundled
+from heavebond.language.model import loads
+from heavebond.numbers.dae import Array, Assembly
+from heavebond.numbers.simulation import Simulator, Tolerances
+from heavebond.studies.adjoint import Adjoint
+from heavebond.studies.costs import Evaluator, read_cost
+from heavebond.studies.objective import Objective, Task, ranges
+from heavebond.studies.tuning import tune
 
 TIGHT = Tolerances(1e-10, 1e-12, along=0.1)
 

@@ -12,11 +12,11 @@ import pytest
 from click.testing import CliRunner
 
 import heavebond as hb
-from heavebond.animation import animation_page, packed, save_animation
 from heavebond.cli import main
-from heavebond.film import corners, writing
-from heavebond.library import bundled
-from heavebond.motion import Motion, Moving, animate
+from heavebond.language.library import bundled
+from heavebond.pictures.animation import animation_page, packed, save_animation
+from heavebond.pictures.film import corners, writing
+from heavebond.pictures.motion import Motion, Moving, animate
 
 SWING = """
 model: swing

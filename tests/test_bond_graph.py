@@ -13,10 +13,10 @@ import pytest
 from click.testing import CliRunner
 
 import heavebond as hb
-from heavebond.bond_graph import Bond, BondGraph, Vertex, bond_graph, causal, told
-from heavebond.bond_layout import crossings, places
-from heavebond.bond_picture import draw_bond_graph
 from heavebond.cli import main
+from heavebond.pictures.bond_graph import Bond, BondGraph, Vertex, bond_graph, causal, told
+from heavebond.pictures.bond_layout import crossings, places
+from heavebond.pictures.bond_picture import draw_bond_graph
 
 MOUNT = """
 model: mount

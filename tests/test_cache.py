@@ -18,11 +18,13 @@ import numpy as np
 import pytest
 
 import heavebond as hb
-from heavebond import cache as store
-from heavebond import dae, fingerprint, instructions, keeping, packing
-from heavebond import model as diagrams
-from heavebond.errors import ModelError, StartError
-from heavebond.simulation import Simulator
+from heavebond.basis import cache as store
+from heavebond.basis.errors import ModelError, StartError
+from heavebond.language import fingerprint, keeping
+from heavebond.language import model as diagrams
+from heavebond.numbers import dae
+from heavebond.numbers.simulation import Simulator
+from heavebond.text import instructions, packing
 
 ROOT = Path(hb.__file__).parent
 SPRING = """component: MySpring
@@ -438,7 +440,7 @@ def test_expressions_with_calls_of_functions_are_not_kept() -> None:
 def test_nothing_that_could_execute_code_is_loaded() -> None:
     forbidden = {"pickle", "marshal", "shelve", "dill", "cloudpickle", "importlib"}
     for name in ("cache", "packing", "instructions", "keeping"):
-        tree = ast.parse((ROOT / f"{name}.py").read_text(encoding="utf-8"))
+        tree = ast.parse(next(ROOT.rglob(f"{name}.py")).read_text(encoding="utf-8"))
         nodes = list(ast.walk(tree))
         imported = {alias.name.split(".")[0] for node in nodes if isinstance(node, ast.Import) for alias in node.names}
         imported |= {(node.module or "").split(".")[0] for node in nodes if isinstance(node, ast.ImportFrom)}

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from heavebond.catalogue import Candidate, candidates
-from heavebond.comparison import assemble_for
-from heavebond.experiment import load_experiment
+from heavebond.evidence.catalogue import Candidate, candidates
+from heavebond.evidence.comparison import assemble_for
+from heavebond.evidence.experiment import load_experiment
 
 OWN = """
 component: SquareDrag

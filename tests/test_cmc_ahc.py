@@ -7,8 +7,8 @@ import pytest
 import reference_cmc_ahc as reference
 
 import heavebond as hb
-from heavebond.simulation import Simulator, Tolerances
-from heavebond.units import read_unit
+from heavebond.basis.units import read_unit
+from heavebond.numbers.simulation import Simulator, Tolerances
 
 CASES = {
     "cmc_ahc": reference.ACTIVE,

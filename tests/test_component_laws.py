@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from heavebond.definition import Component
-from heavebond.errors import ModelError
-from heavebond.expression import Call, Name, children
-from heavebond.laws import check
-from heavebond.library import bundled, library, parse_component
-from heavebond.power import TOLERANCE, PowerReport, check_power
-from heavebond.source import read
+from heavebond.basis.errors import ModelError
+from heavebond.language.definition import Component
+from heavebond.language.laws import check
+from heavebond.language.library import bundled, library, parse_component
+from heavebond.language.power import TOLERANCE, PowerReport, check_power
+from heavebond.text.expression import Call, Name, children
+from heavebond.text.source import read
 
 DOMAINS = library().domains
 FILES = [path for path in (*sorted(bundled("components").rglob("*.yaml")),

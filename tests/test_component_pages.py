@@ -8,9 +8,9 @@ import pytest
 from click.testing import CliRunner
 
 from heavebond.cli import main
-from heavebond.component_pages import pages
-from heavebond.expression import parse_equation, parse_formula
-from heavebond.tex import equation_tex, formula_tex, symbol_tex, text_tex
+from heavebond.reports.component_pages import pages
+from heavebond.text.expression import parse_equation, parse_formula
+from heavebond.text.tex import equation_tex, formula_tex, symbol_tex, text_tex
 
 COMMITTED = Path(__file__).parent.parent / "docs" / "components"
 MADE = pages()

@@ -13,7 +13,7 @@ import pytest
 from benchmarks.diagnosis.making import Hidden
 from benchmarks.diagnosis.rigs import RIGS
 from benchmarks.diagnosis.truths import TRUTHS
-from heavebond.diagnosis import Diagnosis, diagnose
+from heavebond.evidence.diagnosis import Diagnosis, diagnose
 
 KEYS = {"verdict", "words", "steps", "ladder", "ranking", "noise", "seconds"}
 KNOWN = {(rig, truth.name): truth for rig, truths in TRUTHS.items() for truth in truths}

@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from heavebond import cli
-from heavebond.library import bundled
+from heavebond.language.library import bundled
 
 # a spring that is to take the place of another one; %s is what the test gets wrong
 OWN = """\

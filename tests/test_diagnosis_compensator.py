@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 from benchmarks.diagnosis.compensator import CASES, LEAKAGE, made
-from heavebond.catalogue import candidates
-from heavebond.diagnosis import Diagnosis, attempt, diagnose
-from heavebond.fitting import fit
-from heavebond.rung import fitted_base, step
-from heavebond.scoring import scored
+from heavebond.evidence.catalogue import candidates
+from heavebond.evidence.diagnosis import Diagnosis, attempt, diagnose
+from heavebond.evidence.fitting import fit
+from heavebond.evidence.rung import fitted_base, step
+from heavebond.evidence.scoring import scored
 
 CYLINDER = ("ahc.cylinder",)
 

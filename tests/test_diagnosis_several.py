@@ -13,12 +13,12 @@ import pytest
 from benchmarks.diagnosis.making import Hidden
 from benchmarks.diagnosis.rigs import RIGS
 from benchmarks.diagnosis.truths import RECEIVER
-from heavebond import climbing, verdict
-from heavebond.climbing import Way, climb
-from heavebond.diagnosis import diagnose
-from heavebond.leftover import Leftover
-from heavebond.rung import Step
-from heavebond.trial import Trial
+from heavebond.evidence import climbing, verdict
+from heavebond.evidence.climbing import Way, climb
+from heavebond.evidence.diagnosis import diagnose
+from heavebond.evidence.leftover import Leftover
+from heavebond.evidence.rung import Step
+from heavebond.evidence.trial import Trial
 
 SAMPLES = 1000
 CLASSES = ("choked flow", "sensor offset", "dead band", "sensor gain")

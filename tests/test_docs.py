@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 from doc_pages import PAGES, ROOT, PageRun, alike, blocks, rewrite
 
-from heavebond.fmu_export import COMPILERS
+from heavebond.studies.fmu_export import COMPILERS
 
 LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
 HEADING = re.compile(r"^#+\s+(.*)$", re.MULTILINE)

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import heavebond as hb
-from heavebond.definition import Component
-from heavebond.library import library
-from heavebond.result import Result
+from heavebond.language.definition import Component
+from heavebond.language.library import library
+from heavebond.numbers.result import Result
 
 LIBRARY = library()
 COMPONENTS = {name: LIBRARY.component(name) for name in LIBRARY.names()}

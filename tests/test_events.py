@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 import heavebond as hb
-from heavebond.adjoint import Adjoint
-from heavebond.dae import Assembly
-from heavebond.energy import audit
-from heavebond.experiment import load_experiment
-from heavebond.expression import parse_formula
-from heavebond.fitting import fit
-from heavebond.gradient_check import check_gradients, costs_of
-from heavebond.objective import Objective, Task, ranges
-from heavebond.simulation import Simulator, Tolerances
+from heavebond.evidence.experiment import load_experiment
+from heavebond.evidence.fitting import fit
+from heavebond.numbers.dae import Assembly
+from heavebond.numbers.simulation import Simulator, Tolerances
+from heavebond.studies.adjoint import Adjoint
+from heavebond.studies.energy import audit
+from heavebond.studies.gradient_check import check_gradients, costs_of
+from heavebond.studies.objective import Objective, Task, ranges
+from heavebond.text.expression import parse_formula
 
 TIGHT = Tolerances(1e-12, 1e-14, along=1.0)
 # what is integrated to rtol 1e-8 over some hundred steps, and located as well, is right to this share

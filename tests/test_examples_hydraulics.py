@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import heavebond as hb
-from heavebond.library import bundled, library
+from heavebond.language.library import bundled, library
 
 BAR, LPM, PI = 1e5, 1e-3/60, np.pi
 TURN, RPM = 2*PI, 2*PI/60

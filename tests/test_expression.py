@@ -11,8 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import heavebond
-from heavebond.dimensions import dimension
-from heavebond.expression import (
+from heavebond.basis.units import Dimension, dimension_text, read_unit
+from heavebond.text.dimensions import dimension
+from heavebond.text.expression import (
     Binary,
     Call,
     Compare,
@@ -27,8 +28,7 @@ from heavebond.expression import (
     parse_equation,
     parse_formula,
 )
-from heavebond.symbols import uniform
-from heavebond.units import Dimension, dimension_text, read_unit
+from heavebond.text.symbols import uniform
 
 
 def shape(expr: object) -> str:

@@ -15,10 +15,10 @@ from test_tuning import ABSORBER
 
 import heavebond as hb
 from heavebond import cli
-from heavebond.gradient_check import Ran, Subject, Verdict, check_gradients, costs_of, signals_of
-from heavebond.kinks import Kinks
-from heavebond.objective import Task, ranges
-from heavebond.simulation import Simulator, Tolerances
+from heavebond.numbers.simulation import Simulator, Tolerances
+from heavebond.studies.gradient_check import Ran, Subject, Verdict, check_gradients, costs_of, signals_of
+from heavebond.studies.kinks import Kinks
+from heavebond.studies.objective import Task, ranges
 
 # A force of 10 N at most, and cut at 10 N: more amplitude is cut, a higher limit cuts nothing.
 LIMITED = """

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 import heavebond as hb
-from heavebond.flatten import flatten
-from heavebond.grounding import Circuit, circuits
+from heavebond.equations.flatten import flatten
+from heavebond.equations.grounding import Circuit, circuits
 
 HARD = Path(__file__).parent / "hard"
 

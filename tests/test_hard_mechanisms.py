@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 import heavebond as hb
-from heavebond.energy import audit
-from heavebond.result import Result
+from heavebond.numbers.result import Result
+from heavebond.studies.energy import audit
 
 Array = NDArray[np.float64]
 FOLDER = Path(__file__).parent / "hard"

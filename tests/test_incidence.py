@@ -9,8 +9,8 @@ import casadi as ca
 import pytest
 
 import heavebond as hb
-from heavebond.incidence import DEFINITE, INDEFINITE, NONLINEAR, NUMBER, PARAMETER, UNIT, classify
-from heavebond.reduce import explicit
+from heavebond.equations.reduce import explicit
+from heavebond.text.incidence import DEFINITE, INDEFINITE, NONLINEAR, NUMBER, PARAMETER, UNIT, classify
 
 x, y, p, volume = (ca.SX.sym(name) for name in ("x", "y", "p", "V"))
 

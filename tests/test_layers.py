@@ -15,10 +15,10 @@ import heavebond
 ROOT = Path(heavebond.__file__).parent
 TABLE = ROOT.parent / "docs" / "architecture.md"
 ROW = re.compile(r"^\|[^|]*\| `([\w.]+)` \|", re.MULTILINE)
-ONLY_IMPORTER = {"yaml": "source", "pint": "units"}
+ONLY_IMPORTER = {"yaml": "text.source", "pint": "basis.units"}
 # loaded inside functions only, so that `import heavebond` and `heavebond --help` stay quick
 HEAVY = {"casadi", "numpy", "scipy", "pandas", "matplotlib", "networkx", "rich", "pint"}
-QUICK = ("__init__", "cli", "terminal", "errors")
+QUICK = ("__init__", "cli", "commands.terminal", "basis.errors")
 
 
 def _name(path: Path) -> str:
@@ -42,7 +42,7 @@ def _statements(node: ast.AST, *, inside: bool) -> Iterator[ast.Import | ast.Imp
 
 
 def _imported(module: str, *, inside: bool = True) -> set[str]:
-    """Dotted names that a module imports, `heavebond.units` as well as `numpy.typing`."""
+    """Dotted names that a module imports, `heavebond.basis.units` as well as `numpy.typing`."""
     found: set[str] = set()
     for statement in _statements(ast.parse(FILES[module].read_text(encoding="utf-8")), inside=inside):
         if isinstance(statement, ast.Import):
@@ -54,7 +54,7 @@ def _imported(module: str, *, inside: bool = True) -> set[str]:
 
 
 def _own(module: str) -> set[str]:
-    """Modules of ours that a module imports: of `heavebond.units.Unit`, `units`."""
+    """Modules of ours that a module imports: of `heavebond.basis.units.Unit`, `units`."""
     found = set()
     for name in _imported(module):
         words = name.split(".")

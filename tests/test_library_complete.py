@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from heavebond.definition import Component
-from heavebond.library import bundled, example, library
-from heavebond.model import load
-from heavebond.pictograms import symbol
+from heavebond.language.definition import Component
+from heavebond.language.library import bundled, example, library
+from heavebond.language.model import load
+from heavebond.pictures.pictograms import symbol
 
 LIBRARY = library()
 COMPONENTS = {name: LIBRARY.component(name) for name in LIBRARY.names()}

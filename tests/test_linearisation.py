@@ -11,10 +11,10 @@ from test_sensitivities import LOOP
 
 import heavebond as hb
 from heavebond.cli import main
-from heavebond.dae import Assembly
-from heavebond.initialise import start
-from heavebond.linearisation import Linearisation, ModesAtStart, start_point
-from heavebond.modal import chosen_mode, modal_number, modal_slope
+from heavebond.numbers.dae import Assembly
+from heavebond.numbers.initialise import start
+from heavebond.studies.linearisation import Linearisation, ModesAtStart, start_point
+from heavebond.studies.modal import chosen_mode, modal_number, modal_slope
 
 NONE = np.zeros(0)
 OSCILLATOR = """

@@ -9,14 +9,14 @@ import pytest
 from click.testing import CliRunner
 
 import heavebond as hb
+from heavebond.basis.errors import HeavebondError, ModelError
 from heavebond.cli import main
-from heavebond.definition import Component
-from heavebond.errors import HeavebondError, ModelError
-from heavebond.laws import check
-from heavebond.library import library, parse_component
-from heavebond.lists import written_out
-from heavebond.power import check_power
-from heavebond.source import parse
+from heavebond.language.definition import Component
+from heavebond.language.laws import check
+from heavebond.language.library import library, parse_component
+from heavebond.language.lists import written_out
+from heavebond.language.power import check_power
+from heavebond.text.source import parse
 
 CHAIN = """\
 component: Chain

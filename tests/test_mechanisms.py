@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 import heavebond as hb
-from heavebond.charts import MOST, Charts, columns_of
-from heavebond.energy import audit
-from heavebond.expression import parse_formula
-from heavebond.result import Result
-from heavebond.simulation import Simulator, Tolerances
+from heavebond.numbers.charts import MOST, Charts, columns_of
+from heavebond.numbers.result import Result
+from heavebond.numbers.simulation import Simulator, Tolerances
+from heavebond.studies.energy import audit
+from heavebond.text.expression import parse_formula
 
 Array = NDArray[np.float64]
 SMALL = 1e-6

@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 
 import heavebond as hb
-from heavebond.catalogue import candidates
+from heavebond.basis.errors import ModelError
 from heavebond.cli import main
-from heavebond.errors import ModelError
-from heavebond.experiment import load_experiment
-from heavebond.library import library
-from heavebond.summary import summary
+from heavebond.evidence.catalogue import candidates
+from heavebond.evidence.experiment import load_experiment
+from heavebond.language.library import library
+from heavebond.reports.summary import summary
 
 CIRCUIT = """
 model: circuit

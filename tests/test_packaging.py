@@ -25,7 +25,8 @@ def test_nothing_lands_beside_the_package(wheel: Path) -> None:
     assert {name.split("/")[0] for name in names} == {"heavebond", wheel.name.split("-py3")[0] + ".dist-info"}
     assert "heavebond/components/domains.yaml" in names
     assert "heavebond/models/cmc_ahc/cmc_ahc.yaml" in names
-    assert {"heavebond/report.css", "heavebond/report.js", "heavebond/animation.css", "heavebond/animation.js",
+    assert {"heavebond/web/report.css", "heavebond/web/report.js",
+            "heavebond/web/animation.css", "heavebond/web/animation.js",
             "heavebond/c/fmi3.c", "heavebond/c/evaluate.c",
             "heavebond/starter/NAME.yaml", "heavebond/starter/README.md"} <= set(names)
     assert not any("__pycache__" in name for name in names)

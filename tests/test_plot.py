@@ -14,7 +14,7 @@ from matplotlib.image import imread
 from matplotlib.transforms import Bbox
 
 import heavebond as hb
-from heavebond.plot import COLOURS, DENSE, plot_comparison, plot_runs, plot_signals, save
+from heavebond.pictures.plot import COLOURS, DENSE, plot_comparison, plot_runs, plot_signals, save
 
 SLIDER = """
 model: slider

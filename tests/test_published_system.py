@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 import heavebond as hb
-from heavebond.casework import assembled, measured, tuned_by
-from heavebond.objective import Objective
-from heavebond.study import load_study
+from heavebond.studies.casework import assembled, measured, tuned_by
+from heavebond.studies.objective import Objective
+from heavebond.studies.study import load_study
 
 STUDIES = "cmc_ahc/studies/"
 PAGE = Path(__file__).parents[1] / "docs" / "published_system.md"

@@ -15,10 +15,10 @@ from click.testing import CliRunner
 
 import heavebond as hb
 from heavebond.cli import main
-from heavebond.comparison import compare
-from heavebond.experiment import Experiment, load_experiment
-from heavebond.fitting import fit
-from heavebond.records import held_out, measure, merged
+from heavebond.evidence.comparison import compare
+from heavebond.evidence.experiment import Experiment, load_experiment
+from heavebond.evidence.fitting import fit
+from heavebond.evidence.records import held_out, measure, merged
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 MODEL = """

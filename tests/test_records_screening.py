@@ -7,10 +7,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from heavebond.lateness import lateness
-from heavebond.metrics import estimate_noise
-from heavebond.records import merged
-from heavebond.screening import outliers, step_of
+from heavebond.basis.lateness import lateness
+from heavebond.basis.metrics import estimate_noise
+from heavebond.basis.screening import outliers, step_of
+from heavebond.evidence.records import merged
 
 T = np.arange(0, 60, 0.01)
 RANDOM = np.random.default_rng(3)

@@ -11,11 +11,11 @@ import pytest
 from benchmarks.diagnosis.making import Hidden
 from benchmarks.diagnosis.rigs import RIGS
 from benchmarks.diagnosis.truths import TRUTHS
-from heavebond import trial
-from heavebond.catalogue import candidates
-from heavebond.rung import fitted_base
-from heavebond.scoring import scored
-from heavebond.trial import polished, tried
+from heavebond.evidence import trial
+from heavebond.evidence.catalogue import candidates
+from heavebond.evidence.rung import fitted_base
+from heavebond.evidence.scoring import scored
+from heavebond.evidence.trial import polished, tried
 
 
 def test_an_amplitude_is_sought_beyond_what_the_tangent_tells(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

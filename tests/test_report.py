@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 from browser import Tab, browser
 
-from heavebond.diagnosis import Diagnosis, diagnose
-from heavebond.misfit import Where, where
-from heavebond.presentation import number
-from heavebond.report import report
-from heavebond.report_charts import ticks
-from heavebond.report_markup import data_block, element, escaped
-from heavebond.report_series import pack, thinned
-from heavebond.separation import Alternative, separate
+from heavebond.basis.presentation import number
+from heavebond.evidence.diagnosis import Diagnosis, diagnose
+from heavebond.evidence.misfit import Where, where
+from heavebond.evidence.separation import Alternative, separate
+from heavebond.pictures.markup import data_block, element, escaped
+from heavebond.reports.report import report
+from heavebond.reports.report_charts import ticks
+from heavebond.reports.report_series import pack, thinned
 
 HOSTILE = "<script>alert(1)</script>\"' onload=x \u2028 </title> &amp; \x00"
 OPEN = {"meta", "br"}

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import heavebond as hb
-from heavebond.objective import Case, Objective, Task, ranges
-from heavebond.robustness import Robustness, robustness, uncertainties
-from heavebond.tuning import Tuned, tune
+from heavebond.studies.objective import Case, Objective, Task, ranges
+from heavebond.studies.robustness import Robustness, robustness, uncertainties
+from heavebond.studies.tuning import Tuned, tune
 
 # m x'' + d x' + k y = F(t), T y' = x - y: unstable from k = d (1/T + d/m) on (Hurwitz).
 SERVO = """

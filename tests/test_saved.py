@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 import heavebond as hb
-from heavebond.saved import SUFFIXES, SavedRun, identifiers, write_run
+from heavebond.basis.saved import SUFFIXES, SavedRun, identifiers, write_run
 
 MODEL = """
 model: pair
@@ -82,7 +82,7 @@ def test_the_formats_are_those_of_their_own_tools(run: hb.Result, tmp_path: Path
 
 @pytest.mark.parametrize("suffix", [".csv", ".mat", ".parquet"])
 def test_a_saved_run_serves_as_a_record(run: hb.Result, suffix: str, tmp_path: Path) -> None:
-    from heavebond.measurements import read_table
+    from heavebond.basis.measurements import read_table
 
     run.save(tmp_path / f"r{suffix}")
     table = read_table(tmp_path / f"r{suffix}", beside="time" if suffix == ".mat" else None)

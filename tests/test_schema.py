@@ -11,13 +11,15 @@ import yaml
 from click.testing import CliRunner
 from doc_pages import PAGES, blocks
 
-from heavebond import effects, experiment, library, model, study
+from heavebond.analysis.schema import component_file, diagram, schema
+from heavebond.analysis.schema import experiment as experiment_file
+from heavebond.analysis.schema import study as study_file
+from heavebond.analysis.schema_values import written_units
+from heavebond.basis.units import unit
 from heavebond.cli import main
-from heavebond.schema import component_file, diagram, schema
-from heavebond.schema import experiment as experiment_file
-from heavebond.schema import study as study_file
-from heavebond.schema_values import written_units
-from heavebond.units import unit
+from heavebond.evidence import experiment
+from heavebond.language import effects, library, model
+from heavebond.studies import study
 
 jsonschema = pytest.importorskip("jsonschema", reason="jsonschema is not installed")
 ROOT = Path(__file__).parent.parent

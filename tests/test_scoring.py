@@ -7,14 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from heavebond import keeping, scoring
-from heavebond.catalogue import Candidate, candidates
-from heavebond.dae import Array, assemble
-from heavebond.experiment import load_experiment
-from heavebond.model import load
-from heavebond.residuals import Residuals
-from heavebond.scoring import Base, scored, searched
-from heavebond.simulation import Tolerances
+from heavebond.evidence import scoring
+from heavebond.evidence.catalogue import Candidate, candidates
+from heavebond.evidence.experiment import load_experiment
+from heavebond.evidence.residuals import Residuals
+from heavebond.evidence.scoring import Base, scored, searched
+from heavebond.language import keeping
+from heavebond.language.model import load
+from heavebond.numbers.dae import Array, assemble
+from heavebond.numbers.simulation import Tolerances
 
 EFFECT = "PneumaticValve in inlet (b_cr)"
 OTHERS = ("PneumaticLine between receiver and inlet.b", "SensorGain in the channel receiver.p")

@@ -9,16 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from heavebond.comparison import assemble_for
-from heavebond.dae import Array
-from heavebond.diagnosis import diagnose
-from heavebond.experiment import Experiment, load_experiment
-from heavebond.fitting import fit
-from heavebond.proposals import Limits, Recorded, family
-from heavebond.rivals import Alternative
-from heavebond.separation import Separation, separate
-from heavebond.simulation import Simulator
-from heavebond.writing import write_proposal
+from heavebond.evidence.comparison import assemble_for
+from heavebond.evidence.diagnosis import diagnose
+from heavebond.evidence.experiment import Experiment, load_experiment
+from heavebond.evidence.fitting import fit
+from heavebond.evidence.proposals import Limits, Recorded, family
+from heavebond.evidence.rivals import Alternative
+from heavebond.evidence.separation import Separation, separate
+from heavebond.evidence.writing import write_proposal
+from heavebond.numbers.dae import Array
+from heavebond.numbers.simulation import Simulator
 
 NOISE = 2e-3  # m
 MACHINE = """

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from heavebond.errors import DataError, UsageError
-from heavebond.signals import Pieces, align, evaluate, pieces
+from heavebond.basis.errors import DataError, UsageError
+from heavebond.basis.signals import Pieces, align, evaluate, pieces
 
 KINDS = ("spline", "linear", "hold")
 

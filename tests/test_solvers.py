@@ -12,7 +12,7 @@ from click.testing import CliRunner
 
 import heavebond as hb
 from heavebond import cli
-from heavebond.model import SOLVERS
+from heavebond.language.model import SOLVERS
 
 MODELS = Path(__file__).parents[1] / "models"
 # Diagrams whose friction turns over within a fraction of a mm/s: a difference of 1e-8 moves the instant at which the load
@@ -180,8 +180,8 @@ def test_sensitivities_go_through_events_with_cvodes(tmp_path: Path) -> None:
 
 
 def test_a_run_backwards_asks_for_idas() -> None:
-    from heavebond.adjoint import Adjoint
-    from heavebond.costs import Evaluator, read_cost
+    from heavebond.studies.adjoint import Adjoint
+    from heavebond.studies.costs import Evaluator, read_cost
 
     assembly, study = hb.assemble(hb.load("cmc_ahc")), hb.load_study("cmc_ahc/quality_index")
     evaluator = Evaluator(assembly, [read_cost(assembly, study.tuning.cost)], 72.0, 96.0)
@@ -255,7 +255,7 @@ def test_a_compiler_that_fails_and_what_it_leaves(monkeypatch: pytest.MonkeyPatc
     model = hb.load("quarter_car")
     assert hb.simulate(model, 0.1, solver="rosenbrock").time[-1] == 0.1
     assert list(tmp_path.iterdir()) == []
-    monkeypatch.setattr("heavebond.solvers.compiler", lambda: "false")
+    monkeypatch.setattr("heavebond.numbers.solvers.compiler", lambda: "false")
     with pytest.raises(hb.UsageError, match="false could not compile the equations"):
         hb.simulate(model, 0.1, solver="rosenbrock")
     assert list(tmp_path.iterdir()) == []

@@ -15,12 +15,12 @@ import pytest
 from scipy.optimize import minimize_scalar
 
 import heavebond as hb
-from heavebond import campaign
-from heavebond.calibration import Point, at_point
-from heavebond.casework import Outcome, assembled
 from heavebond.cli import main
-from heavebond.objective import Objective
-from heavebond.sampled import sampled_value
+from heavebond.studies import campaign
+from heavebond.studies.calibration import Point, at_point
+from heavebond.studies.casework import Outcome, assembled
+from heavebond.studies.objective import Objective
+from heavebond.studies.sampled import sampled_value
 
 ISOLATOR = """model: isolator
 parameters: {f: 2 Hz, a: 10 mm}

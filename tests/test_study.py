@@ -10,7 +10,7 @@ from test_tuning import ABSORBER
 
 import heavebond as hb
 from heavebond.cli import main
-from heavebond.study import load_study
+from heavebond.studies.study import load_study
 
 STUDY = """study: soft landing
 model: absorber.yaml

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 import heavebond as hb
-from heavebond.initialise import start
-from heavebond.summary import Summary, summary
+from heavebond.numbers.initialise import start
+from heavebond.reports.summary import Summary, summary
 
 SLIDER = """
 model: slider

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import heavebond as hb
-from heavebond.costs import read_cost
-from heavebond.dae import Assembly
-from heavebond.objective import Case, Objective, Task, ranges
-from heavebond.search import search
-from heavebond.study import load_study
-from heavebond.tuning import Tuned, sweep, tune
+from heavebond.numbers.dae import Assembly
+from heavebond.studies.costs import read_cost
+from heavebond.studies.objective import Case, Objective, Task, ranges
+from heavebond.studies.search import search
+from heavebond.studies.study import load_study
+from heavebond.studies.tuning import Tuned, sweep, tune
 
 ABSORBER = """
 model: absorber

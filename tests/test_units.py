@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from heavebond.units import (
+from heavebond.basis.units import (
     DIMENSIONLESS,
     ONE,
     UnitProblem,

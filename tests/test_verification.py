@@ -10,7 +10,7 @@ import pytest
 
 import heavebond as hb
 from heavebond.cli import main
-from heavebond.verification import ALLOWED, verify
+from heavebond.studies.verification import ALLOWED, verify
 
 BLOCK = """
 model: block

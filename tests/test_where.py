@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from heavebond.basis.errors import UsageError
 from heavebond.cli import main
-from heavebond.comparison import compare_record
-from heavebond.curves import Samples, Variable, best_curve
-from heavebond.dae import assemble
-from heavebond.deviation import Beside, known_of, with_values
-from heavebond.errors import UsageError
-from heavebond.experiment import Experiment, load_experiment
-from heavebond.misfit import Where, where
-from heavebond.model import load, loads
-from heavebond.places import nodes_of, places_of
-from heavebond.smoother import Unknown
+from heavebond.evidence.comparison import compare_record
+from heavebond.evidence.curves import Samples, Variable, best_curve
+from heavebond.evidence.deviation import Beside, known_of, with_values
+from heavebond.evidence.experiment import Experiment, load_experiment
+from heavebond.evidence.misfit import Where, where
+from heavebond.evidence.places import nodes_of, places_of
+from heavebond.evidence.smoother import Unknown
+from heavebond.language.model import load, loads
+from heavebond.numbers.dae import assemble
 
 COMPONENT = """\
 component: Missing

@@ -9,11 +9,11 @@ import time as clock
 import numpy as np
 import pytest
 
-from heavebond.catalogue import Candidate, candidates
-from heavebond.experiment import load_experiment
-from heavebond.rung import fitted_base, step
-from heavebond.scoring import Base
-from heavebond.workers import Workers
+from heavebond.evidence.catalogue import Candidate, candidates
+from heavebond.evidence.experiment import load_experiment
+from heavebond.evidence.rung import fitted_base, step
+from heavebond.evidence.scoring import Base
+from heavebond.evidence.workers import Workers
 
 CHOSEN = ("PneumaticValve in inlet (b_cr)", "SensorGain in the channel receiver.p", "DeadBand before inlet.u")
 

@@ -21,10 +21,10 @@ import numpy as np
 import pytest
 
 import heavebond as hb
-from heavebond.errors import HeavebondError
-from heavebond.expression import constant
-from heavebond.initialise import start
-from heavebond.inputs import pieced
+from heavebond.basis.errors import HeavebondError
+from heavebond.numbers.initialise import start
+from heavebond.numbers.inputs import pieced
+from heavebond.text.expression import constant
 
 WRONG = Path(__file__).parent / "wrong"
 WRITTEN = {path.stem: path for path in [*sorted(WRONG.glob("*.yaml")), *sorted(WRONG.glob("*/*.yaml"))]

@@ -29,11 +29,11 @@ from benchmarks.diagnosis.making import TIGHT, generator
 from benchmarks.diagnosis.making import Case as Judged
 from benchmarks.diagnosis.rigs import HERE, Rig, sea
 from benchmarks.diagnosis.truths import Truth
-from heavebond.diagnosis import Diagnosis
-from heavebond.errors import listing
-from heavebond.experiment import Experiment
-from heavebond.misfit import where
-from heavebond.report import report as page
+from heavebond.basis.errors import listing
+from heavebond.evidence.diagnosis import Diagnosis
+from heavebond.evidence.experiment import Experiment
+from heavebond.evidence.misfit import where
+from heavebond.reports.report import report as page
 
 STUDY = "compensator"
 SEAS = {"train": (11, 11.0), "validate": (29, 9.5)}  # seed, and peak period in s

@@ -1,7 +1,7 @@
 """How large an effect must be to be seen and to be named: `python -m benchmarks.diagnosis.detectability`.
 
 With s_o the direction in which an amplitude moves the channels over their noise, as far as no free parameter does (see
-`heavebond.scoring`), z is normal with mean a |s_o| and variance 1. An effect is *seen* nine times in ten where a |s_o| is
+`evidence.scoring`), z is normal with mean a |s_o| and variance 1. An effect is *seen* nine times in ten where a |s_o| is
 1.28 above the largest of the scores that chance exceeds once in a hundred tries. It is *named* nine times in ten where the
 best rival of another class or place, at the cosine c to its direction, leaves more than `indistinct` on both records, by
 1.28 standard deviations. It is expected to leave D = (a |s_o|)**2 (1 - c**2) (n + n') / n more, and sqrt(D) scatters by 1:
@@ -28,11 +28,11 @@ from benchmarks.diagnosis.judging import told
 from benchmarks.diagnosis.making import Hidden
 from benchmarks.diagnosis.rigs import RIGS, Rig
 from benchmarks.diagnosis.truths import Truth
-from heavebond.catalogue import candidates
-from heavebond.dae import Array
-from heavebond.leftover import DRAWS, LEVELS
-from heavebond.rung import RIVALS, UNKNOWN, fitted_base
-from heavebond.scoring import Score, scored
+from heavebond.evidence.catalogue import candidates
+from heavebond.evidence.leftover import DRAWS, LEVELS
+from heavebond.evidence.rung import RIVALS, UNKNOWN, fitted_base
+from heavebond.evidence.scoring import Score, scored
+from heavebond.numbers.dae import Array
 
 STUDY, CHECKS = "detectability", "detectability_checks"
 MARGIN = 1.2816  # nine in ten
@@ -64,7 +64,7 @@ def predicted(rig: Rig) -> list[dict[str, object]]:
 
 
 def limit(n: int) -> float:
-    """What `heavebond.rung.indistinct` is expected to ask where the truth is among the candidates, both records having n
+    """What `evidence.rung.indistinct` is expected to ask where the truth is among the candidates, both records having n
     samples: a normal number is 0.4 on average where it is positive, and 0 where not."""
     return float(10 + 0.003 * 2 * n + RIVALS * 2 * np.sqrt(2 * n) / np.sqrt(2 * np.pi))
 

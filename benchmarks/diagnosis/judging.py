@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from benchmarks.diagnosis.making import Case
 from benchmarks.diagnosis.rigs import Rig
-from heavebond.catalogue import Candidate
-from heavebond.diagnosis import Diagnosis
-from heavebond.rung import merit
+from heavebond.evidence.catalogue import Candidate
+from heavebond.evidence.diagnosis import Diagnosis
+from heavebond.evidence.rung import merit
 
 SEEN = 3.0  # chi-square per sample above noise from which an effect must be named
 

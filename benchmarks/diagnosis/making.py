@@ -12,14 +12,14 @@ import pandas as pd
 
 from benchmarks.diagnosis.rigs import TRAIN, VALIDATE, Rig
 from benchmarks.diagnosis.truths import Draw, Truth
-from heavebond.catalogue import Candidate, candidates
-from heavebond.change import Change
-from heavebond.dae import Array
-from heavebond.errors import HeavebondError
-from heavebond.experiment import Experiment
-from heavebond.residuals import Run
-from heavebond.scoring import Base
-from heavebond.simulation import Tolerances
+from heavebond.basis.errors import HeavebondError
+from heavebond.evidence.catalogue import Candidate, candidates
+from heavebond.evidence.change import Change
+from heavebond.evidence.experiment import Experiment
+from heavebond.evidence.residuals import Run
+from heavebond.evidence.scoring import Base
+from heavebond.numbers.dae import Array
+from heavebond.numbers.simulation import Tolerances
 
 TIGHT, QUICK = Tolerances(1e-10, 1e-12), Tolerances(1e-7, 1e-9)
 FINE = 4  # the hidden machine is driven by so many times more samples than are measured
@@ -156,7 +156,7 @@ class Hidden:
 
     def reference(self) -> tuple[Array, Base]:
         """The channels (channels, N) of the base machine with the drawn values, and its derivatives there."""
-        from heavebond.residuals import Residuals
+        from heavebond.evidence.residuals import Residuals
 
         model = self.base.model.with_parameters(self.values)
         problem = Residuals(replace(self.plain, model=model), tolerances=QUICK)

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 import heavebond as hb
-from heavebond.dae import Array
-from heavebond.experiment import Experiment
+from heavebond.evidence.experiment import Experiment
+from heavebond.numbers.dae import Array
 
 HERE = Path(__file__).parent
 Signal = Callable[[Array], Array]

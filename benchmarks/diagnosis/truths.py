@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from heavebond.change import Change, Part
-from heavebond.dae import Array
+from heavebond.evidence.change import Change, Part
+from heavebond.numbers.dae import Array
 
 Draw = Mapping[str, float]
 Path = Callable[[float, Draw], Mapping[str, float]]

@@ -14,7 +14,7 @@ import heavebond
 from benchmarks.fuzz.campaign import Judge, patiently, smallest
 from benchmarks.fuzz.diagrams import diagram
 from benchmarks.fuzz.judging import FAULTS, judge
-from heavebond.library import bundled
+from heavebond.language.library import bundled
 
 HERE = Path(__file__).parent
 WARM = 20  # diagrams judged before the first process is copied

@@ -14,9 +14,9 @@ from functools import cache
 from pathlib import Path
 from random import Random
 
-from heavebond.definition import Component, Parameter
-from heavebond.expression import Binary, Expr, Name
-from heavebond.library import library
+from heavebond.language.definition import Component, Parameter
+from heavebond.language.library import library
+from heavebond.text.expression import Binary, Expr, Name
 
 DOMAINS = ("translational", "rotational", "hydraulic", "pneumatic", "thermal", "electrical", "bond")
 # components of a folder of their own: a block of parts, things that switch

@@ -7,23 +7,23 @@ import tempfile
 from pathlib import Path
 
 import heavebond as hb
-from heavebond import plot, plot_energy, plot_linear
-from heavebond.animation import save_animation
-from heavebond.bond_picture import draw_bond_graph
-from heavebond.energy_flow import energy_flow
-from heavebond.model import find
-from heavebond.motion import animate
-from heavebond.objective import Objective
-from heavebond.painting import paint
-from heavebond.plot_spectra import plot_spectra
-from heavebond.plot_study import plot_study
-from heavebond.plot_where import plot_place
-from heavebond.spectra import Swinging, evenly
-from heavebond.starter_folder import start_folder
-from heavebond.study import load_study
-from heavebond.sweep import Sweep, read_over, study_text
-from heavebond.tuning import sweep, tune
-from heavebond.units import parse_range
+from heavebond.analysis.energy_flow import energy_flow
+from heavebond.analysis.starter_folder import start_folder
+from heavebond.basis.spectra import Swinging, evenly
+from heavebond.basis.units import parse_range
+from heavebond.language.model import find
+from heavebond.pictures import plot, plot_energy, plot_linear
+from heavebond.pictures.animation import save_animation
+from heavebond.pictures.bond_picture import draw_bond_graph
+from heavebond.pictures.motion import animate
+from heavebond.pictures.painting import paint
+from heavebond.pictures.plot_spectra import plot_spectra
+from heavebond.pictures.plot_study import plot_study
+from heavebond.pictures.plot_where import plot_place
+from heavebond.studies.objective import Objective
+from heavebond.studies.study import load_study
+from heavebond.studies.sweep import Sweep, read_over, study_text
+from heavebond.studies.tuning import sweep, tune
 
 # what `heavebond diagnose` writes for the rig of the first page
 FOUND = {

@@ -11,9 +11,10 @@ from pathlib import Path
 
 HERE = Path(__file__).parent
 ROW = re.compile(r"^\| ([a-z]*) ?\| `([\w.]+)` \|", re.MULTILINE)
-SAYS = {"surface": "what a user types and sees", "evidence": "models beside records", "studies": "many runs of one model",
+SAYS = {"commands": "what a user types", "reports": "pages and summaries", "pictures": "plots and drawings",
+        "analysis": "a machine looked at", "evidence": "models beside records", "studies": "many runs of one model",
         "numbers": "from equations to runs", "equations": "from a diagram to a reduced system",
-        "meaning": "what files say", "text": "from characters to trees", "words": "what all of them need"}
+        "language": "what files say", "text": "from characters to trees", "basis": "what all of them need"}
 COLOURS = ("#fff0e6", "#ffe8cc", "#fff3bf", "#e9fac8", "#d3f9d8", "#c5f6fa", "#d0ebff", "#e5dbff")
 WIDTH, LEFT, LINE, CHARACTER = 1000, 190, 19, 7.25
 FONT = "font-family='DejaVu Sans Mono, Menlo, Consolas, monospace' font-size='12'"
@@ -31,7 +32,7 @@ def picture(table: str) -> str:
     """One band for each layer with the names of its modules, as SVG."""
     parts, y = [], 10
     for k, (layer, modules) in enumerate(layers(table).items()):
-        lines = _lines(modules)
+        lines = _lines([module.rpartition(".")[2] for module in modules])
         height = max(2, len(lines)) * LINE + 16
         parts.append(f"<rect x='30' y='{y}' width='{WIDTH - 40}' height='{height}' rx='6' stroke='#868e96' "
                      f"fill='{COLOURS[k % len(COLOURS)]}'/>")

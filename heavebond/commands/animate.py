@@ -28,9 +28,10 @@ def animate(model: str, output: Path | None, signals: tuple[str, ...], until: st
     What is seen is said under `view:` in the diagram. A page needs no network: it plays, stops, goes to any instant, slower
     or faster.
     """
-    from heavebond import motion, terminal
-    from heavebond.animation import SUFFIXES, save_animation
-    from heavebond.model import load
+    from heavebond.commands import terminal
+    from heavebond.language.model import load
+    from heavebond.pictures import motion
+    from heavebond.pictures.animation import SUFFIXES, save_animation
 
     path = output or Path(f"{Path(model).stem}.html")
     check_writable(path, SUFFIXES)

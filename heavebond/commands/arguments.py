@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from heavebond.errors import HeavebondError, Problem, Problems, UsageError, suggest
+from heavebond.basis.errors import HeavebondError, Problem, Problems, UsageError, suggest
 
 if TYPE_CHECKING:
-    from heavebond.dae import Assembly
-    from heavebond.expression import Expr
-    from heavebond.model import Model
+    from heavebond.language.model import Model
+    from heavebond.numbers.dae import Assembly
+    from heavebond.text.expression import Expr
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -118,7 +118,7 @@ def _about(problem: Problem, settings: Iterable[str]) -> Problem:
 
 def read_signals(option: str, texts: Sequence[str]) -> dict[str, Expr]:
     """The signals of an option as formulas; UsageError where one cannot be read."""
-    from heavebond.expression import ExpressionProblem, parse_formula
+    from heavebond.text.expression import ExpressionProblem, parse_formula
 
     found, problems = {}, Problems()
     for text in texts:
@@ -132,7 +132,7 @@ def read_signals(option: str, texts: Sequence[str]) -> dict[str, Expr]:
 
 def check_signals(assembly: Assembly, option: str, formulas: dict[str, Expr]) -> None:
     """UsageError for what the diagram does not have; found here and not after the integration."""
-    from heavebond.expression import ExpressionProblem
+    from heavebond.text.expression import ExpressionProblem
 
     problems, shown = Problems(), assembly.model.show
     for text, formula in formulas.items():
@@ -148,8 +148,8 @@ def check_signals(assembly: Assembly, option: str, formulas: dict[str, Expr]) ->
 
 def assembled(model: Model, option: str, formulas: dict[str, Expr]) -> Assembly:
     """The diagram with the positions that only signals of an option ask for; UsageError for a signal that is not there."""
-    from heavebond.dae import assemble
-    from heavebond.expression import names
+    from heavebond.numbers.dae import assemble
+    from heavebond.text.expression import names
 
     assembly = assemble(model, {name.text for formula in formulas.values() for name in names(formula)})
     check_signals(assembly, option, formulas)
@@ -159,7 +159,7 @@ def assembled(model: Model, option: str, formulas: dict[str, Expr]) -> Assembly:
 def check_picture(path: Path | None) -> None:
     """UsageError where no picture can be written to `path`."""
     if path is not None:
-        from heavebond.plot import SUFFIXES
+        from heavebond.pictures.plot import SUFFIXES
 
         check_writable(path, SUFFIXES)
 

@@ -19,10 +19,10 @@ def cache(empty: bool, off: bool, on: bool) -> dict[str, object]:
     The environment variable HEAVEBOND_CACHE names another folder, or is `off` for nothing to be kept; HEAVEBOND_CACHE_LIMIT
     is the room that may be taken, in MB.
     """
-    from heavebond.cache import FOLDER, LIMIT, MB, the_cache
-    from heavebond.errors import Problem, UsageError
-    from heavebond.presentation import count
-    from heavebond.terminal import output
+    from heavebond.basis.cache import FOLDER, LIMIT, MB, the_cache
+    from heavebond.basis.errors import Problem, UsageError
+    from heavebond.basis.presentation import count
+    from heavebond.commands.terminal import output
 
     if on and off:
         raise UsageError([Problem("cache-on-off", "--on and --off contradict each other", None, "Give one of them.")])

@@ -9,8 +9,8 @@ import click
 from heavebond.commands.arguments import blamed_on_settings, json_option, set_option, with_settings
 
 if TYPE_CHECKING:
-    from heavebond.dae import Assembly
-    from heavebond.initialise import Start
+    from heavebond.numbers.dae import Assembly
+    from heavebond.numbers.initialise import Start
 
 
 @click.command(short_help="Check a diagram; tell its states, loops, index and start.")
@@ -23,11 +23,11 @@ def check(model: str, listed: bool, settings: tuple[str, ...]) -> dict[str, obje
 
     MODEL is a YAML file or the name of a bundled diagram (cmc_ahc, cmc_ahc/passive).
     """
-    from heavebond.dae import assemble
-    from heavebond.errors import StartError
-    from heavebond.model import load
-    from heavebond.summary import summary
-    from heavebond.terminal import output, working
+    from heavebond.basis.errors import StartError
+    from heavebond.commands.terminal import output, working
+    from heavebond.language.model import load
+    from heavebond.numbers.dae import assemble
+    from heavebond.reports.summary import summary
 
     with blamed_on_settings(settings):
         with working("assembling"):
@@ -52,8 +52,8 @@ def check(model: str, listed: bool, settings: tuple[str, ...]) -> dict[str, obje
 
 def _names(assembly: Assembly) -> object:
     """Variables, then parameters with their values: what formulas, --plot and --set understand."""
-    from heavebond.presentation import readable
-    from heavebond.terminal import table
+    from heavebond.basis.presentation import readable
+    from heavebond.commands.terminal import table
 
     flat = assembly.flat
     rows = [(name, flat.unknowns[j].unit.text, "", flat.unknowns[j].doc) for name, j in flat.names.items()]
@@ -63,9 +63,9 @@ def _names(assembly: Assembly) -> object:
 
 
 def _start(assembly: Assembly) -> Start:
-    from heavebond.initialise import start
-    from heavebond.inputs import pieced
-    from heavebond.simulation import grid
+    from heavebond.numbers.initialise import start
+    from heavebond.numbers.inputs import pieced
+    from heavebond.numbers.simulation import grid
 
     if not assembly.flat.inputs:
         return start(assembly)

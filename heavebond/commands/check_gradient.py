@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from heavebond.basis.errors import Problem, UsageError
 from heavebond.commands.arguments import (
     assembled,
     blamed_on_settings,
@@ -17,12 +18,11 @@ from heavebond.commands.arguments import (
     to_option,
     with_settings,
 )
-from heavebond.errors import Problem, UsageError
 
 if TYPE_CHECKING:
-    from heavebond.gradient_check import Subject, Verdict
-    from heavebond.simulation import Tolerances
-    from heavebond.study import Study
+    from heavebond.numbers.simulation import Tolerances
+    from heavebond.studies.gradient_check import Subject, Verdict
+    from heavebond.studies.study import Study
 
 HEAD = ("of", "to", "error", "at tight rtol", "step", "verdict")
 WORDS = {"agrees": "agrees", "tolerance": "tolerance too loose", "kink": "kink", "disagrees": "DISAGREES",
@@ -46,9 +46,9 @@ def check_gradient(file: str, of: tuple[str, ...], to: tuple[str, ...], settings
     FILE is a diagram, or a tuning study, whose cost and limits are checked unless signals are named. Where they differ,
     the reason is told: tolerances that are too loose, a law with a kink between the runs, or a mistake.
     """
-    from heavebond import terminal
-    from heavebond.gradient_check import check_gradients
-    from heavebond.simulation import Tolerances
+    from heavebond.commands import terminal
+    from heavebond.numbers.simulation import Tolerances
+    from heavebond.studies.gradient_check import check_gradients
 
     study = _study(file)
     tolerances = Tolerances(rtol, rtol / 100) if rtol else None
@@ -68,17 +68,17 @@ def check_gradient(file: str, of: tuple[str, ...], to: tuple[str, ...], settings
 
 
 def _study(file: str) -> Study | None:
-    from heavebond.model import find
-    from heavebond.source import read
-    from heavebond.study import load_study
+    from heavebond.language.model import find
+    from heavebond.studies.study import load_study
+    from heavebond.text.source import read
 
     return load_study(file) if "study" in read(find(file, "diagram or study")).root.items else None
 
 
 def _subject(file: str, study: Study | None, of: tuple[str, ...], settings: tuple[str, ...], until: str | None,
              tolerances: Tolerances | None, backwards: bool) -> Subject:
-    from heavebond.gradient_check import costs_of, signals_of
-    from heavebond.model import load
+    from heavebond.language.model import load
+    from heavebond.studies.gradient_check import costs_of, signals_of
 
     if not of and study is None:
         raise UsageError([Problem("nothing-to-check", "no signal is named", None, "Add --of crown.x.")])
@@ -93,7 +93,7 @@ def _subject(file: str, study: Study | None, of: tuple[str, ...], settings: tupl
 
 
 def _table(subject: Subject, verdicts: list[Verdict]) -> object:
-    from heavebond import terminal
+    from heavebond.commands import terminal
 
     rows = []
     for verdict in verdicts:

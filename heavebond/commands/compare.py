@@ -18,8 +18,8 @@ from heavebond.commands.arguments import (
 )
 
 if TYPE_CHECKING:
-    from heavebond.comparison import Channel, Comparison
-    from heavebond.experiment import Experiment
+    from heavebond.evidence.comparison import Channel, Comparison
+    from heavebond.evidence.experiment import Experiment
 
 HEAD = ("record", "channel", "rms error", "fit", "bias", "noise", "error/noise")
 
@@ -34,10 +34,10 @@ def compare(experiment: str, settings: tuple[str, ...], output: Path | None) -> 
 
     EXPERIMENT is a YAML file or a bundled one (passive_rig/friction).
     """
-    from heavebond import terminal
-    from heavebond.comparison import compare as compared
-    from heavebond.experiment import load_experiment
-    from heavebond.presentation import number
+    from heavebond.basis.presentation import number
+    from heavebond.commands import terminal
+    from heavebond.evidence.comparison import compare as compared
+    from heavebond.evidence.experiment import load_experiment
 
     check_picture(output)
     with blamed_on_settings(settings), terminal.working("simulating the records"):
@@ -51,7 +51,7 @@ def compare(experiment: str, settings: tuple[str, ...], output: Path | None) -> 
         console.print(line)
     files = []
     if output is not None:
-        from heavebond.plot import plot_comparison, save
+        from heavebond.pictures.plot import plot_comparison, save
 
         files.append(save(plot_comparison(comparison), output))
         console.print(f"wrote {output}", soft_wrap=True)
@@ -60,7 +60,7 @@ def compare(experiment: str, settings: tuple[str, ...], output: Path | None) -> 
 
 def noticed(comparison: Comparison, width: int) -> list[str]:
     """The notes on all records as lines of a terminal."""
-    from heavebond.presentation import columns
+    from heavebond.basis.presentation import columns
 
     rows = [(name if k == 0 else "", note) for name, record in comparison.records.items()
             for k, note in enumerate(record.notes)]
@@ -76,7 +76,7 @@ def _with_settings(experiment: Experiment, settings: tuple[str, ...]) -> Experim
 
 
 def _table(comparison: Comparison) -> object:
-    from heavebond import terminal
+    from heavebond.commands import terminal
 
     rows = [(part.name if k == 0 else "", *_row(channel)) for part in comparison.parts
             for k, channel in enumerate(part.channels.values())]
@@ -84,7 +84,7 @@ def _table(comparison: Comparison) -> object:
 
 
 def _row(channel: Channel) -> tuple[str, ...]:
-    from heavebond.presentation import number, readable
+    from heavebond.basis.presentation import number, readable
 
     unit = channel.unit
     return (channel.name, readable(channel.error, unit, 3), f"{channel.fit:.3g} %",

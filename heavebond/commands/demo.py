@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 
 import click
 
+from heavebond.basis.errors import Problem, UsageError
 from heavebond.commands.arguments import check_writable, json_option
-from heavebond.errors import Problem, UsageError
 
 if TYPE_CHECKING:
-    from heavebond.dae import Array
-    from heavebond.result import Result
+    from heavebond.numbers.dae import Array
+    from heavebond.numbers.result import Result
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ def demo(output: Path) -> dict[str, object]:
     Evaluated are the last two periods of the regular wave and the last half of the irregular sea: the largest
     deviation of the weight on bit (WOB) from its value at rest, the largest motion of the crown block, and so on.
     """
-    from heavebond import terminal
+    from heavebond.commands import terminal
 
     _make(output)
     runs: dict[str, dict[str, float]] = {}
@@ -86,7 +86,7 @@ def demo(output: Path) -> dict[str, object]:
             runs[f"{sea.title}, {mode}"] = evaluated(results[mode], sea)
         pictures.append(_picture(sea, results, output))
     console = terminal.output()
-    from heavebond.presentation import number
+    from heavebond.basis.presentation import number
 
     console.print(terminal.table(
         "Crown-mounted compensator", ("", "unit", *(label.replace(" sea, ", "\n") for label in runs)),
@@ -107,8 +107,8 @@ def _make(folder: Path) -> None:
 
 
 def _run(name: str) -> Result:
-    from heavebond.model import load
-    from heavebond.simulation import simulate
+    from heavebond.language.model import load
+    from heavebond.numbers.simulation import simulate
 
     return simulate(load(name))
 
@@ -126,7 +126,7 @@ def _from(when: Callable[[float, dict[str, float]], float], result: Result) -> f
 
 
 def _picture(sea: Sea, results: dict[str, Result], folder: Path) -> Path:
-    from heavebond.plot import plot_runs, save
+    from heavebond.pictures.plot import plot_runs, save
 
     first = next(iter(results.values()))
     end = float(first.time[-1])

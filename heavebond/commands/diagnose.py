@@ -10,11 +10,11 @@ import click
 from heavebond.commands.arguments import check_writable, json_option
 
 if TYPE_CHECKING:
-    from heavebond.diagnosis import Diagnosis
-    from heavebond.experiment import Experiment
-    from heavebond.finding import Finding
-    from heavebond.misfit import Where
-    from heavebond.rung import Step
+    from heavebond.evidence.diagnosis import Diagnosis
+    from heavebond.evidence.experiment import Experiment
+    from heavebond.evidence.finding import Finding
+    from heavebond.evidence.misfit import Where
+    from heavebond.evidence.rung import Step
 
 RANKED = 12  # candidates that are shown
 
@@ -39,11 +39,11 @@ def diagnose(experiment: str, auto: bool, classes: tuple[str, ...], seconds: flo
     (NAME_report.html). Figures count on records that were not fitted; where there are none, on stretches that are held
     out. Ctrl-C ends the search with what was found so far.
     """
-    from heavebond import terminal
-    from heavebond.diagnosis import diagnose as diagnosed
-    from heavebond.experiment import load_experiment
-    from heavebond.report import report
-    from heavebond.writing import Targets, write_findings, write_proposal
+    from heavebond.commands import terminal
+    from heavebond.evidence.diagnosis import diagnose as diagnosed
+    from heavebond.evidence.experiment import load_experiment
+    from heavebond.evidence.writing import Targets, write_findings, write_proposal
+    from heavebond.reports.report import report
 
     given = load_experiment(experiment)
     check_classes(given, classes)
@@ -69,9 +69,9 @@ def diagnose(experiment: str, auto: bool, classes: tuple[str, ...], seconds: flo
 
 def _where(found: Diagnosis) -> Where | None:
     """What the places of the first diagram ask for; None where that cannot be told, or the user ends it."""
-    from heavebond import terminal
-    from heavebond.errors import HeavebondError
-    from heavebond.misfit import where
+    from heavebond.basis.errors import HeavebondError
+    from heavebond.commands import terminal
+    from heavebond.evidence.misfit import where
 
     try:
         with terminal.working("looking where it fails"):
@@ -82,8 +82,8 @@ def _where(found: Diagnosis) -> Where | None:
 
 def check_classes(experiment: Experiment, classes: tuple[str, ...]) -> None:
     """UsageError for a class that the catalogue does not have for this diagram."""
-    from heavebond.catalogue import candidates
-    from heavebond.errors import Problem, UsageError, listing, suggest
+    from heavebond.basis.errors import Problem, UsageError, listing, suggest
+    from heavebond.evidence.catalogue import candidates
 
     known = sorted({c.kind for c in candidates(experiment)}) if classes else []
     for name in classes:
@@ -93,8 +93,7 @@ def check_classes(experiment: Experiment, classes: tuple[str, ...]) -> None:
 
 
 def _show(found: Diagnosis) -> None:
-    from heavebond import terminal
-    from heavebond.commands import fit
+    from heavebond.commands import fit, terminal
     from heavebond.commands.ladder import table
 
     console = terminal.output()
@@ -111,9 +110,9 @@ def _show(found: Diagnosis) -> None:
 
 
 def _ranking(step: Step, which: str) -> object:
-    from heavebond import terminal
+    from heavebond.basis.presentation import count, number
+    from heavebond.commands import terminal
     from heavebond.commands.candidates import typed
-    from heavebond.presentation import count, number
 
     cluster = {t.candidate.label for t in step.cluster}
     rows = [("*" if t.candidate.label in cluster else "", t.candidate.kind, typed(t.candidate), t.candidate.place,
@@ -127,9 +126,9 @@ def _ranking(step: Step, which: str) -> object:
 
 def parameters(finding: Finding) -> object:
     """The numbers of an effect with their intervals, as a table."""
-    from heavebond import terminal
-    from heavebond.presentation import number, readable_unit
-    from heavebond.units import read_unit
+    from heavebond.basis.presentation import number, readable_unit
+    from heavebond.basis.units import read_unit
+    from heavebond.commands import terminal
 
     rows = []
     for p in finding.parameters:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from heavebond.basis.errors import Problem, UsageError
 from heavebond.commands.arguments import (
     blamed_on_settings,
     check_writable,
@@ -13,7 +14,6 @@ from heavebond.commands.arguments import (
     set_option,
     with_settings,
 )
-from heavebond.errors import Problem, UsageError
 
 
 @click.command(short_help="Draw a diagram with symbols, wires and names.")
@@ -41,9 +41,9 @@ def draw(model: str, output: Path | None, opened: tuple[str, ...], open_all: boo
     MODEL is a YAML file or the name of a bundled diagram (cmc_ahc, cmc_ahc/passive). Parts stand where `at: [column, row]`
     puts them, the others beside what they are joined to. Blocks are drawn as boxes unless they are opened.
     """
-    from heavebond import bond_picture, drawing
-    from heavebond.model import load
-    from heavebond.painting import paint
+    from heavebond.language.model import load
+    from heavebond.pictures import bond_picture, drawing
+    from heavebond.pictures.painting import paint
 
     path = output or Path(f"{Path(model).stem}{'_bonds' if bonds else ''}.svg")
     check_writable(path, (".svg",))
@@ -67,7 +67,7 @@ def draw(model: str, output: Path | None, opened: tuple[str, ...], open_all: boo
 
 
 def _write(path: Path, picture: str) -> dict[str, object]:
-    from heavebond import terminal
+    from heavebond.commands import terminal
 
     try:
         path.write_text(picture, encoding="utf-8", newline="\n")

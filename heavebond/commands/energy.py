@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from heavebond.basis.errors import Problem, UsageError
 from heavebond.commands.arguments import (
     blamed_on_settings,
     check_picture,
@@ -15,11 +16,10 @@ from heavebond.commands.arguments import (
     set_option,
     with_settings,
 )
-from heavebond.errors import Problem, UsageError
 
 if TYPE_CHECKING:
-    from heavebond.energy import EnergyAudit
-    from heavebond.simplification import Simplified
+    from heavebond.analysis.simplification import Simplified
+    from heavebond.studies.energy import EnergyAudit
 
 
 @click.command(short_help="Where the energy of a run goes; which components matter.")
@@ -50,9 +50,9 @@ def energy(model: str, until: str | None, every: str | None, audited: bool, sank
     `activity` is the share of a component in all the power that goes in or out anywhere: what has little, matters little.
     The power at any port is a signal too: heavebond run MODEL --plot spring.a.power
     """
-    from heavebond import terminal
-    from heavebond.energy import audit, table, with_blocks
-    from heavebond.model import load
+    from heavebond.commands import terminal
+    from heavebond.language.model import load
+    from heavebond.studies.energy import audit, table, with_blocks
 
     for path in (sankey, activity):
         check_picture(path)
@@ -73,7 +73,7 @@ def energy(model: str, until: str | None, every: str | None, audited: bool, sank
         found.raise_if_open()
         console.print("the energy balance closes")
     if share is not None:
-        from heavebond.simplification import simplify
+        from heavebond.analysis.simplification import simplify
 
         with terminal.working("trying without") as progress:
             reduced = simplify(diagram, share / 100, limit / 100, found=found, progress=progress)
@@ -91,9 +91,9 @@ def _pictures(found: EnergyAudit, name: str, sankey: Path | None, activity: Path
     """The pictures that are asked for, written."""
     if sankey is None and activity is None:
         return []
-    from heavebond.energy_flow import energy_flow
-    from heavebond.plot import save
-    from heavebond.plot_energy import plot_activity, plot_energy_flow
+    from heavebond.analysis.energy_flow import energy_flow
+    from heavebond.pictures.plot import save
+    from heavebond.pictures.plot_energy import plot_activity, plot_energy_flow
 
     title = f"{name}: energy over {found.result.time[-1]:.6g} s"
     files = [] if sankey is None else [save(plot_energy_flow(energy_flow(found), title=title), sankey)]
@@ -101,8 +101,8 @@ def _pictures(found: EnergyAudit, name: str, sankey: Path | None, activity: Path
 
 
 def _print_reduced(reduced: Simplified) -> None:
-    from heavebond import terminal
-    from heavebond.presentation import number
+    from heavebond.basis.presentation import number
+    from heavebond.commands import terminal
 
     console = terminal.output()
     rows = [(one.component, f"{100 * one.share:.3g} %", one.step.words if not one.kept else

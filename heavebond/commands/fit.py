@@ -10,7 +10,7 @@ import click
 from heavebond.commands.arguments import check_picture, check_writable, json_option, picture_option
 
 if TYPE_CHECKING:
-    from heavebond.fitting import Fit
+    from heavebond.evidence.fitting import Fit
 
 HEAD = ("parameter", "before", "fitted", "95 % interval", "range")
 
@@ -35,12 +35,12 @@ def fit(experiment: str, starts: int, segments: int, robust: bool, profiled: tup
     Records with `use: fit` are fitted; the others are compared with what comes out. Where there are no others, every
     third stretch of the records is held out of the fit to check it.
     """
-    from heavebond import terminal
+    from heavebond.commands import terminal
     from heavebond.commands.compare import noticed
-    from heavebond.experiment import load_experiment
-    from heavebond.fitting import fit as fitted
-    from heavebond.fitting import profile
-    from heavebond.writing import fitted_diagram, write
+    from heavebond.evidence.experiment import load_experiment
+    from heavebond.evidence.fitting import fit as fitted
+    from heavebond.evidence.fitting import profile
+    from heavebond.evidence.writing import fitted_diagram, write
 
     check_picture(output)
     if written is not None:
@@ -68,7 +68,7 @@ def fit(experiment: str, starts: int, segments: int, robust: bool, profiled: tup
         write(written, fitted_diagram(found, written))
         files.append(written)
     if output is not None:
-        from heavebond.plot import plot_comparison, save
+        from heavebond.pictures.plot import plot_comparison, save
 
         files.append(save(plot_comparison(found.after), output))
     for path in files:
@@ -79,7 +79,7 @@ def fit(experiment: str, starts: int, segments: int, robust: bool, profiled: tup
 
 def parameters(found: Fit) -> object:
     """The fitted parameters with their intervals, as a table."""
-    from heavebond import terminal
+    from heavebond.commands import terminal
 
     rows = []
     for p in found.parameters:
@@ -93,14 +93,14 @@ def parameters(found: Fit) -> object:
 
 
 def _shown(found: Fit, name: str, value: float) -> str:
-    from heavebond.writing import quantity
+    from heavebond.evidence.writing import quantity
 
     return quantity(value, found.experiment.free[name].range.unit)
 
 
 def _records(found: Fit) -> object:
-    from heavebond import terminal
-    from heavebond.presentation import readable
+    from heavebond.basis.presentation import readable
+    from heavebond.commands import terminal
 
     rows = []
     for before_fit, part in zip(found.before.parts, found.after.parts, strict=True):

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 import click
 
+from heavebond.basis.errors import ModelError, Problem, Problems, UsageError, suggest
 from heavebond.commands.arguments import json_option
-from heavebond.errors import ModelError, Problem, Problems, UsageError, suggest
 
 if TYPE_CHECKING:
-    from heavebond.definition import Component, Parameter, Variable
-    from heavebond.library import Library
+    from heavebond.language.definition import Component, Parameter, Variable
+    from heavebond.language.library import Library
 
 OWN = "this folder"
 
@@ -24,7 +24,7 @@ OWN = "this folder"
 @json_option
 def library(name: str | None, pages: Path | None) -> dict[str, object]:
     """List the components by domain, those of the current folder first; with NAME tell all about one."""
-    from heavebond.library import library as load_library
+    from heavebond.language.library import library as load_library
 
     if pages is not None:
         return _pages(pages)
@@ -38,8 +38,8 @@ def library(name: str | None, pages: Path | None) -> dict[str, object]:
 
 
 def _pages(folder: Path) -> dict[str, object]:
-    from heavebond.component_pages import write_pages
-    from heavebond.terminal import output
+    from heavebond.commands.terminal import output
+    from heavebond.reports.component_pages import write_pages
 
     try:
         written = write_pages(folder)
@@ -50,9 +50,9 @@ def _pages(folder: Path) -> dict[str, object]:
 
 
 def _list(known: Library) -> dict[str, object]:
-    from heavebond.library import bundled
-    from heavebond.presentation import columns
-    from heavebond.terminal import output
+    from heavebond.basis.presentation import columns
+    from heavebond.commands.terminal import output
+    from heavebond.language.library import bundled
 
     problems = Problems()
     folders: dict[str, dict[str, str]] = {}
@@ -77,8 +77,8 @@ def _list(known: Library) -> dict[str, object]:
 
 
 def _show(component: Component) -> dict[str, object]:
-    from heavebond.presentation import columns, path_text
-    from heavebond.terminal import output
+    from heavebond.basis.presentation import columns, path_text
+    from heavebond.commands.terminal import output
 
     console = output()
     console.print(component.name, style="bold")
@@ -110,8 +110,8 @@ def _show(component: Component) -> dict[str, object]:
 
 
 def _equations(component: Component) -> None:
-    from heavebond.presentation import columns
-    from heavebond.terminal import output
+    from heavebond.basis.presentation import columns
+    from heavebond.commands.terminal import output
 
     console = output()
     if component.equations:
@@ -135,9 +135,9 @@ def _equations(component: Component) -> None:
 
 
 def _example(component: Component) -> None:
-    from heavebond.library import example
-    from heavebond.source import read_text
-    from heavebond.terminal import output
+    from heavebond.commands.terminal import output
+    from heavebond.language.library import example
+    from heavebond.text.source import read_text
 
     path = example(component)
     if path is None:
@@ -161,7 +161,7 @@ def _unit(item: Parameter | Variable) -> str:
 
 def _given(parameter: Parameter) -> str:
     """Default and bounds: `default 0 m, at least 0`."""
-    from heavebond.presentation import number
+    from heavebond.basis.presentation import number
 
     parts = []
     if parameter.default is not None:
@@ -178,7 +178,7 @@ def _given(parameter: Parameter) -> str:
 
 
 def _as_dict(component: Component) -> dict[str, object]:
-    from heavebond.library import example
+    from heavebond.language.library import example
 
     shown = example(component)
     formulas = {key: formula.text for key, formula in (

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from heavebond.basis.errors import Problem, UsageError
 from heavebond.commands.arguments import (
     at_options,
     blamed_on_settings,
@@ -21,15 +22,14 @@ from heavebond.commands.arguments import (
     settings_of,
     with_settings,
 )
-from heavebond.errors import Problem, UsageError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from heavebond.dae import Array
-    from heavebond.linear_system import StateSpace
-    from heavebond.margins import Margin, Margins
-    from heavebond.model import Model
+    from heavebond.analysis.linear_system import StateSpace
+    from heavebond.analysis.margins import Margin, Margins
+    from heavebond.language.model import Model
+    from heavebond.numbers.dae import Array
 
 PICTURES = ("bode", "nyquist", "poles", "step")
 MATRICES = (".npz", ".mat")
@@ -66,8 +66,8 @@ def linear(model: str, inputs: tuple[str, ...], outputs: tuple[str, ...], loop: 
     A friction law is linearised as it is at rest, where it holds everything: --set its forces to 0 for the machine in
     motion, or take a moment of motion by --at.
     """
-    from heavebond import terminal
-    from heavebond.model import load
+    from heavebond.commands import terminal
+    from heavebond.language.model import load
 
     check_picture(output)
     if saved is not None:
@@ -78,8 +78,8 @@ def linear(model: str, inputs: tuple[str, ...], outputs: tuple[str, ...], loop: 
         when = operating_time(at, steady)
         if over is not None:
             return _locus(diagram, over, when, output)
-        from heavebond.linear_system import StateSpaces
-        from heavebond.presentation import count
+        from heavebond.analysis.linear_system import StateSpaces
+        from heavebond.basis.presentation import count
 
         made = StateSpaces(diagram, chosen, wanted, when)
         system = made.at()
@@ -122,7 +122,7 @@ def _span(channels: Sequence[StateSpace], asked: str | None) -> Array:
     """The frequencies in Hz of a picture: as asked for, or those of all channels."""
     import numpy as np
 
-    from heavebond.units import UnitProblem, parse_range
+    from heavebond.basis.units import UnitProblem, parse_range
 
     if asked is None:
         every = [channel.frequencies() for channel in channels]
@@ -134,7 +134,7 @@ def _span(channels: Sequence[StateSpace], asked: str | None) -> Array:
     if (found.unit.text != "Hz" and found.unit.counts != "cycles") or not 0 < found.low < found.high:
         raise UsageError([Problem("frequencies", f"--frequencies {asked}: these are not two frequencies in Hz above 0", None,
                                   "Write for example --frequencies '0.01 .. 10 Hz'.")])
-    from heavebond.linear_system import spread
+    from heavebond.analysis.linear_system import spread
 
     ends = 2 * np.pi * np.array([10 * found.low, found.high / 10])
     return spread(-ends.astype(complex), channels[0].poles)
@@ -144,9 +144,9 @@ def _print_channels(channels: Sequence[StateSpace], span: Array) -> list[dict[st
     """A table of static gain, largest gain and zeros of each channel; the same for machines."""
     import numpy as np
 
-    from heavebond import terminal
-    from heavebond.plot_linear import channel_name, ratio
-    from heavebond.presentation import number
+    from heavebond.basis.presentation import number
+    from heavebond.commands import terminal
+    from heavebond.pictures.plot_linear import channel_name, ratio
 
     rows, told = [], []
     for channel in channels:
@@ -165,7 +165,7 @@ def _print_channels(channels: Sequence[StateSpace], span: Array) -> list[dict[st
 
 # -- a loop ------------------------------------------------------------------------------------------------------------
 def _cut(system: StateSpace, asked: str | None) -> tuple[list[StateSpace], Array, Margins]:
-    from heavebond.margins import loop_frequencies, margins, open_loop
+    from heavebond.analysis.margins import loop_frequencies, margins, open_loop
 
     cut = open_loop(system)
     span = loop_frequencies(cut) if asked is None else _span([cut], asked)
@@ -173,8 +173,8 @@ def _cut(system: StateSpace, asked: str | None) -> tuple[list[StateSpace], Array
 
 
 def _print_margins(found: Margins) -> None:
-    from heavebond import terminal
-    from heavebond.presentation import number, readable_time
+    from heavebond.basis.presentation import number, readable_time
+    from heavebond.commands import terminal
 
     def row(name: str, margin: Margin | None, words: str) -> tuple[str, str, str]:
         return (name, words, f"{number(margin.frequency, 4)} Hz") if margin else (name, "without limit", "")
@@ -197,10 +197,10 @@ def _margins_told(found: Margins) -> dict[str, object]:
 
 # -- a parameter that moves --------------------------------------------------------------------------------------------
 def _locus(diagram: Model, over: str, when: str | None, output: Path | None) -> dict[str, object]:
-    from heavebond import terminal
-    from heavebond.locus import root_locus
-    from heavebond.presentation import readable
-    from heavebond.units import UnitProblem, parse_range
+    from heavebond.analysis.locus import root_locus
+    from heavebond.basis.presentation import readable
+    from heavebond.basis.units import UnitProblem, parse_range
+    from heavebond.commands import terminal
 
     (parameter, text), = settings_of("--over", [over]).items()
     try:
@@ -217,8 +217,8 @@ def _locus(diagram: Model, over: str, when: str | None, output: Path | None) -> 
         console.print(f"limit of stability at {readable(limit, found.unit)}", soft_wrap=True)
     files = [output] if output is not None else []
     if output is not None:
-        from heavebond.plot import save
-        from heavebond.plot_linear import plot_root_locus
+        from heavebond.pictures.plot import save
+        from heavebond.pictures.plot_linear import plot_root_locus
 
         save(plot_root_locus(found, title=f"{diagram.name}: poles over {parameter}"), output)
         console.print(f"wrote {output}", soft_wrap=True)
@@ -232,8 +232,8 @@ def _draw(name: str, words: str, channels: Sequence[StateSpace], span: Array, fo
           until: str | None, output: Path | None) -> list[Path]:
     if output is None:
         return []
-    from heavebond import plot_linear
-    from heavebond.plot import save
+    from heavebond.pictures import plot_linear
+    from heavebond.pictures.plot import save
 
     title = f"{name} {words}" + (f", open loop at {channels[0].outputs[0]}" if found else "")
     if picture == "bode":
@@ -252,7 +252,7 @@ def _step_times(channel: StateSpace, until: str | None) -> Array:
     """Times (N,) in s on which a step has settled, or as long as asked for."""
     import numpy as np
 
-    from heavebond.simulation import seconds
+    from heavebond.numbers.simulation import seconds
 
     if until is not None:
         return np.linspace(0, seconds(until, "--until"), 1001)

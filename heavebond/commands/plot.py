@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
+from heavebond.basis.errors import Problem, UsageError
 from heavebond.commands.arguments import check_picture, json_option
-from heavebond.errors import Problem, UsageError
 
 
 @click.command(short_help="Lay saved runs and records over each other.")
@@ -30,9 +30,9 @@ def plot(files: tuple[str, ...], signals: tuple[str, ...], columns: tuple[str, .
     A FILE is a saved run (`heavebond run MODEL --save run.parquet`; .csv, .parquet, .mat, .nc), an experiment (.yaml, or a
     bundled one) whose record is drawn as dots, or a record of which --column says what is in it.
     """
-    from heavebond import terminal
-    from heavebond.overlay import common_signals, read_column, read_overlay
-    from heavebond.simulation import seconds
+    from heavebond.commands import terminal
+    from heavebond.numbers.simulation import seconds
+    from heavebond.pictures.overlay import common_signals, read_column, read_overlay
 
     check_picture(output)
     overlay = read_overlay(files, [read_column(text) for text in columns], record)
@@ -42,7 +42,7 @@ def plot(files: tuple[str, ...], signals: tuple[str, ...], columns: tuple[str, .
     if window[0] >= window[1]:
         raise UsageError([Problem("window-empty", f"there is nothing to draw from {window[0]:g} s to {window[1]:g} s", None,
                                   "Give --from before --to.")])
-    from heavebond.plot import plot_runs, save
+    from heavebond.pictures.plot import plot_runs, save
 
     path = save(plot_runs(overlay.runs, chosen, title=title, window=window, measured=overlay.measured), output)
     terminal.output().print(f"wrote {path}: {', '.join(chosen)} of {', '.join(overlay.runs)}", soft_wrap=True)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from heavebond.basis.errors import Problem, UsageError
 from heavebond.commands.arguments import (
     assembled,
     blamed_on_settings,
@@ -20,11 +21,10 @@ from heavebond.commands.arguments import (
     set_option,
     with_settings,
 )
-from heavebond.errors import Problem, UsageError
 
 if TYPE_CHECKING:
-    from heavebond.result import Result
-    from heavebond.verification import Verification
+    from heavebond.numbers.result import Result
+    from heavebond.studies.verification import Verification
 
 
 @click.command(short_help="Simulate a diagram; draw and save what comes of it.")
@@ -55,12 +55,12 @@ def run(model: str, settings: tuple[str, ...], until: str | None, every: str | N
 
     MODEL is a YAML file or the name of a bundled diagram (cmc_ahc, cmc_ahc/passive).
     """
-    from heavebond import terminal
-    from heavebond.expression import names as names_in
-    from heavebond.model import load
-    from heavebond.saved import SUFFIXES
-    from heavebond.simulation import Tolerances, simulate
-    from heavebond.verification import verify
+    from heavebond.basis.saved import SUFFIXES
+    from heavebond.commands import terminal
+    from heavebond.language.model import load
+    from heavebond.numbers.simulation import Tolerances, simulate
+    from heavebond.studies.verification import verify
+    from heavebond.text.expression import names as names_in
 
     if plotted and output is None:
         output = Path(re.sub(r"\W+", "_", Path(model).stem) + ".png")
@@ -100,8 +100,8 @@ def run(model: str, settings: tuple[str, ...], until: str | None, every: str | N
 
 def _tell(found: Verification, told: dict[str, object]) -> None:
     """Print how far each output moves, and put it into the figures; SimulationError with these where one moves too far."""
-    from heavebond import terminal
-    from heavebond.verification import raise_if_moved
+    from heavebond.commands import terminal
+    from heavebond.studies.verification import raise_if_moved
 
     terminal.output().print(terminal.table(
         "what moves, in shares of the range", ("output", "tolerances / 100", "and widths / 10"),
@@ -114,7 +114,7 @@ def _tell(found: Verification, told: dict[str, object]) -> None:
 
 def _changes(result: Result) -> list[str]:
     """How often the run went on with other states, and why it did first."""
-    from heavebond.presentation import count
+    from heavebond.basis.presentation import count
 
     changes = result.statistics.get("state_changes", [])
     assert isinstance(changes, list)
@@ -136,7 +136,7 @@ def _figures(result: Result, names: Sequence[str]) -> dict[str, dict[str, float 
 
 
 def _shown(value: float | str) -> str:
-    from heavebond.presentation import number
+    from heavebond.basis.presentation import number
 
     # below this it is the integrator's rounding in any unit that an engineer shows
     return number(0.0 if abs(float(value)) < 1e-12 else float(value))
@@ -152,14 +152,14 @@ def _files(result: Result, plotted: Sequence[str], output: Path | None, saved: S
                 from None
         written.append(path)
     if output is not None:
-        from heavebond.plot import plot_signals, save
+        from heavebond.pictures.plot import plot_signals, save
 
         written.append(save(plot_signals(result, plotted), output))
     return written
 
 
 def _statistics(result: Result) -> str:
-    from heavebond.presentation import count
+    from heavebond.basis.presentation import count
 
     said = result.statistics
     seconds = said["seconds"]

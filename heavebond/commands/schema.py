@@ -7,8 +7,8 @@ from pathlib import Path
 
 import click
 
+from heavebond.basis.errors import Problem, UsageError
 from heavebond.commands.arguments import check_writable, json_option
-from heavebond.errors import Problem, UsageError
 
 NAME = "heavebond.schema.json"
 
@@ -25,9 +25,9 @@ def schema(folder: Path, output: Path | None) -> dict[str, object]:
     Its extension YAML (redhat.vscode-yaml) then completes while you type and underlines what is wrong. Run this again after
     you have added a component.
     """
-    from heavebond.library import library
-    from heavebond.schema import schema as make
-    from heavebond.terminal import output as console
+    from heavebond.analysis.schema import schema as make
+    from heavebond.commands.terminal import output as console
+    from heavebond.language.library import library
 
     if not folder.is_dir():
         raise UsageError([Problem("folder-missing", f"there is no folder '{folder}'", None,

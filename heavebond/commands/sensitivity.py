@@ -22,7 +22,7 @@ from heavebond.commands.arguments import (
 )
 
 if TYPE_CHECKING:
-    from heavebond.influence import Influence, Ranking, Rankings
+    from heavebond.studies.influence import Influence, Ranking, Rankings
 
 HEAD = ("parameter", "value", "influence", "1 % more moves it by", "at")
 
@@ -48,9 +48,9 @@ def sensitivity(model: str, of: tuple[str, ...], to: tuple[str, ...], settings: 
     time, in proportion to the rms of the signal about its mean. `initial.X` and `scale.X` (of a measured input) are
     parameters too.
     """
-    from heavebond import terminal
-    from heavebond.influence import rank
-    from heavebond.model import load
+    from heavebond.commands import terminal
+    from heavebond.language.model import load
+    from heavebond.studies.influence import rank
 
     check_picture(output)
     formulas = read_signals("--of", of)
@@ -67,7 +67,7 @@ def sensitivity(model: str, of: tuple[str, ...], to: tuple[str, ...], settings: 
         console.print(f"{len(found.left_out)} more parameters were not tried; add --most "
                       f"{most + len(found.left_out)}: {', '.join(found.left_out)}", soft_wrap=True)
     if output is not None:
-        from heavebond.plot import plot_influence, save
+        from heavebond.pictures.plot import plot_influence, save
 
         save(plot_influence(found, title=f"{assembly.model.name}: influence of parameters"), output)
         console.print(f"wrote {output}", soft_wrap=True)
@@ -76,8 +76,8 @@ def sensitivity(model: str, of: tuple[str, ...], to: tuple[str, ...], settings: 
 
 
 def _table(ranking: Ranking, rows: int) -> object:
-    from heavebond import terminal
-    from heavebond.presentation import number, readable
+    from heavebond.basis.presentation import number, readable
+    from heavebond.commands import terminal
 
     size = f"rms {readable(ranking.size, ranking.unit, 3)} " + ("(it stands still)" if ranking.still else "about its mean")
     return terminal.table(f"{ranking.signal}: {size}", HEAD, [

@@ -19,7 +19,7 @@ from heavebond.commands.arguments import (
 )
 
 if TYPE_CHECKING:
-    from heavebond.spectra import Course, Swinging
+    from heavebond.basis.spectra import Course, Swinging
 
 CLASSES = 20  # of range, in the JSON file
 DIAGRAMS = (".yaml", ".yml", "")
@@ -48,10 +48,10 @@ def signal(file: str, signals: tuple[str, ...], begin: str | None, end: str | No
     The significant height is 4 sqrt(m_0) of the spectrum; waves go from one upward crossing of the mean to the next; cycles
     are counted by the rainflow method (ASTM E1049-85), the equivalent range is that of one cycle a second.
     """
-    from heavebond import terminal
-    from heavebond.signal_files import read_courses
-    from heavebond.simulation import seconds
-    from heavebond.spectra import Swinging
+    from heavebond.basis.signal_files import read_courses
+    from heavebond.basis.spectra import Swinging
+    from heavebond.commands import terminal
+    from heavebond.numbers.simulation import seconds
 
     check_picture(output)
     window = seconds(begin or 0.0, "--from"), seconds(end or float("inf"), "--to")
@@ -70,8 +70,8 @@ def signal(file: str, signals: tuple[str, ...], begin: str | None, end: str | No
             console.print(one.course.note, soft_wrap=True)
         console.print()
     if output is not None:
-        from heavebond.plot import save
-        from heavebond.plot_spectra import plot_spectra
+        from heavebond.pictures.plot import save
+        from heavebond.pictures.plot_spectra import plot_spectra
 
         console.print(f"wrote {save(plot_spectra(found), output)}", soft_wrap=True)
     return {"signals": {one.course.name: told for one, told in zip(found, figures, strict=True)}}
@@ -80,10 +80,10 @@ def signal(file: str, signals: tuple[str, ...], begin: str | None, end: str | No
 def _run(file: str, signals: tuple[str, ...], settings: tuple[str, ...], until: str | None, every: str | None,
          window: tuple[float, float]) -> list[Course]:
     """Signals of a diagram that is run now."""
-    from heavebond import terminal
-    from heavebond.model import load
-    from heavebond.simulation import simulate
-    from heavebond.spectra import evenly
+    from heavebond.basis.spectra import evenly
+    from heavebond.commands import terminal
+    from heavebond.language.model import load
+    from heavebond.numbers.simulation import simulate
 
     formulas = read_signals("--signal", signals)
     with blamed_on_settings(settings):
@@ -118,7 +118,7 @@ def _figures(one: Swinging, slope: float) -> dict[str, Any]:
 
 
 def _rows(told: dict[str, Any], unit: str, slope: float) -> list[tuple[str, str, str]]:
-    from heavebond.presentation import number
+    from heavebond.basis.presentation import number
 
     rows = [("mean", "mean", unit), ("deviation", "standard deviation", unit), ("least", "least", unit),
             ("most", "most", unit), ("significant", "spectrum: significant height, 4 sqrt(m0)", unit),

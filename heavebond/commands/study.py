@@ -11,8 +11,8 @@ import click
 from heavebond.commands.arguments import json_option, scheduler_option
 
 if TYPE_CHECKING:
-    from heavebond.campaign import StudyResult
-    from heavebond.study import Study
+    from heavebond.studies.campaign import StudyResult
+    from heavebond.studies.study import Study
 
 
 LISTED = 12  # rows of a sample that are shown
@@ -31,7 +31,7 @@ def study(file: str, output: Path | None, processes: int | None, fresh: bool, sc
 
     Each case is kept in the folder when it is done: the same command goes on where it was stopped by Ctrl-C.
     """
-    from heavebond.study import load_study
+    from heavebond.studies.study import load_study
 
     asked = load_study(file)
     return work_out(asked, output or Path(asked.path.stem), processes, fresh, scheduler)
@@ -39,10 +39,10 @@ def study(file: str, output: Path | None, processes: int | None, fresh: bool, sc
 
 def work_out(asked: Study, folder: Path, processes: int | None, fresh: bool, scheduler: str | None) -> dict[str, object]:
     """Work a study out, tell it and write its files; the figures for JSON."""
-    from heavebond import terminal
-    from heavebond.campaign import run_study
-    from heavebond.cluster import Cluster
-    from heavebond.study_table import as_dict, write_files
+    from heavebond.basis.cluster import Cluster
+    from heavebond.commands import terminal
+    from heavebond.studies.campaign import run_study
+    from heavebond.studies.study_table import as_dict, write_files
 
     with ExitStack() as stack:
         cluster = stack.enter_context(Cluster(scheduler)) if scheduler is not None else None
@@ -60,8 +60,8 @@ def work_out(asked: Study, folder: Path, processes: int | None, fresh: bool, sch
 
 
 def _tell(result: StudyResult) -> None:
-    from heavebond import terminal
-    from heavebond.study_table import mode_rows, shown
+    from heavebond.commands import terminal
+    from heavebond.studies.study_table import mode_rows, shown
 
     console = terminal.output()
     _tell_calibration(result)
@@ -87,8 +87,8 @@ def _tell(result: StudyResult) -> None:
 
 def _tell_sample(result: StudyResult) -> None:
     """What the points of a sample say together."""
-    from heavebond import terminal
-    from heavebond.study_table import index_rows, slope_rows, spread_rows
+    from heavebond.commands import terminal
+    from heavebond.studies.study_table import index_rows, slope_rows, spread_rows
 
     console = terminal.output()
     for title, head, rows, words in (
@@ -107,8 +107,8 @@ def _tell_sample(result: StudyResult) -> None:
 
 
 def _tell_calibration(result: StudyResult) -> None:
-    from heavebond import terminal
-    from heavebond.study_table import calibration_rows, residual_rows
+    from heavebond.commands import terminal
+    from heavebond.studies.study_table import calibration_rows, residual_rows
 
     found = result.calibrated
     if found is None:
@@ -125,7 +125,7 @@ def _tell_calibration(result: StudyResult) -> None:
 
 def _diagram(result: StudyResult, folder: Path) -> list[Path]:
     """What was calibrated as a diagram."""
-    from heavebond.writing import calibrated_diagram
+    from heavebond.evidence.writing import calibrated_diagram
 
     if result.calibrated is None:
         return []
@@ -135,8 +135,8 @@ def _diagram(result: StudyResult, folder: Path) -> list[Path]:
 
 
 def _pictures(result: StudyResult, folder: Path) -> list[Path]:
-    from heavebond.plot import save
-    from heavebond.plot_study import plot_study
+    from heavebond.pictures.plot import save
+    from heavebond.pictures.plot_study import plot_study
 
     if not result.outcomes:
         return []

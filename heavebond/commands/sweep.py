@@ -6,9 +6,9 @@ from pathlib import Path
 
 import click
 
+from heavebond.basis.errors import Problem, UsageError
 from heavebond.commands.arguments import json_option, scheduler_option, set_option, settings_of
 from heavebond.commands.study import work_out
-from heavebond.errors import Problem, UsageError
 
 
 @click.command(short_help="Run a diagram many times: grids, samples, the worst case, what matters.")
@@ -42,11 +42,11 @@ def sweep(model: str, overs: tuple[str, ...], measures: tuple[str, ...], sample:
     The sweep is written as a study into the folder: `heavebond study FOLDER/study.yaml` goes on from there. Each case is
     kept when it is done; the same command goes on where it was stopped by Ctrl-C.
     """
-    from heavebond.change import Change
-    from heavebond.model import find
-    from heavebond.study import load_study
-    from heavebond.sweep import Sweep, read_measure, read_over, study_text
-    from heavebond.writing import extended_from
+    from heavebond.evidence.change import Change
+    from heavebond.evidence.writing import extended_from
+    from heavebond.language.model import find
+    from heavebond.studies.study import load_study
+    from heavebond.studies.sweep import Sweep, read_measure, read_over, study_text
 
     path = find(model)
     folder = output or Path(f"{path.stem}_sweep")

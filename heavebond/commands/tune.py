@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from heavebond.basis.errors import ModelError, Problem, UsageError
 from heavebond.commands.arguments import (
     blamed_on_settings,
     check_picture,
@@ -20,15 +21,14 @@ from heavebond.commands.arguments import (
     settings_of,
     with_settings,
 )
-from heavebond.errors import ModelError, Problem, UsageError
 
 if TYPE_CHECKING:
-    from heavebond.dae import Array, Assembly
-    from heavebond.model import Model
-    from heavebond.objective import Task
-    from heavebond.robustness import Robustness
-    from heavebond.tuning import Tuned
-    from heavebond.units import Range
+    from heavebond.basis.units import Range
+    from heavebond.language.model import Model
+    from heavebond.numbers.dae import Array, Assembly
+    from heavebond.studies.objective import Task
+    from heavebond.studies.robustness import Robustness
+    from heavebond.studies.tuning import Tuned
 
 TIMES = 3  # a free parameter without a range may grow to so many times its value
 
@@ -61,12 +61,12 @@ def tune(study: str, free: tuple[str, ...], cost: str | None, limits: tuple[str,
          grid: int | None, written: Path | None, output: Path | None) -> dict[str, object]:
     """Minimise the cost of STUDY, a YAML file or a bundled one (cmc_ahc/quality_index), or of a DIAGRAM by --free and
     --cost."""
-    from heavebond import terminal
-    from heavebond.dae import assemble
-    from heavebond.objective import Objective
-    from heavebond.robustness import robustness as around
-    from heavebond.tuning import sweep
-    from heavebond.tuning import tune as tuned
+    from heavebond.commands import terminal
+    from heavebond.numbers.dae import assemble
+    from heavebond.studies.objective import Objective
+    from heavebond.studies.robustness import robustness as around
+    from heavebond.studies.tuning import sweep
+    from heavebond.studies.tuning import tune as tuned
 
     check_picture(output)
     if written is not None:
@@ -98,9 +98,9 @@ class Asked:
 
 def _asked(name: str, cost: str | None, limits: tuple[str, ...], evaluate: str | None, reference: tuple[str, ...]) -> Asked:
     """The study, with what the options say instead; for a diagram the options alone."""
-    from heavebond.model import load
-    from heavebond.objective import Task
-    from heavebond.study import load_study
+    from heavebond.language.model import load
+    from heavebond.studies.objective import Task
+    from heavebond.studies.study import load_study
 
     try:
         study = load_study(name)
@@ -120,7 +120,7 @@ def _asked(name: str, cost: str | None, limits: tuple[str, ...], evaluate: str |
 
 
 def _seconds(text: str) -> tuple[float, float]:
-    from heavebond.units import UnitProblem, parse_range, unit
+    from heavebond.basis.units import UnitProblem, parse_range, unit
 
     try:
         found = parse_range(text)
@@ -133,8 +133,8 @@ def _seconds(text: str) -> tuple[float, float]:
 
 def _free(assembly: Assembly, texts: tuple[str, ...]) -> dict[str, Range]:
     """Ranges by name; a parameter without one may go from 0 to three times its value."""
-    from heavebond.objective import ranges
-    from heavebond.units import Range
+    from heavebond.basis.units import Range
+    from heavebond.studies.objective import ranges
 
     found: dict[str, Range] = {}
     units = {q.name: q.unit for q in assembly.flat.parameters}
@@ -155,7 +155,7 @@ def _free(assembly: Assembly, texts: tuple[str, ...]) -> dict[str, Range]:
 # -- what is told ------------------------------------------------------------------------------------------------------
 def _tell(name: str, assembly: Assembly, result: Tuned, robust: Robustness | None, swept: tuple[list[Array], Array] | None
           ) -> None:
-    from heavebond import terminal
+    from heavebond.commands import terminal
 
     console = terminal.output()
     console.print(_table(name, assembly, result.task, result))
@@ -180,8 +180,8 @@ def _tell(name: str, assembly: Assembly, result: Tuned, robust: Robustness | Non
 
 
 def _table(name: str, assembly: Assembly, task: Task, result: Tuned) -> object:
-    from heavebond import terminal
-    from heavebond.writing import quantity
+    from heavebond.commands import terminal
+    from heavebond.evidence.writing import quantity
 
     rows = [(parameter, quantity(assembly.parameter_values[parameter], wanted.unit),
              quantity(result.values[parameter], wanted.unit),
@@ -191,8 +191,8 @@ def _table(name: str, assembly: Assembly, task: Task, result: Tuned) -> object:
 
 
 def _changes(assembly: Assembly, result: Tuned, robust: Robustness) -> object:
-    from heavebond import terminal
-    from heavebond.writing import quantity
+    from heavebond.commands import terminal
+    from heavebond.evidence.writing import quantity
 
     units = {q.name: q.unit for q in assembly.flat.parameters}
     rows = []
@@ -207,7 +207,7 @@ def _changes(assembly: Assembly, result: Tuned, robust: Robustness) -> object:
 
 
 def _words(result: Tuned, robust: Robustness) -> Iterator[str]:
-    from heavebond.writing import quantity
+    from heavebond.evidence.writing import quantity
 
     if math.isfinite(robust.damping):
         yield f"linearised at its start, the machine has a least damping ratio of {robust.damping:.3g}" + \
@@ -227,15 +227,15 @@ def _words(result: Tuned, robust: Robustness) -> Iterator[str]:
 
 def _files(asked: Asked, result: Tuned, robust: Robustness | None, swept: tuple[list[Array], Array] | None,
            output: Path | None, written: Path | None, settings: Mapping[str, str]) -> list[Path]:
-    from heavebond import terminal
+    from heavebond.commands import terminal
 
     files = []
     if output is not None and swept is not None:
-        from heavebond.plot import plot_surface, save
+        from heavebond.pictures.plot import plot_surface, save
 
         files.append(save(plot_surface(result.task, result, *swept, robust.ellipse if robust else None), output))
     if written is not None:
-        from heavebond.writing import tuned_diagram, write
+        from heavebond.evidence.writing import tuned_diagram, write
 
         write(written, tuned_diagram(asked.model, result.task, result, written, settings))
         files.append(written)

@@ -10,7 +10,7 @@ import click
 from heavebond.commands.arguments import check_picture, json_option, picture_option
 
 if TYPE_CHECKING:
-    from heavebond.misfit import Suspect, Where
+    from heavebond.evidence.misfit import Suspect, Where
 
 HEAD = ("place", "explains", "behind", "rms", "follows", "R2", "shape")
 
@@ -26,11 +26,11 @@ def where(experiment: str, fitted: bool, output: Path | None) -> dict[str, objec
 
     With --output name.png the pictures are name.png (the best place), name_2.png and so on, and name_misfit.png.
     """
-    from heavebond import terminal
-    from heavebond.experiment import load_experiment
-    from heavebond.fitting import fit
-    from heavebond.misfit import summary
-    from heavebond.misfit import where as found_where
+    from heavebond.commands import terminal
+    from heavebond.evidence.experiment import load_experiment
+    from heavebond.evidence.fitting import fit
+    from heavebond.evidence.misfit import summary
+    from heavebond.evidence.misfit import where as found_where
 
     check_picture(output)
     loaded = load_experiment(experiment)
@@ -53,13 +53,13 @@ def where(experiment: str, fitted: bool, output: Path | None) -> dict[str, objec
 
 
 def _table(found: Where) -> object:
-    from heavebond import terminal
+    from heavebond.commands import terminal
 
     return terminal.table("", HEAD, [_row(s) for s in found.suspects], text=1)
 
 
 def _row(suspect: Suspect) -> tuple[str, ...]:
-    from heavebond.presentation import number, readable
+    from heavebond.basis.presentation import number, readable
 
     curve = suspect.curve
     told = ("-", "-", "-")
@@ -71,9 +71,9 @@ def _row(suspect: Suspect) -> tuple[str, ...]:
 
 
 def _drawn(found: Where, output: Path) -> list[Path]:
-    from heavebond.misfit import shown
-    from heavebond.plot import save
-    from heavebond.plot_where import plot_misfit, plot_place
+    from heavebond.evidence.misfit import shown
+    from heavebond.pictures.plot import save
+    from heavebond.pictures.plot_where import plot_misfit, plot_place
 
     files = [save(plot_place(found, s.place.name), _numbered(output, k)) for k, s in enumerate(shown(found), 1)]
     return [*files, save(plot_misfit(found), output.with_stem(output.stem + "_misfit"))]

@@ -1,0 +1,1 @@
+"""A machine looked at: linear system, energy, what may be left out."""

@@ -1,0 +1,1 @@
+"""What all of them need: messages, units, processes, signals."""

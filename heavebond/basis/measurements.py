@@ -1,0 +1,420 @@
+"""Measured records: tables with named columns from CSV text, Parquet or MAT, and the checks a record must pass.
+
+A table knows which line of the file each row came from, so that every complaint about it names the line.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heavebond.basis.errors import DataError, Place, Problem, Problems, UsageError, listing, suggest
+from heavebond.basis.matlab import read_matlab
+
+Array = NDArray[np.float64]
+Rows = NDArray[np.int64]
+Cells = list[tuple[int, list[str]]]
+TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".dat")
+PARQUET_SUFFIXES = (".parquet", ".pq")
+MATLAB_SUFFIXES = (".mat",)
+SEPARATORS = {"\t": "tabs", ";": "semicolons", ",": "commas"}
+GAP_FACTOR = 1.5
+BRIDGED = 3  # so many missing samples of an input in a row are interpolated without a word in the file
+SHOWN = 5
+_MISSING = {"", "nan", "na", "n/a", "null", "none", "-", "?"}
+_DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """A record as it stands in its file: n rows, units not yet applied.
+
+    `header` names all columns; `columns` holds those that are numbers, (n,) each, NaN where a cell is empty.
+    `lines` (n,) is the line of each row in the file, or its row number where the file has no lines (Parquet, MAT;
+    `text` is None then). `aside` says of names that are no columns why, and what to do.
+    """
+
+    path: Path
+    header: tuple[str, ...]
+    lines: NDArray[np.int64]
+    columns: dict[str, Array]
+    text: str | None = None
+    separator: str = ","
+    aside: dict[str, tuple[str, str]] = field(default_factory=dict)
+
+    def place(self, row: int, name: str) -> Place:
+        """Where the cell of column `name` in `row` (from 0) stands."""
+        line = int(self.lines[row])
+        if self.text is None:
+            return Place(str(self.path), line)
+        text = _lines(self.text)[line - 1]
+        return _cell_place(str(self.path), line, text, self.separator, self.header.index(name))
+
+    def lines_of(self, rows: Sequence[int]) -> str:
+        """`lines 4, 9 and 17 more` for rows counted from 0."""
+        word = ("row" if self.text is None else "line") + ("s" if len(rows) > 1 else "")
+        return f"{word} {listing([str(self.lines[r]) for r in rows], SHOWN)}"
+
+    def keep(self, mask: NDArray[np.bool_]) -> Table:
+        """The same record with only the rows where `mask` (n,) is true."""
+        columns = {name: values[mask] for name, values in self.columns.items()}
+        return replace(self, lines=self.lines[mask], columns=columns)
+
+
+def read_table(path: Path | str, *, place: Place | None = None, beside: str | None = None) -> Table:
+    """Read a record; the file's suffix says how (.csv, .tsv, .txt, .dat: text; .parquet, .pq; .mat).
+
+    Text is UTF-8 with one row of names, columns separated by commas, semicolons or tabs, decimal points and
+    lines of comment behind `#`. Of a MAT file the table holds the vectors as long as the variable `beside`.
+    `place` is where the file is asked for. Raises DataError with all that is wrong in the file (a column without
+    any number is left aside until it is used), UsageError for another suffix.
+    """
+    path = Path(path)
+    _must_exist(path, place)
+    suffix = path.suffix.lower()
+    if suffix in TEXT_SUFFIXES:
+        return _read_text(path)
+    if suffix in PARQUET_SUFFIXES:
+        return _read_parquet(path)
+    if suffix in MATLAB_SUFFIXES:
+        return _read_matlab(path, place, beside)
+    raise UsageError([Problem(
+        "record-suffix", f"'{path.name}' is not a kind of record that is read here", place,
+        "Export it as CSV (comma, semicolon or tab).",
+        (f"read are {', '.join(TEXT_SUFFIXES)} (text), {', '.join(PARQUET_SUFFIXES)} (Parquet) and .mat (MATLAB)",))])
+
+
+def column(table: Table, name: str, place: Place | None = None) -> Array:
+    """The numbers (n,) of a column; `place` is where it is asked for. Raises DataError without any."""
+    if name in table.columns:
+        return table.columns[name]
+    file = table.path.name
+    if name not in table.header:
+        raise DataError([Problem("record-column-unknown", f"'{file}' has no column '{name}'", place,
+                                 suggest(name, table.header), (f"its columns are {listing(table.header)}",))])
+    if name in table.aside:
+        why, hint = table.aside[name]
+        raise DataError([Problem("record-column-kind", f"'{name}' of '{file}' {why}", place, hint)])
+    notes = () if table.text is None else (f"for example {table.path}:{table.lines[0]}",)
+    raise DataError([Problem(
+        "record-column-text", f"column '{name}' of '{file}' holds text or dates, not numbers", place,
+        "A date becomes a number as seconds since the start.", notes)])
+
+
+def check_time(table: Table, name: str) -> None:
+    """Raise DataError unless the times of column `name` increase, at least two of them; rows without a time are passed
+    over here (see `samples`)."""
+    time = column(table, name)
+    finite = np.flatnonzero(np.isfinite(time))
+    if len(finite) < 2:
+        number = "1 sample" if len(finite) == 1 else f"{len(finite)} samples"
+        raise DataError([Problem(
+            "record-short", f"the record '{table.path.name}' has {number}, it needs at least 2",
+            Place(str(table.path), int(table.lines[0])) if len(time) else None,
+            "Check `from:` and `to:`, and the unit of the time." if not len(finite) else "")])
+    problems = Problems()
+    _report_infinite(table, name, problems)
+    steps = np.diff(time[finite])
+    where = finite[1:]
+    for wrong, code, saying in ((steps == 0, "record-time-repeated", "stands twice"),
+                                (steps < 0, "record-time-decreasing", "is less than the one before it")):
+        rows = where[wrong].tolist()
+        if rows:
+            problems.add(code, f"the time {time[rows[0]]:.7g} in '{name}' {saying} ({table.lines_of(rows)})",
+                         table.place(rows[0], name),
+                         hint="A record has one row per instant, in order; two runs are two records.")
+    problems.raise_as(DataError)
+
+
+def samples(table: Table, time_name: str, name: str, place: Place | None = None, *, least: int = 1, why: str = "") -> Rows:
+    """The rows (n,) in which column `name` was sampled; where its cell is empty or NaN it was not.
+
+    Raises DataError for a column with fewer than `least` numbers (`why` says what for), an infinite one, or one without a
+    time.
+    """
+    time, values = column(table, time_name, place), column(table, name, place)
+    problems = Problems()
+    _report_infinite(table, name, problems)
+    rows = np.flatnonzero(np.isfinite(values))
+    timeless = rows[np.isnan(time[rows])].tolist()
+    if timeless:
+        problems.add("record-time-missing", f"'{name}' has a value where '{time_name}' has none "
+                     f"({table.lines_of(timeless)})", table.place(timeless[0], time_name),
+                     hint="Write the time, or delete the row.")
+    problems.raise_as(DataError)
+    if not len(rows):
+        raise DataError([Problem(
+            "record-channel-empty", f"column '{name}' of '{table.path.name}' has no number in any of its {len(time)} rows",
+            place, "Check the column's name, and `from:` and `to:`.")])
+    if len(rows) < least:
+        raise DataError([Problem(
+            "record-channel-short", f"column '{name}' of '{table.path.name}' has {_count(rows)}, at least {least} are "
+            f"needed{why}", place, "Give its `noise:`, or check `from:` and `to:`." if why else
+            "Check `from:` and `to:`; a channel that was hardly measured is left out of the experiment.")])
+    return rows
+
+
+def gaps(time: Array, missing: int = 0) -> Rows:
+    """Where more than `missing` samples in a row are left out of increasing times (n,): the k for which the step from k to
+    k + 1 is longer than missing + 1.5 median steps."""
+    steps = np.diff(time)
+    # the margin keeps times that were rounded when written
+    return np.flatnonzero(steps > (missing + GAP_FACTOR) * float(np.median(steps)) * (1 + 1e-6)) if len(steps) else \
+        np.zeros(0, dtype=np.int64)
+
+
+def check_gaps(table: Table, time_name: str, name: str, rows: Rows, *, begin: float = -np.inf, end: float = np.inf) -> None:
+    """Raise DataError where more than 3 samples of column `name`, sampled in `rows` (n,), are left out between the times
+    `begin` and `end` (in the unit of the time column)."""
+    time = table.columns[time_name][rows]
+    found = [k for k in gaps(time, BRIDGED).tolist() if time[k + 1] > begin and time[k] < end]
+    steps = np.diff(time)
+    problems = Problems()
+    usual = float(np.median(steps)) if len(steps) else 0.0
+    said = [(f"a gap: '{name}' has no value between the times {time[k]:.7g} ({table.lines_of([rows[k]])}) and "
+             f"{time[k + 1]:.7g} ({table.lines_of([rows[k + 1]])}); elsewhere it has one every {usual:.4g}",
+             table.place(int(rows[k + 1]), name)) for k in found[:SHOWN]]
+    _add_few(problems, "record-gap", said, len(found), "gaps",
+             "Keep one side with `from:` or `to:`, or write `gaps: bridge` at this input to go across.")
+    problems.raise_as(DataError)
+
+
+def _count(rows: Rows) -> str:
+    return "1 number" if len(rows) == 1 else f"{len(rows)} numbers"
+
+
+def _report_infinite(table: Table, name: str, problems: Problems) -> None:
+    values = table.columns[name]
+    rows = np.flatnonzero(np.isinf(values)).tolist()
+    if rows:
+        problems.add("record-value", f"'{name}' has an infinite value in {len(rows)} of {len(values)} rows "
+                     f"({table.lines_of(rows)})", table.place(rows[0], name),
+                     hint="Empty these cells: an empty cell is a sample that was not taken.")
+
+
+def _must_exist(path: Path, place: Place | None) -> None:
+    if path.is_file():
+        return
+    if path.is_dir():
+        raise DataError([Problem("record-missing", f"'{path}' is a folder, not a record", place)])
+    if not path.parent.is_dir():
+        raise DataError([Problem("record-missing", f"there is no folder '{path.parent}' for '{path.name}'",
+                                 place)])
+    files = sorted(f.name for f in path.parent.iterdir() if f.is_file())
+    notes = (f"files there: {listing(files)}",) if files else ("the folder has no files",)
+    raise DataError([Problem("record-missing", f"there is no file '{path.name}' in '{path.parent}'", place,
+                             suggest(path.name, files), notes)])
+
+
+@dataclass(frozen=True)
+class _Sheet:
+    """The text of a record cut into cells: `rows` are (line, cells), comments and blank lines left out."""
+
+    file: str
+    lines: list[str]
+    separator: str
+    header: tuple[int, list[str]]
+    rows: Cells
+
+    def place(self, line: int, cell: int) -> Place:
+        return _cell_place(self.file, line, self.lines[line - 1], self.separator, cell)
+
+
+def _read_text(path: Path) -> Table:
+    text = _decode(path)
+    sheet = _cut(str(path), text)
+    problems = Problems()
+    _check_header(sheet, problems)
+    width = len(sheet.header[1])
+    rows = _full_rows(sheet, _without_units_row(sheet, problems), problems)
+    found = [_numbers([cells[k] for _, cells in rows]) for k in range(width)]
+    _report_cells(sheet, rows, [bad for _, bad in found], problems)
+    if not sheet.rows:
+        problems.add("record-empty", f"'{path.name}' has names but no rows", sheet.place(sheet.header[0], 0))
+    problems.raise_as(DataError)
+    names = tuple(sheet.header[1])
+    numbers = {name: values for name, (values, _) in zip(names, found, strict=True) if values is not None}
+    lines = np.array([line for line, _ in rows], dtype=np.int64)
+    return Table(path, names, lines, numbers, text, sheet.separator)
+
+
+def _decode(path: Path) -> str:
+    raw = path.read_bytes()
+    try:
+        return raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = raw[:error.start].count(b"\n") + 1
+        raise DataError([Problem("record-encoding", f"'{path.name}' is not UTF-8 text",
+                                 Place(str(path), line), "Save it again as CSV in UTF-8.")]) from error
+
+
+def _lines(text: str) -> list[str]:
+    # not splitlines(), which also splits at form feeds and so counts lines unlike an editor
+    return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+
+
+def _cut(file: str, text: str) -> _Sheet:
+    lines = _lines(text)
+    content = [(k, line) for k, line in enumerate(lines, 1)
+               if line.strip() and not line.lstrip().startswith("#")]
+    if not content:
+        raise DataError([Problem("record-empty", f"'{Path(file).name}' has no rows", Place(file, 1),
+                                 "A record begins with a row that names the columns.")])
+    names = content[0][1]
+    separator = max(SEPARATORS, key=names.count)
+    if '"' in text:
+        cells = [next(csv.reader([line], delimiter=separator)) for _, line in content]
+    else:
+        cells = [line.split(separator) for _, line in content]
+    rows = [(k, [cell.strip() for cell in row]) for (k, _), row in zip(content, cells, strict=True)]
+    if all(row and row[-1] == "" for _, row in rows) and len(rows[0][1]) > 1:
+        rows = [(k, row[:-1]) for k, row in rows]  # every line ends with a separator
+    return _Sheet(file, lines, separator, rows[0], rows[1:])
+
+
+def _cell_place(file: str, line: int, text: str, separator: str, cell: int) -> Place:
+    """Where cell `cell` (from 0) of a line stands; the end of the line where it has fewer cells."""
+    start, count, quoted = 0, 0, False
+    for k, letter in enumerate(text + separator):
+        quoted ^= letter == '"'
+        if letter != separator or quoted:
+            continue
+        if count == cell:
+            inner = text[start:k]
+            blank = len(inner) - len(inner.lstrip())
+            return Place(file, line, start + blank + 1, text, max(1, len(inner.strip())))
+        start, count = k + 1, count + 1
+    return Place(file, line, len(text) + 1, text)
+
+
+def _check_header(sheet: _Sheet, problems: Problems) -> None:
+    line, names = sheet.header
+    if names and all(_is_number(name) for name in names):
+        above = line > 1 and sheet.lines[line - 2].lstrip().startswith("#")
+        hint = "Remove the # in front of the names." if above else "Write for example `time_s,heave_m`."
+        problems.add("record-header", "the first row must name the columns; these are numbers",
+                     sheet.place(line, 0), hint=hint)
+        return
+    words = len(names[0].split()) if len(names) == 1 else 1
+    if words > 1 and sheet.rows and all(len(cells[0].split()) == words for _, cells in sheet.rows):
+        problems.add("record-separator", "the columns seem to be separated by spaces", sheet.place(line, 0),
+                     hint="Separate them by commas, semicolons or tabs.")
+    for k, name in enumerate(names):
+        if not name:
+            problems.add("record-header", f"column {k + 1} has no name", sheet.place(line, k),
+                         hint="Give each column a name in the first row.")
+        elif name in names[:k]:
+            problems.add("record-column-twice",
+                         f"two columns are called '{name}' (columns {names.index(name) + 1} and {k + 1})",
+                         sheet.place(line, k), hint="Give each column a name of its own.")
+
+
+def _without_units_row(sheet: _Sheet, problems: Problems) -> Cells:
+    if len(sheet.rows) < 2:
+        return sheet.rows
+    (line, first), (_, second) = sheet.rows[:2]
+    words = any(first) and not any(_is_number(cell) or _DECIMAL_COMMA.fullmatch(cell) for cell in first)
+    if not words or not any(map(_is_number, second)):
+        return sheet.rows
+    problems.add("record-units-row", "the row below the names has no numbers (units?)", sheet.place(line, 0),
+                 hint="Put a # in front of this line; units are said in the experiment (`unit: m`).")
+    return sheet.rows[1:]
+
+
+def _full_rows(sheet: _Sheet, rows: Cells, problems: Problems) -> Cells:
+    width = len(sheet.header[1])
+    ragged = [row for row in rows if len(row[1]) != width]
+    hint = f"The columns are taken to be separated by {SEPARATORS[sheet.separator]}, as in the row of names."
+    if ragged and sheet.separator == "," and all(len(cells) == 2 * width for _, cells in rows):
+        line, cells = ragged[0]
+        problems.add("decimal-comma", f"each row has {2 * width} cells for {width} names: the numbers seem "
+                     f"to have decimal commas ('{cells[0]},{cells[1]}')", sheet.place(line, 0),
+                     hint="Export the table with decimal points.")
+        return []
+    found = [(f"this row has {len(cells)} cell{'s' * (len(cells) > 1)}, the row of names has {width}",
+              sheet.place(line, min(width, len(cells)))) for line, cells in ragged[:SHOWN]]
+    _add_few(problems, "record-ragged", found, len(ragged), "rows", hint)
+    return [row for row in rows if len(row[1]) == width]
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def _numbers(cells: list[str]) -> tuple[Array | None, list[int]]:
+    """The numbers of a column, NaN where one is missing (None if all is text), and the rows that are text."""
+    try:
+        return np.array(cells, dtype=np.float64), []
+    except ValueError:
+        pass
+    values = np.full(len(cells), np.nan)
+    bad = []
+    for row, cell in enumerate(cells):
+        if _is_number(cell):
+            values[row] = float(cell)
+        elif cell.lower() not in _MISSING:
+            bad.append(row)
+    if bad and np.isnan(values).all() and not any(_DECIMAL_COMMA.fullmatch(cells[row]) for row in bad):
+        return None, []
+    return values, bad
+
+
+def _report_cells(sheet: _Sheet, rows: Cells, bad: list[list[int]], problems: Problems) -> None:
+    cells = sorted((row, k) for k, column_rows in enumerate(bad) for row in column_rows)
+    commas = [c for c in cells if _DECIMAL_COMMA.fullmatch(rows[c[0]][1][c[1]])]
+    words = [c for c in cells if not _DECIMAL_COMMA.fullmatch(rows[c[0]][1][c[1]])]
+    for found, code, what, hint in (
+            (commas, "decimal-comma", "has a decimal comma", "Export the table with decimal points."),
+            (words, "record-text", "is not a number", "Write a number, or delete the row.")):
+        few = [(f"'{rows[row][1][k]}' in column '{sheet.header[1][k]}' {what}", sheet.place(rows[row][0], k))
+               for row, k in found[:SHOWN]]
+        _add_few(problems, code, few, len(found), "cells", hint)
+
+
+def _add_few(problems: Problems, code: str, found: list[tuple[str, Place]], total: int, things: str,
+             hint: str) -> None:
+    """Note `found`, which are the first of `total`; the last of them says how many are left out."""
+    for k, (message, place) in enumerate(found):
+        left_out = total - len(found) if k == len(found) - 1 else 0
+        problems.add(code, message, place, hint=hint,
+                     notes=[f"and {left_out} more such {things} in this file"] if left_out else [])
+
+
+def _read_parquet(path: Path) -> Table:
+    import pandas as pd
+
+    try:
+        frame = pd.read_parquet(path)
+    except ImportError as error:
+        raise DataError([Problem("record-parquet", f"'{path.name}' needs a library that is not installed",
+                                 None, "pip install pyarrow")]) from error
+    except (ValueError, OSError) as error:
+        raise DataError([Problem("record-parquet", f"'{path}' is not a Parquet file that can be read", None,
+                                 "", (str(error).splitlines()[0],))]) from error
+    if frame.index.name is not None:
+        frame = frame.reset_index()
+    if not len(frame):
+        raise DataError([Problem("record-empty", f"'{path}' has no rows")])
+    numbers = {str(name): frame[name].to_numpy(dtype=np.float64, na_value=np.nan) for name in frame.columns
+               if pd.api.types.is_numeric_dtype(frame[name])}
+    return Table(path, tuple(map(str, frame.columns)), np.arange(1, len(frame) + 1), numbers)
+
+
+def _read_matlab(path: Path, place: Place | None, beside: str | None) -> Table:
+    found = read_matlab(path, place).beside(beside)
+    if not found.columns:
+        notes = [f"{name} {why}" for name, (why, _) in list(found.aside.items())[:SHOWN]]
+        hint = next((hint for _, hint in found.aside.values()), "Save the time and the channels as vectors.")
+        raise DataError([Problem("record-empty", f"'{path.name}' has no vector of numbers", place, hint, tuple(notes))])
+    n = len(next(iter(found.columns.values())))
+    return Table(path, (*found.columns, *found.aside), np.arange(1, n + 1), found.columns, aside=found.aside)

@@ -1,0 +1,96 @@
+"""The terminal: problems in colour, tables, a line that says what takes long. Plain text where nobody looks."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from typing import IO, TYPE_CHECKING, NoReturn
+
+from heavebond.basis.errors import Problem
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
+
+PIPE_CLOSED = 141  # what a shell reports of a program whose reader went away
+PLAIN_WIDTH = 120  # of tables that go to a file or a pipe
+
+
+def output() -> Console:
+    """Standard output: coloured on a terminal (unless NO_COLOR is set), else plain."""
+    return _console(sys.stdout)
+
+
+def messages() -> Console:
+    """Standard error, for problems and progress."""
+    return _console(sys.stderr)
+
+
+def _console(file: IO[str]) -> Console:
+    from rich.console import Console
+
+    class Terminal(Console):
+        def on_broken_pipe(self) -> NoReturn:
+            raise BrokenPipeError
+
+    # a file has no width; 80 characters would fold tables for nobody's sake
+    width = None if file.isatty() or "COLUMNS" in os.environ else PLAIN_WIDTH
+    return Terminal(file=file, width=width, highlight=False, markup=False, emoji=False, soft_wrap=False)
+
+
+def table(title: str, head: Sequence[str], rows: Sequence[Sequence[str]], *, text: int = 1) -> Table:
+    """A table; the first `text` columns are words, the others numbers."""
+    from rich import box
+    from rich.table import Table
+
+    made = Table(title=title or None, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False,
+                 show_edge=False)
+    for k, name in enumerate(head):
+        made.add_column(name, justify="left" if k < text else "right", overflow="fold")
+    for row in rows:
+        made.add_row(*row)
+    return made
+
+
+def print_problems(problems: Sequence[Problem]) -> None:
+    """Problems on standard error, as `str(Problem)` has them, with a count where there are several."""
+    console = messages()
+    for k, problem in enumerate(problems):
+        if k:
+            console.print()
+        _print_problem(console, problem)
+    if len(problems) > 1:
+        console.print(f"\n{len(problems)} problems", style="bold red")
+
+
+def _print_problem(console: Console, problem: Problem) -> None:
+    from rich.text import Text
+
+    lines = str(problem).split("\n")
+    hint = len(problem.hint.splitlines())
+    head = Text(lines[0], style="bold red")
+    if problem.place:
+        head.stylize("bold", 0, len(f"{problem.place.file}:{problem.place.line}: "))
+    head.stylize("not bold dim", len(lines[0]) - len(problem.code) - 2)
+    styled = [head]
+    for line in lines[1:len(lines) - hint]:
+        caret = line.lstrip(" |").startswith("^") and line.lstrip().startswith("|")
+        styled.append(Text(line, style="yellow" if caret else ""))
+    styled += [Text(line, style="green") for line in lines[len(lines) - hint:]]
+    for line_text in styled:
+        # a long line is left to the terminal: a break inside would end a name that somebody wants to copy
+        console.print(line_text, soft_wrap=True)
+
+
+@contextlib.contextmanager
+def working(words: str) -> Iterator[Callable[[str], None]]:
+    """Say on a terminal what is being done while it is; nothing elsewhere. Gives a function that tells how far it is."""
+    if not sys.stderr.isatty():
+        yield lambda text: None
+        return
+    # a copy of the terminal: during an integration the solver's own words are caught from file descriptor 2
+    with open(os.dup(sys.stderr.fileno()), "w", encoding=sys.stderr.encoding) as copy, \
+            _console(copy).status(words, spinner="dots") as status:
+        yield lambda text: status.update(f"{words}: {text}")

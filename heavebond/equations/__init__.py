@@ -1,0 +1,1 @@
+"""From a diagram to a reduced system of equations."""

@@ -1,0 +1,391 @@
+"""What is joined to what: the groups of ports that share one across variable or one signal, their domains and units."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from heavebond.basis.errors import ModelError, Place, Problems, either
+from heavebond.basis.units import (
+    ONE,
+    Dimension,
+    Unit,
+    UnitProblem,
+    declared_unit,
+    dimension_text,
+    is_generic,
+    read_unit,
+    solved,
+    times,
+)
+from heavebond.equations.expand import Bound, Expanded
+from heavebond.language.definition import FileInput, Value
+from heavebond.text.dimensions import dimension
+from heavebond.text.expression import ExpressionProblem, Name, Number
+
+SECOND = declared_unit("s").dimension
+
+
+@dataclass(frozen=True)
+class Group:
+    """Ports and nodes that are one: `name` is the outermost node's (or the only port's), `aliases` all of them."""
+
+    name: str
+    domain: str  # "signal" for signals
+    aliases: tuple[str, ...]
+    ports: tuple[str, ...]
+    place: Place
+
+
+@dataclass(frozen=True)
+class Network:
+    """The groups, the group of each port and node path, the domain of each port, the solved units of each leaf."""
+
+    groups: tuple[Group, ...]
+    group_of: dict[str, int]
+    domains: dict[str, dict[str, str]]
+    units: dict[str, dict[str, Dimension]]
+
+
+def connect(expanded: Expanded, order: Sequence[str] = ()) -> Network:
+    """Join what the wires join; ModelError for mixed domains, units that cannot be told, signals driven twice.
+
+    `order` names the parameters that are given by formulas, each after those that it needs.
+    """
+    problems = Problems()
+    groups, group_of = _groups(expanded)
+    domains = _domains(expanded, groups, group_of, problems)
+    problems.raise_as(ModelError)
+    named = [_named(expanded, members, domain) for members, domain in zip(groups, domains, strict=True)]
+    network = Network(tuple(named), group_of, _port_domains(expanded, group_of, named), {})
+    _signal_sources(expanded, network, problems)
+    problems.raise_as(ModelError)
+    units = _units(expanded, network, _Dimensions(expanded, order), problems)
+    problems.raise_as(ModelError)
+    return Network(network.groups, group_of, network.domains, units)
+
+
+def _groups(expanded: Expanded) -> tuple[list[list[str]], dict[str, int]]:
+    """Union-find over port and node paths; groups in the order in which their first member is declared."""
+    parent: dict[str, str] = {}
+
+    def root(item: str) -> str:
+        parent.setdefault(item, item)
+        while parent[item] != item:
+            parent[item] = parent[parent[item]]
+            item = parent[item]
+        return item
+
+    for junction in expanded.junctions.values():
+        node = root("node " + junction.path)
+        for end in junction.ends:
+            if not _overridden(expanded, end.leaf, end.port):
+                parent[root("port " + end.name)] = node
+    for path in (*expanded.ports, *expanded.signals):
+        if expanded.ports.get(path) is None or expanded.ports[path].count is None:
+            root("port " + path)
+    members: dict[str, list[str]] = {}
+    for item in parent:
+        members.setdefault(root(item), []).append(item)
+    groups = list(members.values())
+    return groups, {item: k for k, group in enumerate(groups) for item in group}
+
+
+def _overridden(expanded: Expanded, leaf: str, port: str) -> bool:
+    """An input set to a record from outside (an experiment) leaves the node that drives it in the diagram."""
+    bound = expanded.leaves[leaf].inputs.get(port) if leaf in expanded.leaves else None
+    return bound is not None and isinstance(bound.value, FileInput)
+
+
+def port_definition(expanded: Expanded, path: str) -> str:
+    """The declared domain of a port path (`x.p[2]` is declared as `x.p`), or `signal`."""
+    base = path.partition("[")[0]
+    return expanded.ports[base].domain if base in expanded.ports else "signal"
+
+
+def _domains(expanded: Expanded, groups: list[list[str]], group_of: dict[str, int], problems: Problems) -> list[str]:
+    """The domain of each group; `$D` of a leaf is taken from whatever its ports are wired to."""
+    domains = [""] * len(groups)
+    bound: dict[tuple[str, str], str] = {}
+    changed = True
+    while changed:
+        changed = False
+        for k, members in enumerate(groups):
+            for item in members:
+                kind, _, path = item.partition(" ")
+                if kind == "node":
+                    continue
+                declared = port_definition(expanded, path)
+                key = (path.rpartition(".")[0], declared)
+                found = bound.get(key, "") if declared.startswith("$") else declared
+                if found and not domains[k]:
+                    domains[k], changed = found, True
+                # no port of power is ever a signal, which `_mixed` tells
+                elif declared.startswith("$") and domains[k] not in ("", "signal") and not found:
+                    bound[key], changed = domains[k], True
+    _mixed(expanded, bound, problems)
+    for k, members in enumerate(groups):
+        if not domains[k] and any(m.startswith("port ") for m in members):
+            path = next(m for m in members if m.startswith("port "))[5:]
+            leaf = expanded.leaves[path.rpartition(".")[0]]
+            problems.add("domain-open", f"nothing tells the domain of '{path}'",
+                         leaf.place, hint="Join it to a port of a component that has a domain.")
+    return domains
+
+
+def _mixed(expanded: Expanded, bound: dict[tuple[str, str], str], problems: Problems) -> None:
+    for junction in expanded.junctions.values():
+        kinds: dict[str, str] = {}
+        for end in junction.ends:
+            declared = port_definition(expanded, end.name)
+            kind = bound.get((end.leaf, declared), "") if declared.startswith("$") else declared
+            kinds.setdefault(kind, end.name)
+        if "signal" not in kinds:
+            kinds.pop("", "")  # a port of any domain
+        if len(kinds) > 1:
+            odd = list(kinds.values())[-1]
+            place = next(end.place for end in junction.ends if end.name == odd)
+            problems.add("domains-mixed", f"node '{junction.path}' joins " + " and ".join(
+                f"a {kind or 'power'} port ('{port}')" if kind != "signal" else f"a signal ('{port}')"
+                for kind, port in kinds.items()), place,
+                hint="A signal acts through a source (ForceSource, FlowSource, ...) and comes from a sensor."
+                if "signal" in kinds else
+                "A node joins ports of one domain; a component such as a Cylinder goes from one to another.")
+
+
+def _named(expanded: Expanded, members: list[str], domain: str) -> Group:
+    nodes = [m[5:] for m in members if m.startswith("node ")]
+    ports = [m[5:] for m in members if m.startswith("port ")]
+    outermost = min(nodes or ports, key=lambda path: path.count("."))
+    place = expanded.junctions[outermost].place if nodes else \
+        expanded.leaves[outermost.rpartition(".")[0]].place
+    return Group(outermost, domain, (*nodes, *ports), tuple(ports), place)
+
+
+def _port_domains(expanded: Expanded, group_of: dict[str, int], groups: list[Group]) -> dict[str, dict[str, str]]:
+    found: dict[str, dict[str, str]] = {}
+    for path, leaf in expanded.leaves.items():
+        found[path] = {}
+        for port in leaf.component.ports.values():
+            item = f"port {path}.{port.name}" + ("[1]" if port.count is not None else "")
+            if item in group_of:
+                found[path][port.name] = groups[group_of[item]].domain
+    return found
+
+
+# -- signals ---------------------------------------------------------------------------------------------------------
+def drivers(expanded: Expanded, group: Group) -> tuple[list[str], list[tuple[str, Bound]]]:
+    """What sets the value of a signal group: outputs of components, and values given in place at inputs."""
+    outputs, given = [], []
+    for path in group.ports:
+        leaf, _, port = path.rpartition(".")
+        component = expanded.leaves[leaf].component
+        direction = component.signals[port].direction
+        inner = {e.path for w in component.body.wires.values() for e in w.ends}
+        if direction == "out" and port not in inner:
+            outputs.append(path)
+        if port in expanded.leaves[leaf].inputs:
+            given.append((path, expanded.leaves[leaf].inputs[port]))
+    return outputs, given
+
+
+def _signal_sources(expanded: Expanded, network: Network, problems: Problems) -> None:
+    for group in network.groups:
+        if group.domain != "signal":
+            continue
+        outputs, given = drivers(expanded, group)
+        if len(outputs) > 1:
+            problems.add("signal-driven-twice", f"signal '{group.name}' has {len(outputs)} outputs, {either(outputs)}",
+                         group.place, hint="A signal has exactly one; add them with a Sum.")
+        for path, bound in given if outputs else given[1:]:
+            leaf, _, name = path.rpartition(".")
+            other = outputs[0] if outputs else given[0][0]
+            problems.add("input-twice", f"'{path}' has a value in place, and '{other}' sets it too (node "
+                         f"'{group.name}')", bound.place,
+                         hint=f"Remove `{name}:` from '{leaf}', or take '{path}' off the node.")
+        if not outputs and not given:
+            problems.add("signal-undriven", f"nothing sets the signal '{group.name}'", group.place,
+                         hint="Join it to an output, or give the input a value in place.")
+
+
+def _units(expanded: Expanded, network: Network, dimensions: _Dimensions, problems: Problems
+           ) -> dict[str, dict[str, Dimension]]:
+    """Solve `$U` of each leaf from parameters with units, the signals it is joined to and formulas at its inputs."""
+    solution: dict[str, dict[str, Dimension]] = {path: {} for path in expanded.leaves}
+    constraints = [*_parameter_constraints(expanded, dimensions)]
+    signals = [g for g in network.groups if g.domain == "signal"]
+    formulas = _Formulas(expanded, network, dimensions, solution)
+    changed = True
+    while changed:
+        changed = False
+        for path, declared, given in constraints:
+            changed |= _solve(declared, given, solution[path])
+        for group in signals:
+            known = _known_dimension(expanded, group, formulas)
+            if known is None:
+                continue
+            for port in (*group.ports, *formulas.equal(group)):
+                leaf, _, name = port.rpartition(".")
+                changed |= _solve(expanded.leaves[leaf].component.signals[name].unit.dimension, known, solution[leaf])
+    _check_signals(expanded, signals, solution, problems)
+    return solution
+
+
+def _parameter_constraints(expanded: Expanded, dimensions: _Dimensions
+                           ) -> Iterable[tuple[str, Dimension, Dimension]]:
+    for path, leaf in expanded.leaves.items():
+        for name, bound in leaf.parameters.items():
+            parameter = leaf.component.parameters[name]
+            if not is_generic(parameter.unit.dimension) or not isinstance(bound.value, Value):
+                continue
+            given = dimensions.of(bound)
+            if given is not None:
+                yield path, parameter.unit.dimension, given
+
+
+class _Dimensions:
+    """The dimensions of values in the diagram, those of its parameters found once."""
+
+    def __init__(self, expanded: Expanded, order: Sequence[str]):
+        self.expanded = expanded
+        self.found: dict[str, Dimension | None] = {}
+        formulas = set(order)
+        for name in [*(n for n in expanded.parameters if n not in formulas), *order]:
+            if name in expanded.parameters:
+                self.found[name] = self.of(expanded.parameters[name])
+
+    def of(self, bound: Bound) -> Dimension | None:
+        """That of a value made of quantities and parameters with known units; None where it cannot be told."""
+        assert isinstance(bound.value, Value)
+        if bound.value.si:
+            return None
+        try:
+            return dimension(bound.value.expr, lambda name: self._parameter(bound.scope + name.text, name))
+        except ExpressionProblem:
+            return None  # not known yet, or the complaint comes with the check of the parameter itself
+
+    def _parameter(self, path: str, name: Name) -> Dimension:
+        found = ONE if name.text == "pi" else self._found(path)
+        if found is None or is_generic(found):
+            raise ExpressionProblem("unit-open", f"the unit of '{name.text}' is not known", name.column, name.length)
+        return found
+
+    def _found(self, path: str) -> Dimension | None:
+        if path in self.found:
+            return self.found[path]
+        owner, _, parameter = path.rpartition(".")
+        leaf = self.expanded.leaves.get(owner)
+        declared = leaf.component.parameters.get(parameter) if leaf is not None else None
+        return None if declared is None else declared.unit.dimension
+
+
+def _solve(declared: Dimension, given: Dimension, known: dict[str, Dimension]) -> bool:
+    """declared(with one unsolved unit) = given: solve it; True where something new was learnt."""
+    now = solved(declared, known)
+    unknown = [(base, power) for base, power in now if base.startswith("$")]
+    if len(unknown) != 1:
+        return False
+    (base, power), = unknown
+    rest = tuple((b, p) for b, p in now if b != base)
+    known[base] = times(ONE, times(given, rest, -1), 1 / power)
+    return True
+
+
+class _Formulas:
+    """The dimensions of formulas and records at inputs, as far as the units of signals are solved."""
+
+    def __init__(self, expanded: Expanded, network: Network, dimensions: _Dimensions,
+                 solution: dict[str, dict[str, Dimension]]):
+        self.expanded, self.network, self.dimensions, self.solution = expanded, network, dimensions, solution
+        self.group_of = {alias: group for group in network.groups for alias in group.aliases}
+
+    def equal(self, group: Group) -> list[str]:
+        """Signals elsewhere that an input of the group is set to by their bare name (`u: =lag.y`)."""
+        found = []
+        for _, bound in drivers(self.expanded, group)[1]:
+            name = bound.value.expr if isinstance(bound.value, Value) else None
+            if isinstance(name, Name) and (other := self.group_of.get(bound.scope + name.text)) is not None:
+                found += [port for port in other.ports if other.domain == "signal"]
+        return found
+
+    def of(self, bound: Bound) -> Dimension | None:
+        """That of what an input is given; None where it cannot be told (a bare 0, a name whose unit is open)."""
+        if isinstance(bound.value, FileInput):
+            return read_unit(bound.value.unit).dimension
+        if isinstance(bound.value.expr, Number) and bound.value.expr.unit is None and bound.value.expr.value == 0:
+            return None
+        try:
+            return dimension(bound.value.expr, lambda name: self._named(bound.scope + name.text, name))
+        except (ExpressionProblem, UnitProblem):
+            return None  # the complaint comes with the check of the formula itself
+
+    def _named(self, path: str, name: Name) -> Dimension:
+        found = SECOND if name.text == "time" else ONE if name.text == "pi" else self._member(path)
+        if found is None or is_generic(found):
+            raise ExpressionProblem("unit-open", f"the unit of '{name.text}' is not known", name.column, name.length)
+        return found
+
+    def _member(self, path: str) -> Dimension | None:
+        """The dimension of a parameter, a variable, a signal, or a member of a node or port."""
+        owner, _, name = path.rpartition(".")
+        leaf, group = self.expanded.leaves.get(owner), self.group_of.get(owner)
+        if path in self.dimensions.found:
+            return self.dimensions.found[path]
+        signal = self.group_of.get(path)
+        if signal is not None and signal.domain == "signal":
+            return self.signal(signal)
+        if group is not None and group.domain != "signal":
+            domain = self.expanded.model.library.domains[group.domain]
+            member = domain.members.get(domain.role(name))
+            if member is not None:
+                return member.unit.dimension
+        if leaf is None:
+            return None
+        item = leaf.component.variables.get(name) or leaf.component.parameters.get(name)
+        return None if item is None else solved(item.unit.dimension, self.solution[owner])
+
+    def signal(self, group: Group) -> Dimension | None:
+        """That of a signal, from any of its ports."""
+        for port in group.ports:
+            leaf, _, name = port.rpartition(".")
+            found = solved(self.expanded.leaves[leaf].component.signals[name].unit.dimension, self.solution[leaf])
+            if not is_generic(found):
+                return found
+        return None
+
+
+def _known_dimension(expanded: Expanded, group: Group, formulas: _Formulas) -> Dimension | None:
+    found = formulas.signal(group)
+    if found is not None:
+        return found
+    given = (formulas.of(bound) for _, bound in drivers(expanded, group)[1])
+    return next((g for g in given if g is not None), None)
+
+
+def signal_unit(expanded: Expanded, port: str, solution: dict[str, dict[str, Dimension]]) -> Unit:
+    """The unit of a signal port with `$U` put in."""
+    leaf, _, name = port.rpartition(".")
+    declared = expanded.leaves[leaf].component.signals[name].unit
+    if not is_generic(declared.dimension):
+        return declared
+    found = solved(declared.dimension, solution[leaf])
+    return Unit(dimension_text(found), 1.0, 0.0, found)
+
+
+def _check_signals(expanded: Expanded, signals: list[Group], solution: dict[str, dict[str, Dimension]],
+                   problems: Problems) -> None:
+    for group in signals:
+        units = {port: signal_unit(expanded, port, solution) for port in group.ports}
+        first = next(iter(units))
+        for port, unit in units.items():
+            if is_generic(unit.dimension):
+                leaf = expanded.leaves[port.rpartition(".")[0]]
+                problems.add("unit-open", f"nothing tells the unit of the signal '{port}'", leaf.place,
+                             hint="Give its parameters with their units, or join it to a signal of a known unit.")
+            elif unit.dimension != units[first].dimension or {unit.counts, units[first].counts} == {"cycles", "angle"}:
+                factor = dimension_text(times(unit.dimension, units[first].dimension, -1))
+                problems.add("units-differ", f"signal '{group.name}' joins {units[first].text} ('{first}') and "
+                             f"{unit.text} ('{port}')", group.place, hint="Check the wire. To convert, give the input "
+                             f"a formula in place: `{port.rpartition('.')[2]}: \"=k*{first}\"` with k in {factor}.")
+
+

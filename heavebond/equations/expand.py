@@ -1,0 +1,490 @@
+"""A diagram with its blocks opened: every component that carries equations, and every node, by its full path."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+from heavebond.basis.errors import HeavebondError, ModelError, Place, Problems, listing, nearest, suggest
+from heavebond.basis.units import is_generic
+from heavebond.language import laws
+from heavebond.language.definition import Body, Component, End, FileInput, Instance, Parameter, Port, SignalPort, Value, Wire
+from heavebond.language.lists import lengths, short, whole_number, written_out
+from heavebond.language.model import Model, Setting
+from heavebond.language.values import bounds_text, check_bounds, check_dimension
+from heavebond.text.expression import Number
+
+DEEPEST_BLOCK = 20
+MOST_OF_A_KIND = 10_000
+
+
+@dataclass(frozen=True)
+class Bound:
+    """A value given to a parameter or an input, and the scope (path prefix) in which its names are looked up."""
+
+    value: Value | FileInput
+    scope: str
+    place: Place
+
+
+@dataclass(frozen=True)
+class Leaf:
+    """A component in the opened diagram. A block is a leaf too: it may have equations beside its parts."""
+
+    path: str
+    component: Component
+    place: Place
+    parameters: dict[str, Bound]
+    inputs: dict[str, Bound]
+    integers: dict[str, int]
+
+    @property
+    def scope(self) -> str:
+        """The prefix of the names inside."""
+        return self.path + "."
+
+
+@dataclass(frozen=True)
+class PortEnd:
+    """A port on a node; the sign is -1 for a block's own port seen from its inside."""
+
+    leaf: str
+    port: str
+    sign: int
+    place: Place
+
+    @property
+    def name(self) -> str:
+        """Its full path."""
+        return f"{self.leaf}.{self.port}" if self.leaf else self.port
+
+
+@dataclass(frozen=True)
+class Junction:
+    """A node: its full path and the ends that it joins."""
+
+    path: str
+    ends: tuple[PortEnd, ...]
+    place: Place
+
+
+@dataclass(frozen=True)
+class Medium:
+    """What fills a circuit: the part `source` of this `kind` that sets it (empty: nothing does, and its usual values stand
+    in), the nodes of the circuit, and the parameters `takers` that take their values from it."""
+
+    source: str
+    kind: str
+    nodes: tuple[str, ...]
+    takers: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Expanded:
+    """The opened diagram. `ports` and `signals` tell what each port end carries, by full port path; `media` what fills
+    the circuits that have parts which ask for it."""
+
+    model: Model
+    leaves: dict[str, Leaf]
+    junctions: dict[str, Junction]
+    parameters: dict[str, Bound] = field(default_factory=dict)
+    ports: dict[str, Port] = field(default_factory=dict)
+    signals: dict[str, SignalPort] = field(default_factory=dict)
+    media: tuple[Medium, ...] = ()
+
+    @property
+    def blocks(self) -> list[str]:
+        """The components that are made of others."""
+        return [path for path, leaf in self.leaves.items() if leaf.component.composite]
+
+
+def expand(model: Model) -> Expanded:
+    """Open every block of the diagram; ModelError with all that is wrong with names, ports and wires.
+
+    Parameters that are taken from the medium of a circuit are still open (see `medium`).
+    """
+    opener = _Opener(model)
+    opener.top()
+    opener.arrays()
+    opener.problems.raise_as(ModelError)
+    return Expanded(model, opener.leaves, opener.junctions, opener.parameters, opener.ports, opener.signals)
+
+
+class _Opener:
+    def __init__(self, model: Model):
+        self.model = model
+        self.problems = Problems()
+        self.leaves: dict[str, Leaf] = {}
+        self.junctions: dict[str, Junction] = {}
+        self.ports: dict[str, Port] = {}
+        self.signals: dict[str, SignalPort] = {}
+        self.parameters: dict[str, Bound] = {}
+        self.extra: dict[str, list[PortEnd]] = {}
+        self.extra_places: dict[str, Place] = {}
+        self.unused = dict(model.settings)
+        self.settable: list[str] = []
+        self.found: dict[str, Component] = {}
+        # ports that a misspelt end most likely meant, and parts with such an end: not reported as unconnected as well
+        self.meant: set[str] = set()
+
+    def top(self) -> None:
+        model = self.model
+        for name, value in model.parameters.items():
+            setting = self._setting(name)
+            bound = Bound(value, "", value.place) if setting is None else Bound(setting.value, "", setting.place)
+            self.parameters[name] = bound
+        if not model.body.instances:
+            self.problems.add("diagram-empty", "this diagram has no components", Place(model.path.name, 1),
+                              hint="Add `components:` and `nodes:`.")
+        self._body(model.body, "", None, {}, ())
+        self._unused_settings()
+        for path in self.extra:
+            self.problems.add("node-unknown", f"there is no node '{path}' inside a block", self.extra_places[path],
+                              hint=suggest(path, self.junctions) or f"Nodes: {listing(self.junctions)}.")
+
+    def _setting(self, path: str) -> Setting | None:
+        self.settable.append(path)
+        return self.unused.pop(path, None)
+
+    def _unused_settings(self) -> None:
+        for path, setting in self.unused.items():
+            owner, _, name = path.rpartition(".")
+            own = [s for s in self.settable if s.rpartition(".")[0] == owner]
+            message, choices = f"nothing here is called '{path}', so it cannot be set", self.settable
+            if owner in self.leaves:
+                component = self.leaves[owner].component
+                message, choices = f"'{owner}' ({component.name}) has no parameter '{name}'", own
+            elif owner in self.junctions:
+                message, choices = f"'{path}' changes during a run; only parameters and inputs are set", []
+            hint = suggest(path, choices) or (f"What can be set: {listing(choices, 20)}." if choices else
+                                              "Its value at the start stands under `initial:`.")
+            self.problems.add("setting-unknown", message, setting.place, hint=hint)
+
+    # -- one level -------------------------------------------------------------------------------------------------
+    def _body(self, body: Body, prefix: str, owner: Component | None, integers: dict[str, int],
+              kinds: tuple[str, ...]) -> None:
+        body = self._repeated(body, prefix, integers, kinds)
+        self._name_clashes(body, owner)
+        known: dict[str, Component] = {}
+        for instance in body.instances.values():
+            component = self._component(instance, kinds)
+            if component is not None:
+                known[instance.name] = component
+        self._nodes(body, prefix, owner, known)
+        for name, component in known.items():
+            self._instance(body.instances[name], component, prefix, integers, kinds)
+
+    def _component(self, instance: Instance, kinds: tuple[str, ...]) -> Component | None:
+        try:
+            component = self.found.get(instance.kind) or self._checked(instance)
+        except HeavebondError as error:
+            self.problems.extend(error)
+            return None
+        if component.name in kinds or len(kinds) > DEEPEST_BLOCK:
+            circle = [*kinds[kinds.index(component.name):], component.name] if component.name in kinds else [*kinds]
+            self.problems.add("block-contains-itself", f"'{circle[0]}' contains itself: {' > '.join(circle)}"
+                              if component.name in kinds else f"blocks stand in each other more than "
+                              f"{DEEPEST_BLOCK} deep", instance.place,
+                              hint="A block is made of other components; leave one of these parts out.")
+            return None
+        return component
+
+    def _checked(self, instance: Instance) -> Component:
+        """A component met for the first time; its file is read and its laws are checked once, not for every instance."""
+        component = self.model.library.component(instance.kind, instance.kind_place)
+        self.found[instance.kind] = component
+        laws.check(component, self.model.library.domains)
+        return component
+
+    def _name_clashes(self, body: Body, owner: Component | None) -> None:
+        for wire in body.wires.values():
+            instance = body.instances.get(wire.name)
+            if instance is not None and not any(e.path.split(".")[0] == wire.name for e in wire.ends):
+                self.problems.add("name-twice", f"node '{wire.name}' has the name of a component that is not on it",
+                                  wire.place, hint="Give the node another name.")
+        if owner is None:
+            for name, value in self.model.parameters.items():
+                if name in body.instances or name in body.wires:
+                    self.problems.add("name-twice", f"'{name}' is a parameter and a component or node", value.place,
+                                      hint="Give one of them another name.")
+
+    def _instance(self, instance: Instance, component: Component, prefix: str, outer: dict[str, int],
+                  kinds: tuple[str, ...]) -> None:
+        path = prefix + instance.name
+        parameters: dict[str, Bound] = {}
+        missing: list[str] = []
+        told = lengths(component, lambda name: name in instance.settings or f"{path}.{name}" in self.unused)
+        for name in (n for n, p in component.parameters.items() if p.integer):
+            bound = self._given(instance, name, prefix, path) or self._told(told, name, instance) \
+                or default(component.parameters[name], path)
+            if bound is not None:
+                parameters[name] = bound
+        integers = self._integers(component, parameters, outer)
+        component = written_out(component, integers)
+        for name, parameter in component.parameters.items():
+            bound = parameters.get(name) or self._given(instance, name, prefix, path)
+            if bound is None and parameter.medium:
+                continue  # its circuit decides
+            bound = bound or default(parameter, path)
+            if bound is None:
+                missing.append(name)
+            elif isinstance(bound.value, FileInput):
+                self.problems.add("parameter-file", f"{path}.{name} is a constant; a record cannot set it",
+                                  bound.place, hint="Give it a quantity; records are for inputs.")
+            else:
+                parameters[name] = bound
+                self._check_literal(f"{path}.{name}", parameter, bound.value)
+        if not self._unknown_settings(instance, component, missing):
+            self._missing(instance.place, path, component, missing)
+        inputs = {name: bound for name, port in component.signals.items() if port.direction == "in"
+                  and (bound := self._given(instance, name, prefix, path)) is not None}
+        self.leaves[path] = Leaf(path, component, instance.place, parameters, inputs, integers)
+        if component.composite:
+            self._body(component.body, path + ".", component, integers, (*kinds, component.name))
+
+    def _given(self, instance: Instance, name: str, prefix: str, path: str) -> Bound | None:
+        setting = self._setting(f"{path}.{name}")
+        if setting is not None:
+            return Bound(setting.value, "", setting.place)
+        given = instance.settings.get(name)
+        return None if given is None else Bound(given, prefix, given.place)
+
+    @staticmethod
+    def _told(told: dict[str, int], name: str, instance: Instance) -> Bound | None:
+        """A whole number that the length of a list tells."""
+        if name not in told:
+            return None
+        value = Value(Number(told[name], None, 0), f"{told[name]} values", instance.place, si=True)
+        return Bound(value, "", instance.place)
+
+    def _check_literal(self, name: str, parameter: Parameter, value: Value) -> None:
+        """A plain quantity has the right unit and lies within its bounds; formulas are checked when all are known."""
+        if isinstance(value.expr, Number) and not value.si and not parameter.integer \
+                and not is_generic(parameter.unit.dimension):
+            before = len(self.problems.found)
+            check_dimension(name, value, None, parameter.unit, self.problems)
+            if len(self.problems.found) == before:
+                check_bounds(name, parameter, value.expr.value, value, self.problems)
+
+    def _missing(self, place: Place, path: str, component: Component, names: list[str]) -> None:
+        for name in names:
+            parameter = component.parameters[name]
+            if "[" in name:
+                count = sum(other.partition("[")[0] == name.partition("[")[0] for other in component.parameters)
+                self.problems.add("parameter-missing", f"'{path}' ({component.name}) needs a list of {count} values for "
+                                  f"{name.partition('[')[0]} ({parameter.doc}); {name} is not given", place,
+                                  hint=f"Write `{name.partition('[')[0]}: [..., ...]`, each value with its unit.")
+                return
+            unit = "" if parameter.integer or parameter.unit.text == "1" else f" {parameter.unit.text}"
+            self.problems.add("parameter-missing", f"'{path}' ({component.name}) needs a value for {name}"
+                              + (f" ({parameter.doc})" if parameter.doc else ""), place,
+                              hint=f"Add `{name}: ...{unit}`.")
+
+    def _unknown_settings(self, instance: Instance, component: Component, missing: list[str]) -> bool:
+        """Whether settings that the component does not have were found; these then say what it lacks."""
+        inputs = [n for n, s in component.signals.items() if s.direction == "in"]
+        settable = short([*component.parameters, *inputs])
+        unknown = [name for name in instance.settings if name not in component.parameters and name not in inputs]
+        groups = (("port", component.ports), ("signal", component.signals), ("variable", component.variables))
+        needs = listing(f"{n.removesuffix('[1]')} ({'a list, ' * ('[' in n)}{p.doc}, {p.unit.text})" for n in missing
+                        if (p := component.parameters[n]) and ("[" not in n or n.endswith("[1]")))
+        for name in unknown:
+            what = next((k for k, group in groups if name in group), "")
+            self.problems.add("parameter-unknown", f"{component.name} has no parameter '{name}'"
+                              + (f"; that is a {what} of it" if what else ""), instance.settings[name].place,
+                              hint=(suggest(name, missing) or f"It needs {needs}.") if missing else
+                              suggest(name, settable) or (f"It has: {listing(settable)}." if settable
+                                                          else f"{component.name} has no parameters."))
+        return bool(unknown)
+
+    def _integers(self, component: Component, parameters: dict[str, Bound], outer: dict[str, int]) -> dict[str, int]:
+        found: dict[str, int] = {}
+        for name, parameter in component.parameters.items():
+            bound = parameters.get(name)
+            if not parameter.integer or bound is None or isinstance(bound.value, FileInput):
+                continue
+            plain = not (isinstance(bound.value.expr, Number) and bound.value.expr.unit is not None)
+            number = whole_number(bound.value.expr, {**outer, **found}) if plain else None
+            if number is None:
+                self.problems.add("not-an-integer", f"{name} must be a whole number, '{bound.value.text}' is none",
+                                  bound.place, hint=f"Write for example `{name}: 3`.")
+            elif abs(number) > MOST_OF_A_KIND:
+                self.problems.add("not-an-integer", f"{name} = {number} is too many", bound.place,
+                                  hint=f"The most is {MOST_OF_A_KIND}.")
+            elif (parameter.low is not None and number < parameter.low) or \
+                    (parameter.high is not None and number > parameter.high):
+                self.problems.add("parameter-bound", f"{name} = {number} is not allowed; it must be "
+                                  f"{bounds_text(parameter)}", bound.place, hint=parameter.doc)
+            else:
+                found[name] = number
+        return found
+
+    # -- wires -----------------------------------------------------------------------------------------------------
+    def _nodes(self, body: Body, prefix: str, owner: Component | None, known: dict[str, Component]) -> None:
+        on: dict[str, tuple[str, Place]] = {}
+        for wire in body.wires.values():
+            ends = []
+            if not wire.ends:
+                self.problems.add("node-empty", f"node '{wire.name}' joins nothing", wire.place,
+                                  hint=f"Write its ports, `{wire.name}: [spring.a, wall.a]`, or remove the line.")
+            for end in wire.ends:
+                found = self._end(end, prefix, owner, known, body)
+                if found is None:
+                    continue
+                if found.name in on:
+                    node, first = on[found.name]
+                    twice = node == wire.name
+                    self.problems.add("port-on-two-nodes", f"'{end.path}' stands twice on node '{node}'" if twice else
+                                      f"'{end.path}' is on two nodes, '{node}' (line {first.line}) and '{wire.name}'",
+                                      end.place, hint="Remove one of the two." if twice else "A port is on one node; "
+                                      "join the two nodes into one, or remove the port from one of them.")
+                    continue
+                on[found.name] = (wire.name, end.place)
+                ends.append(found)
+            if "." in wire.name:
+                self.extra.setdefault(prefix + wire.name, []).extend(ends)
+                self.extra_places[prefix + wire.name] = wire.place
+            else:
+                path = prefix + wire.name
+                self.junctions[path] = Junction(path, (*ends, *self.extra.pop(path, [])), wire.place)
+        for name, component in known.items():
+            self._unconnected(prefix, body.instances[name], component, on)
+
+    def _end(self, end: End, prefix: str, owner: Component | None, known: dict[str, Component],
+             body: Body) -> PortEnd | None:
+        head, _, port = end.path.partition(".")
+        if not port and owner is not None and (head in owner.ports or head in owner.signals):
+            return PortEnd(prefix[:-1], head, -1, end.place)
+        if head in body.instances and head not in known:
+            return None  # its kind is unknown, which is said already
+        component = known.get(head)
+        if component is None or not port:
+            self._bad_end(end, prefix, known, owner)
+            return None
+        base = port.partition("[")[0]
+        if base not in component.ports and base not in component.signals:
+            choices = [*component.ports, *component.signals]
+            self.meant |= {f"{prefix}{head}.{p}" for p in choices}
+            self.problems.add("port-unknown", f"'{head}' ({component.name}) has no port '{port}'", end.place,
+                              hint=suggest(port, choices) or f"Its ports: {listing(choices)}.")
+            return None
+        return PortEnd(prefix + head, port, 1, end.place)
+
+    def _bad_end(self, end: End, prefix: str, known: dict[str, Component], owner: Component | None) -> None:
+        head = end.path.partition(".")[0]
+        if head in known:
+            ports = [*known[head].ports, *known[head].signals]
+            self.meant |= {f"{prefix}{head}.{p}" for p in ports}
+            self.problems.add("port-missing", f"'{head}' is a component; a node joins its ports", end.place,
+                              hint="Write " + " or ".join(f"`{head}.{p}`" for p in ports[:4]) + ".")
+            return
+        own = [*owner.ports, *owner.signals] if owner else []
+        ends = [f"{n}.{p}" for n, c in known.items() for p in (*c.ports, *c.signals)] + own
+        near = nearest(end.path, ends)
+        if near:
+            self.meant.add(prefix + near)
+        what = f"there is no component '{head}'" if "." in end.path or not owner else \
+            f"this block has neither a component nor a port '{head}'"
+        self.problems.add("end-unknown", what, end.place,
+                          hint=suggest(end.path, ends) or suggest(head, known) or f"Components: {listing(known)}.")
+
+    def _unconnected(self, prefix: str, instance: Instance, component: Component,
+                     on: dict[str, tuple[str, Place]]) -> None:
+        path = prefix + instance.name
+        for port in component.ports.values():
+            self.ports[f"{path}.{port.name}"] = port
+            joined = f"{path}.{port.name}" in on or f"{path}.{port.name}" in self.meant
+            if port.count is None and not joined:
+                self.problems.add("port-unconnected", f"port '{instance.name}.{port.name}' is on no node",
+                                  instance.place, hint=f"Add `{instance.name}.{port.name}` to a node; a free end is "
+                                  f"a node of its own: `{instance.name}_{port.name}: [{instance.name}.{port.name}]`.")
+        for name, signal in component.signals.items():
+            self.signals[f"{path}.{name}"] = signal
+            given = name in instance.settings or f"{path}.{name}" in self.unused
+            joined = f"{path}.{name}" in on or f"{path}.{name}" in self.meant
+            if signal.direction == "in" and not joined and not given:
+                unit = "" if signal.unit.text == "1" or is_generic(signal.unit.dimension) else f" {signal.unit.text}"
+                self.problems.add("input-unconnected", f"input '{instance.name}.{name}' has no value", instance.place,
+                                  hint=f"Join it to an output on a node, or give it in place: `{name}: 0{unit}`.")
+
+    def arrays(self) -> None:
+        """Every element of an array of ports is on a node, and no other."""
+        joined = {end.name: end for junction in self.junctions.values() for end in junction.ends if end.sign > 0}
+        for path, leaf in self.leaves.items():
+            for port in leaf.component.ports.values():
+                count = None if port.count is None else whole_number(port.count, leaf.integers)
+                if count is None:
+                    continue
+                wanted = [f"{path}.{port.name}[{k}]" for k in range(1, count + 1)]
+                for name, end in joined.items():
+                    if name.partition("[")[0] == f"{path}.{port.name}" and name not in wanted:
+                        self.problems.add("port-index", f"'{path}' has the ports {port.name}[1] to {port.name}[{count}]; "
+                                          f"'{end.port}' is none of these", end.place,
+                                          hint=f"Write `{path}.{port.name}[1]`, in quotes inside a list.")
+                missing = [name for name in wanted if name not in joined]
+                if missing:
+                    self.problems.add("port-unconnected", f"{listing([repr(m) for m in missing], 4)} "
+                                      f"{'is' if len(missing) == 1 else 'are'} on no node", leaf.place,
+                                      hint="Join each to a node (in quotes inside a list), or lower the number of ports.")
+
+    # -- many of a kind --------------------------------------------------------------------------------------------
+    def _in_line(self, instance: Instance, kinds: tuple[str, ...]) -> bool:
+        """Whether a part is to be repeated, and has the two ports that this takes."""
+        component = self._component(instance, kinds) if instance.repeat else None
+        if component is None or instance.repeat is None:
+            return False
+        single = [name for name in ("a", "b") if (port := component.ports.get(name)) is not None and port.count is None]
+        if len(single) < 2:
+            self.problems.add("repeat-ports", f"'{instance.name}' ({component.name}) cannot be repeated in line: that takes "
+                              "two single ports called a and b", instance.repeat.place, hint="Write each of them by itself.")
+        return len(single) == 2
+
+    def _repeated(self, body: Body, prefix: str, integers: dict[str, int], kinds: tuple[str, ...]) -> Body:
+        if not any(i.repeat for i in body.instances.values()):
+            return body
+        numbers = {**self._top_integers(), **integers} if not prefix else integers
+        instances: dict[str, Instance] = {}
+        wires = dict(body.wires)
+        ends: dict[str, str] = {}
+        for instance in body.instances.values():
+            if instance.repeat is None or not self._in_line(instance, kinds):
+                instances[instance.name] = instance
+                continue
+            count = whole_number(instance.repeat.expr, numbers)
+            if count is None or count < 1:
+                self.problems.add("not-an-integer", f"repeat must be a whole number above 0, "
+                                  f"'{instance.repeat.text}' is none", instance.repeat.place,
+                                  hint="Write for example `repeat: 10`, or a parameter: `repeat: =n`.")
+                count = 1
+            if count > MOST_OF_A_KIND:
+                self.problems.add("not-an-integer", f"repeat: {count} is too many", instance.repeat.place,
+                                  hint=f"The most is {MOST_OF_A_KIND}.")
+                count = 1
+            for k in range(1, count + 1):
+                part = replace(instance, name=f"{instance.name}_{k}", repeat=None)
+                instances[part.name] = part
+                if k < count:
+                    link = f"{instance.name}_{k}_{k + 1}"
+                    wires[link] = Wire(link, (End(f"{instance.name}_{k}.b", instance.place),
+                                              End(f"{instance.name}_{k + 1}.a", instance.place)), instance.place)
+            ends[f"{instance.name}.a"] = f"{instance.name}_1.a"
+            ends[f"{instance.name}.b"] = f"{instance.name}_{count}.b"
+        wires = {n: replace(w, ends=tuple(replace(e, path=ends.get(e.path, e.path)) for e in w.ends))
+                 for n, w in wires.items()}
+        return Body(instances, wires)
+
+    def _top_integers(self) -> dict[str, int]:
+        found: dict[str, int] = {}
+        for name, bound in self.parameters.items():
+            if isinstance(bound.value, Value) and (n := whole_number(bound.value.expr, found)) is not None:
+                found[name] = n
+        return found
+
+
+def default(parameter: Parameter, path: str) -> Bound | None:
+    """What a parameter of the component at `path` is where nothing is given: its default or its neutral value."""
+    if parameter.default is not None:
+        return Bound(parameter.default, path + ".", parameter.default.place)
+    if parameter.neutral is not None:
+        neutral = Value(Number(parameter.neutral, None, 0), "neutral", parameter.place, si=True)
+        return Bound(neutral, "", parameter.place)
+    return None

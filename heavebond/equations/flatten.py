@@ -1,0 +1,420 @@
+"""The opened diagram as one flat set of unknowns, parameters and equations, each with its provenance."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from math import inf
+
+import casadi as ca
+
+from heavebond.basis.errors import ModelError, Place, Problems
+from heavebond.basis.units import DIMENSIONLESS, ONE, Dimension, Unit, declared_unit, dimension_text, read_unit
+from heavebond.equations.asked import check_asked
+from heavebond.equations.connect import Group, Network, connect, drivers, signal_unit
+from heavebond.equations.expand import Bound, Expanded, Leaf, expand
+from heavebond.equations.happening import FlatEvent, Held, held_bounds, leaf_events, with_held
+from heavebond.equations.medium import with_media
+from heavebond.equations.parameters import (
+    FlatParameter,
+    Parameters,
+    check_values,
+    formula_order,
+    make_parameters,
+    narrowed,
+    parameter_bounds,
+    solved_unit,
+)
+from heavebond.equations.resolver import Bond, Resolver, Unknown
+from heavebond.language.definition import Domain, FileInput, Member, Value
+from heavebond.language.model import Model
+from heavebond.language.template import LEVELS, Template, template
+from heavebond.language.values import add_formula_problem, check_dimension
+from heavebond.text.expression import Expr, ExpressionProblem, constant, names, parse_formula
+from heavebond.text.incidence import Interval, classify
+from heavebond.text.packing import BY_SYMBOL
+from heavebond.text.symbols import nonsmooth, split, stack
+
+SECOND = declared_unit("s").dimension
+Entries = list[tuple[int, int]]  # (column, kind); column = level * len(unknowns) + unknown
+
+
+@dataclass(frozen=True)
+class FlatEquation:
+    """Where an equation comes from: the component or node it belongs to, its name, its text, the kink in it."""
+
+    owner: str
+    label: str
+    text: str
+    place: Place
+    kink: str | None = None
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class KnownInput:
+    """A measured signal: symbols for its value and its first three derivatives."""
+
+    name: str
+    source: FileInput
+    unit: Unit
+    symbols: ca.SX
+
+
+@dataclass(frozen=True)
+class Energetics:
+    """Power into the ports, rate of the stored energy, dissipation, unbalanced power, and the energy stored."""
+
+    owner: str
+    power: ca.SX
+    stored: ca.SX
+    dissipated: ca.SX
+    unbalanced: ca.SX
+    energy: ca.SX
+    kind: str
+    why: str
+
+
+@dataclass(frozen=True)
+class Flat:
+    """Unknowns v_j with derivative symbols `levels[k][j]` = d^k v_j / dt^k, and residuals r_i = 0 in SI."""
+
+    expanded: Expanded
+    unknowns: tuple[Unknown, ...]
+    levels: tuple[tuple[ca.SX, ...], ...]
+    parameters: tuple[FlatParameter, ...]
+    p: ca.SX
+    time: ca.SX
+    rate: ca.SX
+    inputs: tuple[KnownInput, ...]
+    equations: tuple[FlatEquation, ...]
+    residuals: tuple[ca.SX, ...]
+    entries: tuple[Entries, ...]
+    names: dict[str, int]
+    constants: dict[str, ca.SX]
+    units: dict[str, Unit] = field(default_factory=dict)
+    energetics: tuple[Energetics, ...] = ()
+    bounds: dict[int, Interval] = field(default_factory=dict, metadata=BY_SYMBOL)
+    held: tuple[Held, ...] = ()
+    events: tuple[FlatEvent, ...] = ()
+    bonds: dict[str, Bond] = field(default_factory=dict)        # of the components
+    block_bonds: dict[str, Bond] = field(default_factory=dict)  # of the blocks that they are in
+
+    @property
+    def constant_hashes(self) -> set[int]:
+        """The hashes of the symbols that never change during a run: the parameters without what is held."""
+        held = {h.index for h in self.held}
+        return {s.element_hash() for k, s in enumerate(split(self.p)) if k not in held}
+
+
+def flatten(model: Model, also: Iterable[str] = (), widths: float = 1.0) -> Flat:
+    """The flat model; `also` names signals that a caller wants beside those that the diagram names itself, `widths` is a
+    factor on the widths of all transitions."""
+    expanded = with_media(expand(model))
+    expanded = expanded if widths == 1 else narrowed(expanded, widths)
+    order = formula_order(expanded)
+    network = connect(expanded, order)
+    return _Builder(expanded, network, make_parameters(expanded, network, order)).build(tuple(also))
+
+
+class _Builder:
+    def __init__(self, expanded: Expanded, network: Network, parameters: Parameters):
+        self.expanded, self.network, self.parameters = expanded, network, parameters
+        self.domains = expanded.model.library.domains
+        self.problems = Problems()
+        self.unknowns: list[Unknown] = []
+        self.names: dict[str, int] = {}
+        self.time, self.rate = ca.SX.sym("time"), ca.SX.sym("time_rate")
+        self.constants = parameters.expressions
+        self.inputs: list[KnownInput] = []
+        self.equations: list[FlatEquation] = []
+        self.residuals: list[ca.SX] = []
+        self.entries: list[Entries] = []
+        self.energetics: list[Energetics] = []
+        self.bonds: dict[str, Bond] = {}
+        self.block_bonds: dict[str, Bond] = {}
+        self.held: tuple[Held, ...] = ()
+        self.events: list[FlatEvent] = []
+        self.templates: dict[str, Template] = {}
+        self.nominal_of: dict[Dimension, float] = {}
+        for domain in self.domains.values():
+            for member in domain.members.values():
+                self.nominal_of.setdefault(member.unit.dimension, member.nominal)
+
+    def build(self, also: tuple[str, ...]) -> Flat:
+        self._make_templates()
+        check_values(self.expanded, self.parameters, self.templates)
+        self._make_unknowns(also)
+        self.n = len(self.unknowns)
+        self.levels = [[ca.SX.sym("d" * k + u.name) for u in self.unknowns] for k in range(LEVELS)]
+        self.columns = [stack(level) for level in self.levels]
+        self._numbers_of_a_run()
+        check_asked(self.expanded.model, self._resolver(), (q.name for q in self.parameters.independent),
+                    {h.name for h in self.held}, self.problems)
+        self._node_equations()
+        self._leaf_equations()
+        self._given_inputs()
+        self.problems.raise_as(ModelError)
+        bounds = {s.element_hash(): (u.low, u.high) for s, u in zip(self.levels[0], self.unknowns, strict=True)}
+        bounds.update(parameter_bounds(self.expanded, self.parameters))
+        bounds.update(held_bounds(self.expanded, self.constants))
+        return Flat(self.expanded, tuple(self.unknowns), tuple(tuple(level) for level in self.levels),
+                    self.parameters.independent, self.parameters.p, self.time, self.rate, tuple(self.inputs),
+                    tuple(self.equations), tuple(self.residuals), tuple(self.entries), self.names, self.constants,
+                    self.parameters.units, tuple(self.energetics), bounds, self.held, tuple(self.events), self.bonds,
+                    self.block_bonds)
+
+    def _numbers_of_a_run(self) -> None:
+        """Initial values (`initial.crown.x`) and the scales of measured inputs (`scale.heave.u`, 1) as parameters, so
+        that they can be set, fitted and differentiated like any other."""
+        numbers = [FlatParameter(f"scale.{path}.{name}", 1.0, DIMENSIONLESS, bound.place)
+                   for path, leaf in self.expanded.leaves.items() for name, bound in leaf.inputs.items()
+                   if isinstance(bound.value, FileInput)]
+        self.parameters, self.held = with_held(
+            self.parameters.joined(numbers), self.expanded,
+            lambda leaf, unit: solved_unit(unit, leaf, self.expanded, self.network), self.problems)
+        resolver, held, numbers = self._resolver(), {h.name for h in self.held}, []
+        for name, condition in self.expanded.model.initial.conditions.items():
+            number = constant(condition.value.expr)
+            if condition.guess or number is None or name in held:
+                continue
+            try:
+                found = resolver.dimension(parse_formula(name)) or ONE
+            except ExpressionProblem:
+                continue  # said when the start is solved
+            index = self.names.get(name)
+            unit = self.unknowns[index].unit if index is not None else Unit(dimension_text(found), 1.0, 0.0, found)
+            numbers.append(FlatParameter(f"initial.{name}", number, unit, condition.value.place))
+        self.parameters = self.parameters.joined(numbers)
+        self.constants = self.parameters.expressions
+
+    def _resolver(self) -> Resolver:
+        return Resolver(self.names, self.constants, self.parameters.units, tuple(self.unknowns),
+                        tuple(tuple(level) for level in self.levels), self.time, self.rate,
+                        {**self.bonds, **self.block_bonds})
+
+    # -- unknowns --------------------------------------------------------------------------------------------------
+    def _make_templates(self) -> None:
+        for path, leaf in self.expanded.leaves.items():
+            inner = {e.path for w in leaf.component.body.wires.values() for e in w.ends}
+            component = leaf.component
+            if component.composite and not component.equations and not component.variables and not component.when \
+                    and not component.requires \
+                    and {*component.ports, *component.signals} <= inner:
+                continue
+            self.templates[path] = template(component, self.domains, self.network.domains[path], leaf.integers)
+
+    def _make_unknowns(self, also: tuple[str, ...]) -> None:
+        positions = self._positions(also)
+        for k, group in enumerate(self.network.groups):
+            if group.domain == "signal":
+                self._signal_unknown(group)
+            elif group.ports:
+                self._across_unknowns(group, k in positions)
+        for path, leaf in self.expanded.leaves.items():
+            for port, domain_name in self.network.domains[path].items():
+                self._through_unknowns(path, port, self.domains[domain_name], leaf)
+            for name, variable in leaf.component.unknowns.items():
+                unit = solved_unit(variable.unit, leaf, self.expanded, self.network)
+                self._unknown(Unknown(
+                    f"{path}.{name}", unit, self._nominal(unit, variable.start), "own", variable.place, variable.doc,
+                    -inf if variable.low is None else variable.low, inf if variable.high is None else variable.high,
+                    variable.start), ())
+
+    def _nominal(self, unit: Unit, start: float | None) -> float:
+        usual = self.nominal_of.get(unit.dimension, 1.0)
+        return max(usual, abs(start)) if start else usual
+
+    def _unknown(self, unknown: Unknown, aliases: Iterable[str]) -> None:
+        index = len(self.unknowns)
+        self.unknowns.append(unknown)
+        self.names[unknown.name] = index
+        for alias in aliases:
+            self.names.setdefault(alias, index)
+
+    def _signal_unknown(self, group: Group) -> None:
+        unit = signal_unit(self.expanded, group.ports[0], self.network.units)
+        leaf, _, name = group.ports[0].rpartition(".")
+        doc = self.expanded.leaves[leaf].component.signals[name].doc
+        self._unknown(Unknown(group.name, unit, self._nominal(unit, None), "signal", group.place, doc), group.aliases)
+
+    def _across_unknowns(self, group: Group, position: bool) -> None:
+        domain = self.domains[group.domain]
+        members = [(m, "across") for m in domain.across]
+        if position and domain.position:
+            members.append((domain.position, "position"))
+        for name, role in members:
+            member: Member = domain.members[name]
+            self._unknown(Unknown(f"{group.name}.{name}", member.unit, member.nominal, role, group.place, member.doc,
+                                  -inf if member.low is None else member.low, start=member.start,
+                                  motion=bool(domain.position) and role == "across"),
+                          [f"{alias}.{name}" for alias in group.aliases])
+
+    def _through_unknowns(self, path: str, port: str, domain: Domain, leaf: Leaf) -> None:
+        made = self.templates.get(path)
+        array = leaf.component.ports[port].count is not None and made is not None
+        copies = sorted({s.rpartition(".")[0] for s in made.slots if s.startswith(f"{port}[")},
+                        key=lambda s: int(s[len(port) + 1:-1])) if array and made else [port]
+        for copy in copies:
+            for name in domain.through:
+                member = domain.members[name]
+                self._unknown(Unknown(f"{path}.{copy}.{name}", member.unit, member.nominal, "through", leaf.place,
+                                      member.doc), ())
+            effort, flow = (domain.effort, domain.flow) if not domain.power else (None, domain.power)
+            bonds = self.block_bonds if leaf.component.composite else self.bonds
+            bonds[f"{path}.{copy}"] = Bond(path, None if effort is None else self.names[f"{path}.{copy}.{effort}"],
+                                           self.names[f"{path}.{copy}.{flow}"])
+
+    def _positions(self, also: tuple[str, ...]) -> set[int]:
+        """The groups whose position is named by an equation, an input, an initial value, an output or a caller."""
+        wanted = {f"{path}.{slot}" for path, made in self.templates.items() for slot in made.slots}
+        model = self.expanded.model
+        formulas: list[tuple[str, Expr]] = [("", shown.expr) for shown in model.show.values()]
+        for leaf in self.expanded.leaves.values():
+            formulas += [(b.scope, b.value.expr) for b in leaf.inputs.values() if isinstance(b.value, Value)]
+        wanted |= {scope + n.text for scope, expr in formulas for n in names(expr)}
+        wanted |= {*model.initial.conditions, *also}
+        positions = set()
+        for k, group in enumerate(self.network.groups):
+            position = self.domains[group.domain].position if group.domain in self.domains else None
+            if position and any(f"{alias}.{position}" in wanted for alias in group.aliases):
+                positions.add(k)
+        return positions
+
+    # -- equations -------------------------------------------------------------------------------------------------
+    def _add(self, equation: FlatEquation, residual: ca.SX, entries: Entries) -> None:
+        self.equations.append(equation)
+        self.residuals.append(residual)
+        self.entries.append(entries)
+
+    def _node_equations(self) -> None:
+        self._sums()
+        for group in self.network.groups:
+            position = self.domains[group.domain].position if group.domain in self.domains else None
+            if position and f"{group.name}.{position}" in self.names:
+                flow = self.domains[group.domain].flow
+                x, v = self.names[f"{group.name}.{position}"], self.names[f"{group.name}.{flow}"]
+                self._add(FlatEquation(group.name, f"{flow} is the rate of {position} at node '{group.name}'",
+                                       f"{group.name}.{flow} = der({group.name}.{position})", group.place),
+                          self.levels[0][v] - self.levels[1][x], [(v, 0), (self.n + x, 0)])
+
+    def _sums(self) -> None:
+        """The through variables of each node: all sums at once, as the product of the incidence matrix with them."""
+        equations: list[FlatEquation] = []
+        ends: list[list[tuple[int, int]]] = []
+        for junction in self.expanded.junctions.values():
+            group = self.network.groups[self.network.group_of["node " + junction.path]]
+            # a node whose only end takes a record instead is left with nothing
+            if group.domain not in self.domains or not junction.ends:
+                continue
+            for member in self.domains[group.domain].through:
+                ends.append([(e.sign, self.names[f"{e.name}.{member}"]) for e in junction.ends])
+                equations.append(FlatEquation(
+                    junction.path, f"sum of {member} at node '{junction.path}'",
+                    " + ".join(f"{e.name}.{member}" for e in junction.ends) + " = 0", junction.place))
+        if not ends:
+            return
+        rows, signs, columns = zip(*((i, sign, j) for i, row in enumerate(ends) for sign, j in row), strict=True)
+        incidence = ca.DM.triplet(rows, columns, ca.DM(signs), len(ends), self.n)
+        totals = split(ca.mtimes(ca.SX(incidence), self.columns[0]))
+        for equation, row, total in zip(equations, ends, totals, strict=True):
+            self._add(equation, total, [(j, 0) for _, j in row])
+
+    def _leaf_equations(self) -> None:
+        """The templates in the diagram's symbols, in the order of the diagram."""
+        found = self._evaluated_templates()
+        held = {h.name: h for h in self.held}
+        for path, leaf in self.expanded.leaves.items():
+            made = self.templates.get(path)
+            if made is None:
+                continue
+            residuals, energy, happenings = found[path]
+            self.events += leaf_events(path, made, happenings, self.names, held)
+            own = [self.names[f"{path}.{slot}"] for slot in made.slots]
+            size = len(own)
+            for line, residual, row in zip(made.lines, residuals, made.entries, strict=True):
+                entries = [((e.column // size) * self.n + own[e.column % size], e.kind) for e in row]
+                self._add(FlatEquation(path, line.label, line.text, line.place, line.kink), residual, _merged(entries))
+            if not leaf.component.composite:
+                power, stored, dissipated, unbalanced, stores = energy
+                self.energetics.append(Energetics(path, power, stored, dissipated, unbalanced, stores,
+                                                  leaf.component.power, leaf.component.unbalanced_why))
+
+    def _evaluated_templates(self) -> dict[str, tuple[list[ca.SX], list[ca.SX], list[ca.SX]]]:
+        """Residuals, energy and events of each leaf; a template is called once for all its leaves, a column for each."""
+        users: dict[Template, list[str]] = {}
+        for path, made in self.templates.items():
+            users.setdefault(made, []).append(path)
+        found: dict[str, tuple[list[ca.SX], list[ca.SX], list[ca.SX]]] = {}
+        for made, paths in users.items():
+            slots = [self.names[f"{path}.{slot}"] for path in paths for slot in made.slots]
+            own = [self.constants[f"{path}.{name}"] for path in paths for name in made.given]
+            inputs = [*(ca.reshape(column[slots], len(made.slots), len(paths)) for column in self.columns),
+                      ca.reshape(stack(own), len(made.given), len(paths)), self.time, self.rate]
+            happenings = made.happenings(*inputs) if made.happenings else ca.SX(0, len(paths))
+            columns = (_columns(m, len(paths)) for m in (made.residuals(*inputs), made.energy(*inputs), happenings))
+            found.update(zip(paths, zip(*columns, strict=True), strict=True))
+        return found
+
+    def _given_inputs(self) -> None:
+        held = {self.constants[h.name].element_hash() for h in self.held}
+        resolver, parameters = self._resolver(), {s.element_hash() for s in split(self.parameters.p)} - held
+        for group in self.network.groups:
+            if group.domain != "signal":
+                continue
+            for path, bound in drivers(self.expanded, group)[1]:
+                column = self.names[path]
+                if isinstance(bound.value, FileInput):
+                    known = self._known_input(group.name, path, bound.value)
+                    self._add(FlatEquation(path.rpartition(".")[0], f"{path} as measured",
+                                           f"{path} = {bound.value.column}", bound.place),
+                              self.levels[0][column] - self.constants[f"scale.{path}"] * known.symbols[0],
+                              [(column, 0)])
+                else:
+                    self._formula_input(path, column, bound, resolver, parameters)
+
+    def _known_input(self, name: str, path: str, given: FileInput) -> KnownInput:
+        unit = self.unknowns[self.names[path]].unit
+        if read_unit(given.unit).dimension != unit.dimension:
+            self.problems.add("unit-wrong", f"{path} is in {unit.text}; the column '{given.column}' cannot be in "
+                              f"{given.unit}", given.place, hint="Write the unit of the numbers in the file, or take "
+                              "another column.")
+        symbols = stack([ca.SX.sym("d" * k + "measured " + name) for k in range(4)])
+        known = KnownInput(path, given, unit, symbols)
+        self.inputs.append(known)
+        return known
+
+    def _formula_input(self, path: str, column: int, bound: Bound, resolver: Resolver, parameters: set[int]) -> None:
+        assert isinstance(bound.value, Value)
+        value, unit = bound.value, self.unknowns[column].unit
+        try:
+            found = resolver.dimension(value.expr, bound.scope)
+            expression = resolver.evaluate(value.expr, bound.scope)
+        except ExpressionProblem as problem:
+            add_formula_problem(problem, value, self.problems)
+            return
+        check_dimension(path, value, found, unit, self.problems)
+        residual = self.levels[0][column] - expression
+        named = (self.names.get(bound.scope + name.text, column) for name in names(value.expr))
+        columns = sorted({column, *named})
+        occurring = stack([level[j] for level in self.levels for j in columns])
+        row = classify(residual, occurring, parameters, {})[0]
+        kink = nonsmooth(value.expr, lambda text: text == "pi" or bound.scope + text in self.constants)
+        self._add(FlatEquation(path.rpartition(".")[0], f"{path} as given", f"{path} = {value.text.lstrip('= ')}",
+                               value.place, kink), residual,
+                  [(e.column // len(columns) * self.n + columns[e.column % len(columns)], e.kind) for e in row])
+
+
+def _columns(matrix: ca.SX, number: int) -> list[list[ca.SX]]:
+    """The elements of each of so many columns."""
+    elements, height = split(matrix), matrix.shape[0]
+    return [elements[k * height:(k + 1) * height] for k in range(number)]
+
+
+def _merged(entries: Entries) -> Entries:
+    """One entry per column (two ports of a component may be on one node), the harder kind kept."""
+    kinds: dict[int, int] = {}
+    for column, kind in entries:
+        # two unit coefficients may cancel or add up; what they give is found when the equation is solved
+        kinds[column] = kind if column not in kinds else max(kinds[column], kind, 4)
+    return list(kinds.items())

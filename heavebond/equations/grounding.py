@@ -1,0 +1,119 @@
+"""What ties each connected part of a machine to a reference: pressures to a tank, places to the ground, domain by domain.
+
+Most laws feel differences only: raise all pressures of a circuit by the same amount and an orifice lets the same flow pass.
+A circuit in which every part is of that kind has no level of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+
+from heavebond.basis.structure import components_of
+from heavebond.equations.explain import bookkeeping, domain_at
+from heavebond.equations.flatten import Flat
+from heavebond.language.definition import Domain
+from heavebond.text.symbols import split, stack
+
+
+@dataclass(frozen=True)
+class Circuit:
+    """Nodes of one domain that parts join. `held`: parts that feel the level itself (a tank, a fixed point, a spring to one
+    of another circuit), `carried`: parts that feel its rate (a volume, a mass). With neither nothing decides the level; with
+    `carried` alone it is a matter of the start."""
+
+    domain: str
+    nodes: tuple[str, ...]
+    held: tuple[str, ...]
+    carried: tuple[str, ...]
+
+
+def circuits(flat: Flat) -> tuple[Circuit, ...]:
+    """The circuits of a diagram, domain by domain, in the order in which their nodes are declared."""
+    finder = _Finder(flat)
+    return tuple(circuit for domain in flat.expanded.model.library.domains.values() for circuit in finder.of(domain))
+
+
+class _Finder:
+    """A diagram with its equations by component and its ports by component, looked up once."""
+
+    def __init__(self, flat: Flat):
+        self.flat = flat
+        self.equations: dict[str, list[int]] = {}
+        for i, e in enumerate(flat.equations):
+            if not bookkeeping(e):  # a node may have the name of a component
+                self.equations.setdefault(e.owner, []).append(i)
+        self.domains: dict[str, Domain | None] = {}
+        self.ports: dict[str, list[str]] = {}
+        arrays: dict[str, dict[str, None]] = {}
+        for name in flat.names:
+            if "[" in name:
+                arrays.setdefault(name.rpartition("[")[0], {})[name.rpartition(".")[0]] = None
+        for path, port in flat.expanded.ports.items():
+            leaf = path.rpartition(".")[0]
+            if not flat.expanded.leaves[leaf].component.composite:
+                self.ports.setdefault(leaf, []).extend([path] if port.count is None else arrays.get(path, {}))
+
+    def of(self, domain: Domain) -> list[Circuit]:
+        """The circuits of one domain."""
+        nodes: dict[int, str] = {}
+        for path in self.flat.expanded.junctions:
+            if (j := self._across(domain, path)) is not None:
+                nodes.setdefault(j, path)
+        number = {j: k for k, j in enumerate(nodes)}
+        ends = {leaf: [number[j] for path in paths if (j := self._across(domain, path)) in number and j is not None]
+                for leaf, paths in self.ports.items()}
+        ends = {leaf: own for leaf, own in ends.items() if own}
+        leaves, members, found = list(ends), list(nodes), []
+        for parts, columns in components_of(list(ends.values()), len(number)):
+            if parts:
+                inside, near = [members[k] for k in columns], [leaves[k] for k in parts]
+                carried = self._feeling(domain, [self.flat.levels[1][j] for j in inside], near)
+                held = self._feeling(domain, self._levels(domain, inside), [leaf for leaf in near if leaf not in carried])
+                found.append(Circuit(domain.name, tuple(nodes[j] for j in inside), held, carried))
+        return found
+
+    def _across(self, domain: Domain, path: str) -> int | None:
+        """The unknown that is the (first) across variable of a node or port; None where it is of another domain."""
+        if path not in self.domains:
+            self.domains[path] = domain_at(self.flat, path)
+        return self.flat.names[f"{path}.{domain.across[0]}"] if self.domains[path] is domain else None
+
+    def _levels(self, domain: Domain, nodes: Sequence[int]) -> list[ca.SX]:
+        """The across variables of nodes, and their positions."""
+        names = self.flat.names
+        positions = (f"{self.flat.unknowns[j].name.rpartition('.')[0]}.{domain.position}" for j in nodes)
+        return [self.flat.levels[0][j] for j in (*nodes, *(names[p] for p in positions if p in names))]
+
+    def _feeling(self, domain: Domain, symbols: list[ca.SX], leaves: list[str]) -> tuple[str, ...]:
+        """The parts of which an equation that bears on the circuit changes where all of these symbols move alike."""
+        rows = [i for leaf in leaves for i in self.equations.get(leaf, [])]
+        if not rows:
+            return ()
+        residuals = stack([self.flat.residuals[i] for i in rows])
+        moved = split(ca.jtimes(residuals, stack(symbols), ca.SX.ones(len(symbols))))
+        felt = [i for i, change in zip(rows, moved, strict=True) if not change.is_zero()]
+        return tuple(dict.fromkeys(self.flat.equations[i].owner for i in felt if self._bears(domain, i)))
+
+    def _bears(self, domain: Domain, row: int) -> bool:
+        """Whether an equation of a part bears on what its ports of a domain carry, directly or over the part's own
+        variables: that of a sensor does not, nor that of a friction which a pressure only presses on."""
+        flat, leaf, n = self.flat, self.flat.equations[row].owner, len(self.flat.unknowns)
+        members = {i: {c % n for c, _ in flat.entries[i]} for i in self.equations[leaf]}
+        signals = flat.expanded.leaves[leaf].component.signals.values()
+        if members[row] & {flat.names[f"{leaf}.{s.name}"] for s in signals if s.direction == "out"}:
+            return False
+        own = {flat.names[f"{path}.{m}"] for path in self.ports[leaf] if self._across(domain, path) is not None
+               for m in domain.through}
+        if not own & set().union(*members.values()):
+            return True  # it says nothing of its flow, so that it gives the level
+        reached, rows = set(members[row]), {row}
+        while True:
+            inner = {j for j in reached if flat.unknowns[j].role == "own"}
+            more = {i for i in members if i not in rows and members[i] & inner}
+            if not more:
+                return bool(own & reached)
+            rows |= more
+            reached |= set().union(*(members[i] for i in more))

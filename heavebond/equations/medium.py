@@ -1,0 +1,118 @@
+"""What fills a circuit: one part sets the properties of the oil, and all that it flows through take them from there.
+
+A domain names the component that sets its medium (`medium: Fluid`), a parameter the property that it is (`medium: rho`).
+A circuit is all that wires and parts with several ports of the domain join. A parameter that is not given becomes the
+formula `=oil.rho`, so that it follows the fluid in runs, sensitivities and fits; without a fluid it has its own default,
+or else that of the component that would set it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+from heavebond.basis.errors import ModelError, Problems, either
+from heavebond.equations.expand import Bound, Expanded, Leaf, Medium, default
+from heavebond.language.definition import Component, Domain, Parameter, Value
+from heavebond.text.expression import Name
+
+
+def with_media(expanded: Expanded) -> Expanded:
+    """Every parameter that is open after `expand` given its value; ModelError for a circuit with two media, and for a
+    parameter that asks for a property which the medium does not have."""
+    library = expanded.model.library
+    domain = next((d for d in library.domains.values() if d.medium), None)
+    open_in = {path: wanted for path, leaf in expanded.leaves.items() if (wanted := _open(leaf))}
+    if domain is None or domain.medium is None:
+        return expanded
+    problems = Problems()
+    circuits = _circuits(expanded, domain)
+    sources = _sources(expanded, domain.medium, circuits, problems)
+    problems.raise_as(ModelError)
+    if not open_in:
+        return expanded
+    kind, leaves, takers = library.component(domain.medium), dict(expanded.leaves), dict[int, list[str]]()
+    for path, parameters in open_in.items():
+        leaf = leaves[path]
+        circuit = next((circuits[port] for ports in _passages(path, leaf.component, domain) for port in ports
+                        if port in circuits), -1)
+        found = {p.name: _bound(p, leaf, sources.get(circuit, ""), kind, problems) for p in parameters}
+        leaves[path] = replace(leaf, parameters={name: found[name] if name in found else leaf.parameters[name]
+                                                 for name in leaf.component.parameters})
+        told = [p.name for p in parameters if circuit in sources or default(p, path) is None]
+        if told:
+            takers.setdefault(circuit, []).extend(f"{path}.{name}" for name in told)
+    problems.raise_as(ModelError)
+    media = tuple(Medium(sources.get(circuit, ""), kind.name,
+                         tuple(n for n in expanded.junctions if circuits.get("node " + n) == circuit), tuple(names))
+                  for circuit, names in takers.items())
+    return replace(expanded, leaves=leaves, media=media)
+
+
+def _open(leaf: Leaf) -> list[Parameter]:
+    return [p for p in leaf.component.parameters.values() if p.medium and p.name not in leaf.parameters]
+
+
+def _passages(path: str, component: Component, domain: Domain) -> list[list[str]]:
+    """The ports of a part between which the medium flows; those of an open domain may carry any."""
+    found: dict[str, list[str]] = {}
+    for port in component.ports.values():
+        if port.domain == domain.name or port.domain.startswith("$"):
+            found.setdefault(port.domain, []).append(f"{path}.{port.name}")
+    return list(found.values())
+
+
+def _circuits(expanded: Expanded, domain: Domain) -> dict[str, int]:
+    """The number of the circuit of each port and of each node (`node x`)."""
+    links = [["node " + junction.path, *(end.name.partition("[")[0] for end in junction.ends)]
+             for junction in expanded.junctions.values()]
+    # the ports of a block are joined, or not, by what is inside
+    links += [link for path, leaf in expanded.leaves.items() if not leaf.component.composite
+              for link in _passages(path, leaf.component, domain)]
+    return _numbered(links)
+
+
+def _numbered(links: Iterable[list[str]]) -> dict[str, int]:
+    """Items that share a link, directly or over others, have the same number."""
+    number: dict[str, int] = {}
+    members: list[list[str]] = []
+    for link in links:
+        new = len(members)
+        members.append([])
+        for old in dict.fromkeys(number[item] for item in link if item in number):
+            members[new] += members[old]
+            members[old] = []
+        members[new] += [item for item in link if item not in number]
+        number.update(dict.fromkeys(members[new], new))
+    return number
+
+
+def _sources(expanded: Expanded, kind: str, circuits: dict[str, int], problems: Problems) -> dict[int, str]:
+    """The part that sets the medium of each circuit."""
+    found: dict[int, str] = {}
+    for path, leaf in expanded.leaves.items():
+        if leaf.component.name != kind:
+            continue
+        circuit = circuits.get(f"{path}.{next(iter(leaf.component.ports))}", -1)
+        other = found.setdefault(circuit, path)
+        if other != path:
+            problems.add("media-mixed", f"{either([other, path])} fill the same circuit; parts and wires join it all",
+                         leaf.place, hint=f"Remove one {kind}: it counts for all that is joined, through valves and past "
+                         "pistons too. A single part may have values of its own.")
+    return found
+
+
+def _bound(parameter: Parameter, leaf: Leaf, source: str, kind: Component, problems: Problems) -> Bound:
+    """The value of an open parameter: the medium's, else the part's own default, else what the medium would have."""
+    usual = kind.parameters.get(parameter.medium)
+    if source and usual is not None:
+        name = f"{source}.{parameter.medium}"
+        formula = Value(Name(tuple(name.split(".")), 0, len(name)), f"= {name}", leaf.place, formula=True)
+        return Bound(formula, "", leaf.place)
+    found = default(parameter, leaf.path) or (default(usual, leaf.path) if usual is not None else None)
+    if found is None:
+        problems.add("medium-property", f"{leaf.component.name} takes {parameter.name} from the '{parameter.medium}' of a "
+                     f"{kind.name}, which has none", parameter.place,
+                     hint=f"{kind.name} has {', '.join(kind.parameters)}.")
+        return Bound(Value(Name(("pi",), 0, 0), "", leaf.place), "", leaf.place)
+    return found

@@ -1,0 +1,316 @@
+"""The parameters of an opened diagram: numbers that may be changed, and formulas in them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from graphlib import CycleError, TopologicalSorter
+from math import inf, isfinite
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from heavebond.basis.errors import ModelError, Place, Problems, listing, suggest
+from heavebond.basis.units import ONE, Dimension, Unit, dimension_text, is_generic, solved
+from heavebond.equations.connect import Network
+from heavebond.equations.expand import Bound, Expanded, Leaf
+from heavebond.language.definition import Domain, Formula, Parameter, Value
+from heavebond.language.template import Template
+from heavebond.language.values import NOT_FINITE, add_formula_problem, check_bounds, check_dimension
+from heavebond.text.dimensions import number_dimension
+from heavebond.text.expression import Binary, Call, Expr, ExpressionProblem, Name, Number, children, names
+from heavebond.text.incidence import Interval
+from heavebond.text.symbols import Context, evaluate, stack
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class FlatParameter:
+    """An independent parameter: a number that may be changed without building anything anew."""
+
+    name: str
+    value: float
+    unit: Unit
+    place: Place
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """Independent parameters with their symbols `p`, and every parameter as an expression in these."""
+
+    independent: tuple[FlatParameter, ...]
+    p: ca.SX
+    expressions: dict[str, ca.SX]
+    units: dict[str, Unit]
+
+    @property
+    def numbers(self) -> Array:
+        """The values of `p` in SI."""
+        return np.array([q.value for q in self.independent])
+
+    def joined(self, more: Iterable[FlatParameter]) -> Parameters:
+        """These and further independent parameters."""
+        more = list(more)
+        symbols = {q.name: ca.SX.sym(q.name) for q in more}
+        return Parameters((*self.independent, *more), stack([self.p, *symbols.values()]),
+                          {**self.expressions, **symbols},
+                          {**self.units, **{q.name: q.unit for q in more}})
+
+    def values(self, wanted: list[str]) -> Array:
+        """The numbers of parameters by name."""
+        found = ca.Function("v", [self.p], [stack([self.expressions[name] for name in wanted])])(self.numbers)
+        return np.array(found).ravel()
+
+
+def declared(expanded: Expanded) -> Iterator[tuple[str, Bound, Leaf | None]]:
+    """Every parameter by its full path, in the order of the file (whole numbers, which shape a model, left out)."""
+    for name, bound in expanded.parameters.items():
+        yield name, bound, None
+    for path, leaf in expanded.leaves.items():
+        for name, bound in leaf.parameters.items():
+            if not leaf.component.parameters[name].integer:
+                yield f"{path}.{name}", bound, leaf
+
+
+def narrowed(expanded: Expanded, factor: float) -> Expanded:
+    """The opened diagram with every width of a transition (`width` in its component) times a factor."""
+    def times(value: Value) -> Value:
+        expr = Binary("*", value.expr, Number(factor, None, 0), 0)
+        return replace(value, expr=expr, text=f"({value.text}) * {factor:g}")
+
+    leaves = {}
+    for path, leaf in expanded.leaves.items():
+        given = {name: replace(bound, value=times(bound.value)) for name, bound in leaf.parameters.items()
+                 if leaf.component.parameters[name].width and isinstance(bound.value, Value)}
+        leaves[path] = replace(leaf, parameters={**leaf.parameters, **given}) if given else leaf
+    return replace(expanded, leaves=leaves)
+
+
+# -- names -----------------------------------------------------------------------------------------------------------
+def formula_order(expanded: Expanded) -> list[str]:
+    """The parameters given by formulas, each after those that it needs.
+
+    Raises ModelError for names that are no parameters and for parameters that depend on each other in a circle.
+    """
+    problems = Problems()
+    known = {name: bound for name, bound, _ in declared(expanded)}
+    needs: dict[str, list[str]] = {}
+    for name, bound in known.items():
+        try:
+            needed = [path for n in _names(bound) if (path := _path(expanded, known, bound, n)) is not None]
+        except ExpressionProblem as problem:
+            assert isinstance(bound.value, Value)
+            add_formula_problem(problem, bound.value, problems)
+            continue
+        if needed:
+            needs[name] = needed
+    order = _sorted(needs, known, problems)
+    problems.raise_as(ModelError)
+    return [name for name in order if name in needs]
+
+
+def _names(bound: Bound) -> Iterator[Name]:
+    assert isinstance(bound.value, Value)
+    _refuse_rates(bound.value.expr)
+    yield from names(bound.value.expr)
+
+
+def _refuse_rates(expr: Expr) -> None:
+    if isinstance(expr, Call) and expr.function == "der":
+        raise ExpressionProblem("parameter-varies", "a parameter is constant; der() has no meaning in it",
+                                expr.column, 3)
+    for child in children(expr):
+        _refuse_rates(child)
+
+
+def _path(expanded: Expanded, known: Mapping[str, Bound], bound: Bound, name: Name) -> str | None:
+    """The full path of the parameter that `name` means in the formula of `bound`; None for a known number."""
+    if name.text == "pi" or name.text in _integers(expanded, bound.scope):
+        return None
+    path = bound.scope + name.text
+    if path in known:
+        return path
+    raise _no_parameter(expanded, known, bound.scope, path, name)
+
+
+def _no_parameter(expanded: Expanded, known: Mapping[str, Bound], scope: str, path: str, name: Name
+                  ) -> ExpressionProblem:
+    if name.text == "time":
+        return ExpressionProblem("parameter-varies", "a parameter is constant; it cannot depend on time", name.column,
+                                name.length, "An input of a component may depend on time.")
+    owner, _, last = path.rpartition(".")
+    leaf = expanded.leaves.get(owner)
+    if owner in expanded.junctions or (leaf and last in {**leaf.component.variables, **leaf.component.signals}):
+        return ExpressionProblem("parameter-varies", f"'{name.text}' changes during a run; a parameter is constant",
+                                name.column, name.length, "Use parameters only.")
+    near = [k.removeprefix(scope) for k in known if k.startswith(scope)]
+    if not near:
+        return ExpressionProblem("name-unknown", f"there is no parameter '{name.text}'", name.column, name.length,
+                                f"Declare it: `parameters: {{{name.text}: ...}}`.")
+    return ExpressionProblem("name-unknown", f"there is no parameter '{name.text}'", name.column, name.length,
+                            suggest(name.text, near) or f"Parameters here: {listing(near)}.")
+
+
+def _integers(expanded: Expanded, scope: str) -> dict[str, int]:
+    leaf = expanded.leaves.get(scope[:-1])
+    return leaf.integers if leaf else {}
+
+
+def _sorted(needs: dict[str, list[str]], known: Mapping[str, Bound], problems: Problems) -> list[str]:
+    """Topological order; each circle is reported once and then cut."""
+    open_needs = dict(needs)
+    while True:
+        try:
+            return list(TopologicalSorter(open_needs).static_order())
+        except CycleError as error:
+            circle: list[str] = error.args[1][::-1]  # graphlib lists each before what needs it
+            first = min(circle, key=list(known).index)
+            at = circle.index(first)
+            circle = [*circle[at:-1], *circle[:at + 1]]
+            message = "these parameters depend on each other in a circle: " + " needs ".join(circle) \
+                if len(circle) > 2 else f"parameter '{first}' depends on itself"
+            problems.add("parameter-circle", message, known[first].value.place,
+                         hint=f"Give one of them a value of its own, for example `{first.rpartition('.')[2]}: 1 ...`.")
+            del open_needs[first]
+
+
+# -- values ----------------------------------------------------------------------------------------------------------
+@dataclass
+class _Maker:
+    expanded: Expanded
+    network: Network
+    problems: Problems
+    independent: list[FlatParameter] = field(default_factory=list)
+    symbols: list[ca.SX] = field(default_factory=list)
+    expressions: dict[str, ca.SX] = field(default_factory=dict)
+    units: dict[str, Unit] = field(default_factory=dict)
+    bad: set[str] = field(default_factory=set)
+
+    def make(self, name: str, bound: Bound, leaf: Leaf | None) -> None:
+        """A symbol where the value is a number, an expression where it is a formula in other parameters."""
+        assert isinstance(bound.value, Value)
+        if any(bound.scope + n.text in self.bad for n in names(bound.value.expr)):
+            self.bad.add(name)  # what is wrong is said where it is
+            return
+        try:
+            unit = self._unit(name, bound, leaf)
+            found = evaluate(bound.value.expr, Context(self._lookup(bound.scope), _no_rate,
+                                                       _integers(self.expanded, bound.scope)))
+        except ExpressionProblem as problem:
+            add_formula_problem(problem, bound.value, self.problems)
+            self.bad.add(name)
+            return
+        if found.is_constant() and not isfinite(float(found)):
+            self.problems.add("value-not-finite", f"{name} = {bound.value.text.lstrip('= ')} has no finite value",
+                              bound.value.place, hint=NOT_FINITE)
+            self.bad.add(name)
+            return
+        if found.is_constant():
+            symbol = ca.SX.sym(name)
+            self.independent.append(FlatParameter(name, float(found), unit, bound.place))
+            self.symbols.append(symbol)
+            found = symbol
+        self.expressions[name], self.units[name] = found, unit
+
+    def _lookup(self, scope: str) -> Callable[[str, Name], ca.SX]:
+        return lambda text, name: self.expressions[scope + text]
+
+    def _unit(self, name: str, bound: Bound, leaf: Leaf | None) -> Unit:
+        assert isinstance(bound.value, Value)
+        value = bound.value
+        found = number_dimension(value.expr, lambda n: self._dimension(bound.scope, n))
+        if leaf is None:
+            own = found or ONE
+            counts = value.expr.unit.counts if isinstance(value.expr, Number) and value.expr.unit else ""
+            return Unit(dimension_text(own), 1.0, 0.0, own, counts)
+        unit = solved_unit(leaf.component.parameters[name.rpartition(".")[2]].unit, leaf, self.expanded, self.network)
+        check_dimension(name, value, found, unit, self.problems)
+        return unit
+
+    def _dimension(self, scope: str, name: Name) -> Dimension:
+        if name.text == "pi" or name.text in _integers(self.expanded, scope):
+            return ONE
+        return self.units[scope + name.text].dimension
+
+
+def _no_rate(expression: ca.SX) -> ca.SX:
+    raise AssertionError("rates are refused before a parameter is evaluated")
+
+
+def make_parameters(expanded: Expanded, network: Network, order: list[str]) -> Parameters:
+    """Every parameter as a symbol or an expression; ModelError where units disagree. `order`: see `formula_order`."""
+    maker = _Maker(expanded, network, Problems())
+    known = {name: (bound, leaf) for name, bound, leaf in declared(expanded)}
+    formulas = set(order)
+    for name in [*(n for n in known if n not in formulas), *order]:
+        maker.make(name, *known[name])
+    maker.problems.raise_as(ModelError)
+    return Parameters(tuple(maker.independent), stack(maker.symbols), maker.expressions, maker.units)
+
+
+def solved_unit(unit: Unit, leaf: Leaf, expanded: Expanded, network: Network) -> Unit:
+    """The unit of a parameter or variable of a leaf, with `$U` and `$D.effort` put in."""
+    if not is_generic(unit.dimension):
+        return unit
+    values = dict(network.units.get(leaf.path, {}))
+    for port, domain_name in network.domains.get(leaf.path, {}).items():
+        kind = leaf.component.ports[port].domain
+        if kind.startswith("$"):
+            domain: Domain = expanded.model.library.domains[domain_name]
+            for role, member in (("effort", domain.effort), ("flow", domain.flow)):
+                if member:
+                    values[f"{kind}.{role}"] = domain.members[member].unit.dimension
+    found = solved(unit.dimension, values)
+    return unit if found == unit.dimension else Unit(dimension_text(found), 1.0, 0.0, found)
+
+
+def parameter_bounds(expanded: Expanded, parameters: Parameters) -> dict[int, Interval]:
+    """The interval of each independent parameter by the hash of its symbol: the strictest of all that it stands for."""
+    bounds: dict[int, Interval] = {}
+    for name, parameter, _ in _with_declaration(expanded):
+        symbol = parameters.expressions[name]
+        if symbol.is_symbolic():
+            low, high = bounds.get(symbol.element_hash(), (-inf, inf))
+            bounds[symbol.element_hash()] = (max(low, -inf if parameter.low is None else parameter.low),
+                                             min(high, inf if parameter.high is None else parameter.high))
+    return bounds
+
+
+def _with_declaration(expanded: Expanded) -> Iterator[tuple[str, Parameter, Bound]]:
+    for name, bound, leaf in declared(expanded):
+        if leaf is not None:
+            yield name, leaf.component.parameters[name.rpartition(".")[2]], bound
+
+
+def check_values(expanded: Expanded, parameters: Parameters, templates: Mapping[str, Template]) -> None:
+    """Bounds and requirements of every parameter at the values given; raises ModelError."""
+    problems = Problems()
+    checks = list(_with_declaration(expanded))
+    for (name, parameter, bound), number in zip(checks, parameters.values([c[0] for c in checks]), strict=True):
+        assert isinstance(bound.value, Value)
+        check_bounds(name, parameter, float(number), bound.value, problems)
+    problems.raise_as(ModelError)
+    for path, made in templates.items():
+        leaf = expanded.leaves[path]
+        if leaf.component.requires:
+            own = stack([parameters.expressions[f"{path}.{name}"] for name in made.parameters])
+            truths = ca.Function("r", [parameters.p], [made.requirements(own)])(parameters.numbers)
+            for formula, truth in zip(leaf.component.requires, np.array(truths).ravel(), strict=True):
+                if not truth:
+                    _violated(leaf, formula, made, parameters, problems)
+    problems.raise_as(ModelError)
+
+
+def _violated(leaf: Leaf, formula: Formula, made: Template, parameters: Parameters, problems: Problems) -> None:
+    used = list(dict.fromkeys(n.text for n in names(formula.tree) if n.text in made.parameters))
+    notes = []
+    for name, number in zip(used, parameters.values([f"{leaf.path}.{n}" for n in used]), strict=True):
+        value, declaration = leaf.parameters[name].value, leaf.component.parameters[name]
+        given = value.text.lstrip("= ") if isinstance(value, Value) else ""
+        if not (isinstance(value, Value) and isinstance(value.expr, Number) and not value.si):
+            given = f"{number:g} {parameters.units[f'{leaf.path}.{name}'].text}"
+        notes.append(f"{name} = {given}" + (f"   ({declaration.doc})" if declaration.doc else ""))
+    problems.add("requirement", f"'{leaf.path}' ({leaf.component.name}) requires {formula.text}", leaf.place,
+                 notes=notes, hint="Change one of these values.")

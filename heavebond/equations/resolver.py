@@ -1,0 +1,112 @@
+"""What the names of a diagram mean: symbols and units, for formulas in place, outputs, conditions and costs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from math import inf
+
+import casadi as ca
+
+from heavebond.basis.errors import Place, suggest
+from heavebond.basis.units import ONE, Dimension, Unit, declared_unit
+from heavebond.text.dimensions import SECOND, dimension
+from heavebond.text.expression import Expr, ExpressionProblem, Name
+from heavebond.text.symbols import Context, evaluate, stack
+
+POWER, WATT = "power", declared_unit("W").dimension
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """One scalar unknown: unit, usual size, bounds and first guess in SI; `role` tells across, position, through,
+    own or signal."""
+
+    name: str
+    unit: Unit
+    nominal: float
+    role: str
+    place: Place
+    doc: str = ""
+    low: float = -inf
+    high: float = inf
+    start: float | None = None
+    # a velocity (a mechanical across variable): what `start: rest` sets to zero
+    motion: bool = False
+
+
+@dataclass(frozen=True)
+class Bond:
+    """The power into a component or a block over one port: effort times flow, or one variable that is a power itself (an
+    enthalpy flow; then `effort` is None). Numbers of unknowns."""
+
+    owner: str
+    effort: int | None
+    flow: int
+
+    def power(self, values: Sequence[ca.SX]) -> ca.SX:
+        """The power, of the values of all unknowns."""
+        return values[self.flow] if self.effort is None else values[self.effort] * values[self.flow]
+
+
+@dataclass(frozen=True)
+class Resolver:
+    """Names of a diagram to SX and units: for formulas in place, outputs, conditions and costs; `spring.a.power` is the
+    power into a component over a port."""
+
+    names: dict[str, int]
+    constants: dict[str, ca.SX]
+    units: dict[str, Unit]
+    unknowns: tuple[Unknown, ...]
+    levels: tuple[tuple[ca.SX, ...], ...]
+    time: ca.SX
+    rate: ca.SX
+    bonds: Mapping[str, Bond] = field(default_factory=dict)  # by port
+
+    def evaluate(self, expr: Expr, scope: str = "", extra: Mapping[str, ca.SX] | None = None) -> ca.SX:
+        """The SX of a formula (`extra` names more than the diagram does); ExpressionProblem for an unknown name."""
+        more = extra or {}
+        return evaluate(expr, Context(
+            lambda text, name: more[text] if text in more else self._value(scope, text, name), self._der))
+
+    def dimension(self, expr: Expr, scope: str = "", extra: Mapping[str, Dimension] | None = None) -> Dimension | None:
+        """The dimension of a formula; ExpressionProblem where its units disagree."""
+        more = extra or {}
+        return dimension(expr, lambda name: more[name.text] if name.text in more else self._dimension(scope, name))
+
+    def _value(self, scope: str, text: str, name: Name) -> ca.SX:
+        if text == "time":
+            return self.time
+        path = scope + text
+        if path in self.names:
+            return self.levels[0][self.names[path]]
+        if path in self.constants:
+            return self.constants[path]
+        port, _, member = path.rpartition(".")
+        if member == POWER and port in self.bonds:
+            return self.bonds[port].power(self.levels[0])
+        raise self._unknown(path, name)
+
+    def _dimension(self, scope: str, name: Name) -> Dimension:
+        path = scope + name.text
+        if name.text in ("time", "pi"):
+            return SECOND if name.text == "time" else ONE
+        if path in self.names:
+            return self.unknowns[self.names[path]].unit.dimension
+        if path in self.units:
+            return self.units[path].dimension
+        port, _, member = path.rpartition(".")
+        if member == POWER and port in self.bonds:
+            return WATT
+        raise self._unknown(path, name)
+
+    def _unknown(self, path: str, name: Name) -> ExpressionProblem:
+        powers = [f"{port}.{POWER}" for port in self.bonds] if path.endswith(f".{POWER}") else []
+        hint = suggest(path, powers or [*self.names, *self.constants]) or "`heavebond check --names` lists them all."
+        return ExpressionProblem("name-unknown", f"nothing here is called '{name.text}'", name.column, name.length,
+                                 hint)
+
+    def _der(self, expression: ca.SX) -> ca.SX:
+        low = stack([s for level in self.levels[:-1] for s in level])
+        high = stack([s for level in self.levels[1:] for s in level])
+        return ca.jtimes(expression, low, high) + ca.jtimes(expression, self.time, self.rate)

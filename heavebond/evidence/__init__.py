@@ -1,0 +1,1 @@
+"""Models beside records: comparison, fit, diagnosis."""

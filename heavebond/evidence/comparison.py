@@ -1,0 +1,245 @@
+"""The model laid over the measurements: what it misses, per channel, with the noise level beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from heavebond.basis import metrics
+from heavebond.basis.errors import DataError, ModelError, Place, Problems, suggest
+from heavebond.basis.lateness import Lateness, lateness
+from heavebond.basis.presentation import count, number, readable_time
+from heavebond.basis.screening import outliers
+from heavebond.basis.units import dimension_text, read_unit
+from heavebond.evidence.experiment import Experiment, Output, Record, load_experiment
+from heavebond.evidence.records import Mask, Measured, Samples, measure, moments
+from heavebond.language import reading
+from heavebond.numbers.dae import Array, Assembly, assemble
+from heavebond.numbers.result import Result
+from heavebond.numbers.simulation import Simulator, Tolerances
+from heavebond.text.expression import ExpressionProblem, names
+
+# A record is simulated to far less than its noise; tighter only costs time.
+TOLERANCES = Tolerances(1e-7, 1e-9)
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One measured channel beside the model, n samples of its own, both in the channel's unit. All figures are of the
+    samples that `counts` (n,): dropped outliers and the other part of a record that is held out in part do not.
+
+    error: rms of model - measured, same unit; normalised: error / rms of measured about its mean;
+    relative: error / rms of measured; fit: 100 (1 - normalised) %; chi2: mean of (error/noise)**2, 1 where the model
+    is right; white: p value of the Ljung-Box test that what is left has no memory; step: that of a sensor that counts,
+    else 0; outlier (n,): samples far from their neighbours; astray (n,): others whose difference from the model is far from
+    that of their neighbours; late: by how much the channel looks later than the model.
+    """
+
+    name: str
+    unit: str
+    time: Array
+    measured: Array
+    model: Array
+    noise: float
+    noise_given: bool
+    error: float
+    normalised: float
+    relative: float
+    fit: float
+    bias: float
+    chi2: float
+    white: float
+    counts: Mask
+    outlier: Mask
+    astray: Mask
+    step: float
+    late: Lateness | None
+
+    def figures(self) -> dict[str, object]:
+        """The figures alone, for tables and machines."""
+        late = self.late and {"seconds": self.late.seconds, "deviation": self.late.deviation, "share": self.late.share,
+                              "noticeable": self.late.noticeable, "explains": self.late.explains(self.noise)}
+        return {"unit": self.unit, "error": self.error, "normalised": self.normalised, "relative": self.relative,
+                "fit_percent": self.fit, "bias": self.bias, "noise": self.noise, "noise_given": self.noise_given,
+                "chi2_per_sample": self.chi2, "white_p": self.white, "samples": int(self.counts.sum()),
+                "outliers": self.time[self.outlier].tolist(),
+                "astray": self.time[self.astray].tolist(), "step": self.step, "late": late}
+
+
+@dataclass(frozen=True)
+class RecordComparison:
+    """All channels of one record. `validate` is the part that is held out of the fit where no record of its own checks
+    it, else None; `notes` say what a reader of the figures must know."""
+
+    name: str
+    use: str
+    file: Path
+    channels: dict[str, Channel]
+    result: Result
+    validate: RecordComparison | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def normalised(self) -> float:
+        """Root mean square of the channels' normalised errors: one number for the record."""
+        return float(np.sqrt(np.mean([c.normalised**2 for c in self.channels.values()])))
+
+    @property
+    def chi2(self) -> float:
+        """Mean of the channels' chi-square per sample."""
+        return float(np.mean([c.chi2 for c in self.channels.values()]))
+
+    def as_dict(self) -> dict[str, object]:
+        """All figures, for machines."""
+        held_out = {"validate": self.validate.as_dict()} if self.validate else {}
+        return {"use": self.use, "normalised": self.normalised, "chi2_per_sample": self.chi2, "notes": list(self.notes),
+                "channels": {c.name: c.figures() for c in self.channels.values()}, **held_out}
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """An experiment with its model simulated on every record."""
+
+    experiment: Experiment
+    records: dict[str, RecordComparison]
+
+    @property
+    def parts(self) -> list[RecordComparison]:
+        """Every record, and behind it the part of it that is held out where there is one."""
+        return [part for r in self.records.values() for part in (r, r.validate) if part is not None]
+
+    def as_dict(self) -> dict[str, object]:
+        """All figures, for machines."""
+        return {name: r.as_dict() for name, r in self.records.items()}
+
+
+def compare(experiment: Experiment | str | Path, *, parameters: Mapping[str, float | str] | None = None,
+            progress: Callable[[str], None] | None = None) -> Comparison:
+    """Simulate with the measured inputs and lay the records over the model.
+
+    `parameters` overrides values by name; `progress` is told the name of each record. Raises ModelError, DataError,
+    StartError or SimulationError with what is wrong.
+    """
+    experiment = experiment if isinstance(experiment, Experiment) else load_experiment(experiment)
+    problems = Problems()
+    records = {}
+    for record in experiment.records.values():
+        if progress:
+            progress(record.name)
+        try:
+            records[record.name] = compare_record(experiment, record, parameters)
+        except (ModelError, DataError) as error:
+            problems.extend(error)
+    problems.raise_as(DataError if all(p.code.startswith("record") for p in problems.found) else ModelError)
+    return Comparison(experiment, records)
+
+
+def compare_record(experiment: Experiment, record: Record,
+                   parameters: Mapping[str, float | str] | None = None) -> RecordComparison:
+    """One record; see `compare`."""
+    measured = measure(experiment, record)
+    assembly = assemble_for(experiment, record)
+    if parameters:
+        assembly = assembly.with_parameters(parameters)
+    result = Simulator(assembly, times=measured.grid, tolerances=TOLERANCES).run()
+    simulated = result.signals([o.shown.text for o in experiment.outputs.values()])
+    fitted, checking = {}, {}
+    for name, found in measured.channels.items():
+        unit = read_unit(found.output.shown.unit)
+        model = np.asarray((simulated[found.output.shown.text] - unit.offset) / unit.scale)
+        sound = ~found.outlier
+        late = lateness(found.time[sound] - found.output.shift, found.measured[sound], measured.grid, model)
+        astray = outliers(found.time, found.measured - model[found.index], max(found.noise, found.step)) & sound
+        fitted[name] = _channel(name, found, model[found.index], found.fitted, astray, late)
+        if found.checking.any():
+            checking[name] = _channel(name, found, model[found.index], found.checking, astray, late)
+    held_out = RecordComparison(f"{record.name}, held out", "validate", record.file, checking, result) if checking else None
+    return RecordComparison(record.name, record.use, record.file, fitted, result, held_out, _notes(measured, fitted))
+
+
+def _notes(measured: Measured, channels: Mapping[str, Channel]) -> tuple[str, ...]:
+    late = [c for c in channels.values() if c.late is not None and c.late.noticeable]
+    sure = {c.name: c for c in late if c.late is not None and c.late.explains(c.noise)}
+    notes = [f"{c.name}: {count(int(c.astray.sum()), 'more sample')} far from the model where those around are not, at "
+             f"{moments(c.time[c.astray])}; `heavebond fit --robust` lets such samples pull less"
+             for c in channels.values() if c.astray.any()]
+    notes += [_late_note(c, measured.channels[c.name].output.shift) for c in sure.values()]
+    # where more is wrong, a delay is only one way to look at it
+    other = ", ".join(f"{c.name} {_late_by(c)}" for c in late if c.name not in sure)
+    if other:
+        notes.append(f"nearer if shifted in time: {other}; but more than a shift is wrong, and missing physics shifts "
+                     "phases too: fit first")
+    return (*measured.notes, *notes)
+
+
+def _late_note(channel: Channel, declared: float) -> str:
+    late = channel.late
+    assert late is not None
+    total = readable_time(declared + late.seconds)[0]
+    instead = f" instead of `shift: {readable_time(declared)[0]}`" if declared else ""
+    intervals = number(abs(late.seconds) / late.interval, 2)
+    return (f"{channel.name} looks {_late_by(channel)} ({intervals} of its sample intervals), and little else is wrong with "
+            f"it; unless the model lacks something that acts like a delay, write `shift: {total}`{instead} at this output")
+
+
+def _late_by(channel: Channel) -> str:
+    late = channel.late
+    assert late is not None
+    size, deviation = readable_time(abs(late.seconds), late.deviation)
+    return f"{'late' if late.seconds > 0 else 'early'} by {size} +- {deviation}"
+
+
+def assemble_for(experiment: Experiment, record: Record, *, keep: bool = True) -> Assembly:
+    """The diagram of a record as equations; ModelError for outputs or free parameters that it does not have. `keep` as in
+    `assemble`."""
+    wanted = {n.text for output in experiment.outputs.values() for n in names(output.shown.expr)}
+    wanted |= {name.removeprefix("initial.") for name in experiment.free if name.startswith("initial.")}
+    assembly = assemble(experiment.model_for(record), wanted, keep=keep)
+    problems = Problems()
+    for name, output in experiment.outputs.items():
+        _check_output(assembly, name, output, problems)
+    _check_free(assembly, experiment, problems)
+    problems.raise_as(ModelError)
+    return assembly
+
+
+def _check_output(assembly: Assembly, name: str, output: Output, problems: Problems) -> None:
+    try:
+        found = assembly.resolver().dimension(output.shown.expr)
+        assembly.expression(output.shown.expr)
+    except ExpressionProblem as problem:
+        reading.add_expression_problem(problem, output.shown.place, problems)
+        return
+    if found is not None and found != read_unit(output.shown.unit).dimension:
+        problems.add("unit-wrong", f"output '{name}' is in {dimension_text(found)}, its column in "
+                     f"{output.shown.unit}", output.place)
+
+
+def _check_free(assembly: Assembly, experiment: Experiment, problems: Problems) -> None:
+    flat = assembly.flat
+    units = {q.name: q.unit for q in flat.parameters}
+    for name, free in experiment.free.items():
+        place: Place = free.place
+        if name not in units:
+            inner = name.removeprefix("initial.")
+            hint = "It follows from other parameters by a formula." if name in flat.constants else \
+                f"Give it a value in the diagram first: `initial: {{{inner}: ...}}`." if inner in flat.names else \
+                suggest(name, units)
+            problems.add("free-unknown", f"'{name}' is no parameter that may be free", place, hint=hint)
+            continue
+        unit = units[name]
+        if unit.dimension != free.range.unit.dimension:
+            problems.add("unit-wrong", f"the range of {name} is in {free.range.unit.text}; {unit.text} is needed", place)
+
+
+def _channel(name: str, found: Samples, simulated: Array, counts: Mask, astray: Mask, late: Lateness | None) -> Channel:
+    measured, model, noise = found.measured[counts], simulated[counts], found.noise
+    return Channel(
+        name, found.output.shown.unit, found.time, found.measured, simulated, noise, found.noise_given,
+        metrics.rms_error(measured, model), metrics.normalised_rms(measured, model),
+        metrics.relative_rms(measured, model), metrics.fit_percent(measured, model), metrics.bias(measured, model),
+        metrics.chi2_per_sample(measured, model, noise), metrics.whiteness(measured - model), counts, found.outlier,
+        astray, found.step, late)

@@ -1,0 +1,255 @@
+"""From a misfit to the physical effect that is missing: the ladder of findings, and how sure they are.
+
+Each rung (see `evidence.rung`) adds an effect that leaves little on records that were not fitted. A finding is called by
+name only where, after it, what is left there is near the noise or nearly all of the error is gone; else it is a shape: a
+place and a curve. Where the records cannot tell candidates apart, all are named.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from heavebond.basis.errors import HeavebondError, Problem, UsageError, listing, suggest
+from heavebond.basis.progress import Progress
+from heavebond.basis.threads import single_threaded
+from heavebond.evidence.catalogue import Candidate, candidates
+from heavebond.evidence.climbing import MOST, Added, Way, climb
+from heavebond.evidence.comparison import Comparison, compare
+from heavebond.evidence.experiment import Experiment, load_experiment
+from heavebond.evidence.finding import Finding, Rung, rung
+from heavebond.evidence.fitting import Fit, fit
+from heavebond.evidence.rivals import Alternative
+from heavebond.evidence.rung import Step, following, learnt, single, step
+from heavebond.evidence.separation import Separation, separate
+from heavebond.evidence.trial import Trial
+from heavebond.evidence.verdict import explained, misses, verdict, words
+
+SEVERAL = "More than one effect may be missing: --auto looks for several that explain it together."
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What was found. `ladder` begins with the diagram as it stands and the same with its free parameters fitted;
+    `findings` and `steps` go together, but for a last step that found nothing. `shape` is the learnt curve that lowers the
+    error most where no name can be given; `separation` the experiment that would tell alternatives apart. `verdict` is one
+    of those of `heavebond.evidence.verdict`, `words` says it."""
+
+    experiment: Experiment
+    verdict: str
+    words: tuple[str, ...]
+    ladder: tuple[Rung, ...]
+    findings: tuple[Finding, ...]
+    steps: tuple[Step, ...]
+    shape: Finding | None
+    fitted: Fit | None
+    noise: dict[str, tuple[float, str, bool]]
+    seconds: float
+    separation: Separation | None = None
+
+    @property
+    def last(self) -> Experiment:
+        """The experiment on the last diagram of the ladder."""
+        found = [*self.findings, *([self.shape] if self.shape is not None else [])]
+        return found[-1].fit.experiment if found else self.experiment
+
+    def as_dict(self) -> dict[str, object]:
+        """Everything for machines."""
+        return {
+            "verdict": self.verdict, "words": list(self.words), "steps": [f.as_dict() for f in self.findings],
+            "shape": self.shape and self.shape.as_dict(), "ladder": [r.as_dict() for r in self.ladder],
+            "ranking": [_ranked(s) for s in self.steps],
+            "noise": {name: {"value": value, "unit": unit, "given": given}
+                      for name, (value, unit, given) in self.noise.items()},
+            "separation": self.separation and self.separation.as_dict(), "seconds": self.seconds}
+
+
+def _ranked(step: Step) -> list[dict[str, object]]:
+    """All candidates of a step, the refitted ones first."""
+    gains = {s.candidate.label: s.gain for s in step.scores}
+    best = step.trials[0].bic if step.trials else 0.0
+    cluster = {t.candidate.label for t in step.cluster}
+    rows: list[dict[str, object]] = [
+        {"candidate": t.candidate.component, "class": t.candidate.kind, "place": t.candidate.place, "score": t.score,
+         "error_held_out": float(np.sqrt(t.chi2_held_out)), "chi2_fit": t.chi2_fit, "chi2_held_out": t.chi2_held_out,
+         "bic_difference": t.bic - best, "cluster": t.candidate.label in cluster, "at_end": list(t.at_end),
+         "same_as": list(step.twins.get(t.candidate.label, ()))} for t in step.trials]
+    refitted = {t.candidate.label for t in step.trials}
+    return [*rows, *({"candidate": s.candidate.component, "class": s.candidate.kind, "place": s.candidate.place,
+                      "score": gains[s.candidate.label], "cluster": False, "seen": s.told_apart}
+                     for s in step.scores if s.candidate.label not in refitted)]
+
+
+@single_threaded
+def diagnose(experiment: Experiment | str | Path, *, auto: bool = False, number: int | None = None, seconds: float = 300.0,
+             classes: Sequence[str] = (), progress: Progress | None = None) -> Diagnosis:
+    """Find out which effect the diagram of an experiment lacks.
+
+    One step, or with `auto` the ladder of several effects that leaves least (see `evidence.climbing`); `number` processes
+    (by default as many as there are processors); no refit is begun after `seconds` in a step; `classes` narrows the
+    catalogue. Ctrl-C ends the search with what was found so far. Raises ModelError and DataError where the experiment is
+    wrong, UsageError where no record is to be fitted.
+    """
+    began = clock.perf_counter()
+    experiment = _loaded(experiment)
+    say = progress or (lambda text: None)
+    base = fit(experiment, progress=lambda text: say(f"fitting what is free: {text}")) if experiment.free else None
+    ladder = _first_rungs(experiment, base)
+    now = _at(experiment, base)
+
+    def stepping(experiment: Experiment, way: Way) -> Step:
+        beside = f" beside {listing(added.candidate.label for added in way)}" if len(way) > 1 else ""
+        return step(experiment, number=number, seconds=seconds, classes=classes,
+                    progress=lambda text: say(f"step {len(way) + 1}{beside}: {text}"))
+
+    way, last = climb(now, stepping, say, MOST if auto else 1)
+    # the last step made may be that of the last effect itself
+    steps = [*(added.step for added in (way[:-1] if way and last.chosen is way[-1].chosen else way)), last]
+    findings = _confirmed(way, ladder, say)
+    ladder += [f.rung for f in findings]
+    now = _at(findings[-1].fit.experiment, findings[-1].fit) if findings else now
+    shape = None
+    if misses(ladder, findings, steps):
+        say("learning a curve")
+        shape = _shape(now, number, seconds)
+        ladder += [shape.rung] if shape is not None else []
+    said = verdict(base, ladder, findings, steps, shape)
+    apart = _separation(findings, say) if said == "one_of" else None
+    told = (*words(said, ladder, findings, steps, shape), *(apart.words if apart is not None else ()),
+            *([SEVERAL] if said == "shape" and findings and not auto else []))
+    return Diagnosis(experiment, said, told, tuple(ladder), tuple(findings), tuple(steps), shape, base,
+                     _noise(ladder[0].comparison), clock.perf_counter() - began, apart)
+
+
+def _confirmed(way: Way, ladder: Sequence[Rung], say: Progress) -> list[Finding]:
+    """The effects of a ladder with intervals and figures from full runs. What the first one explains by itself is not taken
+    back because several together do not reach the noise: then it stands alone."""
+    findings: list[Finding] = []
+    for added in way:
+        say(f"confirming {added.candidate.label}")
+        findings.append(_finding(added))
+    if len(findings) > 1 and explained(ladder, findings[:1]) and not explained(ladder, findings):
+        return [replace(findings[0], alternatives=way[0].step.cluster)]
+    return findings
+
+
+def _separation(findings: Sequence[Finding], say: Progress) -> Separation | None:
+    """The experiment that would tell apart what the first finding without one name may be, the best law of each class at
+    each place; None where the search for it is ended early or one of the diagrams cannot be run."""
+    unsure = next(f for f in findings if not f.certain)
+    best: dict[object, Trial] = {}
+    for trial in unsure.alternatives:
+        best.setdefault((trial.candidate.kind, frozenset(trial.candidate.where)), trial)
+    try:
+        return separate([Alternative(f"{t.candidate.kind} {t.candidate.place}", t.experiment, t.values,
+                                     t.samples + t.samples_held_out) for t in best.values()], progress=say)
+    except (KeyboardInterrupt, HeavebondError):
+        return None
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """One effect tried by hand: the ladder without and with it, the finding, how far BIC falls, and whether it earns its
+    place on what was not fitted."""
+
+    ladder: tuple[Rung, ...]
+    finding: Finding
+    bic_difference: float
+    earned: bool
+
+    def as_dict(self) -> dict[str, object]:
+        """The figures, for machines."""
+        return {"ladder": [r.as_dict() for r in self.ladder], "step": self.finding.as_dict(),
+                "bic_difference": self.bic_difference, "earned": self.earned}
+
+
+@single_threaded
+def attempt(experiment: Experiment | str | Path, component: str, places: Sequence[str] = (), *,
+            progress: Progress | None = None) -> Attempt:
+    """Put one effect into the diagram by hand and fit it: `attempt("rig.yaml", "CoulombFriction", ["platform", "crown"])`.
+
+    `component` is the name of a component with an `effect:`, or of a dormant parameter (`cylinder.leakage`); `places` name
+    nodes, parts or outputs until one place is left. UsageError where none or several fit.
+    """
+    experiment = _loaded(experiment)
+    say = progress or (lambda text: None)
+    chosen = _named(candidates(experiment), component, places)
+    base = fit(experiment, progress=say) if experiment.free else None
+    rungs = _first_rungs(experiment, base)
+    made = single(_at(experiment, base), chosen, say)
+    if made.chosen is None and not made.trials:
+        raise UsageError([Problem("try-broken", f"the diagram with {chosen.label} cannot be simulated", None,
+                                  "Try another place, or attach it in a diagram of your own and run that.")])
+    trial = made.trials[0]
+    found = _finding(Added(replace(made, chosen=trial), (trial,)))
+    return Attempt((*rungs, found.rung), found, trial.bic - made.bic, made.chosen is not None)
+
+
+def _named(found: Sequence[Candidate], component: str, places: Sequence[str]) -> Candidate:
+    """The one candidate that is meant; UsageError with those that could be."""
+    kinds = [c for c in found if component in (c.component, c.name)]
+    if not kinds:
+        names = dict.fromkeys([*(c.component for c in found), *(c.name for c in found if c.attaches == "in")])
+        raise UsageError([Problem("try-unknown", f"no effect '{component}' fits anywhere in this diagram", None,
+                                  suggest(component, names) or "`heavebond candidates` lists what does.")])
+    here = [c for c in kinds if _at_all(places, {*c.where, *c.change.nodes})]
+    exact = [c for c in here if _at_all(places, set(c.where)) and len(places) == len(c.where)]
+    if len(here) == 1 or len(exact) == 1:
+        return (exact or here)[0]
+    listed = listing((c.place for c in here or kinds), 8)
+    if not here:
+        raise UsageError([Problem("try-place", f"{component} does not fit at {listing(places)}", None,
+                                  f"It fits {listed}.")])
+    raise UsageError([Problem("try-places", f"{component} fits at several places", None,
+                              f"Say which, with --between NODE NODE or --at NAME: {listed}.")])
+
+
+def _at_all(places: Sequence[str], known: set[str]) -> bool:
+    """Whether each place is among the names of nodes, parts and outputs, or a port of a part among them (`inlet.a`)."""
+    return all(place in known or place.rpartition(".")[0] in known for place in places)
+
+
+def _loaded(experiment: Experiment | str | Path) -> Experiment:
+    found = experiment if isinstance(experiment, Experiment) else load_experiment(experiment)
+    if not any(r.use == "fit" for r in found.records.values()):
+        raise UsageError([Problem("fit-no-record", "no record is to be fitted", None,
+                                  "Mark at least one record with `use: fit`.")])
+    return found
+
+
+def _first_rungs(experiment: Experiment, base: Fit | None) -> list[Rung]:
+    """The diagram as it stands, and with its free parameters fitted."""
+    name = experiment.model.name
+    if base is None:
+        return [rung(name, compare(experiment))]
+    return [rung(name, base.before), rung(f"{name}, parameters fitted", base.after)]
+
+
+def _at(experiment: Experiment, fitted: Fit | None) -> Experiment:
+    """The experiment with the fitted values in its diagram."""
+    if fitted is None:
+        return experiment
+    return replace(experiment, model=experiment.model.with_parameters(fitted.values))
+
+
+def _finding(added: Added) -> Finding:
+    """The chosen effect with intervals and figures from full runs."""
+    found = fit(following(added.step))
+    own = {n.name for n in added.candidate.numbers}
+    return Finding(added.candidate, tuple(p for p in found.parameters if p.name in own),
+                   rung(f"+ {added.candidate.label}", found.after), found, added.alternatives)
+
+
+def _shape(experiment: Experiment, number: int | None, seconds: float) -> Finding | None:
+    """The learnt curve that leaves least, where one earns its place."""
+    made = learnt(experiment, number=number, seconds=seconds)
+    return _finding(Added(made, made.cluster)) if made.chosen is not None else None
+
+
+def _noise(comparison: Comparison) -> dict[str, tuple[float, str, bool]]:
+    first = next(iter(comparison.records.values()))
+    return {c.name: (c.noise, c.unit, c.noise_given) for c in first.channels.values()}

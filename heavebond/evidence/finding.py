@@ -1,0 +1,117 @@
+"""What a diagnosis reports: models on the ladder of a falling error, and the effects that were added on it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from heavebond.basis.errors import Problem, UsageError
+from heavebond.basis.progress import Progress
+from heavebond.evidence.catalogue import Candidate
+from heavebond.evidence.comparison import Comparison, RecordComparison, compare
+from heavebond.evidence.experiment import Experiment, load_experiment
+from heavebond.evidence.fitting import Fit, Fitted
+from heavebond.evidence.trial import Trial
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One model on the ladder: its errors (root mean square over that of the measured about its mean) and chi-square per
+    sample on the fitted samples and on those held out."""
+
+    name: str
+    error_fit: float
+    error_held_out: float
+    chi2_fit: float
+    chi2_held_out: float
+    comparison: Comparison
+
+    @property
+    def samples_held_out(self) -> int:
+        """How many samples were not fitted."""
+        return sum(int(c.counts.sum()) for p in self.comparison.parts if p.use != "fit" for c in p.channels.values())
+
+    def as_dict(self) -> dict[str, object]:
+        """The figures, for machines."""
+        return {"name": self.name, "error_fit": self.error_fit, "error_held_out": self.error_held_out,
+                "chi2_fit": self.chi2_fit, "chi2_held_out": self.chi2_held_out}
+
+
+@dataclass(frozen=True)
+class Finding:
+    """An effect that was added: the candidate, the numbers that it was fitted with, the model with it, and what the
+    records cannot tell from it."""
+
+    candidate: Candidate
+    parameters: tuple[Fitted, ...]
+    rung: Rung
+    fit: Fit
+    alternatives: tuple[Trial, ...]
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """The classes that it may be of, the likeliest first."""
+        return tuple(dict.fromkeys(t.candidate.kind for t in self.alternatives))
+
+    @property
+    def certain(self) -> bool:
+        """Whether all that cannot be told from it are of one class at one place."""
+        return len(self.kinds) == 1 and len({frozenset(t.candidate.where) for t in self.alternatives}) == 1
+
+    def as_dict(self) -> dict[str, object]:
+        """The figures, for machines."""
+        return {"component": self.candidate.component, "class": self.candidate.kind, "place": self.candidate.place,
+                "where": list(self.candidate.where), "name": self.candidate.name,
+                "parameters": {p.name: {"value": p.value, "unit": p.unit, "interval": list(p.interval)}
+                               for p in self.parameters},
+                "error_fit": self.rung.error_fit, "error_held_out": self.rung.error_held_out,
+                "chi2_fit": self.rung.chi2_fit, "chi2_held_out": self.rung.chi2_held_out,
+                "one_of": [{"component": t.candidate.component, "class": t.candidate.kind, "place": t.candidate.place}
+                           for t in self.alternatives]}
+
+
+def rung(name: str, comparison: Comparison) -> Rung:
+    """A model on the ladder, from its comparison with every record."""
+    fitted = [p for p in comparison.parts if p.use == "fit"]
+    checked = [p for p in comparison.parts if p.use != "fit"]
+    return Rung(name, _error(fitted), _error(checked), _chi2(fitted), _chi2(checked), comparison)
+
+
+def _error(parts: Sequence[RecordComparison]) -> float:
+    return float(np.sqrt(np.mean([p.normalised**2 for p in parts]))) if parts else float("nan")
+
+
+def _chi2(parts: Sequence[RecordComparison]) -> float:
+    """Of all samples together."""
+    counts = [int(c.counts.sum()) for p in parts for c in p.channels.values()]
+    values = [c.chi2 for p in parts for c in p.channels.values()]
+    return float(np.average(values, weights=counts)) if values else float("nan")
+
+
+def ladder(experiments: Sequence[Experiment | str | Path], *, progress: Progress | None = None) -> list[Rung]:
+    """Several experiments on the same records, each a model with more in it: their errors, in the order given.
+
+    Each model stands with the values of its diagram. Raises UsageError where the records or channels differ, and whatever
+    `compare` raises.
+    """
+    found = [e if isinstance(e, Experiment) else load_experiment(e) for e in experiments]
+    for other in found[1:]:
+        if _measured(other) != _measured(found[0]):
+            raise UsageError([Problem("ladder-records", f"{other.path.name} and {found[0].path.name} have different records "
+                                      "or channels, so their errors cannot be compared", None,
+                                      "Let the later experiments `extends:` the first one.")])
+    rungs = []
+    for experiment in found:
+        if progress:
+            progress(experiment.path.name)
+        rungs.append(rung(experiment.path.stem, compare(experiment)))
+    return rungs
+
+
+def _measured(experiment: Experiment) -> tuple[object, ...]:
+    """What is measured: the parts of records and their channels."""
+    return (sorted((str(r.file.resolve()), r.use, r.begin or 0.0, r.end or 0.0) for r in experiment.records.values()),
+            sorted((o.column, o.shown.unit) for o in experiment.outputs.values()))

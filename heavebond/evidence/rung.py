@@ -1,0 +1,356 @@
+"""One rung of the ladder from a misfit to what is missing.
+
+Fit what is free; ask whether more than noise is left; score every candidate of the catalogue; refit those that can matter;
+take the one that leaves least on what was not fitted, if it earns its place there.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from heavebond.basis.progress import Progress
+from heavebond.evidence.catalogue import Candidate, candidates
+from heavebond.evidence.experiment import Experiment
+from heavebond.evidence.leftover import Leftover, leftover
+from heavebond.evidence.places import nodes_of
+from heavebond.evidence.scoring import Base, Score, searched
+from heavebond.evidence.trial import Trial, bic, held_out
+from heavebond.evidence.workers import Workers
+from heavebond.numbers.dae import Array
+
+UNKNOWN = "unknown law"  # the class of learnt curves: a shape, no name
+REFITS = 24  # at least so many candidates are refitted, those with the largest scores
+PROMISING = 0.1  # and where one of a class at a place has a gain of this share of the largest, all there
+AT_LEAST = 0.01  # that have this share of it
+NEARLY = 0.1  # share of what the best takes away that a rival may leave, where the noise is not given,
+RIVALS = 0.25  # share of what the best misses the noise by that a rival may miss more
+CLOSELY = 6  # trials at most are followed to the very end before they are compared,
+NEAR = 0.05  # those within this share of the logarithm of chi-square of the best
+TWINS = 1 - 1e-6  # candidates whose directions agree to this are the same machine,
+ALIKE = 1e-3  # their gains and shapes to this share,
+JOINED = 0.02  # and to this one where they are the same law at nodes that move as one,
+AS_ONE = 1e-6  # which is to this share of the largest value
+STEADY = 0.01  # what varies by less than this share of its size is steady
+SECONDS = 300.0  # after which no refit is begun
+# A candidate earns its place where chi-square on what was not fitted falls by this, in units of what is left: normal
+# deviations of some 3 squared would come by chance once in a thousand tries.
+EARNED = 12.0
+
+
+@dataclass(frozen=True)
+class Step:
+    """One rung: the experiment that was diagnosed, its best fit of what was free (chi-square per sample on what was and was
+    not fitted), the tests on what that leaves, all scores and refits, best first, what was chosen, and those that the
+    records cannot tell from it (the chosen one first). `partial`: not all that was planned was refitted."""
+
+    experiment: Experiment
+    values: dict[str, float]
+    cost: float
+    samples: int
+    chi2_fit: float
+    chi2_held_out: float
+    samples_held_out: int
+    at_end: tuple[str, ...]
+    left: Leftover
+    scores: tuple[Score, ...]
+    trials: tuple[Trial, ...]
+    chosen: Trial | None
+    cluster: tuple[Trial, ...]
+    twins: dict[str, tuple[str, ...]]
+    unseen: tuple[Candidate, ...]
+    partial: bool
+    seconds: float
+
+    @property
+    def bic(self) -> float:
+        """The information criterion of the model without any of the candidates."""
+        return bic(self.cost, self.samples, len(self.values))
+
+    @property
+    def merit(self) -> float:
+        """That of the model without any of the candidates; see `merit`."""
+        return _merit(self.cost, self.samples, len(self.values), self.chi2_held_out, self.samples_held_out)
+
+
+def step(experiment: Experiment, *, number: int | None = None, seconds: float = SECONDS, classes: Sequence[str] = (),
+         progress: Progress | None = None) -> Step:
+    """One rung of the ladder. `classes` narrows the catalogue to candidates of these classes."""
+    found = [c for c in candidates(experiment) if c.kind != UNKNOWN and (not classes or c.kind in classes)]
+    return _step(experiment, found, number, seconds, progress or (lambda text: None))
+
+
+def learnt(experiment: Experiment, *, number: int | None = None, seconds: float = SECONDS,
+           progress: Progress | None = None) -> Step:
+    """A rung with learnt curves only: effects without a name."""
+    found = [c for c in candidates(experiment) if c.kind == UNKNOWN]
+    return _step(experiment, found, number, seconds, progress or (lambda text: None))
+
+
+def single(experiment: Experiment, candidate: Candidate, progress: Progress) -> Step:
+    """A rung with one candidate, chosen by hand: it is refitted whatever its score."""
+    return _step(experiment, [candidate], 1, SECONDS, progress, always=True)
+
+
+def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None, seconds: float, say: Progress,
+          always: bool = False) -> Step:
+    began = clock.perf_counter()
+    say("fitting what is free")
+    base = fitted_base(experiment)
+    held, n_held = held_out(base.problem, base.inner, base.exact)
+    courses = _courses(base)
+    found = [c for c in found if always or _says_more(c, base, courses)]
+    trials: list[Trial] = []
+    scores: list[Score] = []
+    partial = False
+    with Workers(base, number) as workers:
+        try:
+            for k, (candidate, got) in enumerate(workers.score(found), 1):
+                say(f"scoring {k} of {len(found)}: {candidate.label}")
+                scores += got
+            # in the order of the catalogue, whichever process was done first
+            place = {c.label: k for k, c in enumerate(found)}
+            scores.sort(key=lambda s: place[s.candidate.label])
+            left = leftover(base, scores)
+            jobs, twins = _planned(scores, _as_one(courses)) if left.significant or always else ([], {})
+            for k, (candidate, trial) in enumerate(workers.refit(jobs, began + seconds), 1):
+                trials += [trial] if trial is not None else []
+                say(f"refitting {k} of {len(jobs)}: {candidate.label}"
+                    + (f" leaves {trial.chi2_held_out:.4g}" if trial else " cannot be simulated"))
+            partial = k < len(jobs) if jobs else False
+            say("comparing the best closely")
+            trials = _polished(workers, trials, {c.label: g for c, g in jobs})
+        except KeyboardInterrupt:
+            partial, left, twins = True, leftover(base, scores), {}
+    return _judged(base, (held, n_held), left, scores, trials, twins, partial, clock.perf_counter() - began)
+
+
+def _polished(workers: Workers, trials: Sequence[Trial], guesses: Mapping[str, Sequence[Score]]) -> list[Trial]:
+    """The trials, those that are near the best followed to the end of their valleys: near on all samples or on those that
+    were fitted, as one that has not arrived may miss the others by much."""
+    order = sorted(trials, key=merit)
+    if not order:
+        return []
+    margin = indistinct(order[0], merit(order[0])) + NEAR * (order[0].samples + order[0].samples_held_out)
+    lowest = min(t.bic for t in order)
+    near = [t for t in order if merit(t) - merit(order[0]) < margin or t.bic - lowest < margin][:CLOSELY]
+    better = {c.label: t for c, t in workers.polish([(t, guesses[t.candidate.label], None) for t in near])}
+    lent = [(t, guesses[t.candidate.label], lender) for t in better.values() if (lender := _lender(t, better.values()))]
+    better |= {c.label: t for c, t in workers.polish(lent)}
+    return [better.get(t.candidate.label, t) for t in order]
+
+
+def _lender(trial: Trial, others: Iterable[Trial]) -> Trial | None:
+    """The best fitting law at the same place that fits better: what it found may do for this one too, as a law that holds
+    it as a special case should never leave less by ending in another valley."""
+    there = [t for t in others if set(t.candidate.where) == set(trial.candidate.where) and t.cost < trial.cost]
+    return min(there, key=lambda t: t.cost, default=None)
+
+
+def fitted_base(experiment: Experiment) -> Base:
+    """The experiment with what is free fitted, from the diagram's values."""
+    problem = searched(experiment)
+    inner = problem.start
+    if len(inner):
+        inner = np.asarray(problem.minimise(inner, False, lambda text: None, tolerance=1e-6).x)
+    return Base.at(problem, inner)
+
+
+def _courses(base: Base) -> dict[str, tuple[str, Array]]:
+    """Each node of the base model with its domain and the course of its across variable on the fitted records."""
+    runs = [base.exact[run.record.name] for run in base.problem.runs]
+    results = [run.simulator.run(base.problem.values_of(base.inner, run.record.name)) for run in runs]
+    return {node.name: (node.domain.name, np.concatenate([result[f"{node.name}.{node.across}"] for result in results]))
+            for node in nodes_of(runs[0].assembly.flat).values()}
+
+
+def _as_one(courses: Mapping[str, tuple[str, Array]]) -> dict[str, str]:
+    """Nodes that move as one in the base model (what a lossless rope or lever joins), each with the first of them."""
+    found: dict[str, str] = {}
+    for name, (domain, course) in courses.items():
+        near = AS_ONE * max(float(np.abs(course).max()), 1e-300)
+        found[name] = next((first for first in found.values() if courses[first][0] == domain
+                            and np.abs(course - courses[first][1]).max() < near), name)
+    return found
+
+
+def _says_more(candidate: Candidate, base: Base, courses: Mapping[str, tuple[str, Array]]) -> bool:
+    """Whether what a law depends on besides its own motion changes at all: a seal that is pressed by a steady pressure has
+    dry friction, which the catalogue has without the pressure."""
+    effect = base.problem.experiment.model.library.component(candidate.component).effect
+    if effect is None or not effect.also:
+        return True
+    others = [courses[node][1] for node in candidate.change.nodes if node not in candidate.where and node in courses]
+    return all(float(np.ptp(course)) > STEADY * float(np.abs(course).max()) for course in others)
+
+
+def _planned(scores: Sequence[Score], as_one: Mapping[str, str]
+             ) -> tuple[list[tuple[Candidate, list[Score]]], dict[str, tuple[str, ...]]]:
+    """What is refitted, and which candidates are the same as one of them. After a strong misfit a score names class and
+    place rather than the law: all laws of one class at one place come together, the largest gain of any of them first."""
+    families: dict[object, float] = {}
+    for score in scores:
+        families[_family(score)] = max(score.gain, families.get(_family(score), 0.0))
+    by_label: dict[str, list[Score]] = {}
+    for score in sorted(scores, key=lambda s: (-families[_family(s)], -s.gain)):
+        if score.told_apart:
+            by_label.setdefault(score.candidate.label, []).append(score)
+    place = {label: k for k, label in enumerate(dict.fromkeys(s.candidate.label for s in scores))}
+    kept: list[list[Score]] = []
+    twins: dict[str, tuple[str, ...]] = {}
+    for label, group in by_label.items():
+        k = next((k for k, other in enumerate(kept) if _same(other, group, as_one)), None)
+        if k is None:
+            kept.append(group)
+            continue
+        # of the same machine twice the one stands that comes first in the catalogue: a part's own dormant effect
+        other = kept[k][0].candidate.label
+        first, second = sorted((other, label), key=place.__getitem__)
+        kept[k] = group if first == label else kept[k]
+        twins[first] = (*twins.pop(other, ()), second)
+    largest = kept[0][0].gain if kept else 0.0
+    chosen = [g for k, g in enumerate(kept) if k < REFITS or
+              (families[_family(g[0])] >= PROMISING * largest and g[0].gain >= AT_LEAST * largest)]
+    return [(g[0].candidate, g) for g in chosen], twins
+
+
+def _family(score: Score) -> tuple[str, frozenset[str]]:
+    """Class and place."""
+    return score.candidate.kind, frozenset(score.candidate.where)
+
+
+def _same(one: Sequence[Score], other: Sequence[Score], as_one: Mapping[str, str]) -> bool:
+    """Whether two candidates move all channels in the same proportion at all shapes: one law at places that act alike.
+    Where its nodes move as one it is the same machine, and only what a channel measures inside of what joins them could tell
+    them apart; steps over kinks make some directions rough, so that there the clearest decides."""
+    a, b = one[0].candidate, other[0].candidate
+    if a.vanishes != b.vanishes or len(one) != len(other) or len(a.numbers) != len(b.numbers):
+        return False
+    pairs = list(zip(sorted(one, key=_shapes), sorted(other, key=_shapes), strict=True))
+    if a.component == b.component and _nodes(a, as_one) == _nodes(b, as_one):
+        return _alike(*max(pairs, key=lambda pair: min(s.gain for s in pair)), JOINED, 1 - JOINED)
+    return all(_alike(s, t, ALIKE, TWINS) for s, t in pairs)
+
+
+def _alike(one: Score, other: Score, share: float, cosine: float) -> bool:
+    """Whether two scores are the same to this share, and their directions to this cosine."""
+    # one of them may be allowed in the other direction only
+    return np.allclose(_shapes(one)[0], _shapes(other)[0], rtol=share) and \
+        abs(one.gain - other.gain) <= share * max(one.gain, other.gain) and \
+        abs(float(one.direction @ other.direction)) > cosine
+
+
+def _nodes(candidate: Candidate, as_one: Mapping[str, str]) -> list[str]:
+    """The nodes that a candidate is put on, those that move as one by one name."""
+    return [as_one.get(node, node) for node in candidate.change.nodes]
+
+
+def _shapes(score: Score) -> tuple[list[float], int, int]:
+    """The choice of shapes and amplitudes and the side at which it was taken."""
+    return list(score.shapes.values()), len(score.along), score.side
+
+
+def _judged(base: Base, held: tuple[float, int], left: Leftover, scores: Sequence[Score], trials: Sequence[Trial],
+            twins: dict[str, tuple[str, ...]], partial: bool, seconds: float) -> Step:
+    problem = base.problem
+    ended = tuple(c.free.name for c, end in zip(problem.columns, problem.at_end(base.inner), strict=True) if end)
+    made = Step(
+        problem.experiment, problem.values_of(base.inner, problem.runs[0].record.name), base.cost, len(base.r),
+        float(base.r @ base.r) / len(base.r), *held, ended, left, tuple(_best_of_each(scores)),
+        tuple(sorted(trials, key=merit)), None, (), twins, tuple(_unseen(scores)), partial, seconds)
+    earned = _earned(made)
+    return choosing(made, earned[0]) if earned else made
+
+
+def choosing(made: Step, trial: Trial) -> Step:
+    """The step with one of its trials chosen, and what the records cannot tell from it."""
+    margin = indistinct(trial, made.merit)
+    close = [t for t in _earned(made) if t is not trial and min(m(t) - m(trial) for m in (merit, _joint)) < margin]
+    return replace(made, chosen=trial, cluster=(trial, *close, *_twins_of([trial, *close], made.twins, made.scores)))
+
+
+def leaders(made: Step, most: int) -> list[Step]:
+    """The step with each of the best trials chosen that earn their place, one of each class at each place."""
+    best: dict[object, Trial] = {}
+    for trial in _earned(made):
+        best.setdefault((trial.candidate.kind, frozenset(trial.candidate.where)), trial)
+    return [choosing(made, trial) for trial in list(best.values())[:most]]
+
+
+def _twins_of(close: Sequence[Trial], twins: Mapping[str, Sequence[str]], scores: Sequence[Score]) -> list[Trial]:
+    """Candidates of another class that are the same machine as one that was refitted. (Of the same class it is one law at
+    places that act alike; `leakage` between the chambers is `internal leakage` of the piston.)"""
+    by_label = {s.candidate.label: s.candidate for s in scores}
+    found = []
+    for trial in close:
+        for label in twins.get(trial.candidate.label, ()):
+            kinds = (trial.candidate.kind, by_label[label].kind)
+            if not kinds[0].endswith(kinds[1]) and not kinds[1].endswith(kinds[0]):
+                found.append(replace(trial, candidate=by_label[label]))
+    return found
+
+
+def _best_of_each(scores: Sequence[Score]) -> list[Score]:
+    best: dict[str, Score] = {}
+    for score in sorted(scores, key=lambda s: -s.gain):
+        best.setdefault(score.candidate.label, score)
+    return list(best.values())
+
+
+def _unseen(scores: Sequence[Score]) -> list[Candidate]:
+    """Candidates that the records cannot see apart from what is free already, at no choice of their shapes."""
+    told = {s.candidate.label for s in scores if s.told_apart}
+    return [s.candidate for s in _best_of_each(scores) if s.candidate.label not in told]
+
+
+def merit(trial: Trial) -> float:
+    """What ranks the refits: BIC of the fitted samples and n ln(chi-square) of the others; smaller is better."""
+    return _merit(trial.cost, trial.samples, trial.unknowns, trial.chi2_held_out, trial.samples_held_out)
+
+
+def _joint(trial: Trial) -> float:
+    """The merit with what was held out as a fit to all samples would leave it: numbers that the fit leaves open by little
+    may miss other records by more than one law does more than another."""
+    held = trial.chi2_held_out - trial.slack / max(trial.samples_held_out, 1)
+    return _merit(trial.cost, trial.samples, trial.unknowns, held, trial.samples_held_out)
+
+
+def _merit(cost: float, samples: int, unknowns: int, chi2: float, held: int) -> float:
+    return bic(cost, samples, unknowns) + (held * float(np.log(max(chi2, 1e-300))) if held else 0.0)
+
+
+def _earned(made: Step) -> list[Trial]:
+    """The trials whose merit and chi-square on what was not fitted both fall by more than chance allows, best first."""
+    def falls(trial: Trial) -> bool:
+        scale = max(1.0, trial.chi2_held_out)
+        fallen = (made.chi2_held_out - trial.chi2_held_out) * made.samples_held_out / scale
+        return not made.samples_held_out or fallen > EARNED
+
+    return [t for t in made.trials if merit(t) < made.merit - EARNED and falls(t)]
+
+
+def indistinct(best: Trial, before: float) -> float:
+    """Refits whose merit is no more than this behind the best are not told from it: strong evidence in BIC is 10 (R. E.
+    Kass, A. E. Raftery, 1995, doi:10.1080/01621459.1995.10476572); and as no law is exact, 0.3 % of chi-square besides.
+    Where the noise is given and the best misses it, a rival that misses it by a quarter more is not excluded: both are then
+    laws that are not exact. Where it is estimated it says little of how exact a law could be: a rival that takes away nine
+    tenths of what the best does (from the merit `before`) is not excluded."""
+    exact = 10.0 + 0.003 * (best.samples + best.samples_held_out)
+    if not best.experiment.noise_given:
+        return exact + NEARLY * (before - merit(best)) * (best.chi2_held_out > 2)
+    missed = sum(n * max(0.0, float(np.log(max(c, 1e-300)))) for n, c in
+                 ((best.samples, best.chi2_fit), (best.samples_held_out, best.chi2_held_out)) if n)
+    return exact + RIVALS * missed
+
+
+def following(before: Step) -> Experiment:
+    """The experiment with the chosen effect in its diagram, everything at its fitted values and free as it was sought."""
+    assert before.chosen is not None
+    trial = before.chosen
+    values = {n: v for n, v in trial.values.items() if n in trial.experiment.free}
+    return replace(trial.experiment, model=trial.experiment.model.with_parameters(values))
+
+

@@ -1,0 +1,182 @@
+"""How sure a diagnosis is, as one of six words and in sentences.
+
+nothing: what is left is noise. parameters: it was their values, no physics. effect: this one, here. one_of: one of these,
+which the records cannot tell apart. shape: something that the catalogue lacks; a place and a curve. undetermined: the
+records do not tell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from heavebond.basis.errors import listing
+from heavebond.basis.presentation import number
+from heavebond.evidence.catalogue import Candidate
+from heavebond.evidence.finding import Finding, Rung
+from heavebond.evidence.fitting import Fit
+from heavebond.evidence.rung import Step
+
+NEAR = 1.5  # chi-square per sample on what was not fitted, up to which what is left is near the noise
+SIGMAS = 3.0  # standard deviations of that figure, up to which what is left is noise
+# Shares of chi-square above the noise that a name must take away where the noise is not reached: near it, and far from it.
+# Where the noise is given it is a yardstick, and flexible laws at a wrong place take away more than nine tenths of a large
+# misfit: 0.85 of the error itself is asked for, 1 - (1 - 0.85)**2 of its square. Noise that is estimated leaves out what no
+# model of the machine would explain, so less is asked for.
+NEARLY = 0.9
+GONE = 1 - (1 - 0.85) ** 2
+GONE_ESTIMATED = 0.85
+LARGE = 0.15  # error, as a share of what was measured, beyond which no name is given however much is gone
+FURTHER = 0.2  # share of what is left that a further step must take away
+CHANCE = 0.005  # p value below which fitted parameters are better than those of the data sheet
+STILL = 3.0  # channels whose own motion is below this many times their noise tell nothing
+
+
+def worth_it(step: Step) -> bool:
+    """Whether a further effect takes away a noticeable part of what is left above the noise."""
+    assert step.chosen is not None
+    above = max(step.chi2_held_out - 1.0, 1e-9)
+    return (step.chi2_held_out - step.chosen.chi2_held_out) / above > FURTHER
+
+
+def explained(ladder: Sequence[Rung], findings: Sequence[Finding]) -> bool:
+    """Whether the model with all findings leaves little more than noise, or hardly any of the error that was there without
+    them: of the better of the diagram as it stands and fitted, lest an effect be credited with what parameters do."""
+    if not findings:
+        return _held(ladder[-1]) <= NEAR
+    last, first = findings[-1].rung, [r for r in ladder[:2] if r is not findings[0].rung]
+    held = _gone(min(map(_held, first)), _held(last))
+    if not last.comparison.experiment.noise_given:
+        return _held(last) <= NEAR or held >= GONE_ESTIMATED
+    if is_noise(last.chi2_fit, last.chi2_held_out, last.samples_held_out):
+        return True
+    # of several effects each mends what another does wrong: together they can come near the noise with wrong names
+    near, gone = max(_held(last), last.chi2_fit) <= NEAR, min(held, _gone(min(r.chi2_fit for r in first), last.chi2_fit))
+    if len(findings) > 1 or last.error_held_out > LARGE:
+        return False
+    return gone >= (NEARLY if near else GONE)
+
+
+def _gone(first: float, last: float) -> float:
+    """The share of what is above the noise that is taken away."""
+    return (first - last) / (first - 1) if first > 1 else 0.0
+
+
+def is_noise(fitted: float, held_out: float, samples: int) -> bool:
+    """Whether these chi-squares a sample are no more than given noise can be: on `samples` that were not fitted by chance
+    alone, and near it on those that were fitted."""
+    return fitted <= NEAR and samples > 0 and held_out <= 1 + SIGMAS * (2 / samples) ** 0.5
+
+
+def _held(rung: Rung) -> float:
+    return rung.chi2_held_out if rung.chi2_held_out == rung.chi2_held_out else rung.chi2_fit
+
+
+def misses(ladder: Sequence[Rung], findings: Sequence[Finding], steps: Sequence[Step]) -> bool:
+    """Whether more than noise is left that no name explains: time for a curve without a name."""
+    return bool(steps) and steps[0].left.significant and not steps[-1].partial and not explained(ladder, findings)
+
+
+def verdict(base: Fit | None, ladder: Sequence[Rung], findings: Sequence[Finding], steps: Sequence[Step],
+            shape: Finding | None) -> str:
+    """One of the six words."""
+    if not steps[0].left.significant:
+        if _still(ladder[0]) or steps[0].partial:
+            return "undetermined"
+        return "parameters" if base is not None and _better(base) else "nothing"
+    if findings and explained(ladder, findings) and not (steps[-1].partial and _held(findings[-1].rung) > NEAR):
+        return "effect" if all(f.certain for f in findings) else "one_of"
+    if steps[-1].partial:
+        return "undetermined"
+    return "shape" if shape is not None or findings else "undetermined"
+
+
+def _still(rung: Rung) -> bool:
+    """Whether no channel moves by more than a few times its noise."""
+    return all(float(c.measured.std()) < STILL * c.noise for r in rung.comparison.records.values()
+               for c in r.channels.values())
+
+
+def _better(base: Fit) -> bool:
+    """Whether the fitted parameters explain the records better than those of the data sheet, beyond chance."""
+    from scipy.stats import chi2
+
+    before = sum(float(c.chi2 * c.counts.sum()) for r in base.before.records.values() if r.use == "fit"
+                 for c in r.channels.values())
+    return bool(chi2.sf(before - base.chi2 * base.samples, len(base.parameters)) < CHANCE)
+
+
+def words(said: str, ladder: Sequence[Rung], findings: Sequence[Finding], steps: Sequence[Step], shape: Finding | None
+          ) -> tuple[str, ...]:
+    """The verdict in sentences."""
+    lines = [_WORDS[said](ladder, findings, steps, shape)]
+    if findings:
+        lines.append(_fall(ladder[0], findings[-1].rung))
+    if steps[0].at_end and findings and not steps[-1].at_end:
+        lines.append(f"Without it {listing(steps[0].at_end)} went to the end of the range, a sign that physics is missing; "
+                     "with it they come back inside.")
+    if ended := [p.name for f in findings for p in f.parameters if p.at_bound]:
+        lines.append(f"{listing(ended)} ended at the end of the range: the effect is there, but its value is not sure; "
+                     "look for more of its kind.")
+    if said in ("effect", "one_of") and len(steps) == len(findings):
+        left = _held(findings[-1].rung)
+        lines.append("What is left on records that were not fitted is near the noise." if left <= NEAR else
+                     f"What is left there is still {number(left**0.5, 3)} times the noise: diagnose the new experiment too.")
+    if said != "undetermined" and any(step.partial for step in steps):
+        lines.append("The search was ended early: not every candidate was refitted.")
+    return tuple(lines)
+
+
+def _fall(first: Rung, last: Rung) -> str:
+    return f"The error on what was not fitted falls from {number(100 * first.error_held_out, 3)} % to " \
+           f"{number(100 * last.error_held_out, 3)} % of what was measured (chi-square per sample from " \
+           f"{number(first.chi2_held_out, 3)} to {number(last.chi2_held_out, 3)}; 1 is noise)."
+
+
+def _nothing(*_: object) -> str:
+    return "Nothing is missing: what is left is noise."
+
+
+def _parameters(*_: object) -> str:
+    return "Parameters, not physics: with fitted values what is left is noise."
+
+
+def _effect(ladder: Sequence[Rung], findings: Sequence[Finding], *_: object) -> str:
+    return f"Missing: {'; '.join(_called(f.candidate) for f in findings)}."
+
+
+def _called(candidate: Candidate) -> str:
+    """The effect by its class and place, and by what `heavebond try` calls it."""
+    if candidate.attaches == "in":
+        return f"{candidate.kind} in {candidate.where[0]} ({candidate.name})"
+    return f"{candidate.kind} {candidate.place} ({candidate.component})"
+
+
+def _one_of(ladder: Sequence[Rung], findings: Sequence[Finding], *_: object) -> str:
+    parts = [" or ".join(dict.fromkeys(f"{t.candidate.kind} {t.candidate.place}" for t in f.alternatives[:6]))
+             for f in findings]
+    return "Missing: " + "; and ".join(parts) + ". The records cannot tell these apart."
+
+
+def _shape(ladder: Sequence[Rung], findings: Sequence[Finding], steps: Sequence[Step], shape: Finding | None) -> str:
+    said = "Something is missing that no entry of the catalogue explains."
+    if findings:
+        near = " and ".join(f"{f.candidate.kind} {f.candidate.place}" for f in findings)
+        said += f" Nearest to it: {near}, which is not all."
+    if shape is not None:
+        said += f" A learnt curve {shape.candidate.place} lowers the error until its name is found."
+    return said
+
+
+def _undetermined(ladder: Sequence[Rung], findings: Sequence[Finding], steps: Sequence[Step], shape: Finding | None) -> str:
+    if steps[-1].partial:
+        near = " and ".join(f"{f.candidate.kind} {f.candidate.place}" for f in findings)
+        return "Not told yet: the search was ended before every candidate was refitted." + (f" Best so far: {near}." if near
+                                                                                           else "")
+    if not steps[0].left.significant:
+        return "Not to be told from these records: no channel moves by more than a few times its noise."
+    return "More than noise is left, but nothing in the catalogue lowers the error on what was not fitted."
+
+
+_WORDS: dict[str, Callable[..., str]] = {
+    "nothing": _nothing, "parameters": _parameters, "effect": _effect, "one_of": _one_of, "shape": _shape,
+    "undetermined": _undetermined}

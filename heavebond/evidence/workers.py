@@ -1,0 +1,85 @@
+"""Candidates scored and refitted side by side: each worker process assembles the base model once and then takes one
+candidate after the other."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, TypeVar
+
+from heavebond.basis.processes import Processes, as_done, forks, heed, processors
+from heavebond.evidence.catalogue import Candidate
+from heavebond.evidence.experiment import Experiment
+from heavebond.evidence.scoring import Base, Score, scored, searched
+from heavebond.evidence.trial import Trial, polished, tried
+from heavebond.numbers.dae import Array
+
+T = TypeVar("T")
+_base: Base | None = None  # of this worker process
+
+
+class Workers:
+    """The base model at a point, in `number` processes (in this one where it is 1)."""
+
+    def __init__(self, base: Base, number: int | None = None):
+        self.base = base
+        self.number = number or processors()
+        self.processes: Processes | None = None
+
+    def __enter__(self) -> Workers:
+        if self.number > 1:
+            # forked workers have the base model already; where there is no fork they make it
+            self.processes = Processes(self.number, _kept, (self.base,)) if forks() else \
+                Processes(self.number, _made, (self.base.problem.experiment, self.base.inner))
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.processes is not None:
+            self.processes.__exit__()
+
+    def score(self, candidates: Sequence[Candidate], until: float = float("inf")) -> Iterator[tuple[Candidate, list[Score]]]:
+        """The scores of each candidate, in the order in which they are done; those not begun at `until` are left out."""
+        return self._each(_score, scored, [(c,) for c in candidates], candidates, until)
+
+    def refit(self, jobs: Sequence[tuple[Candidate, Sequence[Score]]], until: float = float("inf")
+              ) -> Iterator[tuple[Candidate, Trial | None]]:
+        """The refit of each candidate, in the order in which they are done; those not begun at `until` are left out."""
+        return self._each(_refit, tried, jobs, [c for c, _ in jobs], until)
+
+    def polish(self, jobs: Sequence[tuple[Trial, Sequence[Score], Trial | None]]) -> Iterator[tuple[Candidate, Trial]]:
+        """Each trial followed to the end of its valley, or of that to which another one leads."""
+        return self._each(_polish, polished, jobs, [job[0].candidate for job in jobs], float("inf"))
+
+    def _each(self, remote: Callable[..., T], here: Callable[..., T], jobs: Sequence[tuple[Any, ...]],
+              keys: Sequence[Candidate], until: float) -> Iterator[tuple[Candidate, T]]:
+        if self.processes is None:
+            for key, job in zip(keys, jobs, strict=True):
+                if clock.perf_counter() > until:
+                    return
+                yield key, here(self.base, *job)
+            return
+        yield from as_done(self.processes, remote, list(zip(keys, jobs, strict=True)), self.number + 1, until)
+
+
+def _kept(base: Base) -> None:
+    global _base
+    _base = base
+
+
+def _made(experiment: Experiment, inner: Array) -> None:
+    _kept(Base.at(searched(experiment), inner))
+
+
+def _score(candidate: Candidate) -> list[Score]:
+    assert _base is not None
+    return scored(_base, candidate)
+
+
+def _refit(candidate: Candidate, guesses: Sequence[Score]) -> Trial | None:
+    assert _base is not None
+    return tried(_base, candidate, guesses, heed)
+
+
+def _polish(trial: Trial, guesses: Sequence[Score], lender: Trial | None) -> Trial:
+    assert _base is not None
+    return polished(_base, trial, guesses, lender, heed)

@@ -1,0 +1,343 @@
+"""What a component, a domain and a piece of a diagram are: frozen values, with the place where each was written."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from heavebond.basis.errors import Place
+from heavebond.basis.units import Range, Unit
+from heavebond.text.expression import Compare, Equation, Expr, Name
+
+
+@dataclass(frozen=True)
+class Member:
+    """One variable of a port: its unit, the size that it commonly has (for scaling), what it never falls below, and the
+    guess where a start is searched and nothing else is known."""
+
+    name: str
+    unit: Unit
+    nominal: float
+    doc: str = ""
+    low: float | None = None
+    start: float | None = None
+
+
+@dataclass(frozen=True)
+class Domain:
+    """What a wire of one kind carries: `across` is shared at a node, `through` sums to zero. `reference` is the component
+    that stands for the surroundings: the ground, a tank; `medium` the one that sets what flows in a circuit."""
+
+    name: str
+    members: dict[str, Member]
+    across: tuple[str, ...]
+    through: tuple[str, ...]
+    effort: str | None
+    flow: str | None
+    position: str | None
+    power: str | None
+    reference: str | None = None
+    medium: str | None = None
+
+    def role(self, member: str) -> str:
+        """The member's own name for `effort` and `flow` as generic ports write them."""
+        generic = {"effort": self.effort, "flow": self.flow, "position": self.position}
+        return generic.get(member) or member
+
+
+@dataclass(frozen=True)
+class Port:
+    """A power port; `domain` may be `$D` (taken from what it is wired to), `count` makes it an array."""
+
+    name: str
+    domain: str
+    place: Place
+    doc: str = ""
+    count: Expr | None = None
+
+
+@dataclass(frozen=True)
+class SignalPort:
+    """A directed signal, `direction` in or out."""
+
+    name: str
+    direction: str
+    unit: Unit
+    place: Place
+    doc: str = ""
+
+
+@dataclass(frozen=True)
+class Value:
+    """A number with its unit or a formula, as written in a diagram; `si`: a plain Python number in SI; `file`: the one in
+    whose column it stands."""
+
+    expr: Expr
+    text: str
+    place: Place
+    formula: bool = False
+    si: bool = False
+    file: Path | None = None
+
+
+@dataclass(frozen=True)
+class FileInput:
+    """A signal given by a column of a measured file; `between` is spline, linear or hold.
+
+    `file` is `Path()` where the experiment's record is meant. `bridge`: gaps may be gone across.
+    """
+
+    file: Path
+    column: str
+    unit: str
+    between: str
+    place: Place
+    time_column: str | None = None
+    time_unit: str = "s"
+    bridge: bool = False
+
+
+@dataclass(frozen=True)
+class Sought:
+    """Where a number of an effect is sought: within a range, or within that in which the component's own variable
+    `seen` moves while a record is simulated; or it is not sought but `held` at the middle of that motion, at half its span
+    or at its peak (see HELD)."""
+
+    range: Range | None
+    seen: str
+    place: Place
+    held: str = ""
+
+
+HELD = ("middle", "half", "peak")
+
+
+@dataclass(frozen=True)
+class Effect:
+    """What a component would be if it were missing from a diagram: an entry of the catalogue.
+
+    kind: what a finding is called, the same for all laws of a kind; attaches: where it may stand (see ATTACHES);
+    amplitude: parameters that are zero where the effect is absent (None), or that have no such value and are sought
+    within a range; shapes: the other parameters that are sought; also: further ports and the domain on whose nodes they
+    are tried; replaces: the component whose place it takes, `start` giving its parameters by those of the `old` one.
+    """
+
+    kind: str
+    says: str
+    attaches: tuple[str, ...]
+    amplitude: dict[str, Sought | None]
+    shapes: dict[str, Sought]
+    also: dict[str, str]
+    replaces: str
+    start: dict[str, Formula]
+    place: Place
+
+
+# between two nodes; on a node; between a port and its node; before a signal input; behind a measured output
+ATTACHES = ("across", "at", "in series", "input", "channel")
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A constant of a component, or with `count` a list of them; bounds and default in SI.
+
+    `neutral` is the value at which an effect is absent: such a parameter is a dormant effect, called `kind`, `sought`
+    within a range when it wakes and with it those it `wakes_with`.
+    `medium` names the parameter of the circuit's medium whose value it takes where it is not given.
+    A `width` is that of a transition which makes a law smooth: results should not depend on it.
+    """
+
+    name: str
+    unit: Unit
+    place: Place
+    doc: str = ""
+    low: float | None = None
+    high: float | None = None
+    default: Value | None = None
+    neutral: float | None = None
+    integer: bool = False
+    kind: str = ""
+    sought: Sought | None = None
+    wakes_with: tuple[str, ...] = ()
+    count: Expr | None = None
+    medium: str = ""
+    width: bool = False
+
+
+@dataclass(frozen=True)
+class Variable:
+    """An inner unknown of a component, or with `count` a list of them; `start` is the guess where nothing else is known.
+
+    With `held`, the value that it starts at, it is no unknown: it is constant between events, which alone change it.
+    """
+
+    name: str
+    unit: Unit
+    place: Place
+    doc: str = ""
+    low: float | None = None
+    high: float | None = None
+    start: float | None = None
+    held: float | None = None
+    count: Expr | None = None
+
+
+@dataclass(frozen=True)
+class EquationLine:
+    """One equation with its name (the `#` comment) and where it stands; `each` is (index, low, high) or None."""
+
+    tree: Equation
+    text: str
+    label: str
+    place: Place
+    each: tuple[str, Expr, Expr] | None = None
+
+
+@dataclass(frozen=True)
+class Formula:
+    """An expression of a component that is no equation (stores, dissipates, a requirement)."""
+
+    tree: Expr
+    text: str
+    place: Place
+
+
+@dataclass(frozen=True)
+class Reset:
+    """What an event sets: a held variable or a state, `target` with its place in the file, to a new value."""
+
+    target: Formula
+    value: Formula
+
+
+@dataclass(frozen=True)
+class When:
+    """An event of a component: it happens as `condition` becomes true, at the instant `at`, or `every` so often from
+    `first` on (None: from 0). `key` is the one of these words that it is written with."""
+
+    name: str
+    key: str
+    formula: Formula
+    first: Formula | None
+    resets: tuple[Reset, ...]
+    place: Place
+
+
+@dataclass(frozen=True)
+class Instance:
+    """A component standing in a diagram or a block: its kind and what was set on it."""
+
+    name: str
+    kind: str
+    place: Place
+    kind_place: Place
+    settings: dict[str, Value | FileInput] = field(default_factory=dict)
+    at: tuple[float, ...] | None = None
+    repeat: Value | None = None
+
+
+@dataclass(frozen=True)
+class End:
+    """One end of a wire: `spring.a`, or a bare port name inside a block."""
+
+    path: str
+    place: Place
+
+
+@dataclass(frozen=True)
+class Wire:
+    """A node: its name and the ports that it joins."""
+
+    name: str
+    ends: tuple[End, ...]
+    place: Place
+
+
+@dataclass(frozen=True)
+class Body:
+    """Instances and the wires between them."""
+
+    instances: dict[str, Instance] = field(default_factory=dict)
+    wires: dict[str, Wire] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class ForeignVariable:
+    """A variable of an FMU by its `name` in the component: its own name, type and value reference; in SI it is
+    scale * value + offset."""
+
+    name: str
+    own: str
+    type: str
+    reference: int
+    scale: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class Foreign:
+    """The FMU behind a component: its file, and what it is given and gives."""
+
+    path: Path
+    identifier: str
+    inputs: tuple[ForeignVariable, ...]
+    outputs: tuple[ForeignVariable, ...]
+    parameters: tuple[ForeignVariable, ...]
+
+
+@dataclass(frozen=True)
+class Component:
+    """A component file: ports, parameters, variables, equations and, for a block, what it is composed of.
+
+    `symbol` names the picture that stands for it in drawings; without one it is drawn as a box. `foreign` is the FMU
+    that sets its held variables.
+    """
+
+    name: str
+    summary: str
+    place: Place
+    path: Path
+    ports: dict[str, Port] = field(default_factory=dict)
+    signals: dict[str, SignalPort] = field(default_factory=dict)
+    parameters: dict[str, Parameter] = field(default_factory=dict)
+    variables: dict[str, Variable] = field(default_factory=dict)
+    equations: tuple[EquationLine, ...] = ()
+    when: tuple[When, ...] = ()
+    body: Body = field(default_factory=Body)
+    stores: Formula | None = None
+    dissipates: Formula | None = None
+    unbalanced: Formula | None = None
+    unbalanced_why: str = ""
+    power: str = ""
+    requires: tuple[Formula, ...] = ()
+    restrictions: str = ""
+    source: str = ""
+    symbol: str = ""
+    effect: Effect | None = None
+    foreign: Foreign | None = None
+
+    @property
+    def unknowns(self) -> dict[str, Variable]:
+        """The variables that its equations decide."""
+        return {name: variable for name, variable in self.variables.items() if variable.held is None}
+
+    @property
+    def held(self) -> dict[str, Variable]:
+        """The variables that only events change."""
+        return {name: variable for name, variable in self.variables.items() if variable.held is not None}
+
+    @property
+    def orders(self) -> tuple[tuple[str, str], ...]:
+        """Pairs of parameters of which the first must not be below the second (`requires: [x_max > x_min]`)."""
+        found = []
+        for formula in self.requires:
+            tree = formula.tree
+            if isinstance(tree, Compare) and isinstance(tree.left, Name) and isinstance(tree.right, Name):
+                ends = (tree.left.text, tree.right.text)
+                found.append(ends if tree.op in (">", ">=") else ends[::-1])
+        return tuple(found)
+
+    @property
+    def composite(self) -> bool:
+        """Whether it is made of other components."""
+        return bool(self.body.instances)

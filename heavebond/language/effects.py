@@ -1,0 +1,230 @@
+"""What a component file says of itself as an effect that may be missing: its `effect:` entry and dormant parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping as Dictionary
+from dataclasses import dataclass
+
+from heavebond.basis.errors import ModelError, Place, Problems, either, listing, suggest
+from heavebond.basis.units import Range, Unit, UnitProblem, check_unit, is_generic, parse_range
+from heavebond.language import reading
+from heavebond.language.definition import (
+    ATTACHES,
+    HELD,
+    Component,
+    Effect,
+    Formula,
+    Parameter,
+    Port,
+    SignalPort,
+    Sought,
+    Variable,
+)
+from heavebond.text.expression import names
+from heavebond.text.source import Mapping, Node, Scalar
+
+KEYS = ("class", "says", "attaches", "amplitude", "try", "also", "replaces", "start")
+
+
+def sought(node: Node | None, unit: Unit, variables: Dictionary[str, Variable], what: str, problems: Problems
+           ) -> Sought | None:
+    """`1 .. 200 mm/s`, or `seen s`: the range in which the component's own variable s moves in the records; or `middle s`,
+    `half s`, `peak s`: held at what that motion says."""
+    said = reading.text(node, what, problems)
+    if node is None or not said:
+        return None
+    first, _, name = said.partition(" ")
+    if first in ("seen", *HELD):
+        if name not in variables:
+            problems.add("effect-seen-unknown", f"{what} is sought where '{name}' moves, which is no variable of this "
+                         "component", node.place, hint=suggest(name, variables) or f"Variables: {listing(variables)}.")
+            return None
+        if variables[name].unit.dimension != unit.dimension:
+            problems.add("unit-wrong", f"{what} is in {unit.text}, '{name}' in {variables[name].unit.text}", node.place,
+                         hint=f"Name a variable in {unit.text}, or give a range: `{what}: low .. high {unit.text}`.")
+            return None
+        return Sought(None, name, node.place, first if first in HELD else "")
+    try:
+        found = parse_range(said)
+        _check_ends(found, unit, said)
+    except UnitProblem as problem:
+        problems.add(problem.code, f"{what}: {problem.message}", node.place,
+                     hint=problem.hint or "Write `1 .. 200 mm/s`, or `seen s` with a variable s of the component.")
+        return None
+    return Sought(found, "", node.place)
+
+
+def _check_ends(found: Range, unit: Unit, said: str) -> None:
+    if not is_generic(unit.dimension):
+        check_unit(found.unit, unit, found.low, said)
+
+
+@dataclass(frozen=True)
+class EffectReader:
+    """The parts of a component that its effect speaks of."""
+
+    ports: Dictionary[str, Port]
+    signals: Dictionary[str, SignalPort]
+    parameters: Dictionary[str, Parameter]
+    variables: Dictionary[str, Variable]
+    problems: Problems
+
+    def effect(self, node: Node | None) -> Effect | None:
+        """The `effect:` entry; problems are noted with their places."""
+        entry = reading.mapping(node, "effect", self.problems)
+        if entry is None:
+            return None
+        reading.known_keys(entry, KEYS, "effect", self.problems, ("class", "says"))
+        also = self._also(entry.items.get("also"))
+        attaches = self._attaches(entry, also)
+        start = self._start(entry.items.get("start"))
+        found = Effect(
+            reading.text(entry.items.get("class"), "class", self.problems),
+            reading.text(entry.items.get("says"), "says", self.problems), attaches,
+            self._amplitude(entry.items.get("amplitude")), self._shapes(entry.items.get("try"), "try"),
+            also, reading.text(entry.items.get("replaces"), "replaces", self.problems),
+            start, entry.place)
+        self._check(entry)
+        return found
+
+    def _attaches(self, entry: Mapping, also: Dictionary[str, str]) -> tuple[str, ...]:
+        found = []
+        node = entry.items.get("attaches")
+        # a list has one word an item; a plain text may have a space in it (`in series`)
+        said = [node] if isinstance(node, Scalar) else reading.words(node, "attaches", self.problems)
+        for word in said:
+            if word.text not in ATTACHES:
+                self.problems.add("effect-attaches", f"an effect cannot attach '{word.text}'", word.place,
+                                  hint=suggest(word.text, ATTACHES) or f"Write {either(ATTACHES, 'or')}.")
+            elif why := self._unsuited(word.text, also):
+                self.problems.add("effect-ports", f"an effect that attaches '{word.text}' needs {why}", word.place,
+                                  hint=f"This one has {self._has()}.")
+            else:
+                found.append(word.text)
+        return tuple(found)
+
+    def _unsuited(self, word: str, also: Dictionary[str, str]) -> str:
+        """What the ports lack for a way of attaching; empty where they suit. Ports under `also:` do not count."""
+        power = [p for p in self.ports.values() if p.name not in also]
+        inputs = [s for s in self.signals.values() if s.direction == "in"]
+        outputs = [s for s in self.signals.values() if s.direction == "out"]
+        if word in ("across", "in series"):
+            fits = len(power) == 2 and power[0].domain == power[1].domain
+            return "" if fits else "two power ports of one domain, further ones under `also:`"
+        if word == "at":
+            return "" if len(power) == 1 else "one power port, further ones under `also:`"
+        fits = not power and len(inputs) == len(outputs) == 1 and inputs[0].unit.dimension == outputs[0].unit.dimension
+        return "" if fits else "one signal in and one signal out of the same unit, and no power port"
+
+    def _has(self) -> str:
+        """The ports in words: `a (translational), b (translational), u (signal in)`."""
+        ports = [f"{p.name} ({p.domain})" for p in self.ports.values()]
+        signals = [f"{s.name} (signal {s.direction}, {s.unit.text})" for s in self.signals.values()]
+        return listing([*ports, *signals]) or "no ports"
+
+    def _entries(self, node: Node | None, what: str) -> list[tuple[Scalar, Node]]:
+        entries = reading.mapping(node, what, self.problems)
+        return [(entries.keys[name], item) for name, item in entries.items.items()] if entries else []
+
+    def _parameter(self, name: str, place: Place) -> Parameter | None:
+        found = self.parameters.get(name)
+        if found is None:
+            self.problems.add("effect-parameter", f"'{name}' is no parameter of this component", place,
+                              hint=suggest(name, self.parameters) or f"Parameters: {listing(self.parameters)}.")
+        return found
+
+    def _amplitude(self, node: Node | None) -> dict[str, Sought | None]:
+        if isinstance(node, Mapping):
+            return dict(self._shapes(node, "amplitude"))
+        found: dict[str, Sought | None] = {}
+        for word in reading.words(node, "amplitude", self.problems):
+            parameter = self._parameter(word.text, word.place)
+            if parameter is not None and ((parameter.low or 0) > 0 or (parameter.high or 0) < 0):
+                self.problems.add("effect-amplitude", f"'{word.text}' cannot be 0, which is where the effect is absent",
+                                  word.place, hint=f"Give its range: `amplitude: {{{word.text}: low .. high}}`.")
+            elif parameter is not None:
+                found[word.text] = None
+        return found
+
+    def _shapes(self, node: Node | None, what: str) -> dict[str, Sought]:
+        found = {}
+        for key, item in self._entries(node, what):
+            parameter = self._parameter(key.text, key.place)
+            if parameter is not None:
+                given = sought(item, parameter.unit, self.variables, key.text, self.problems)
+                if given is not None:
+                    found[key.text] = given
+        return found
+
+    def _also(self, node: Node | None) -> dict[str, str]:
+        found = {}
+        for key, item in self._entries(node, "also"):
+            if key.text not in self.ports:
+                self.problems.add("effect-also", f"'{key.text}' is no power port of this component", key.place,
+                                  hint=suggest(key.text, self.ports) or f"Ports: {listing(self.ports)}.")
+            elif (domain := reading.text(item, key.text, self.problems)) != self.ports[key.text].domain:
+                self.problems.add("effect-also", f"port '{key.text}' is {self.ports[key.text].domain}", item.place,
+                                  hint=f"Write `also: {{{key.text}: {self.ports[key.text].domain}}}`.")
+            else:
+                found[key.text] = domain
+        return found
+
+    def _start(self, node: Node | None) -> dict[str, Formula]:
+        found = {}
+        for key, item in self._entries(node, "start"):
+            formula = reading.formula_of(item, key.text, self.problems)
+            if self._parameter(key.text, key.place) is not None and formula is not None:
+                found[key.text] = formula
+        return found
+
+    def _check(self, entry: Mapping) -> None:
+        """What is left out; an entry that is there but wrong has been told already."""
+        problems, place = self.problems, entry.place
+        if not {"attaches", "replaces"} & entry.items.keys():
+            problems.add("effect-nowhere", "the effect does not say where it may stand", place,
+                         hint=f"Write `attaches:` with {either(ATTACHES, 'or')}, or `replaces: Component`.")
+        if "attaches" in entry.items and "amplitude" not in entry.items:
+            problems.add("effect-amplitude", "the effect does not say which parameters make it", place,
+                         hint="Write `amplitude: [...]` with those that are 0 where it is absent.")
+        said = {word for key in ("amplitude", "try", "start") for word in _named(entry.items.get(key))}
+        for parameter in self.parameters.values():
+            if parameter.name not in said and parameter.default is None and parameter.neutral is None \
+                    and not parameter.medium:
+                problems.add("effect-parameter", f"the effect says nothing of '{parameter.name}', which has no default",
+                             place, hint="List it under `try:` with a range, or give it a default.")
+
+    def dormant(self) -> None:
+        """Notes what parameters say of effects that could wake, where that is not so."""
+        for parameter in self.parameters.values():
+            needed = (("class", parameter.kind), ("wakes_with", parameter.wakes_with))
+            for key in [key for key, given in needed if given and parameter.neutral is None]:
+                self.problems.add("effect-neutral", f"'{parameter.name}' has `{key}:` but no value at which the effect is "
+                                  "absent", parameter.place, hint="Add `neutral: 0`, or the value at which it is absent.")
+            for name in parameter.wakes_with:
+                if self._parameter(name, parameter.place) is not None and self.parameters[name].sought is None:
+                    self.problems.add("effect-parameter", f"'{name}' wakes with '{parameter.name}', but no range says "
+                                      "where it is sought", self.parameters[name].place,
+                                      hint=f"Add `try: low .. high` to '{name}'.")
+
+
+def _named(node: Node | None) -> list[str]:
+    """The names in a list or before the colons of a mapping."""
+    if isinstance(node, Mapping):
+        return list(node.items)
+    return [word.text for word in reading.words(node, "amplitude", Problems())]
+
+
+def check_replacing(component: Component, effect: Effect, old: Component) -> None:
+    """ModelError where a component cannot take the place of the one that its effect names: other ports, or formulas under
+    `start:` that speak of anything but the old one's parameters."""
+    problems = Problems()
+    if {*component.ports, *component.signals} != {*old.ports, *old.signals}:
+        problems.add("effect-ports", f"{component.name} cannot take the place of {old.name}: their ports have other names",
+                     effect.place, hint=f"{old.name} has {listing([*old.ports, *old.signals])}.")
+    known = [f"old.{name}" for name in old.parameters]
+    for formula in effect.start.values():
+        for name in names(formula.tree):
+            if name.text not in known:
+                problems.add("effect-start", f"'{name.text}' is no parameter of {old.name}", formula.place,
+                             hint=suggest(name.text, known) or f"Write a formula of {listing(known)}.")
+    problems.raise_as(ModelError)

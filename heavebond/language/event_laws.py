@@ -1,0 +1,138 @@
+"""What a component's events and held variables must obey: units, and who may set what."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from heavebond.basis.errors import Problems, listing, suggest
+from heavebond.basis.units import dimension_text, is_generic
+from heavebond.language import reading
+from heavebond.language.definition import Component, Formula, Reset, When
+from heavebond.text.dimensions import SECOND, TRUTH, Lookup, dimension, number_dimension
+from heavebond.text.expression import Call, Compare, Expr, ExpressionProblem, Name, children, constant, names
+
+EQUALITIES = ("==", "!=")
+
+
+def check_events(component: Component, lookup: Lookup, problems: Problems) -> None:
+    """Note what is wrong in the held variables and the events of a component; `lookup` gives the unit of a name."""
+    _equations_leave_alone(component, problems)
+    for event in component.when:
+        if event.key == "condition":
+            _condition(component, event.formula, lookup, problems)
+        else:
+            _instant(component, event, lookup, problems)
+        for reset in event.resets:
+            _reset(component, reset, lookup, problems)
+    set_by = {reset.target.text for event in component.when for reset in event.resets}
+    for name, variable in component.held.items():
+        if name not in set_by:
+            problems.add("held-never-set", f"'{name}' is held, but no event sets it", variable.place,
+                         hint=f"Add `when: {{...: {{condition: ..., then: {{{name}: ...}}}}}}`, or make it a parameter.")
+
+
+def _equations_leave_alone(component: Component, problems: Problems) -> None:
+    """A held variable stands in no equation that would decide it."""
+    for line in component.equations:
+        sides = (line.tree.left, line.tree.right)
+        if isinstance(name := line.tree.left, Name) and name.text in component.held:
+            problems.add("held-equation", f"'{name.text}' is held, so no equation decides it",
+                         line.place.moved(name.column, name.length),
+                         hint="Set it under `when:`, or leave `held:` out of its declaration. An equation that uses it has "
+                         "it on the right.")
+        for call in (c for side in sides for c in _walk(side) if isinstance(c, Call) and c.function == "der"):
+            inner = call.args[0]
+            if isinstance(inner, Name) and inner.text in component.held:
+                problems.add("held-rate", f"'{inner.text}' is held, so it has no rate",
+                             line.place.moved(call.column, 3), hint="Between events der() of it is 0; leave it out.")
+
+
+def _walk(expr: Expr) -> Iterator[Expr]:
+    yield expr
+    for child in children(expr):
+        yield from _walk(child)
+
+
+def _only_parameters(component: Component, name: Name, what: str) -> None:
+    if name.text not in component.parameters and name.text != "pi":
+        known = list(component.parameters)
+        raise ExpressionProblem("not-a-parameter", f"{what} is known before the run, and '{name.text}' is no parameter "
+                                f"of {component.name}", name.column, name.length, suggest(name.text, known)
+                                or (f"Parameters: {listing(known)}." if known else "Declare it under `parameters:`."))
+
+
+def _instant(component: Component, event: When, lookup: Lookup, problems: Problems) -> None:
+    """`at`, `every` and `from` are times that follow from parameters; a period is above zero."""
+    for key, formula in ((event.key, event.formula), ("from", event.first)):
+        if formula is None:
+            continue
+        try:
+            for name in names(formula.tree):
+                _only_parameters(component, name, f"`{key}:`")
+            found = number_dimension(formula.tree, lookup)
+        except ExpressionProblem as problem:
+            reading.add_expression_problem(problem, formula.place, problems)
+            continue
+        if found is not None and found != SECOND and not is_generic(found):
+            problems.add("units-differ", f"`{key}:` is a time; this is in {dimension_text(found)}", formula.place,
+                         hint="Name a parameter in s, as in `every: T_s`.")
+        elif key == "every" and (number := constant(formula.tree)) is not None and number <= 0:
+            problems.add("every-not-positive", f"`every: {formula.text}` is no time above 0", formula.place,
+                         hint="Name a parameter in s, as in `every: T_s`.")
+
+
+def _condition(component: Component, formula: Formula, lookup: Lookup, problems: Problems) -> None:
+    try:
+        found = dimension(formula.tree, lookup)
+        if found != TRUTH:
+            raise ExpressionProblem("condition-form", "a condition is a comparison; this is a number", 0, len(formula.text),
+                                    f"Write for example `{formula.text} > 0`.")
+        for part in _walk(formula.tree):
+            if isinstance(part, Compare) and part.op in EQUALITIES:
+                _equality(component, part)
+    except ExpressionProblem as problem:
+        reading.add_expression_problem(problem, formula.place, problems)
+
+
+def _equality(component: Component, part: Compare) -> None:
+    """What moves passes a value in no time; only held variables and parameters stay equal to something."""
+    still = {*component.held, *component.parameters, "pi"}
+    for name in (n for side in (part.left, part.right) for n in names(side) if n.text not in still):
+        raise ExpressionProblem("condition-equality", f"'{name.text}' moves, and equals another value in no time",
+                                part.column, 2, "Compare with `>` or `<`: the event happens as it passes the value.")
+
+
+def _reset(component: Component, reset: Reset, lookup: Lookup, problems: Problems) -> None:
+    target = reset.target.tree
+    if not isinstance(target, Name):
+        problems.add("reset-form", f"'{reset.target.text}' is no variable that an event could set", reset.target.place,
+                     hint=_settable(component))
+        return
+    try:
+        wanted = lookup(target)
+        if _is_given(component, target):
+            raise ExpressionProblem("reset-given", f"an event cannot set '{target.text}'", target.column, target.length,
+                                    _settable(component))
+    except ExpressionProblem as problem:
+        reading.add_expression_problem(problem, reset.target.place, problems)
+        return
+    try:
+        found = number_dimension(reset.value.tree, lookup)
+    except ExpressionProblem as problem:
+        reading.add_expression_problem(problem, reset.value.place, problems)
+        return
+    if found is not None and found != wanted and not is_generic(found) and not is_generic(wanted):
+        problems.add("units-differ", f"'{target.text}' is in {dimension_text(wanted)}, its new value is in "
+                     f"{dimension_text(found)}", reset.value.place, hint="Check the factors of the formula.")
+
+
+def _is_given(component: Component, target: Name) -> bool:
+    """Whether a name is decided from outside: a parameter, the time, an input."""
+    signal = component.signals.get(target.text)
+    return target.text in component.parameters or target.text in ("time", "pi") or \
+        (signal is not None and signal.direction == "in")
+
+
+def _settable(component: Component) -> str:
+    held = listing(component.held)
+    return "An event sets held variables" + (f" ({held})" if held else "") + " and states."

@@ -1,0 +1,165 @@
+"""An FMU for co-simulation as a component: its description read and written as a component file. No code in it is run.
+
+A component of an FMU has the inputs and outputs of it as signals and its parameters with their start values. Its outputs are
+held and set once a `step`. Modelica Association, Functional Mock-up Interface Specification 2.0.4 and 3.0.1,
+https://fmi-standard.org.
+"""
+
+from __future__ import annotations
+
+import re
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+from heavebond.basis.errors import ModelError, Problem, listing
+from heavebond.basis.units import UnitProblem, declared_unit, dimension_of, dimension_text, read_unit
+from heavebond.language.definition import Foreign, ForeignVariable
+from heavebond.text.expression import KEYWORDS
+
+REAL = ("Real", "Float64", "Float32")
+WHOLE = ("Integer", *(f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)))
+NUMBERS = (*REAL, *WHOLE, "Boolean")
+TAKEN = {*KEYWORDS, "time", "pi", "is", "at", "repeat", "step"}
+LONGEST_DOC = 200
+EXCHANGE = "exchange"  # the event in which signals are handed over
+LAST = "last_"  # what an output is held in
+
+
+def described(path: Path) -> tuple[str, Foreign]:
+    """The component file that an FMU amounts to, and what its names are in the FMU; ModelError with what cannot be used."""
+    description = _read(path)
+    if description.fmiVersion[:1] not in "23":
+        raise _unusable(path, f"is written in FMI {description.fmiVersion}", "FMI 2.0 and 3.0 are read.")
+    if description.coSimulation is None:
+        raise _unusable(path, "is for model exchange only", "Export it for co-simulation: it then brings its solver.")
+    variables = [v for v in description.modelVariables
+                 if v.causality in ("input", "output", "parameter") and v.type in NUMBERS]
+    arrays = [v.name for v in variables if v.dimensions and v.causality != "parameter"]
+    other = [v.name for v in description.modelVariables if v.causality == "input" and v.type not in NUMBERS]
+    if arrays or other:
+        raise _unusable(path, f"has signals that are no single numbers: {listing(arrays + other, 4)}",
+                        "Export them as scalars.")
+    reader = _Units({u.name: u.baseUnit for u in description.unitDefinitions})
+    names = _Names()
+    known = {kind: [_variable(v, names, reader) for v in variables if v.causality == kind and not v.dimensions]
+             for kind in ("input", "output", "parameter")}
+    foreign = Foreign(path, description.coSimulation.modelIdentifier,
+                      *(tuple(v for v, _, _ in known[kind]) for kind in ("input", "output", "parameter")))
+    if not foreign.outputs:
+        raise _unusable(path, "has no outputs that are numbers", "It could do nothing in a diagram.")
+    return _text(path, description, known), foreign
+
+
+def _unusable(path: Path, what: str, hint: str) -> ModelError:
+    return ModelError([Problem("fmu-unusable", f"{path.name} {what}", None, hint)])
+
+
+def _read(path: Path) -> Any:
+    try:
+        from fmpy import read_model_description
+    except ImportError:
+        raise ModelError([Problem("fmpy-missing", f"{path.name} is an FMU; FMPy is needed to read it", None,
+                                  "pip install 'heavebond[fmu]'")]) from None
+    try:
+        return read_model_description(str(path), validate=False)
+    except Exception as error:  # of broken archives and descriptions FMPy complains in many ways
+        said = (str(error).splitlines() or [""])[0]
+        raise ModelError([Problem("fmu-unreadable", f"{path.name} is not an FMU that can be read", None,
+                                  "Export it again; it is a ZIP file with a modelDescription.xml.",
+                                  (said,) if said else ())]) from error
+
+
+class _Names:
+    """Names of an FMU's variables as the language takes them, none twice."""
+
+    def __init__(self) -> None:
+        self.given: set[str] = set()
+
+    def __call__(self, own: str) -> str:
+        plain = re.sub(r"\W+", "_", own, flags=re.ASCII).strip("_") or "v"
+        plain = plain if plain[0].isalpha() else f"v_{plain}"
+        name, number = plain, 2
+        while name in self.given or name in TAKEN or name.startswith(LAST):
+            name, number = f"{plain}_{number}", number + 1
+        self.given.add(name)
+        return name
+
+
+class _Units:
+    """The units of an FMU as base units of the language with factor and offset; `$name` where none is given."""
+
+    def __init__(self, definitions: dict[str, Any]):
+        self.definitions = definitions
+
+    def __call__(self, text: str | None) -> tuple[str | None, float, float]:
+        base = self.definitions.get(text) if text else None
+        if base is not None:
+            dimension = dimension_of({k: Fraction(getattr(base, k)) for k in ("kg", "m", "s", "A", "K", "mol", "cd")})
+            written = dimension_text(dimension)
+            if base.rad == 1 and written in ("1", "1/s", "1/s**2"):
+                written = written.replace("1", "rad", 1)
+            return written, float(base.factor), float(base.offset)
+        if not text:
+            return None, 1.0, 0.0
+        try:  # `N.m/s2` for `N*m/s**2`
+            unit = read_unit(re.sub(r"(?<=[A-Za-z])(-?\d)", r"**\1", text.replace(".", "*").replace("^", "")))
+        except UnitProblem:
+            return None, 1.0, 0.0
+        base_text = dimension_text(unit.dimension)
+        return (f"rad{base_text[1:]}" if unit.counts == "angle" else base_text), unit.scale, unit.offset
+
+
+def _variable(v: Any, names: _Names, units: _Units) -> tuple[ForeignVariable, str | None, Any]:
+    unit, scale, offset = units(v.unit or (v.declaredType.unit if v.declaredType is not None else None)) \
+        if v.type in REAL else ("1", 1.0, 0.0)
+    return ForeignVariable(names(v.name), v.name, v.type, int(v.valueReference), scale, offset), unit, v
+
+
+def _number(v: Any, found: ForeignVariable) -> float:
+    """The start value in SI."""
+    text = str(v.start if v.start is not None else 0).strip().lower()
+    number = float({"true": 1, "false": 0}.get(text, text.split()[0] if text else 0))
+    return number * found.scale + found.offset
+
+
+def _text(path: Path, description: Any, known: dict[str, list[tuple[ForeignVariable, str | None, Any]]]) -> str:
+    """The component file."""
+    tool = f", {description.generationTool}" if description.generationTool else ""
+    step = description.defaultExperiment.stepSize if description.defaultExperiment is not None else None
+    lines = [f"component: {_Names()(path.stem)}",
+             f"summary: {_quoted(description.description or f'The FMU {description.modelName}.')}",
+             "restrictions: Its outputs are held between two communications, and answer what it was given one step before.",
+             f"source: {_quoted(f'{path.name}, FMI {description.fmiVersion}{tool}')}", "ports:"]
+    for kind, direction in (("input", "in"), ("output", "out")):
+        lines += [f"  {found.name}: {{signal: {direction}, unit: {unit or f'$U_{found.name}'}, doc: {_doc(v)}}}"
+                  for found, unit, v in known[kind]]
+    lines += ["parameters:", "  step: {unit: s, min: 1e-6 s, doc: time between two communications"
+              + (f", default: {float(step)!r} s" if step else "") + "}"]
+    lines += [f"  {found.name}: {{unit: {unit or 1}, doc: {_doc(v)}, default: {_quantity(_number(v, found), unit)}}}"
+              for found, unit, v in known["parameter"]]
+    lines.append("variables:")
+    lines += [f"  {LAST}{found.name}: {{unit: {unit or f'$U_{found.name}'}, held: {_quantity(_number(v, found), unit)}, "
+              f"doc: {_doc(v)}}}" for found, unit, v in known["output"]]
+    lines.append("equations: |")
+    lines += [f"  {found.name} = {LAST}{found.name}   # held between communications" for found, _, _ in known["output"]]
+    set_to = ", ".join(f"{LAST}{found.name}: {LAST}{found.name}" for found, _, _ in known["output"])
+    return "\n".join([*lines, "when:", f"  {EXCHANGE}: {{every: step, then: {{{set_to}}}}}", ""])
+
+
+def _quantity(number: float, unit: str | None) -> str:
+    if unit is None or unit == "1":
+        return repr(number)
+    declared_unit(unit)
+    return f"{number!r} {unit}"
+
+
+def _doc(v: Any) -> str:
+    said = v.description or ""
+    return _quoted(said if v.name == said or v.name.isidentifier() else f"{v.name}: {said}".rstrip(": "))
+
+
+def _quoted(text: str) -> str:
+    """A text that YAML takes as it is."""
+    plain = " ".join("".join(c if c.isprintable() else " " for c in text).split())[:LONGEST_DOC]
+    return "'" + plain.replace("'", "''") + "'"

@@ -1,0 +1,211 @@
+"""The laws that a component file obeys whatever diagram it stands in: units agree, equations and unknowns balance.
+
+The third law, power, is a numerical one (see `heavebond.language.power`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from heavebond.basis.errors import ModelError, Problems, listing, suggest
+from heavebond.basis.units import ONE, Dimension, declared_unit, dimension_text
+from heavebond.language import reading
+from heavebond.language.definition import (
+    Component,
+    Domain,
+    EquationLine,
+    Formula,
+    Instance,
+    Parameter,
+    Port,
+    SignalPort,
+    Variable,
+)
+from heavebond.language.event_laws import check_events
+from heavebond.text.dimensions import SECOND, TRUTH, Lookup, check_equation, dimension
+from heavebond.text.expression import Binary, Expr, ExpressionProblem, Name, constant, names
+
+Domains = Mapping[str, Domain]
+MOST = 10_000  # more ports or equations of a kind than this are a slip
+CONSTANTS = {"pi": ONE, "time": SECOND}
+
+
+class Scope:
+    """What a name means inside a component's equations, as a dimension."""
+
+    def __init__(self, component: Component, domains: Domains):
+        self.component, self.domains = component, domains
+        self.plain: dict[str, Dimension] = dict(CONSTANTS)
+        for group in (component.parameters, component.variables, component.signals):
+            self.plain.update({name: item.unit.dimension for name, item in group.items()})
+
+    def __call__(self, name: Name) -> Dimension:
+        words = [part for part in name.parts if isinstance(part, str)]
+        if len(words) == 1 and words[0] in self.plain:
+            self._indexed(words[0], name)
+            return self.plain[words[0]]
+        if len(words) == 2 and words[0] in self.component.ports:
+            return self._member(words[0], words[1], name)
+        if "." in name.text and self._reaches_inside(words):
+            raise ExpressionProblem("name-inside", f"'{name.text}' lies inside a part of this block", name.column,
+                                    name.length, "A block's equations know its own ports and variables.")
+        members = [f"{p}.{m}" for p in self.component.ports for m in self._members(p)]
+        known = [*(n for n in self.plain if n not in CONSTANTS), *members, *CONSTANTS]
+        hint = suggest(name.text, known) or f"Known here: {listing(known)}."
+        raise ExpressionProblem("name-unknown", f"'{name.text}' is not declared in {self.component.name}",
+                                name.column, name.length, hint)
+
+    def _indexed(self, word: str, name: Name) -> None:
+        """A list is named with an index, and nothing else is."""
+        item = self.component.parameters.get(word) or self.component.variables.get(word)
+        if (item is not None and item.count is not None) != (len(name.parts) > 1):
+            raise ExpressionProblem("list-index", f"'{word}' is a list; an index is missing" if len(name.parts) == 1 else
+                                    f"'{word}' is no list; it has no index", name.column, name.length,
+                                    f"Write `{word}[1]`, or `{word}[i]` after `each i in 1..n:`."
+                                    if len(name.parts) == 1 else f"Write `{word}`, or declare it with `count: n`.")
+
+    def _reaches_inside(self, words: list[str]) -> bool:
+        return words[0] in self.component.body.instances
+
+    def _members(self, port: str) -> list[str]:
+        domain = self.component.ports[port].domain
+        if domain.startswith("$"):
+            return ["effort", "flow"]
+        return list(self.domains[domain].members)
+
+    def _member(self, port: str, member: str, name: Name) -> Dimension:
+        domain = self.component.ports[port].domain
+        if domain.startswith("$"):
+            if member in ("effort", "flow"):
+                return ((f"{domain}.{member}", _ONE_POWER),)
+        elif self.domains[domain].role(member) in self.domains[domain].members:
+            return self.domains[domain].members[self.domains[domain].role(member)].unit.dimension
+        members = self._members(port)
+        hint = suggest(member, members) or f"A {domain} port has {', '.join(members)}."
+        raise ExpressionProblem("member-unknown", f"port '{port}' has no '{member}'", name.column, name.length, hint)
+
+
+_ONE_POWER = declared_unit("m").dimension[0][1]
+
+
+def check(component: Component, domains: Domains) -> None:
+    """Laws 1 and 2 of one component; raises ModelError with all that is wrong."""
+    problems = Problems()
+    _clashes(component, problems)
+    _units(component, domains, problems)
+    problems.raise_as(ModelError)
+    _balance(component, domains, problems)
+    problems.raise_as(ModelError)
+
+
+def _clashes(component: Component, problems: Problems) -> None:
+    seen: dict[str, str] = {"time": "the time", "pi": "a number"}
+    groups: tuple[tuple[str, Mapping[str, Port | SignalPort | Parameter | Variable | Instance]], ...] = (
+        ("port", component.ports), ("signal", component.signals), ("parameter", component.parameters),
+        ("variable", component.variables), ("part", component.body.instances))
+    for what, group in groups:
+        for name, item in group.items():
+            if name in seen:
+                problems.add("name-twice", f"'{name}' is both {seen[name]} and a {what}", item.place,
+                             hint="Give one of them another name.")
+            else:
+                seen[name] = f"a {what}"
+
+
+def _units(component: Component, domains: Domains, problems: Problems) -> None:
+    scope = Scope(component, domains)
+    for line in component.equations:
+        lookup = _with_index(scope, line)
+        try:
+            check_equation(line.tree, lookup)
+        except ExpressionProblem as problem:
+            reading.add_expression_problem(problem, line.place, problems)
+    watt, joule = declared_unit("W").dimension, declared_unit("J").dimension
+    energies = ((component.stores, joule, "stores", "an energy in J"),
+                (component.dissipates, watt, "dissipates", "a power in W"),
+                (component.unbalanced, watt, "unbalanced", "a power in W"))
+    for formula, wanted, what, wanted_text in energies:
+        if formula is not None:
+            _formula(formula, wanted, what, wanted_text, scope, problems)
+    for requirement in component.requires:
+        _formula(requirement, TRUTH, "requires", "a comparison, as in `x_max > x_min`", scope, problems)
+    check_events(component, scope, problems)
+
+
+def _with_index(scope: Scope, line: EquationLine) -> Lookup:
+    if line.each is None:
+        return scope
+    index = line.each[0]
+    return lambda name: ONE if name.text == index else scope(name)
+
+
+def _formula(formula: Formula, wanted: Dimension, what: str, wanted_text: str, scope: Scope,
+             problems: Problems) -> None:
+    try:
+        found = dimension(formula.tree, scope)
+    except ExpressionProblem as problem:
+        reading.add_expression_problem(problem, formula.place, problems)
+        return
+    generic = found is not None and any("$" in base for base, _ in found)
+    if found is not None and found != wanted and not generic:
+        here = "a comparison" if found == TRUTH else f"in {dimension_text(found)}"
+        problems.add("units-differ", f"`{what}:` must be {wanted_text}; this is {here}", formula.place,
+                     hint="Check the factors of the formula." if wanted != TRUTH else "Write a relation of parameters.")
+
+
+def _balance(component: Component, domains: Domains, problems: Problems) -> None:
+    """Law 2: as many equations as unknowns that the component itself must decide."""
+    unknowns = _own_unknowns(component, domains)
+    equations = sum(_repetitions(line, component) for line in component.equations)
+    if equations == len(unknowns):
+        return
+    used = {n.text for line in component.equations for side in (line.tree.left, line.tree.right) for n in names(side)}
+    unused = [u for u in unknowns if u not in used]
+    more = "few" if equations < len(unknowns) else "many"
+    notes = [f"unknowns: {listing(unknowns, 30)}"]
+    if unused and more == "few":
+        notes.append(f"in no equation: {listing(unused, 30)}")
+    missing = abs(len(unknowns) - equations)
+    what = f"{missing} equation{'s' * (missing > 1)}"
+    advice = f"Add {what}" + (f", for example for {unused[0]}" if unused else "") if more == "few" else f"Remove {what}"
+    if component.composite and unused:
+        advice = f"Join '{unused[0].partition('.')[0]}' to a node of the block, or write an equation for {unused[0]}"
+    problems.add(f"balance-too-{more}", f"{component.name} has {equations} equation{'s' * (equations != 1)} for "
+                 f"{len(unknowns)} unknown{'s' * (len(unknowns) != 1)}", component.place, notes=notes,
+                 hint=f"{advice}.\nA component has one equation for each through variable of its ports (a force, a flow), "
+                 "for each\nsignal output and for each variable of its own.")
+
+
+def _own_unknowns(component: Component, domains: Domains) -> list[str]:
+    inner = {end.path for wire in component.body.wires.values() for end in wire.ends}
+    unknowns = []
+    for port in component.ports.values():
+        if port.name in inner:
+            continue
+        # an array counts for the smallest number that its file declares
+        indices = [""] if port.count is None else [f"[{k + 1}]" for k in range(_integer(port.count, component))]
+        through = ("flow",) if port.domain.startswith("$") else domains[port.domain].through
+        unknowns += [f"{port.name}{index}.{member}" for index in indices for member in through]
+    unknowns += [s.name for s in component.signals.values() if s.direction == "out" and s.name not in inner]
+    for name, variable in component.unknowns.items():
+        unknowns += [name] if variable.count is None else \
+            [f"{name}[{k + 1}]" for k in range(_integer(variable.count, component))]
+    return unknowns
+
+
+def _repetitions(line: EquationLine, component: Component) -> int:
+    if line.each is None:
+        return 1
+    _, low, high = line.each
+    return max(0, _integer(high, component) - _integer(low, component) + 1)
+
+
+def _integer(expr: Expr, component: Component) -> int:
+    """An array size with every integer parameter at the value 3, enough to tell `each i in 2..n` from `1..n`."""
+    number = constant(expr)
+    if number is not None:
+        return int(max(-MOST, min(MOST, number)))
+    if isinstance(expr, Binary):
+        a, b = _integer(expr.left, component), _integer(expr.right, component)
+        return {"+": a + b, "-": a - b, "*": a * b}.get(expr.op, 3)
+    return 3

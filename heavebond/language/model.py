@@ -1,0 +1,481 @@
+"""A diagram as a value: read from its file, derived from another by `extends`, changed by functions that return a new
+one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping as Dictionary
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from heavebond.basis.errors import ModelError, Place, Problem, Problems, UsageError, listing, suggest
+from heavebond.basis.units import Dimension, declared_unit
+from heavebond.language import reading
+from heavebond.language.definition import Body, End, FileInput, Instance, Value, Wire
+from heavebond.language.keeping import Kind, kept_diagram, values_in
+from heavebond.language.library import Library, bundled, library, shown_path
+from heavebond.language.values import add_formula_problem, check_dimension
+from heavebond.language.view import Seen, read_view
+from heavebond.text.dimensions import dimension
+from heavebond.text.expression import Expr, ExpressionProblem, Name, constant, parse_formula
+from heavebond.text.source import Mapping, Node, Scalar, Sequence, Source, parse, read
+
+MODEL_KEYS = ("model", "summary", "extends", "parameters", "components", "nodes", "set", "remove", "initial", "show",
+              "simulate", "view", "source", "notes")
+LONGEST_CHAIN = 50
+SECOND = declared_unit("s")
+STARTS = ("steady", "rest")
+SOLVERS = ("idas", "cvodes", "rosenbrock", "auto")
+
+
+@dataclass(frozen=True)
+class Condition:
+    """A value asked for at the start; a guess may move."""
+
+    name: str
+    value: Value
+    guess: bool
+    place: Place
+
+
+@dataclass(frozen=True)
+class Initial:
+    """What is asked of the start: a mode (steady, rest or none), conditions and guesses, parameters to solve for."""
+
+    mode: str | None = None
+    conditions: dict[str, Condition] = field(default_factory=dict)
+    solve: dict[str, Place] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A named output: a formula of the diagram's variables and the unit in which it is shown."""
+
+    name: str
+    expr: Expr
+    text: str
+    unit: str
+    place: Place
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A value set on a dotted path (`cmc.gas.p_0`)."""
+
+    path: str
+    value: Value | FileInput
+    place: Place
+
+
+@dataclass(frozen=True)
+class Model:
+    """A diagram in full: everything that its file and the files that it extends say."""
+
+    name: str
+    summary: str
+    path: Path
+    library: Library
+    parameters: dict[str, Value] = field(default_factory=dict)
+    body: Body = field(default_factory=Body)
+    settings: dict[str, Setting] = field(default_factory=dict)
+    initial: Initial = field(default_factory=Initial)
+    show: dict[str, Shown] = field(default_factory=dict)
+    until: Value | None = None
+    every: Value | None = None
+    solver: Scalar | None = None
+    view: dict[str, Seen] = field(default_factory=dict)
+    files: tuple[Path, ...] = ()
+
+    @property
+    def sources(self) -> tuple[Path, ...]:
+        """Its files, and those in which lists of its values stand."""
+        settings = [*(v for i in self.body.instances.values() for v in i.settings.values()),
+                    *(s.value for s in self.settings.values())]
+        return (*self.files, *dict.fromkeys(v.file for v in settings if isinstance(v, Value) and v.file))
+
+    def with_parameters(self, values: Dictionary[str, float | str]) -> Model:
+        """A model with other values: `{"gas.c": "40 kN/m"}`, or a plain number in the parameter's base unit; and with other
+        values at the start: `{"initial.crown.x": 0.02}`."""
+        settings, conditions = dict(self.settings), dict(self.initial.conditions)
+        for path, given in values.items():
+            place = Place("with_parameters", 1, 1, f"{path}: {given}")
+            value, name = _python_value(path, given), path.removeprefix("initial.")
+            if path == name:
+                settings[path] = Setting(path, value, place)
+            else:
+                conditions[name] = Condition(name, value, False, place)
+        return replace(self, settings=settings, initial=replace(self.initial, conditions=conditions))
+
+    def with_component(self, name: str, kind: str, wires: Dictionary[str, str],
+                       settings: Dictionary[str, float | str] | None = None) -> Model:
+        """A model with one more component: `wires` maps each of its ports to the node that it joins.
+
+        The same as a diagram that extends this one with `components:` and `nodes:`.
+        """
+        place = Place("with_component", 1, 1, f"{name}: {{is: {kind}}}")
+        if name in self.body.instances:
+            raise ModelError([Problem("name-twice", f"there is already a component '{name}'", place)])
+        values: dict[str, Value | FileInput] = {k: _python_value(k, v) for k, v in (settings or {}).items()}
+        instances = {**self.body.instances, name: Instance(name, kind, place, place, values)}
+        joined = dict(self.body.wires)
+        for port, node in wires.items():
+            end = End(f"{name}.{port}", place)
+            old = joined.get(node)
+            joined[node] = replace(old, ends=(*old.ends, end)) if old else Wire(node, (end,), place)
+        return replace(self, body=Body(instances, joined))
+
+
+def _python_value(path: str, given: float | str) -> Value:
+    text = repr(float(given)) if isinstance(given, (int, float)) else str(given)
+    place = Place(f"value of {path}", 1, 1, text)
+    problems = Problems()
+    found = reading.value(Scalar(text, place), path, problems)
+    problems.raise_as(UsageError)
+    assert found is not None
+    # a plain Python number is in the parameter's own base unit, which only the parameter knows
+    return replace(found, si=True) if isinstance(given, (int, float)) else found
+
+
+def load(name: str | Path) -> Model:
+    """Load a diagram: the path of a file, or the name of a bundled one (`cmc_ahc`, `cmc_ahc/passive`)."""
+    path = find(name)
+    return kept_diagram(KEPT, path, lambda: _load(path, ()), lambda model: model.sources)
+
+
+def loads(text: str, folder: Path | str = ".") -> Model:
+    """Load a diagram from a text; files and components that it names are looked up in `folder`."""
+    return from_source(parse(text, Path(folder) / "text.yaml", "text"), ())
+
+
+def find(name: str | Path, head: str = "model") -> Path:
+    """The file that `name` means; UsageError with near names where there is none."""
+    path = Path(name)
+    if path.is_dir() and (path.suffix or not (bundled("models") / path).is_dir()):
+        files = [str(p) for p in sorted(path.glob("*.yaml"))]
+        raise UsageError([Problem("file-is-folder", f"'{name}' is a folder, not a file", None,
+                                  f"Give a file in it: {listing(files, 4)}." if files else "It has no YAML file.")])
+    if path.suffix in (".yaml", ".yml"):
+        if path.is_file():
+            return path
+        inside = bundled("models") / path
+        if inside.is_file():
+            return inside
+    else:
+        root = bundled("models")
+        for candidate in (root / path / f"{path.name}.yaml", root / path.parent / f"{path.name}.yaml"):
+            if candidate.is_file():
+                return candidate
+    known = [m.parent.name if m.stem == m.parent.name else f"{m.parent.name}/{m.stem}"
+             for m in sorted(bundled("models").glob("*/*.yaml"))]
+    if head == "study":
+        known += [m.relative_to(bundled("models")).with_suffix("").as_posix()
+                  for m in sorted(bundled("models").glob("*/studies/*.yaml"))]
+    here = [p.name for p in sorted(Path.cwd().glob("*.yaml"))[:50]]
+    hint = suggest(str(name), [*known, *here])
+    raise UsageError([Problem("file-missing", f"there is no {head} '{name}'", None,
+                              hint or "Give the path of a YAML file, or a bundled name: "
+                              + ", ".join(k for k in known if "/" not in k) + ".")])
+
+
+def beside(folder: Path, name: str) -> Path:
+    """A file that another one names: counted from that one's folder, else from the bundled machines'."""
+    path, inside = folder / name, bundled("models") / name
+    return inside if not path.exists() and inside.is_file() else path
+
+
+def load_beside(source: Source, node: Node, problems: Problems) -> Model:
+    """The diagram that an experiment or a study names; ModelError with near names where there is none."""
+    target = beside(source.path.parent, reading.text(node, "model", problems))
+    if not target.is_file():
+        near = [p.name for p in sorted(source.path.parent.glob("*.yaml"))]
+        raise ModelError([Problem("file-missing", f"there is no diagram {target.name} beside {source.name}", node.place,
+                                  suggest(target.name, near))])
+    return load(target)
+
+
+def _load(path: Path, chain: tuple[Path, ...]) -> Model:
+    return from_source(read(path, shown_path(path)), chain)
+
+
+def from_source(source: Source, chain: tuple[Path, ...] = ()) -> Model:
+    """A diagram from its source; `chain` holds the files that led here through `extends`."""
+    root = source.root
+    if "model" not in root.items or "experiment" in root.items:
+        message, hint = _other_kind(source)
+        raise ModelError([Problem("not-a-model", message, root.place, hint)])
+    return extended(_base(source, chain), source)
+
+
+def extended(base: Model, source: Source) -> Model:
+    """The diagram that a source which `extends` the diagram `base` describes; ModelError with what is wrong."""
+    problems = Problems()
+    reading.known_keys(source.root, MODEL_KEYS, "a diagram", problems)
+    model = _changed(base, source, problems)
+    problems.raise_as(ModelError)
+    return model
+
+
+def _other_kind(source: Source) -> tuple[str, str]:
+    """What a file that is no diagram is, and what to do."""
+    items = source.root.items
+    for kind, article in (("experiment", "an"), ("study", "a"), ("component", "a")):
+        if isinstance(head := items.get(kind), Scalar):
+            said = f"{source.name} is no diagram; it describes {article} {kind}, '{head.text}'"
+            diagram = items.get("model")
+            if kind == "component":
+                return said, f"A diagram uses it under `components:`, as in `part: {{is: {head.text}, ...}}`."
+            return said, f"Its diagram is {diagram.text}." if isinstance(diagram, Scalar) else "Give its diagram."
+    return f"{source.name} is no diagram", suggest("model", items) or "A diagram begins with `model: name`."
+
+
+def _base(source: Source, chain: tuple[Path, ...]) -> Model:
+    problems = Problems()
+    node = source.root.items.get("extends")
+    here = source.path.resolve()
+    if node is None:
+        folder = source.path.parent
+        return Model("", "", source.path, library([folder]))
+    target = beside(source.path.parent, reading.text(node, "extends", problems))
+    problems.raise_as(ModelError)
+    if len(chain) > LONGEST_CHAIN:
+        problems.add("extends-too-long", f"more than {LONGEST_CHAIN} files extend each other", node.place,
+                     hint="Write the diagram out.")
+        problems.raise_as(ModelError)
+    if target.resolve() in (*chain, here):
+        circle = [*(chain[chain.index(target.resolve()):] if target.resolve() in chain else ()), here, target]
+        problems.add("extends-circle", "these files extend each other in a circle: "
+                     + " > ".join(p.name for p in circle) if len(circle) > 2 else f"{source.name} extends itself",
+                     node.place, hint="One of them must be a diagram of its own, without `extends:`.")
+        problems.raise_as(ModelError)
+    if not target.is_file():
+        near = [p.name for p in sorted(target.parent.glob("*.yaml"))] if target.parent.is_dir() else []
+        what = f"{target} is a folder, not a file" if target.is_dir() else f"there is no file {target}"
+        problems.add("file-missing", what, node.place,
+                     hint=suggest(target.name, near) or f"The path counts from the folder of {source.path.name}.")
+        problems.raise_as(ModelError)
+    base = _load(target, (*chain, here))
+    if target.parent.resolve() != source.path.parent.resolve():
+        base = replace(base, library=_joined_library(source.path.parent, base.library))
+    return base
+
+
+def _joined_library(folder: Path, inherited: Library) -> Library:
+    own = library([folder])
+    local = {n: p for n, p in own.files.items() if folder.resolve() in p.resolve().parents}
+    return Library(inherited.domains, {**inherited.files, **local}, {**inherited.twice, **own.twice})
+
+
+def _changed(base: Model, source: Source, problems: Problems) -> Model:
+    root = source.root
+    body = reading.body(root, source, problems)
+    instances = {**base.body.instances, **body.instances}
+    wires = _wires(base.body.wires, body.wires, extends="extends" in root.items, problems=problems)
+    for word in reading.words(root.items.get("remove"), "remove", problems):
+        if word.text not in instances:
+            problems.add("remove-unknown", f"there is no component '{word.text}' to remove", word.place,
+                         hint=suggest(word.text, instances) or f"Components: {listing(instances)}.")
+            continue
+        del instances[word.text]
+        wires = {n: replace(w, ends=tuple(e for e in w.ends if e.path.split(".")[0] != word.text))
+                 for n, w in wires.items()}
+        wires = {n: w for n, w in wires.items() if w.ends}
+    parameters = {**base.parameters, **_values(root.items.get("parameters"), "parameters", problems)}
+    plan = _simulate(root.items.get("simulate"), problems)
+    return replace(
+        base, name=reading.text(root.items["model"], "model", problems), path=source.path,
+        summary=reading.text(root.items.get("summary"), "summary", problems) or base.summary,
+        parameters=parameters, body=Body(instances, wires),
+        settings={**base.settings, **read_settings(root.items.get("set"), source, problems)},
+        initial=_initial(root.items.get("initial"), base.initial, problems),
+        show={**base.show, **_show(root.items.get("show"), problems)},
+        until=plan.until or base.until, every=plan.every or base.every, solver=plan.solver or base.solver,
+        view={**base.view, **read_view(root.items.get("view"), problems)},
+        files=(*base.files, source.path))
+
+
+def _values(node: Node | None, what: str, problems: Problems) -> dict[str, Value]:
+    entries = reading.mapping(node, what, problems)
+    found = {}
+    for name, item in (entries.items if entries else {}).items():
+        if entries and reading.identifier(entries.keys[name], "a parameter", problems):
+            value = reading.value(item, name, problems)
+            if value is not None:
+                found[name] = value
+    return found
+
+
+def _wires(old: dict[str, Wire], new: dict[str, Wire], *, extends: bool, problems: Problems) -> dict[str, Wire]:
+    wires = dict(old)
+    for name, wire in new.items():
+        before = wires.get(name)
+        plain = [e for e in wire.ends if e.path[:1] not in "+-"]
+        if before is not None and plain:
+            problems.add("node-exists", f"node '{name}' stands in the diagram that this one extends", plain[0].place,
+                         hint=f"Write `+{plain[0].path}` to join a port to it, `-{plain[0].path}` to take one away.")
+            continue
+        if not extends and len(plain) < len(wire.ends):
+            signed = next(e for e in wire.ends if e.path[:1] in "+-")
+            if "." not in name:
+                problems.add("node-sign", f"'{signed.path}' adds to a node, but this diagram extends no other",
+                             signed.place, hint=f"Write `{signed.path[1:]}`.")
+                continue
+        ends = list(before.ends) if before else []
+        for end in wire.ends:
+            _change_ends(ends, end, name, problems)
+        wires[name] = Wire(name, tuple(ends), before.place if before else wire.place)
+    return {name: wire for name, wire in wires.items() if wire.ends or name in new}
+
+
+def _change_ends(ends: list[End], end: End, node: str, problems: Problems) -> None:
+    if end.path.startswith("-"):
+        kept = [e for e in ends if e.path != end.path[1:]]
+        if len(kept) == len(ends):
+            problems.add("node-end-unknown", f"'{end.path[1:]}' is not on node '{node}'", end.place,
+                         hint=suggest(end.path[1:], [e.path for e in ends]) or
+                         (f"On it: {listing(e.path for e in ends)}." if ends else f"There is no node '{node}' yet."))
+        ends[:] = kept
+    else:
+        ends.append(End(end.path.removeprefix("+"), end.place))
+
+
+def read_settings(node: Node | None, source: Source, problems: Problems) -> dict[str, Setting]:
+    """`set:` of a diagram or a record."""
+    entries = reading.mapping(node, "set", problems)
+    found = {}
+    for path, item in (entries.items if entries else {}).items():
+        if isinstance(item, Mapping) and "values" in item.items and entries:
+            found.update({k: Setting(k, v, entries.keys[path].place)
+                          for k, v in reading.column_values(item, path, source, problems).items()})
+        elif isinstance(item, Mapping):
+            record = reading.file_input(item, source, problems)
+            if record is not None and entries:
+                found[path] = Setting(path, record, entries.keys[path].place)
+        elif isinstance(item, Sequence) and entries:
+            place = entries.keys[path].place
+            found.update({k: Setting(k, v, place) for k, v in reading.elements(item, path, path, problems).items()})
+        elif (value := reading.value(item, path, problems)) is not None and entries:
+            found[path] = Setting(path, value, entries.keys[path].place)
+    return found
+
+
+def _initial(node: Node | None, base: Initial, problems: Problems) -> Initial:
+    entries = reading.mapping(node, "initial", problems)
+    if entries is None:
+        return base
+    mode, conditions, solve = base.mode, dict(base.conditions), dict(base.solve)
+    for name, item in entries.items.items():
+        key = entries.keys[name]
+        if name == "start":
+            mode = reading.text(item, "start", problems)
+            if mode not in STARTS:
+                problems.add("start-unknown", f"'{mode}' is no way to start", item.place,
+                             hint=suggest(mode, STARTS) or "Write `start: steady` or `start: rest`.")
+        elif name == "solve":
+            solve = {word.text: word.place for word in reading.words(item, "solve", problems)}
+        elif (condition := _condition(name, item, key, problems)) is not None:
+            conditions[name] = condition
+    return Initial(mode, conditions, solve)
+
+
+def read_conditions(node: Node | None, problems: Problems) -> dict[str, Condition]:
+    """`initial:` of a record: conditions and guesses only."""
+    entries = reading.mapping(node, "initial", problems)
+    found = {}
+    for name, item in (entries.items if entries else {}).items():
+        condition = _condition(name, item, entries.keys[name], problems) if entries else None
+        if condition is not None:
+            found[name] = condition
+    return found
+
+
+def _condition(name: str, item: Node, key: Scalar, problems: Problems) -> Condition | None:
+    if isinstance(item, Scalar) and item.text.lstrip().startswith("~"):
+        content = item.text.strip().removeprefix("~").lstrip()
+        skipped = len(item.text) - len(content)
+        inner = replace(item, text=content, place=item.place.moved(skipped, len(content)))
+        value = reading.value(inner, name, problems)
+        return Condition(name, value, True, key.place) if value else None
+    value = reading.value(item, name, problems)
+    return Condition(name, value, False, key.place) if value else None
+
+
+def _show(node: Node | None, problems: Problems) -> dict[str, Shown]:
+    entries = reading.mapping(node, "show", problems)
+    found = {}
+    for name, item in (entries.items if entries else {}).items():
+        key = entries.keys[name] if entries else None
+        shown = shown_as(name, item, key, problems) if key else None
+        if shown is not None:
+            found[name] = shown
+    return found
+
+
+def shown_as(name: str, item: Node, key: Scalar, problems: Problems, extra: tuple[str, ...] = ()) -> Shown | None:
+    """`pull: {is: spring.F, unit: kN}`; without `is` the key itself is the formula."""
+    entry = reading.mapping(item, f"'{name}'", problems)
+    if entry is None:
+        return None
+    reading.known_keys(entry, ("is", "unit", *extra), f"'{name}'", problems, required=("unit",))
+    unit = entry.items.get("unit")
+    if isinstance(unit, Scalar):
+        reading.unit_text(unit, problems)
+    formula = entry.items.get("is")
+    written = formula if isinstance(formula, Scalar) else key
+    content, place = written.text, written.place.moved(1 if written.quoted else 0, len(written.text))
+    content, place = (content[1:], place.moved(1, len(content) - 1)) if content.startswith("=") else (content, place)
+    tree = reading.parsed(parse_formula, content, place, problems)
+    if tree is None:
+        return None
+    return Shown(name, tree, content, reading.text(unit, "unit", problems, "1"), place)
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """What `simulate:` says."""
+
+    until: Value | None = None
+    every: Value | None = None
+    solver: Scalar | None = None
+
+
+def _simulate(node: Node | None, problems: Problems) -> _Plan:
+    entries = reading.mapping(node, "simulate", problems)
+    if entries is None:
+        return _Plan()
+    reading.known_keys(entries, ("until", "every", "solver"), "simulate", problems)
+    times = {name: reading.value(item, name, problems) for name, item in entries.items.items()
+             if name in ("until", "every")}
+    for name, value in times.items():
+        if value is not None:
+            _check_time(name, value, problems)
+    solver = entries.items.get("solver")
+    name = reading.text(solver, "solver", problems)
+    if solver is not None and name and name not in SOLVERS:
+        problems.add("solver-unknown", f"'{name}' is no solver", solver.place,
+                     hint=suggest(name, SOLVERS) or f"There are {listing(SOLVERS)}.")
+    return _Plan(times.get("until"), times.get("every"), solver if isinstance(solver, Scalar) else None)
+
+
+def _no_name(name: Name) -> Dimension:
+    raise ExpressionProblem("not-a-quantity", f"'{name.text}' is no number", name.column, name.length)
+
+
+def _check_time(name: str, value: Value, problems: Problems) -> None:
+    """`until` and `every` are known before any parameter is: plain times above 0."""
+    number = constant(value.expr)
+    if value.formula or number is None:
+        problems.add("not-a-quantity", f"{name}: '{value.text}' is not a plain time", value.place,
+                     hint="Write for example `60 s` or `8 * 12 s`.")
+        return
+    before = len(problems.found)
+    try:
+        check_dimension(name, value, dimension(value.expr, _no_name), SECOND, problems)
+    except ExpressionProblem as problem:
+        add_formula_problem(problem, value, problems)
+    if number <= 0 and len(problems.found) == before:
+        problems.add("time-not-positive", f"{name}: '{value.text}' is not above 0", value.place,
+                     hint="Write for example `60 s`.")
+
+
+KEPT = Kind(Model, "diagram", values_in(
+    "language.definition", "basis.errors", "text.expression", "language.library", "language.model", "text.source",
+    "basis.units", "language.view"))

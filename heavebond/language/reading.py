@@ -1,0 +1,321 @@
+"""From a tree of marked text to values: the checks that every kind of file shares."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from pathlib import Path
+from typing import TypeVar
+
+from heavebond.basis.errors import HeavebondError, Place, Problems, nearest, suggest
+from heavebond.basis.units import UnitProblem, check_unit, parse_quantity, read_unit
+from heavebond.language.definition import Body, End, FileInput, Formula, Instance, Value, Wire
+from heavebond.text.expression import KEYWORDS, Equation, Expr, ExpressionProblem, Number, constant, names, parse_formula
+from heavebond.text.source import Mapping, Node, Scalar, Sequence, Source
+
+T = TypeVar("T", Expr, Equation)
+IDENTIFIER = re.compile(r"[A-Za-z_]\w*")
+RESERVED = {*KEYWORDS, "time", "pi"}
+SWITCHES = {"on": 1, "yes": 1, "true": 1, "off": 0, "no": 0, "false": 0}
+BETWEEN = ("spline", "linear", "hold")
+
+
+def known_keys(node: Mapping, allowed: Iterable[str], what: str, problems: Problems,
+               required: Iterable[str] = ()) -> None:
+    """Every key is one that `what` understands, and none of the required ones is missing."""
+    allowed = list(allowed)
+    meant = set()
+    for name, key in node.keys.items():
+        if name not in allowed:
+            meant.add(nearest(name, allowed))
+            problems.add("key-unknown", f"{what} has no entry '{name}'", key.place,
+                         hint=suggest(name, allowed) or f"Known: {', '.join(allowed)}.")
+    for name in required:
+        if name not in node.items and name not in meant:
+            problems.add("key-missing", f"{what} needs the entry '{name}'", node.place, hint=f"Add `{name}: ...`.")
+
+
+def mapping(node: Node | None, what: str, problems: Problems, hint: str = "") -> Mapping | None:
+    """The node as a mapping; a problem and None where it is something else."""
+    if node is None or isinstance(node, Mapping):
+        return node
+    problems.add("not-a-mapping", f"{what} is {node.kind}; `key: value` entries are expected", node.place,
+                 hint=hint or "Write `{key: value, ...}`, or one `key: value` a line, indented.")
+    return None
+
+
+def text(node: Node | None, what: str, problems: Problems, default: str = "") -> str:
+    """The node as plain text."""
+    if node is None:
+        return default
+    if isinstance(node, Scalar):
+        return " ".join(node.text.split())
+    problems.add("not-text", f"{what} is {node.kind}; text is expected", node.place, hint="Write a plain text.")
+    return default
+
+
+def choice(node: Node | None, what: str, allowed: tuple[str, ...], problems: Problems) -> str:
+    """The node as one of the words allowed; empty where it is absent or, with a problem, another word."""
+    found = text(node, what, problems)
+    if node is None or not found or found in allowed:
+        return found
+    problems.add(f"{what}-unknown", f"`{what}: {found}` is not known", node.place,
+                 hint=suggest(found, allowed) or "Write " + " or ".join(f"`{what}: {word}`" for word in allowed) + ".")
+    return ""
+
+
+def words(node: Node | None, what: str, problems: Problems) -> list[Scalar]:
+    """The node as a list of texts; one text alone counts as a list of one."""
+    if node is None:
+        return []
+    items = node.items if isinstance(node, Sequence) else (node,)
+    scalars = []
+    for item in items:
+        if isinstance(item, Scalar):
+            scalars.append(item)
+        else:
+            problems.add("not-text", f"{what} holds {item.kind}; text is expected", item.place,
+                         hint="Write a list of words: `[one, two]`.")
+    return scalars
+
+
+def identifier(key: Scalar, what: str, problems: Problems) -> bool:
+    """The key is a name: letters, digits and underscores, and no word of the formulas."""
+    if not IDENTIFIER.fullmatch(key.text):
+        plain = re.sub(r"\W+", "_", key.text).strip("_")
+        hint = f" Write for example `{plain}`." if IDENTIFIER.fullmatch(plain) else ""
+        problems.add("name-bad", f"'{key.text}' cannot name {what}", key.place,
+                     hint=f"A name has letters, digits and `_`, and begins with a letter.{hint}")
+        return False
+    if key.text in RESERVED:
+        problems.add("name-bad", f"'{key.text}' cannot name {what}; it has a meaning in formulas", key.place,
+                     hint="Take another name.")
+        return False
+    return True
+
+
+def parsed(parser: Callable[[str], T], content: str, place: Place, problems: Problems) -> T | None:
+    """Run a parser of expressions; its complaint becomes a problem with the caret at the right sign."""
+    try:
+        return parser(content)
+    except ExpressionProblem as problem:
+        add_expression_problem(problem, place, problems)
+    return None
+
+
+def add_expression_problem(problem: ExpressionProblem, place: Place, problems: Problems) -> None:
+    """Note what is wrong with an expression that begins at `place`."""
+    problems.add(problem.code, problem.message, place.moved(problem.column, problem.length), hint=problem.hint)
+
+
+def value(node: Node, what: str, problems: Problems) -> Value | None:
+    """A quantity (`42 kN/m`), arithmetic of quantities (`2 * 460 L/min`), or a formula (`=m_cart`)."""
+    if not isinstance(node, Scalar):
+        problems.add("not-a-value", f"{what} is {node.kind}; a quantity is expected", node.place,
+                     hint="Write for example `42 kN/m`, or a formula that begins with `=`.")
+        return None
+    content = node.text.strip()
+    start = node.place.moved(1 if node.quoted else 0, len(content))
+    if content.startswith("="):
+        skipped = len(content) - len(content[1:].lstrip())
+        expr = parsed(parse_formula, content[skipped:], start.moved(skipped), problems)
+        return Value(expr, content, start, formula=True) if expr is not None else None
+    try:
+        number, unit = parse_quantity(content)
+        return Value(Number(number, unit, 0), content, start)
+    except UnitProblem as problem:
+        return _arithmetic(content, start, what, problem, problems)
+
+
+def seconds(node: Node | None, what: str, problems: Problems) -> float | None:
+    """A time (`72 s`, `2 min`) in s; None where there is none."""
+    read = value(node, what, problems) if node is not None else None
+    number = constant(read.expr) if read is not None else None
+    if read is None or number is None:
+        return None
+    try:
+        check_unit(getattr(read.expr, "unit", None), read_unit("s"), number, read.text)
+    except UnitProblem as problem:
+        problems.add(problem.code, f"{what}: {problem.message}", read.place, hint=problem.hint)
+    return number
+
+
+def _arithmetic(content: str, place: Place, what: str, problem: UnitProblem, problems: Problems) -> Value | None:
+    """Arithmetic of quantities; where that cannot be read either, the complaint about the quantity stands."""
+    complaint = (problem.code, f"{what}: {problem.message}", problem.hint)
+    try:
+        expr = parse_formula(content)
+        used = [n.text for n in names(expr) if n.text != "pi"]
+        if problem.code == "not-a-quantity" and not used:
+            return Value(expr, content, place)
+        if problem.code == "not-a-quantity":
+            complaint = _unmarked(content, what)
+    except ExpressionProblem as other:
+        if problem.code == "not-a-quantity" and any(sign in content for sign in "+*/()"):
+            add_expression_problem(other, place, problems)
+            return None
+    code, message, hint = complaint
+    problems.add(code, message, place, hint=hint)
+    return None
+
+
+def _unmarked(content: str, what: str) -> tuple[str, str, str]:
+    """A text of names where a quantity stands: a formula without its `=`, or a word that says nothing here."""
+    if content.lower() in SWITCHES:
+        return "not-a-quantity", f"{what}: '{content}' is a word, not a number", f"Write {SWITCHES[content.lower()]}."
+    if re.fullmatch(r"\w+", content):
+        return "formula-unmarked", f"{what}: '{content}' is not a number with a unit", \
+            f"Write for example `42 kN/m`; if '{content}' is a parameter, write `={content}`."
+    return "formula-unmarked", f"{what}: '{content}' is neither a quantity nor a formula", \
+        f"A formula begins with `=`: `={content}`."
+
+
+def file_input(node: Mapping, source: Source, problems: Problems, *, file: bool = True) -> FileInput | None:
+    """`{file: heave.csv, column: z, unit: m, between: spline}`; the file is beside the file that names it."""
+    known_keys(node, ["file", "column", "unit", "between", "time", "gaps"], "an input from a record", problems,
+               required=[*(["file"] if file else []), "column", "unit", "between"])
+    between = node.items.get("between")
+    if isinstance(between, Scalar) and between.text not in BETWEEN:
+        problems.add("between-unknown", f"'{between.text}' is no way to go between samples", between.place,
+                     hint=suggest(between.text, BETWEEN) or "Write spline, linear or hold.")
+        return None
+    unit = node.items.get("unit")
+    if isinstance(unit, Scalar):
+        unit_text(unit, problems)
+    if any(name not in node.items for name in ("column", "unit", "between")):
+        return None
+    entry = {name: text(item, name, problems) for name, item in node.items.items() if name != "time"}
+    time_node = node.items.get("time")
+    time_column, time_unit = time_axis(time_node, problems) if time_node is not None else (None, "s")
+    return FileInput(source.path.parent / entry["file"] if "file" in entry else Path(), entry["column"], entry["unit"],
+                     entry["between"], node.place, time_column, time_unit,
+                     choice(node.items.get("gaps"), "gaps", ("bridge",), problems) == "bridge")
+
+
+def time_axis(node: Node, problems: Problems) -> tuple[str | None, str]:
+    """`{column: time_s, unit: s}`."""
+    entry = mapping(node, "time", problems)
+    if entry is None:
+        return None, "s"
+    known_keys(entry, ["column", "unit"], "time", problems, required=["column", "unit"])
+    unit = entry.items.get("unit")
+    if isinstance(unit, Scalar):
+        unit_text(unit, problems)
+    return text(entry.items.get("column"), "column", problems) or None, text(unit, "unit", problems, "s")
+
+
+def unit_text(node: Scalar, problems: Problems) -> str | None:
+    """A unit at the edge (any scale); None and a problem where it is unknown."""
+    try:
+        read_unit(node.text)
+    except UnitProblem as problem:
+        problems.add(problem.code, problem.message, node.place, hint=problem.hint)
+        return None
+    return node.text
+
+
+def formula_of(node: Node, what: str, problems: Problems) -> Formula | None:
+    """An expression of a component (names and plain numbers, no units)."""
+    if not isinstance(node, Scalar):
+        problems.add("not-text", f"{what} is {node.kind}; a formula is expected", node.place,
+                     hint="Write a formula such as `1/2 * c * s**2`.")
+        return None
+    place = node.place.moved(1 if node.quoted else 0, len(node.text))
+    tree = parsed(lambda t: parse_formula(t, units=False), node.text, place, problems)
+    return Formula(tree, node.text, place) if tree is not None else None
+
+
+def body(node: Mapping, source: Source, problems: Problems) -> Body:
+    """`components:` and `nodes:` of a diagram or a block."""
+    instances: dict[str, Instance] = {}
+    parts = mapping(node.items.get("components"), "components", problems,
+                    "Write one part a line: `spring: {is: Spring, c: 1 kN/m}`.")
+    for name, entry in (parts.items if parts else {}).items():
+        key = parts.keys[name] if parts else None
+        if key is not None and identifier(key, "a component", problems):
+            found = instance(key, entry, source, problems)
+            if found:
+                instances[name] = found
+    wires: dict[str, Wire] = {}
+    nodes = mapping(node.items.get("nodes"), "nodes", problems, "Write one node a line: `ground: [wall.a, spring.a]`.")
+    for name, entry in (nodes.items if nodes else {}).items():
+        key = nodes.keys[name] if nodes else None
+        ends = tuple(End(s.text, s.place) for s in words(entry, f"node '{name}'", problems))
+        if key is not None and all(identifier(replace(key, text=part), "a node", problems) for part in name.split(".")):
+            wires[name] = Wire(name, ends, key.place)
+    return Body(instances, wires)
+
+
+def instance(key: Scalar, node: Node, source: Source, problems: Problems) -> Instance | None:
+    """`spring: {is: Spring, c: 1.2 kN/m}`."""
+    example = node.text if isinstance(node, Scalar) and IDENTIFIER.fullmatch(node.text) else "Spring"
+    entry = mapping(node, f"'{key.text}'", problems, f"Write `{key.text}: {{is: {example}, ...}}`.")
+    if entry is None:
+        return None
+    kind = entry.items.get("is")
+    if not isinstance(kind, Scalar):
+        said = [s.text for n in ("type", "kind", "Is", "IS") if isinstance(s := entry.items.get(n), Scalar)]
+        guess = said[0] if said else "Spring"
+        problems.add("kind-missing", f"'{key.text}' does not say what it is", key.place,
+                     hint=f"Write `{key.text}: {{is: {guess}, ...}}`.")
+        return None
+    settings: dict[str, Value | FileInput] = {}
+    at: tuple[float, ...] | None = None
+    repeat = None
+    for name, item in entry.items.items():
+        if name == "is":
+            continue
+        if name == "at":
+            at = _position(item, problems)
+        elif name == "repeat":
+            repeat = value(item, "repeat", problems)
+        elif isinstance(item, Mapping) and "values" in item.items:
+            settings.update(column_values(item, name, source, problems))
+        elif isinstance(item, Mapping):
+            read = file_input(item, source, problems)
+            if read:
+                settings[name] = read
+        elif isinstance(item, Sequence):
+            settings.update(elements(item, name, f"{key.text}.{name}", problems))
+        elif (number := value(item, f"{key.text}.{name}", problems)) is not None:
+            settings[name] = number
+    return Instance(key.text, kind.text, key.place, kind.place, settings, at, repeat)
+
+
+def elements(node: Sequence, name: str, what: str, problems: Problems) -> dict[str, Value]:
+    """A list of values under the names of its elements: `x: [0 mm, 2 mm]` is x[1] and x[2]."""
+    found = {f"{name}[{k}]": value(item, f"{what}[{k}]", problems) for k, item in enumerate(node.items, 1)}
+    return {key: number for key, number in found.items() if number is not None}
+
+
+def column_values(node: Mapping, name: str, source: Source, problems: Problems) -> dict[str, Value]:
+    """`{file: curve.csv, values: dp, unit: bar}`: a list that stands in a column of a file; empty cells at its end are none
+    of it."""
+    from heavebond.basis.measurements import column, read_table  # NumPy: only where a file is read
+
+    known_keys(node, ["file", "values", "unit"], "a list from a file", problems, required=["file", "values", "unit"])
+    unit, wanted = node.items.get("unit"), node.items["values"]
+    if not isinstance(unit, Scalar) or not isinstance(wanted, Scalar) or "file" not in node.items \
+            or unit_text(unit, problems) is None:
+        return {}
+    try:
+        file = source.path.parent / text(node.items["file"], "file", problems)
+        numbers = column(read_table(file, place=node.items["file"].place), wanted.text, wanted.place)
+    except HeavebondError as error:
+        problems.extend(error)
+        return {}
+    scale = read_unit(unit.text)
+    return {f"{name}[{k}]": Value(Number(scale.to_si(float(number)), scale, 0), f"{number:g} {unit.text}", wanted.place,
+                                  file=file)
+            for k, number in enumerate(numbers, 1) if number == number}
+
+
+def _position(node: Node, problems: Problems) -> tuple[float, ...] | None:
+    numbers = [s.text for s in words(node, "at", problems)]
+    try:
+        return tuple(float(n) for n in numbers)
+    except ValueError:
+        problems.add("at-bad", "`at:` holds two numbers, the place in the drawing", node.place,
+                     hint="Write for example `at: [3, 1]`.")
+        return None

@@ -1,0 +1,265 @@
+"""A component's equations as CasADi expressions in its own local symbols, made once and shared by all its instances."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from math import inf
+
+import casadi as ca
+
+from heavebond.basis.errors import ModelError, Place, Problem
+from heavebond.language.definition import Component, Domain, Formula, Variable, When
+from heavebond.text.expression import Expr, ExpressionProblem, Name, names
+from heavebond.text.incidence import Entry, Interval, classify
+from heavebond.text.symbols import Context, evaluate, indicator, nonsmooth, stack
+
+# der(der(x)) is as far as a component's own text goes; index reduction differentiates on the flat model
+LEVELS = 3
+BEYOND = 1e-9
+
+
+@dataclass(frozen=True)
+class Line:
+    """One equation of a template: its name, its text, its place, and the kinked function in it, if any."""
+
+    label: str
+    text: str
+    place: Place
+    kink: str | None
+
+
+@dataclass(frozen=True)
+class EventLine:
+    """An event of a template, and the local name of what each of its resets sets."""
+
+    when: When
+    targets: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Template:
+    """Residuals r(slots, d slots, d2 slots, given, time, time rate) of a component; all residuals in SI.
+
+    `slots` are the local names (`a.v`, `F`, `u`) in the order of the arguments, `given` the parameters and then the held
+    variables; `residuals` is a CasADi function with one output per equation, `entries[i]` the incidence of equation i with
+    columns level * len(slots) + slot. `energy` gives (power into the ports, d stores/dt, dissipates, unbalanced, stores),
+    `requirements` the truth of each. `happenings` gives for each event (indicator of the condition, first instant, period,
+    new value of each target).
+    """
+
+    slots: tuple[str, ...]
+    parameters: tuple[str, ...]
+    held: tuple[str, ...]
+    lines: tuple[Line, ...]
+    residuals: ca.Function
+    entries: tuple[tuple[Entry, ...], ...]
+    energy: ca.Function
+    requirements: ca.Function
+    events: tuple[EventLine, ...]
+    happenings: ca.Function | None
+
+    @property
+    def given(self) -> tuple[str, ...]:
+        """The names of what is constant between events."""
+        return (*self.parameters, *self.held)
+
+
+def template(component: Component, domains: Mapping[str, Domain], bound: Mapping[str, str],
+             integers: Mapping[str, int]) -> Template:
+    """The template of a component; `bound` tells the domain of each of its ports."""
+    return _cached(_Key(component, dict(domains)), tuple(bound.items()), tuple(integers.items()))
+
+
+@dataclass(frozen=True)
+class _Key:
+    """A component by identity: the loader returns the same object for the same file."""
+
+    component: Component
+    domains: dict[str, Domain]
+
+    def __hash__(self) -> int:
+        return id(self.component)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Key) and other.component is self.component
+
+
+@lru_cache(maxsize=4096)
+def _cached(key: _Key, bound: tuple[tuple[str, str], ...], integers: tuple[tuple[str, int], ...]) -> Template:
+    return _Builder(key.component, key.domains, dict(bound), dict(integers)).template()
+
+
+class _Builder:
+    def __init__(self, component: Component, domains: Mapping[str, Domain], bound: Mapping[str, str],
+                 integers: Mapping[str, int]):
+        self.component, self.domains, self.bound, self.integers = component, domains, bound, integers
+        self.time, self.rate = ca.SX.sym("time"), ca.SX.sym("time_rate")
+        self.parameters = {n: ca.SX.sym(n) for n, p in component.parameters.items() if not p.integer}
+        self.held = {n: ca.SX.sym(n) for n in component.held}
+        self.arrays = {n: self._count(p.count) for n, p in component.ports.items() if p.count is not None}
+        self.levels: list[dict[str, ca.SX]] = [{} for _ in range(LEVELS)]
+        for slot in self._slots():
+            for level in range(LEVELS):
+                self.levels[level][slot] = ca.SX.sym("d" * level + slot)
+        self.context = Context(self._lookup, self._der, integers, self.arrays)
+
+    def _count(self, expr: Expr) -> int:
+        context = Context(self._lookup_nothing, lambda x: x, self.integers)
+        return int(float(evaluate(expr, context)))
+
+    def _lookup_nothing(self, text: str, name: Name) -> ca.SX:
+        raise ExpressionProblem("not-an-integer", f"'{text}' is no whole number", name.column, name.length)
+
+    def _slots(self) -> list[str]:
+        """Port members, signals and own variables; a position only where the text names it."""
+        texts = [n.text for tree in self._trees() for n in names(tree)]
+        positions = {t.split("[")[0].split(".")[0] for t in texts if "." in t
+                     for d in [self.bound.get(t.split("[")[0].split(".")[0])] if d
+                     and self.domains[d].role(t.rsplit(".", 1)[1]) == self.domains[d].position}
+        slots = []
+        for port, domain_name in self.bound.items():
+            domain = self.domains[domain_name]
+            copies = [f"{port}[{k + 1}]" for k in range(self.arrays[port])] if port in self.arrays else [port]
+            members = [*domain.across, *domain.through]
+            if port in positions and domain.position:
+                members.append(domain.position)
+            slots += [f"{copy}.{member}" for copy in copies for member in members]
+        return [*slots, *self.component.signals, *self.component.unknowns]
+
+    def _trees(self) -> list[Expr]:
+        component = self.component
+        formulas = [component.stores, component.dissipates, component.unbalanced]
+        for event in component.when:
+            formulas += [event.formula, *(f for reset in event.resets for f in (reset.target, reset.value))]
+        return [side for line in component.equations for side in (line.tree.left, line.tree.right)] + \
+            [f.tree for f in formulas if f is not None]
+
+    def _lookup(self, text: str, name: Name) -> ca.SX:
+        if text in self.parameters:
+            return self.parameters[text]
+        if text in self.held:
+            return self.held[text]
+        if text == "time":
+            return self.time
+        head, _, member = text.partition(".")
+        port = head.partition("[")[0]
+        if port in self.bound:
+            text = f"{head}.{self.domains[self.bound[port]].role(member)}"
+        if text in self.levels[0]:
+            return self.levels[0][text]
+        raise ExpressionProblem("name-unknown", f"'{name.text}' is not known here", name.column, name.length)
+
+    def _der(self, expression: ca.SX) -> ca.SX:
+        """d/dt by the chain rule; the explicit dependence on time carries the factor `time_rate` (1, or 0 when the
+        inputs are held still to find a steady start)."""
+        low = stack([s for level in self.levels[:-1] for s in level.values()])
+        high = stack([s for level in self.levels[1:] for s in level.values()])
+        return ca.jtimes(expression, low, high) + ca.jtimes(expression, self.time, self.rate)
+
+    def _evaluated(self, tree: Expr, place: Place, build: Callable[[Expr, Context], ca.SX] = evaluate) -> ca.SX:
+        try:
+            return build(tree, self.context)
+        except ExpressionProblem as problem:
+            where = place.moved(problem.column, problem.length)
+            raise ModelError([Problem(problem.code, problem.message, where, problem.hint)]) from None
+
+    def _lines(self) -> tuple[list[Line], list[ca.SX]]:
+        lines, residuals = [], []
+        known = {*(n.partition("[")[0] for n in (*self.parameters, *self.held)), *self.integers, "pi"}
+        for equation in self.component.equations:
+            constant = self._constants({*known, equation.each[0]} if equation.each else known)
+            for index in self._indices(equation.each, equation.place):
+                self.context = Context(self._lookup, self._der, {**self.integers, **index}, self.arrays)
+                left = self._evaluated(equation.tree.left, equation.place)
+                right = self._evaluated(equation.tree.right, equation.place)
+                kink = nonsmooth(equation.tree.left, constant) or nonsmooth(equation.tree.right, constant)
+                lines.append(Line(equation.label, equation.text.strip(), equation.place, kink))
+                residuals.append(left - right)
+        self.context = Context(self._lookup, self._der, self.integers, self.arrays)
+        return lines, residuals
+
+    @staticmethod
+    def _constants(known: set[str]) -> Callable[[str], bool]:
+        return lambda text: text.partition("[")[0] in known
+
+    def _indices(self, each: tuple[str, Expr, Expr] | None, place: Place) -> list[dict[str, int]]:
+        if each is None:
+            return [{}]
+        low, high = (int(float(self._evaluated(e, place))) for e in each[1:])
+        return [{each[0]: k} for k in range(low, high + 1)]
+
+    def template(self) -> Template:
+        lines, residuals = self._lines()
+        arguments = [stack(level.values()) for level in self.levels]
+        parameters, given = stack(self.parameters.values()), stack([*self.parameters.values(), *self.held.values()])
+        inputs = [*arguments, given, self.time, self.rate]
+        stacked = stack(residuals)
+        entries = classify(stacked, stack(arguments), {s.element_hash() for s in self.parameters.values()},
+                           self._bounds())
+        truths = [self._evaluated(r.tree, r.place) for r in self.component.requires]
+        events, happenings = self._events()
+        return Template(
+            tuple(self.levels[0]), tuple(self.parameters), tuple(self.held), tuple(lines),
+            ca.Function("residuals", inputs, [stacked]), tuple(tuple(row) for row in entries),
+            ca.Function("energy", inputs, [stack(self._energy())]),
+            ca.Function("requirements", [parameters], [stack(truths)]), events,
+            ca.Function("happenings", inputs, [stack(happenings)]) if events else None)
+
+    def _events(self) -> tuple[tuple[EventLine, ...], list[ca.SX]]:
+        local = {s.element_hash(): name for group in (self.levels[0], self.held) for name, s in group.items()}
+        lines, happenings = [], []
+        for when in self.component.when:
+            condition, first, period = ca.SX(0), ca.SX(0), ca.SX(0)
+            if when.key == "condition":
+                condition = self._evaluated(when.formula.tree, when.formula.place, indicator)
+            elif when.key == "at":
+                first = self._evaluated(when.formula.tree, when.formula.place)
+            else:
+                period = self._evaluated(when.formula.tree, when.formula.place)
+                first = self._optional(when.first)
+            targets = [self._evaluated(r.target.tree, r.target.place) for r in when.resets]
+            lines.append(EventLine(when, tuple(local[target.element_hash()] for target in targets)))
+            happenings += [condition, first, period,
+                           *(self._evaluated(r.value.tree, r.value.place) for r in when.resets)]
+        return tuple(lines), happenings
+
+    def _bounds(self) -> dict[int, Interval]:
+        bounds: dict[int, Interval] = {}
+        for name, parameter in self.component.parameters.items():
+            if name in self.parameters:
+                bounds[self.parameters[name].element_hash()] = _interval(parameter.low, parameter.high)
+        for name, variable in self.component.unknowns.items():
+            bounds[self.levels[0][name].element_hash()] = _interval(variable.low, variable.high)
+        for name, variable in self.component.held.items():
+            bounds[self.held[name].element_hash()] = held_interval(variable)
+        return bounds
+
+    def _energy(self) -> list[ca.SX]:
+        power = ca.SX(0)
+        for port, domain_name in self.bound.items():
+            domain = self.domains[domain_name]
+            copies = [f"{port}[{k + 1}]" for k in range(self.arrays[port])] if port in self.arrays else [port]
+            for copy in copies:
+                if domain.power:
+                    power += self.levels[0][f"{copy}.{domain.power}"]
+                else:
+                    power += self.levels[0][f"{copy}.{domain.effort}"] * self.levels[0][f"{copy}.{domain.flow}"]
+        component = self.component
+        stores = self._optional(component.stores)
+        return [power, self._der(stores), self._optional(component.dissipates), self._optional(component.unbalanced),
+                stores]
+
+    def _optional(self, formula: Formula | None) -> ca.SX:
+        return ca.SX(0) if formula is None else self._evaluated(formula.tree, formula.place)
+
+
+def held_interval(variable: Variable) -> Interval:
+    """Its bounds, those at zero moved a little beyond: it may well be zero, and is not divided by then."""
+    low, high = _interval(variable.low, variable.high)
+    return -BEYOND if low == 0 else low, BEYOND if high == 0 else high
+
+
+def _interval(low: float | None, high: float | None) -> Interval:
+    return (-inf if low is None else low, inf if high is None else high)

@@ -1,0 +1,68 @@
+"""A given value against what is declared for it: its unit, its bounds, and where in its formula something is wrong."""
+
+from __future__ import annotations
+
+from math import isfinite
+
+from heavebond.basis.errors import Place, Problems
+from heavebond.basis.units import Dimension, Unit, UnitProblem, check_unit, dimension_text
+from heavebond.language import reading
+from heavebond.language.definition import Parameter, Value
+from heavebond.text.expression import ExpressionProblem, Number
+
+NOT_FINITE = "It is too large, divides by 0, or takes a root or logarithm of a negative number."
+
+
+def check_dimension(name: str, value: Value, found: Dimension | None, declared: Unit, problems: Problems) -> None:
+    """A quantity or formula of dimension `found` may stand where `declared` is needed (a plain Python number may)."""
+    if value.si:
+        return
+    if isinstance(value.expr, Number):
+        try:
+            check_unit(value.expr.unit, declared, value.expr.value, value.text)
+        except UnitProblem as problem:
+            problems.add(problem.code, f"{name}: {problem.message}", value.place, hint=problem.hint)
+    elif found is not None and found != declared.dimension:
+        problems.add("unit-wrong", f"{name} must be {_in_unit(declared.text)}; '{value.text.lstrip('= ')}' is "
+                     f"{_in_unit(dimension_text(found))}", value.place,
+                     hint="Check the units in the formula; a quantity in it carries its own, as in `2 * 460 L/min`.")
+
+
+def check_bounds(name: str, parameter: Parameter, number: float, value: Value, problems: Problems) -> None:
+    """`number`, in SI, lies within the parameter's `min` and `max`."""
+    shown = value.text.lstrip("= ")
+    if not isinstance(value.expr, Number) or value.si:
+        shown = f"{shown}, that is {number:g} {parameter.unit.text}".removesuffix(" 1") + ","
+    if not isfinite(number):
+        problems.add("value-not-finite", f"{name} = {value.text.lstrip('= ')} has no finite value", value.place,
+                     hint=NOT_FINITE)
+    elif (parameter.low is not None and number < parameter.low) or \
+            (parameter.high is not None and number > parameter.high):
+        problems.add("parameter-bound", f"{name} = {shown} is not allowed; it must be {bounds_text(parameter)}",
+                     value.place, notes=[f"{parameter.name}: {parameter.doc}"] if parameter.doc else [],
+                     hint="Give a value in that range.")
+
+
+def bounds_text(parameter: Parameter) -> str:
+    """`at least 0 kg`, `between 0 and 1`."""
+    unit = "" if parameter.unit.text == "1" or parameter.integer else f" {parameter.unit.text}"
+    if parameter.high is None:
+        return f"at least {parameter.low:g}{unit}"
+    if parameter.low is None:
+        return f"at most {parameter.high:g}{unit}"
+    return f"between {parameter.low:g} and {parameter.high:g}{unit}"
+
+
+def _in_unit(unit: str) -> str:
+    return "a number without unit" if unit == "1" else f"in {unit}"
+
+
+def add_formula_problem(problem: ExpressionProblem, value: Value, problems: Problems) -> None:
+    """Note what is wrong in the formula of a value, with the caret at the right sign."""
+    reading.add_expression_problem(problem, formula_place(value), problems)
+
+
+def formula_place(value: Value) -> Place:
+    """Where the columns of a value's expression count from: behind the `=` of `=a + b`."""
+    skipped = len(value.text) - len(value.text.lstrip("= ")) if value.formula else 0
+    return value.place.moved(skipped, value.place.length - skipped)

@@ -1,0 +1,58 @@
+"""The `when:` entries of a component: what happens at an instant, and which instant that is."""
+
+from __future__ import annotations
+
+from heavebond.basis.errors import Problems
+from heavebond.language import reading
+from heavebond.language.definition import Formula, Reset, When
+from heavebond.text.source import Mapping, Node, Scalar
+
+# what an entry begins with
+KINDS = ("condition", "at", "every")
+FORM = "`{condition: x > 0, then: {...}}`, `{at: t_0, then: {...}}` or `{every: T_s, then: {...}}`"
+
+
+def when_entries(node: Node | None, problems: Problems) -> tuple[When, ...]:
+    """The events of a component in the order of its file; what is wrong with their form is noted."""
+    entries = reading.mapping(node, "when", problems, f"Write `name: {FORM.split('`')[1]}`, one event a line.")
+    found = []
+    for name, item in (entries.items if entries else {}).items():
+        key = entries.keys[name] if entries else None
+        if key is None or not reading.identifier(key, "an event", problems):
+            continue
+        entry = reading.mapping(item, f"event '{name}'", problems, f"Write {FORM}.")
+        if entry is not None and (event := _event(key, entry, problems)) is not None:
+            found.append(event)
+    return tuple(found)
+
+
+def _event(key: Scalar, entry: Mapping, problems: Problems) -> When | None:
+    what = f"event '{key.text}'"
+    reading.known_keys(entry, (*KINDS, "from", "then"), what, problems, ("then",))
+    kinds = [kind for kind in KINDS if kind in entry.items]
+    if len(kinds) != 1:
+        said = "does not say when it happens" if not kinds else f"has `{kinds[0]}:` and `{kinds[1]}:`"
+        problems.add("when-form", f"{what} {said}", key.place, hint=f"Write {FORM}.")
+        return None
+    kind = kinds[0]
+    if "from" in entry.items and kind != "every":
+        problems.add("when-form", f"{what} has `{kind}:` and `from:`", entry.keys["from"].place,
+                     hint="`from:` is the first instant of an event that happens `every:` so often; leave it out.")
+    formula = reading.formula_of(entry.items[kind], kind, problems)
+    first = reading.formula_of(entry.items["from"], "from", problems) if "from" in entry.items else None
+    resets = _resets(what, entry.items.get("then"), problems)
+    return When(key.text, kind, formula, first, resets, key.place) if formula is not None else None
+
+
+def _resets(what: str, node: Node | None, problems: Problems) -> tuple[Reset, ...]:
+    entries = reading.mapping(node, "then", problems, "Write what is set: `then: {contact: 0, a.v: -e * a.v}`.")
+    if entries is not None and not entries.items:
+        problems.add("when-empty", f"{what} sets nothing", entries.place,
+                     hint="Write what is set: `then: {contact: 0, a.v: -e * a.v}`.")
+    found = []
+    for name, item in (entries.items if entries else {}).items():
+        target = reading.formula_of(entries.keys[name], "then", problems) if entries else None
+        value = reading.formula_of(item, f"the new value of {name}", problems)
+        if target is not None and value is not None:
+            found.append(Reset(Formula(target.tree, name, target.place), value))
+    return tuple(found)

@@ -1,0 +1,173 @@
+"""Why an integration stopped: when, in which components, with what values, and the likely cause."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from heavebond.basis.errors import Problem, SimulationError, listing
+from heavebond.equations import explain
+from heavebond.equations.rank import losses
+from heavebond.numbers.dae import Array, Assembly
+from heavebond.numbers.initialise import Start
+from heavebond.numbers.result import Result, columns
+from heavebond.numbers.start_equations import Point
+
+if TYPE_CHECKING:
+    from heavebond.numbers.simulation import Simulator
+
+# singular values below this share of the largest are on their way to zero where a run stops
+NEAR = 1e-5
+# and in a run that went on: they are zero but for rounding
+SINGULAR = 1e-14
+LOOKED_AT = 60
+FOLDED = ("The links of a mechanism come to lie in one line there, from where it could go on in two ways: its constraints "
+          "depend on each other. No choice of states helps; change a length a little, or add what decides (a spring).")
+_TIME = re.compile(r"[Aa]t t ?= ?([-+.\deE]+)")
+
+
+def explain_failure(simulator: Simulator, assembly: Assembly, first: Start, said: str) -> SimulationError:
+    """The error for a run that stopped; looks at the state shortly before it did."""
+    times, chart = [float(t) for t in _TIME.findall(said)], None
+    stopped = max(times) if times else float("nan")
+    if simulator.switching is not None and simulator.switching.last is not None:
+        stretch = simulator.switching.last
+        stopped = stretch.time(times[-1]) if times else stretch.begin.t
+        last: Point | None = simulator.switching.before(stretch, stopped)
+        assembly, chart = stretch.begin.frame.assembly, stretch.begin.frame.chart
+    else:
+        last = _state_before(simulator, assembly, first, stopped)
+    notes: list[str] = []
+    hint = "Check the parameters of these components, or loosen the tolerances (--rtol 1e-6)."
+    if last is not None:
+        cause, notes = _cause(assembly, last.t, last.x, last.z, last.p, last.u)
+        hint = FOLDED if chart is not None and chart.folded(last) else cause or hint
+    words = [line for line in said.splitlines() if "IDA" in line or "SUNDIALS" in line.upper()]
+    solver = re.findall(r"IDA_[A-Z_]+", said)
+    notes.append("IDAS said: " + (", ".join(dict.fromkeys(solver)) or (words[0][:160] if words else "nothing")))
+    when = f" at t = {stopped:.6g} s" if np.isfinite(stopped) else ""
+    return SimulationError([Problem("integration-failed", f"the integration stopped{when}", None, hint, tuple(notes))])
+
+
+def check_decided(result: Result, at: NDArray[np.intp], slopes: ca.Function) -> None:
+    """SimulationError where a run went on although nothing decided an algebraic unknown any more: what it shows of it from
+    there on is chance. `slopes` is d(algebraic equations)/d(algebraic unknowns) in the arguments of the assembly; it is
+    looked at in some of the output points `at`.
+    """
+    assembly, n_z = result.assembly, len(result.assembly.z_nominal)
+    chosen = at[np.unique(np.linspace(0, len(at) - 1, LOOKED_AT).astype(int))]
+    given = [a[:, chosen] for a in columns(result)]
+    matrices = np.array(slopes(*given)).reshape(n_z, len(chosen), n_z).transpose(1, 0, 2) * assembly.z_nominal
+    largest = np.abs(matrices).max(axis=2, keepdims=True)
+    sound = np.isfinite(matrices).all(axis=(1, 2)) & (largest > 0).all(axis=(1, 2))
+    for k, matrix in enumerate(matrices / np.where(largest > 0, largest, 1.0)):
+        if not np.isfinite(matrix).all():
+            continue
+        values = np.linalg.svd(matrix, compute_uv=False)
+        if not sound[k] or values[-1] <= SINGULAR * values[0]:
+            here = [a[:, k] for a in given]
+            t = float(here[0][0])
+            point = assembly.point(t, here[1], here[2], here[3], here[4])
+            found = explain.lost(assembly.flat, losses(assembly.reduced.system, point), f"at t = {t:.6g} s")
+            raise SimulationError(found or [Problem(
+                "loop-singular", f"nothing decides {listing(assembly.algebraic_names, 4)} at t = {t:.6g} s", None,
+                "A closed valve, a dead centre or an open contact does this. Add what decides it there.")])
+
+
+def _state_before(simulator: Simulator, assembly: Assembly, first: Start, stopped: float) -> Point | None:
+    """The state a little before the end, found by integrating again up to there."""
+    begin = float(simulator.time[0])
+    if not np.isfinite(stopped) or stopped <= begin:
+        u = simulator.pieces.at(np.array([begin]))[:, 0]
+        return Point(begin, first.x, first.z, first.p, u, 1.0)
+    for share in (1 - 1e-6, 1 - 1e-3, 0.9):
+        times = np.array([begin, begin + (stopped - begin) * share])
+        again = type(simulator)(assembly, times=times, tolerances=simulator.tolerances)
+        try:
+            found = again.attempt(first)
+        except RuntimeError:
+            continue
+        u = again.pieces.at(times[-1:])[:, 0]
+        return Point(float(times[-1]), found.x[:, -1], found.z[:, -1], first.p, u, 1.0)
+    return None
+
+
+def _cause(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array) -> tuple[str, list[str]]:
+    ode, alg = (np.array(v).ravel() for v in assembly.rates(t, x, z, p, u, 1.0))
+    pivots = np.abs(np.array(assembly.pivots(t, x, z, p, u, 1.0)).ravel())
+    begin = np.abs(np.array(assembly.pivots(0.0, x * 0, z * 0, p, u, 1.0)).ravel())
+    rates = np.abs(ode) / assembly.x_nominal
+    order = np.argsort(-np.where(np.isfinite(rates), rates, np.inf))[:3]
+    owners = _owners(assembly)
+    names = [assembly.state_names[k] for k in order]
+    notes = [f"{name} = {x[k]:.6g}, changing by {ode[k]:.3g} a second" + (f"   ({owners[name]})" if owners.get(name) else "")
+             for k, name in zip(order, names, strict=True)]
+    at = assembly.point(t, x, z, p, u)
+    if found := _lost(assembly, at, t):
+        return f"{found.message[:1].upper()}{found.message[1:]}.\n{found.hint}", [*notes, *found.notes]
+    small = [k for k, value in enumerate(pivots) if value < 1e-9 * max(begin[k], 1e-300) or value == 0]
+    if small:
+        pivot = assembly.reduced.pivots[small[0]]
+        return (f"The coefficient of {pivot.unknown} in '{pivot.equation.owner}' ({pivot.equation.text}) passes "
+                "through zero there: a volume, an area or a lever arm vanishes.", notes)
+    wild = _not_finite(assembly, t, x, z, p, u)
+    if wild or not np.all(np.isfinite(ode)) or not np.all(np.isfinite(alg)):
+        which = listing(wild, 4) or "an equation"
+        has = "have" if len(wild) > 1 else "has"
+        return (f"From there on {which} {has} no finite value: a root or logarithm of a negative number, a division by 0.",
+                notes)
+    if len(z) and _singular(assembly, t, x, z, p, u):
+        return (f"{listing(assembly.algebraic_names, 4)} cannot be solved for there: a valve shuts a volume-free "
+                "line, or a lever loses its arm. Add what decides it: a leakage, a spring.", notes)
+    if rates.size and rates[order[0]] > 1e6:
+        return f"{listing(names, 2)} run away: an instability, a wrong sign or a very stiff element.", notes
+    fastest = names or assembly.algebraic_names
+    verb = "changes" if len(fastest) == 1 else "change"
+    return (f"{listing(fastest, 2)} {verb} fastest: a kink or jump there that the solver cannot step over. Smooth it "
+            "(a transition velocity or pressure), let it happen as an event (a Step for a jump in time, "
+            "`when:` in a component), or loosen the tolerances.", notes)
+
+
+def _lost(assembly: Assembly, at: dict[int, float], t: float) -> Problem | None:
+    """What is on its way to leave something undecided at a point shortly before the end, else what does so there."""
+    system = assembly.reduced.system
+    vanishing = [loss for loss in losses(system, at, NEAR) if loss.zero]
+    found = explain.lost(assembly.flat, vanishing or losses(system, at), f"near t = {t:.4g} s")
+    return found[0] if found else None
+
+
+def _not_finite(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array) -> list[str]:
+    """The variables that are no numbers at the state where the run stopped, or a little later in time, the state there or
+    on its way."""
+    rates = np.array(assembly.rates(t, x, z, p, u, 1.0)[0]).ravel()
+    for later, further in ((0.0, 0.0), (1e-6, 0.0), (1e-3, 0.0), (1e-6, 1.0), (1e-5, 1.0)):
+        step = later * max(abs(t), 1.0)
+        values = np.array(assembly.values(t + step, x + further * step * rates, z, p, u, 1.0)).ravel()
+        bad = [unknown.name for unknown, value in zip(assembly.flat.unknowns, values, strict=True)
+               if not np.isfinite(value)]
+        if bad:
+            return bad
+    return []
+
+
+def _singular(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array) -> bool:
+    """Whether the equations of the algebraic unknowns are close to losing their solution."""
+    jacobian = ca.Function("J", list(assembly.arguments), [ca.jacobian(assembly.alg, assembly.arguments[2])])
+    matrix = np.array(jacobian(t, x, z, p, u, 1.0).full()) * assembly.z_nominal
+    rows = np.abs(matrix).max(axis=1, keepdims=True)
+    return bool(not np.all(np.isfinite(matrix)) or rows.min() == 0 or np.linalg.cond(matrix / rows) > 1e4)
+
+
+def _owners(assembly: Assembly) -> dict[str, str]:
+    flat = assembly.flat
+    found = {}
+    n = len(flat.unknowns)
+    for name, (j, _) in zip(assembly.state_names, assembly.reduced.states, strict=True):
+        using = [flat.equations[i].owner for i, row in enumerate(flat.entries)
+                 if any(c % n == j for c, _ in row) and " is the rate of " not in flat.equations[i].label]
+        found[name] = listing(dict.fromkeys(using), 4)
+    return found

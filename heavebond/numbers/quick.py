@@ -1,0 +1,69 @@
+"""Runs for searches: measured inputs are looked up by time inside the equations.
+
+`Simulator` hands the integrator a new polynomial piece of each input at every sample and makes it stop there, which splits
+its steps: three to six times as many as the motion asks for. Here the pieces stand in the equations as a table over time,
+and the integrator (CVODES where there are no algebraic unknowns, which takes fewer evaluations a step than IDAS) steps over
+the samples under its error control. What a search finds is reported from runs of `Simulator`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from heavebond.basis.errors import Problem, SimulationError
+from heavebond.numbers.dae import Array, Assembly
+from heavebond.numbers.initialise import Start
+from heavebond.numbers.simulation import Simulator
+from heavebond.numbers.solvers import solver_options
+
+# Steps between two output points after which a candidate is given up.
+MOST_STEPS = 2000
+# No step is longer than so many samples of the inputs: from rest an integrator would step over a short motion, and where its
+# own steps would be longer the sum of squares would be rough (they change with the parameters; these do not).
+LONGEST = 2
+
+
+class QuickSimulator(Simulator):
+    """A `Simulator` for searches. Where a diagram has events, or inputs with kinks or jumps at their samples, it is one in
+    all but its messages."""
+
+    @property
+    def looks_up(self) -> bool:
+        """Whether inputs are looked up in the equations."""
+        inputs = self.assembly.flat.inputs
+        return bool(inputs) and self.factors is None and all(k.source.between == "spline" for k in inputs)
+
+    def _driven(self, times: Array) -> dict[str, Array]:
+        return {} if self.looks_up else super()._driven(times)
+
+    def _integrator(self) -> ca.Function:
+        dae = self.integrand.dae
+        solver = "idas" if dae["z"].numel() else "cvodes"
+        options = {**solver_options(solver, dae, self.tolerances), "max_num_steps": MOST_STEPS}
+        given: dict[str, Any] = dict(dae)
+        if self.looks_up:
+            given = self._with_table()
+            options["max_step_size"] = LONGEST * float(np.median(np.diff(self.pieces.breaks)))
+        if not dae["z"].numel():
+            del given["z"], given["alg"]
+        outputs = list(self.stops[1:]) if len(self.stops) > 1 else [self.stops[0] + 1.0]
+        return ca.integrator("run", solver, given, float(self.stops[0]), outputs, options)
+
+    def _with_table(self) -> dict[str, ca.MX]:
+        """The equations with the pieces of the inputs as a table over time."""
+        dae = self.integrand.dae
+        right = ca.Function("right", [dae[k] for k in ("t", "x", "z", "p", "u")], [dae["ode"], dae["alg"]])
+        t, x, z, p = (ca.MX.sym(k, dae[k].numel()) for k in ("t", "x", "z", "p"))
+        # a spline of degree 0, because what it holds is not copied at every step
+        columns, breaks = self.pieces.columns, self.pieces.breaks
+        u = ca.Function.bspline("pieces", [breaks.tolist()], columns.ravel("F").tolist(), [0], len(columns),
+                                {"lookup_mode": ["binary"]})(t)
+        ode, alg = right(t, x, z, p, u)
+        return {"t": t, "x": x, "z": z, "p": p, "ode": ode, "alg": alg}
+
+    def _failure(self, assembly: Assembly, first: Start, said: str) -> SimulationError:
+        """Why is not asked: it would cost another run."""
+        return SimulationError([Problem("integration-failed", "the integration stopped")])

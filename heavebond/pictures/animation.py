@@ -1,0 +1,86 @@
+"""A moving picture of a run: a page that needs nothing but itself, or a film (GIF, MP4)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from heavebond.basis.errors import Problem, UsageError
+from heavebond.basis.presentation import number, unit_label
+from heavebond.numbers.dae import Array
+from heavebond.pictures.markup import data_block, element, page
+from heavebond.pictures.motion import Motion
+
+SUFFIXES = (".html", ".gif", ".mp4")
+SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 10.0)
+FINENESS = 1e-5  # of the picture's height, and of a signal's range: what is written of a number
+
+
+def animation_page(motion: Motion, speed: float = 1.0) -> str:
+    """The motion as the text of an HTML file: play, pause, any instant, slower or faster; `speed` 1 is real time."""
+    speeds = sorted({*SPEEDS, speed})
+    options = [element("option", "real time" if s == 1 else f"{number(s)} ×", value=f"{s:g}",
+                       selected=True if s == speed else None) for s in speeds]
+    controls = element(
+        "div", element("button", "Play", id="play", type="button"),
+        element("input", id="when", type="range", min="0", max=str(len(motion.time) - 1), step="any", value="0",
+                aria_label="time"),
+        element("output", "", id="clock"), element("select", *options, id="speed", aria_label="speed"), class_="controls")
+    return page(motion.title, element("header", element("h1", motion.title), element("p", motion.summary)),
+                element("main", element("div", id="stage"), controls, element("div", id="courses")),
+                data_block("motion", packed(motion)), look="animation")
+
+
+def packed(motion: Motion) -> dict[str, object]:
+    """The motion for the page's script: a number where nothing changes, else which track it follows, and how far off.
+
+    Most shapes move with one of a few bodies, so that their courses are kept once.
+    """
+    fine = FINENESS * (motion.edges[3] - motion.edges[1])
+    tracks: list[Array] = []
+    shapes = [{"name": moving.name, "kind": moving.kind, "colour": moving.colour, "label": moving.label,
+               "courses": [_on_track(c, tracks, fine) for c in np.nan_to_num(moving.courses)],
+               "outlines": [{"corners": o.corners, "fill": o.fill, "edge": o.edge} for o in moving.outlines]}
+              for moving in motion.shapes]
+    signals = [{"name": name, "unit": unit_label(unit), "values": _rounded(values, FINENESS * float(np.ptp(values) or 1.0))}
+               for name, (unit, values) in motion.signals.items()]
+    return {"times": [round(float(motion.time[0]), 9), round(float(motion.time[-1]), 9), len(motion.time)],
+            "edges": list(motion.edges), "tracks": [_rounded(track, fine) for track in tracks], "shapes": shapes,
+            "signals": signals}
+
+
+def _on_track(values: Array, tracks: list[Array], fine: float) -> float | list[float]:
+    """A course as a number, or as (track, difference); a new track where it follows none."""
+    if np.ptp(values) < fine:
+        return _rounded(values[:1], fine)[0]
+    for k, track in enumerate(tracks):
+        if np.ptp(values - track) < fine:
+            return [k, *_rounded((values - track)[:1], fine)]
+    tracks.append(values)
+    return [len(tracks) - 1, 0]
+
+
+def _rounded(values: Array, fine: float) -> list[float]:
+    digits = max(0, -int(np.floor(np.log10(fine))))
+    return [round(float(value), digits) for value in values]
+
+
+def save_animation(motion: Motion, path: Path, *, speed: float = 1.0) -> Path:
+    """Write .html, .gif or .mp4; UsageError for another suffix, or where a program for films is missing."""
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise UsageError([Problem("file-suffix", f"'{path.name}' is no moving picture", None,
+                                  f"Write {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}.")])
+    try:
+        if suffix == ".html":
+            path.write_text(animation_page(motion, speed), encoding="utf-8", newline="\n")
+        else:
+            from heavebond.pictures.film import save_film
+
+            save_film(motion, path, speed)
+    except OSError as error:
+        raise UsageError([Problem("file-unwritable", f"'{path}' cannot be written: {error.strerror or error}")]) from None
+    return path
+
+

@@ -1,0 +1,164 @@
+"""A bond graph as a picture (SVG): letters, straight bonds with half arrows, causal strokes."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from xml.sax.saxutils import escape, quoteattr
+
+from heavebond.language.model import Model
+from heavebond.pictures.bond_graph import WORD, Bond, BondGraph, Vertex, bond_graph, told
+from heavebond.pictures.bond_layout import Point, places
+from heavebond.pictures.drawing import COLOURS, EDGE, OTHER, QUIET, WARNING
+from heavebond.pictures.lettering import FONT, KIND, NAME, SUMMARY, TITLE, Box, Style, bounds, text_width, wrapped
+
+BARB, BAR = 9, 7  # px: the half arrow's length, half of a causal stroke
+LETTER, LABEL = Style(17, bold=True), Style(10, quiet=True)
+LENGTH, CLEAR = 62.0, 5.0  # px: of a bond from middle to middle of two letters; between a letter and its bonds
+ROOM = 22.0  # px: what a vertex wants around it
+MORE = 7.0  # px: what each bond beyond four at a vertex adds to the length of all of them
+BESIDE = 9.0  # px between two bonds of the same vertices
+LEAST = 520.0  # px: a page is not slimmer
+
+
+def draw_bond_graph(model: Model) -> str:
+    """The bond graph of a diagram as the text of an SVG file; ModelError for a diagram that cannot be read."""
+    graph = bond_graph(model)
+    shapes = {key: _shape(vertex) for key, vertex in graph.vertices.items()}
+    busy = Counter(key for b in graph.bonds for key in (b.tail, b.head))
+    lengths = {(b.tail, b.head): LENGTH + sum(_reach(shapes[key], busy[key]) for key in (b.tail, b.head))
+               for b in graph.bonds}
+    at = places(lengths, {key: ROOM + 0.7 * shape.right for key, shape in shapes.items()})
+    boxes = {key: shapes[key].moved(*place) for key, place in at.items()}
+    ends = _ends(graph, at, boxes)
+    lines = [line for bond, path in zip(graph.bonds, ends, strict=True) for line in _bond(graph, bond, path)]
+    taken = list(boxes.values())
+    for key, vertex in graph.vertices.items():
+        lines += _vertex(vertex, at[key], boxes[key])
+        if vertex.label and vertex.letter != WORD:
+            box = _label_box(vertex.label, boxes[key], taken, ends)
+            taken.append(box)
+            lines.append(_text((box.left + box.right) / 2, box.bottom - 3, vertex.label, LABEL.size, QUIET, False))
+    return _page(model, graph, lines, bounds(taken) if taken else Box(0, 0, LEAST, 0))
+
+
+def _page(model: Model, graph: BondGraph, lines: list[str], box: Box) -> str:
+    """The picture with its title above and what is to be known below."""
+    width = max(box.right - box.left, LEAST)
+    written = [line for note in told(graph) for line in wrapped(note, SUMMARY, width)]
+    left, top = round(box.left - EDGE), round(box.top - EDGE - 44)
+    whole_x = round(width + 2 * EDGE)
+    whole_y = round(box.bottom + EDGE + 40 + 15 * len(written)) - top
+    y = box.bottom + 36
+    return "\n".join([
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{whole_x}" height="{whole_y}" '
+        f'viewBox="{left} {top} {whole_x} {whole_y}" font-family={quoteattr(FONT)} fill="none" stroke-linejoin="round">',
+        f"<title>{escape(model.name)}, bond graph</title>",
+        f'<rect x="{left}" y="{top}" width="{whole_x}" height="{whole_y}" fill="#ffffff"/>',
+        _text(left + EDGE, top + EDGE + 4, f"{model.name}: bond graph", TITLE.size, "#000000", True, "start"), *lines,
+        *_legend(graph, left + EDGE, y),
+        *(_text(left + EDGE, y + 18 + 15 * k, line.text, SUMMARY.size, QUIET, False, "start")
+          for k, line in enumerate(written)), "</svg>"]) + "\n"
+
+
+# -- vertices ----------------------------------------------------------------------------------------------------------
+def _shape(vertex: Vertex) -> Box:
+    """What a letter or a word takes up about its middle."""
+    across = text_width(vertex.label, NAME) / 2 + 8 if vertex.letter == WORD else text_width(vertex.letter, LETTER) / 2
+    high = 12.0 if vertex.letter == WORD else 7.0
+    return Box(-across, -high, across, high)
+
+
+def _reach(shape: Box, bonds: int) -> float:
+    """How much longer a bond is at a word, and where many meet, so that all have room."""
+    return max(0.0, (shape.right - 10) / 2) + MORE * max(0, bonds - 4)
+
+
+def _vertex(vertex: Vertex, place: Point, box: Box) -> list[str]:
+    colour = WARNING if vertex.derivative or vertex.broken else "#000000"
+    if vertex.letter != WORD:
+        return [_text(place[0], place[1] + 6, vertex.letter, LETTER.size, colour, True)]
+    return [f'<rect x="{box.left:.1f}" y="{box.top:.1f}" width="{box.right - box.left:.1f}" '
+            f'height="{box.bottom - box.top:.1f}" rx="3" stroke="{QUIET}" fill="#f7f7f5"/>',
+            _text(place[0], place[1] + 4, vertex.label, NAME.size, colour, True)]
+
+
+def _label_box(label: str, own: Box, taken: list[Box], bonds: list[tuple[Point, Point]]) -> Box:
+    """Where the name of a letter stands: of the places around it the one that covers least."""
+    wide, high = text_width(label, LABEL) / 2, LABEL.size + 3
+    x, y = (own.left + own.right) / 2, (own.top + own.bottom) / 2
+    tried = [Box(u - wide, v - high / 2, u + wide, v + high / 2) for u, v in (
+        (x, own.bottom + 8), (x, own.top - 8), (own.right + wide + 4, y), (own.left - wide - 4, y),
+        (own.right + wide, own.bottom + 5), (own.left - wide, own.bottom + 5),
+        (own.right + wide, own.top - 5), (own.left - wide, own.top - 5))]
+    covered = [3 * sum(box.meets(other) for other in taken if other is not own) + sum(_through(box, *bond) for bond in bonds)
+               for box in tried]
+    return tried[covered.index(min(covered))]
+
+
+def _through(box: Box, start: Point, end: Point) -> bool:
+    """Whether a line goes through a box, as near as its steps of a fortieth tell."""
+    return any(box.left < start[0] + k / 40 * (end[0] - start[0]) < box.right
+               and box.top < start[1] + k / 40 * (end[1] - start[1]) < box.bottom for k in range(41))
+
+
+def _text(x: float, y: float, text: str, size: int, colour: str, bold: bool, align: str = "middle") -> str:
+    weight = ' font-weight="bold"' if bold else ""
+    return f'<text x="{x:.1f}" y="{y:.1f}" font-size="{size}"{weight} fill="{colour}" text-anchor="{align}">' \
+        f"{escape(text)}</text>"
+
+
+# -- bonds -------------------------------------------------------------------------------------------------------------
+def _ends(graph: BondGraph, at: Mapping[str, Point], boxes: Mapping[str, Box]) -> list[tuple[Point, Point]]:
+    """Where each bond begins and ends: on the line between the middles, clear of what stands there."""
+    pairs = [frozenset((b.tail, b.head)) for b in graph.bonds]
+    found = []
+    for k, bond in enumerate(graph.bonds):
+        (x, y), (u, v) = at[bond.tail], at[bond.head]
+        length = ((u - x)**2 + (v - y)**2)**0.5 or 1.0
+        along = ((u - x) / length, (v - y) / length)
+        aside = BESIDE * (pairs[:k].count(pairs[k]) - (pairs.count(pairs[k]) - 1) / 2)
+        aside *= 1 if bond.tail < bond.head else -1  # the same side for both ways
+        dx, dy = -along[1] * aside, along[0] * aside
+        first, last = _out_of(boxes[bond.tail], along, (dx, dy)), _out_of(boxes[bond.head], (-along[0], -along[1]), (dx, dy))
+        found.append(((x + dx + first * along[0], y + dy + first * along[1]),
+                      (u + dx - last * along[0], v + dy - last * along[1])))
+    return found
+
+
+def _out_of(box: Box, along: Point, off: Point) -> float:
+    """How far from beside the middle of a box a line leaves it, and is clear of it."""
+    half = ((box.right - box.left) / 2 + CLEAR, (box.bottom - box.top) / 2 + CLEAR)
+    ways = [(side - o * (1 if a > 0 else -1)) / abs(a) for side, a, o in zip(half, along, off, strict=True) if abs(a) > 1e-9]
+    return max(0.0, min(ways))
+
+
+def _bond(graph: BondGraph, bond: Bond, ends: tuple[Point, Point]) -> list[str]:
+    """A line, the half arrow at its head, the causal stroke across the end that effort is imposed on."""
+    (x, y), (u, v) = ends
+    length = ((u - x)**2 + (v - y)**2)**0.5 or 1.0
+    along = ((u - x) / length, (v - y) / length)
+    colour = COLOURS.get(bond.domain, OTHER)
+    late = any(graph.vertices[key].derivative for key in (bond.tail, bond.head))
+    dashed = ' stroke-dasharray="4 3"' if bond.modulated else ""
+    said = escape(f"{bond.domain}, power counts from {bond.tail} to {bond.head}")
+    tip = (u - BARB * (0.8 * along[0] - 0.6 * along[1]), v - BARB * (0.8 * along[1] + 0.6 * along[0]))
+    lines = [f'<path class="bond" d="M{x:.1f} {y:.1f} L{u:.1f} {v:.1f}" stroke="{colour}" stroke-width="1.6"{dashed}>'
+             f"<title>{said}</title></path>",
+             f'<path class="half-arrow" d="M{u:.1f} {v:.1f} L{tip[0]:.1f} {tip[1]:.1f}" stroke="{colour}" '
+             'stroke-width="1.6"/>']
+    if bond.stroke:
+        at = ends[0] if bond.stroke == bond.tail else ends[1]
+        p, q = along[1] * BAR, -along[0] * BAR
+        lines.append(f'<path class="stroke{" late" if late else ""}" d="M{at[0] - p:.1f} {at[1] - q:.1f} '
+                     f'L{at[0] + p:.1f} {at[1] + q:.1f}" stroke="{WARNING if late else "#000000"}" stroke-width="2.4"/>')
+    return lines
+
+
+def _legend(graph: BondGraph, x: float, y: float) -> list[str]:
+    lines = []
+    for domain in dict.fromkeys(b.domain for b in graph.bonds):
+        lines += [f'<path d="M{x:g} {y:g} h20" stroke="{COLOURS.get(domain, OTHER)}" stroke-width="1.6"/>',
+                  _text(x + 25, y + 3, domain, KIND.size, QUIET, False, "start")]
+        x += 43 + text_width(domain, KIND)
+    return lines

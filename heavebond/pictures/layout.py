@@ -1,0 +1,336 @@
+"""A sheet laid out: coordinates of its parts, their writing, the wires between them; blocks that are open inside it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+from heavebond.pictures.captions import caption, name_of_node
+from heavebond.pictures.lettering import KIND, NAME, NODE_NAME, TAG, VALUE, Box, Lettering, Line, bounds, lettering, size
+from heavebond.pictures.pictograms import GRID, SIDES, Anchor, Shape, box, symbol
+from heavebond.pictures.placement import Cell, Piece, Placement, place
+from heavebond.pictures.routing import Wire, route
+from heavebond.pictures.sheets import NODE, Net, Part, Sheet, marks_on
+
+GAP_X, GAP_Y, MARGIN, STUB, CLEAR = 60, 40, 30, 20, 4
+WIDER = (1.0, 1.4, 1.9, 2.5)  # gaps that are tried in turn until every wire and name has its place
+OPPOSITE = {"left": "right", "right": "left", "top": "bottom", "bottom": "top"}
+
+
+@dataclass(frozen=True)
+class Options:
+    """What a drawing shows: values beneath the names, labels on marked components, nodes and ports, and what is `told` of
+    components by their paths."""
+
+    values: bool
+    marks: Mapping[str, str]
+    told: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Item:
+    """A part at its place: its picture around (x, y), the writing at it, the labels of its marked ports, and what is
+    drawn inside."""
+
+    part: Part
+    shape: Shape
+    x: int
+    y: int
+    caption: Lettering | None
+    marks: dict[str, str]
+    inside: Drawn | None
+
+    @property
+    def extent(self) -> Box:
+        """The picture's box on the sheet."""
+        return Box(self.shape.left, self.shape.top, self.shape.right, self.shape.bottom).moved(self.x, self.y)
+
+    def anchors(self, port: str) -> list[Anchor]:
+        """The anchors of a port on the sheet."""
+        return [Anchor(port, a.x + self.x, a.y + self.y, a.side) for a in self.shape.of(port)]
+
+
+@dataclass(frozen=True)
+class Strand:
+    """A node on the sheet: its wire, its name and where it ends free."""
+
+    net: Net
+    wire: Wire
+    caption: Lettering | None
+    free: tuple[int, int] | None
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A sheet with coordinates: `frame` is its outline, `anchors` those of the block's own ports on it; `faults` counts
+    wires and names that found no place of their own."""
+
+    sheet: Sheet
+    items: tuple[Item, ...]
+    lines: tuple[Strand, ...]
+    frame: Box
+    anchors: tuple[Anchor, ...]
+    title: Lettering | None
+    faults: int
+
+
+def lay_out(sheet: Sheet, sides: Mapping[str, str], options: Options) -> Drawn:
+    """Lay a sheet out; `sides` tells on which edge each port of its own stands."""
+    pieces = [*(_edge_piece(port, sides[port]) for port in sheet.ports), *(_piece(part) for part in sheet.parts.values())]
+    ends = [[(name or f"/{port}", port) for name, port in net.ends] for net in sheet.nets]
+    placement = place(pieces, ends)
+    joined = {end for net in ends for end in net}
+    items = [_item(part, placement, joined, options) for part in sheet.parts.values()]
+    tried = []
+    for wider in WIDER:
+        drawn = _Drafter(sheet, sides, options, placement, items, wider).drawn()
+        if not drawn.faults:
+            return drawn
+        tried.append(drawn)
+    return min(tried, key=lambda drawn: drawn.faults)
+
+
+def _edge_piece(port: str, side: str) -> Piece:
+    return Piece(f"/{port}", (port,), None, None, side)
+
+
+def _piece(part: Part) -> Piece:
+    shape = None if part.inside else symbol(part.component)
+    if shape is not None and any(not shape.of(port) for port in part.ports):
+        shape = None  # a node inside reaches out, for which a symbol has no place
+    at = None if part.at is None else (round(part.at[0] * 8), round(part.at[1] * 8))  # to the eighth of a cell
+    power = tuple(p for p, domain in part.ports.items() if domain != "signal")
+    return Piece(part.name, tuple(part.ports), shape, at, "", _natural(part), power[:2] if len(power) > 1 else ())
+
+
+def _natural(part: Part) -> dict[str, tuple[str, ...]]:
+    """The sides on which a reader looks for a port of a box: signals from left to right where there are only signals,
+    else power on the left and the right and signals above and below."""
+    power = [p for p, domain in part.ports.items() if domain != "signal"]
+    found: dict[str, tuple[str, ...]] = {}
+    for port, domain in part.ports.items():
+        if domain == "signal" and not power:
+            found[port] = ("left",) if port in part.inputs else ("right",)
+        elif domain == "signal" or port in power[2:]:
+            found[port] = ("top", "bottom")
+        else:
+            found[port] = ("left", "right")
+    return found
+
+
+def _item(part: Part, placement: Placement, joined: set[tuple[str, str]], options: Options) -> Item:
+    """A part with its picture turned and its writing, both around its own middle."""
+    marks = marks_on(part.path, options.marks, part.ports)
+    tags = tuple(Line(label, TAG) for label in marks.values() if label)
+    values = tuple(Line(text, VALUE) for text in part.values) if options.values and not part.inside else ()
+    if part.path in options.told and not part.inside:
+        values = (Line(options.told[part.path], VALUE), *values)
+    sides = placement.sides.get(part.name)
+    inside = None
+    if sides is None:
+        piece = _piece(part)
+        assert piece.shape is not None
+        shape = piece.shape.turned(placement.turns[part.name])
+        lines = (Line(part.name, NAME), *values, *tags)
+    elif part.inside is not None:
+        inside = lay_out(part.inside, {port: side for side, ports in sides.items() for port in ports}, options)
+        shape = _framed(inside)
+        lines = tags
+    else:
+        shape = box(part.name, part.component.name, sides)
+        lines = (*values, *tags)
+    anchors = [a for port in part.ports if (part.name, port) in joined for a in _used(shape, port, placement, part.name)]
+    return Item(part, shape, 0, 0, caption(lines, shape, anchors) if lines else None, marks, inside)
+
+
+def _used(shape: Shape, port: str, placement: Placement, name: str) -> list[Anchor]:
+    """The anchors of a port at which wires will most likely end; all of them where that cannot be told."""
+    found = shape.of(port)
+    likely = [a for a in found if a.side in placement.leaving[name]]
+    return likely if len(found) > 1 and likely else list(found)
+
+
+def _framed(drawn: Drawn) -> Shape:
+    """An open block as a picture: around the middle of its frame, in line with its first port at the side."""
+    frame = drawn.frame
+    x = _on_grid((frame.left + frame.right) / 2)
+    y = next((a.y for a in drawn.anchors if a.side in ("left", "right")), _on_grid((frame.top + frame.bottom) / 2))
+    anchors = tuple(replace(a, x=a.x - x, y=a.y - y) for a in drawn.anchors)
+    left, top, right, bottom = (round(v) for v in (frame.left - x, frame.top - y, frame.right - x, frame.bottom - y))
+    return Shape(left, top, right, bottom, anchors)
+
+
+def _on_grid(value: float) -> int:
+    return GRID * math.floor(value / GRID + 0.5)
+
+
+class _Drafter:
+    """One attempt: coordinates with gaps widened by a factor, wires, names."""
+
+    def __init__(self, sheet: Sheet, sides: Mapping[str, str], options: Options, placement: Placement,
+                 items: Sequence[Item], wider: float):
+        self.sheet, self.sides, self.options, self.placement = sheet, sides, options, placement
+        self.wider = wider
+        self.xs = self._columns(items)
+        self.ys = self._rows(items)
+        self.items = {item.part.name: self._at(item) for item in items}
+        self.edges = self._edge_places()
+        title = self._title()
+        self.frame = self._frame(title)
+        self.title = title.moved(self.frame.left + 8, self.frame.top + 5) if title else None
+
+    # -- coordinates -----------------------------------------------------------------------------------------------
+    def _columns(self, items: Sequence[Item]) -> dict[int, int]:
+        """The middle of every column: as far apart as what stands there is wide and the names between them are long."""
+        cells = self.placement.cells
+        before = dict.fromkeys((cell[0] for cell in cells.values()), 0.0)
+        after = dict(before)
+        for item in items:
+            column, own = cells[item.part.name][0], _whole(item)
+            before[column], after[column] = max(before[column], -own.left), max(after[column], own.right)
+        found: dict[int, int] = {}
+        edge = gap = 0.0
+        for column in sorted(before):
+            found[column] = GRID * math.ceil((edge + before[column]) / GRID)
+            gap = self.wider * max(GAP_X, *(width for k, width in self._names_between() if k == column), 0.0)
+            edge = found[column] + after[column] + gap
+        return found
+
+    def _names_between(self) -> list[tuple[int, float]]:
+        """Nodes that run straight from one column to the next: the column, and how much room their name takes."""
+        neighbours = set(pairwise(sorted({cell[0] for cell in self.placement.cells.values()})))
+        found = []
+        for net in self.sheet.nets:
+            cells = sorted(self.placement.cells[name or f"/{port}"] for name, port in net.ends)
+            if len(cells) == 2 and cells[0][1] == cells[1][1] and (cells[0][0], cells[1][0]) in neighbours:
+                found.append((cells[0][0], size(self._net_text(net))[0] + 14))
+        return found
+
+    def _rows(self, items: Sequence[Item]) -> dict[int, int]:
+        """The line of every row. What stands in one column must not touch; rows that share no column may reach into each
+        other, as the columns keep them apart."""
+        cells = self.placement.cells
+        gap = GAP_Y * self.wider
+        lowest: dict[int, float] = {}  # the lower end of what stands so far, by column
+        found: dict[int, int] = {}
+        line = 0.0
+        for row in sorted({cell[1] for cell in cells.values()}):
+            here = [(cells[item.part.name][0], _whole(item)) for item in items if cells[item.part.name][1] == row]
+            line = max([line, *(lowest[column] + gap - own.top for column, own in here if column in lowest)])
+            found[row] = GRID * math.ceil(line / GRID)
+            for column, own in here:
+                lowest[column] = found[row] + own.bottom
+            line = found[row] + gap
+        for row in [r for r in found if all(cells[item.part.name][1] != r for item in items)]:
+            found[row] = self._edge_row(row, items, found)
+        return found
+
+    def _edge_row(self, row: int, items: Sequence[Item], rows: dict[int, int]) -> int:
+        """The upper or lower edge of an open block that has ports there."""
+        extents = [_whole(item).moved(0, rows[self.placement.cells[item.part.name][1]]) for item in items]
+        if row < 0:
+            return GRID * math.floor((min(box.top for box in extents) - GAP_Y * self.wider) / GRID)
+        return GRID * math.ceil((max(box.bottom for box in extents) + GAP_Y * self.wider) / GRID)
+
+    def _at(self, item: Item) -> Item:
+        column, row = self.placement.cells[item.part.name]
+        x, y = self.xs[column], self.ys[row]
+        return replace(item, x=x, y=y, caption=item.caption.moved(x, y) if item.caption else None)
+
+    def _edge_places(self) -> dict[str, Anchor]:
+        """Where the sheet's own ports stand on its edge, side by side where they share a cell."""
+        found: dict[str, Anchor] = {}
+        used: dict[Cell, int] = {}
+        for port in self.sheet.ports:
+            cell = self.placement.cells[f"/{port}"]
+            k = used[cell] = used.get(cell, -1) + 1
+            aside = 2 * GRID * ((k + 1) // 2) * (1 if k % 2 else -1)
+            side = self.sides[port]
+            x, y = self.xs[cell[0]], self.ys[cell[1]]
+            found[port] = Anchor(port, x, y + aside, side) if side in ("left", "right") else Anchor(port, x + aside, y, side)
+        return found
+
+    def _title(self) -> Lettering | None:
+        """The name of an open block, in the upper left corner of its frame."""
+        if not self.sheet.path:
+            return None
+        tag = self.options.marks.get(self.sheet.path)
+        name = Line(self.sheet.path.rpartition(".")[2], NAME)
+        lines = (name, Line(self.sheet.kind, KIND), *([Line(tag, TAG)] if tag else []))
+        return lettering(lines, 0, 0, "start")
+
+    def _inner(self) -> Box:
+        return bounds([b for item in self.items.values()
+                       for b in (item.extent, *([item.caption.box] if item.caption else []))])
+
+    def _frame(self, title: Lettering | None) -> Box:
+        inner = self._inner()
+        above = max(MARGIN, title.box.bottom + 2 * GRID) if title else MARGIN
+        found = {"left": inner.left - MARGIN, "right": inner.right + MARGIN, "top": inner.top - above,
+                 "bottom": inner.bottom + MARGIN}
+        for anchor in self.edges.values():
+            found[anchor.side] = anchor.x if anchor.side in ("left", "right") else anchor.y
+        return Box(*(GRID * (math.floor if k in ("left", "top") else math.ceil)(found[k] / GRID)
+                     for k in ("left", "top", "right", "bottom")))
+
+    # -- wires -----------------------------------------------------------------------------------------------------
+    def drawn(self) -> Drawn:
+        """Wires and names in the gaps."""
+        nets = [self._terminals(net) for net in self.sheet.nets]
+        solid = [item.extent for item in self.items.values()]
+        written = [item.caption.box for item in self.items.values() if item.caption]
+        if self.title:
+            written.append(self.title.box)
+        inset = GRID // 2 if self.sheet.path else -2 * GRID  # names may stand outside all else, but not outside a block
+        area = Box(self.frame.left + inset, self.frame.top + inset, self.frame.right - inset, self.frame.bottom - inset)
+        reach = Box(self.frame.left, self.frame.top, self.frame.right, self.frame.bottom)
+        avoided = [*solid, *(Box(b.left - CLEAR, b.top, b.right + CLEAR, b.bottom) for b in written)]
+        wires = route(nets, [*avoided, *_rim(reach)] if self.sheet.path else avoided, reach)
+        taken = [*solid, *written]
+        lines, faults = [], sum(wire.faults for wire in wires)
+        pieces = [Box(min(a[0], b[0]) - 2, min(a[1], b[1]) - 2, max(a[0], b[0]) + 2, max(a[1], b[1]) + 2)
+                  for wire in wires for a, b in wire.edges]
+        for net, wire, terminals in zip(self.sheet.nets, wires, nets, strict=True):
+            text = self._net_text(net)
+            found = name_of_node(text, wire, taken, pieces, area) if text else None
+            if found is not None:
+                taken.append(found[0].box)
+                faults += found[1]
+            free = (terminals[-1][0].x, terminals[-1][0].y) if len(net.ends) == 1 and len(terminals) > 1 else None
+            lines.append(Strand(net, wire, found[0] if found else None, free))
+        return Drawn(self.sheet, tuple(self.items.values()), tuple(lines), self.frame, tuple(self.edges.values()),
+                     self.title, faults)
+
+    def _net_text(self, net: Net) -> tuple[Line, ...]:
+        if not net.name:
+            return ()
+        tag = self.options.marks.get(NODE + net.path)
+        return (Line(net.name, NODE_NAME), *([Line(tag, TAG)] if tag else []))
+
+    def _terminals(self, net: Net) -> list[list[Anchor]]:
+        found = []
+        for name, port in net.ends:
+            if name:
+                found.append(self.items[name].anchors(port))
+            else:
+                edge = self.edges[port]
+                found.append([replace(edge, side=OPPOSITE[edge.side])])
+        if len(found) == 1:
+            end = found[0][0]
+            out = SIDES[end.side]
+            found = [[end], [Anchor(end.port, end.x + STUB * out[0], end.y + STUB * out[1], OPPOSITE[end.side])]]
+        return found
+
+
+def _whole(item: Item) -> Box:
+    """The picture and its writing."""
+    return bounds([item.extent, *([item.caption.box] if item.caption else [])])
+
+
+def _rim(frame: Box) -> list[Box]:
+    """The frame of an open block as an obstacle."""
+    a, b, c, d = frame.left, frame.top, frame.right, frame.bottom
+    return [Box(a, b, c, b), Box(a, d, c, d), Box(a, b, a, d), Box(c, b, c, d)]
+

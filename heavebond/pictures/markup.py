@@ -1,0 +1,86 @@
+"""HTML and SVG as text that cannot be broken by what is put into it, and a page that may load nothing from anywhere."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+from collections.abc import Iterable, Sequence
+from html import escape
+from importlib import resources
+
+_EMPTY = {"meta", "path", "line", "rect", "circle", "br", "input"}
+# what may not stand inside a script element, even within a string of JSON
+_UNSAFE = {"<": "\\u003c", ">": "\\u003e", "&": "\\u0026", "\u2028": "\\u2028", "\u2029": "\\u2029"}
+
+
+class Html(str):
+    """Markup; any other text is escaped where it is put into an element."""
+
+    __slots__ = ()
+
+
+def element(tag: str, *children: str, **attributes: object) -> Html:
+    """`<tag attributes>children</tag>`. Attribute names: `class_` is `class`, underscores are hyphens, those that are None
+    are left out, those that are True stand without a value."""
+    given = "".join(_attribute(name, value) for name, value in attributes.items() if value is not None)
+    if tag in _EMPTY and not children:
+        return Html(f"<{tag}{given}>" if tag in ("meta", "br", "input") else f"<{tag}{given}/>")
+    return Html(f"<{tag}{given}>{joined(children)}</{tag}>")
+
+
+def joined(parts: Iterable[str]) -> Html:
+    """Parts one after another, texts among them escaped."""
+    return Html("".join(part if isinstance(part, Html) else escaped(part) for part in parts))
+
+
+def escaped(text: str) -> Html:
+    """A text that stands for itself, without the control characters that no document may hold."""
+    return Html(escape("".join(c if c in "\t\n" or (c >= " " and not "\ud800" <= c <= "\udfff") else "\ufffd"
+                               for c in text)))
+
+
+def _attribute(name: str, value: object) -> str:
+    plain = name.rstrip("_").replace("_", "-")
+    return f" {plain}" if value is True else f' {plain}="{escaped(str(value))}"'
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[str]], *, caption: str = "", numbers: Iterable[int] = (),
+          marks: Sequence[str] = (), wide: bool = False) -> Html:
+    """A table with column headings; the first cell of a row is its heading, the columns `numbers` are set to the right,
+    `marks` gives a class to each row; a `wide` one is scrolled rather than squeezed."""
+    right = set(numbers)
+    kind = ["n" if k in right else None for k in range(len(head))]
+    heads = element("tr", *(element("th", text, scope="col", class_=kind[k]) for k, text in enumerate(head)))
+    lines = [element("tr", *(element("td" if k else "th", text, class_=kind[k], scope=None if k else "row")
+                             for k, text in enumerate(row)), class_=mark or None)
+             for row, mark in zip(rows, marks or [""] * len(rows), strict=True)]
+    return element("div", element("table", *([element("caption", caption)] if caption else []), element("thead", heads),
+                                  element("tbody", *lines), class_="wide" if wide else None), class_="scroll")
+
+
+def data_block(name: str, value: object) -> Html:
+    """Data for the page's script, as JSON that nothing in it can end early."""
+    text = json.dumps(value, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+    for unsafe, safe in _UNSAFE.items():
+        text = text.replace(unsafe, safe)
+    return Html(f'<script type="application/json" id="{escaped(name)}">{text}</script>')
+
+
+def page(title: str, *body: Html, look: str = "report") -> str:
+    """A whole document with its own style and script inside, those of `look`. The policy lets the browser use
+    these two, known by their hashes, and nothing else: no address, no other script, no form."""
+    style, script = (resources.files("heavebond").joinpath("web", name).read_text(encoding="utf-8")
+                     for name in (f"{look}.css", f"{look}.js"))
+    policy = f"default-src 'none'; style-src '{_hash(style)}'; script-src '{_hash(script)}'; base-uri 'none'; " \
+             "form-action 'none'"
+    head = element("head", element("meta", charset="utf-8"),
+                   Html(f'<meta http-equiv="Content-Security-Policy" content="{policy}">'),
+                   element("meta", name="viewport", content="width=device-width, initial-scale=1"),
+                   element("title", title), Html(f"<style>{style}</style>"))
+    return f'<!DOCTYPE html>\n<html lang="en">\n{head}\n<body>\n{joined(body)}\n<script>{script}</script>\n' \
+           '</body>\n</html>\n'
+
+
+def _hash(text: str) -> str:
+    return "sha256-" + base64.b64encode(hashlib.sha256(text.encode("utf-8")).digest()).decode("ascii")

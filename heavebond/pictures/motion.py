@@ -1,0 +1,207 @@
+"""A run as moving shapes: where every shape of a diagram's `view:` is at every instant.
+
+A shape lies along the line from one point to another, of length L. Its outline is kept as corners (a, b, w), which stand
+a L + b B along that line and w W beside it (to its left), B and W being a length and a width of the shape. So a spring
+stretches with L, the barrel of a cylinder keeps its length B, and its rod ends at L.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from heavebond.basis.errors import ModelError, Problem, Problems, UsageError
+from heavebond.basis.presentation import converted, readable_unit
+from heavebond.basis.units import ONE, declared_unit
+from heavebond.language.model import Model
+from heavebond.language.reading import add_expression_problem
+from heavebond.language.view import WIDE, Seen
+from heavebond.numbers.dae import Array, Assembly, assemble
+from heavebond.numbers.result import Result
+from heavebond.numbers.simulation import Time, simulate
+from heavebond.text.expression import ExpressionProblem, names
+
+RATE, LEAST_FRAMES, MOST_FRAMES = 25.0, 500, 3000  # pictures a second, and of a whole run
+EDGE, BAND, ASPECT = 0.05, 0.04, 1.35  # around the picture, how deep ground is, and the least width, of its height
+THIN = 0.08  # of its length: how wide a spring is where nothing is said
+TURNS, ROUND = 7, 36  # of a spring, corners of a circle
+SHOWN = 3  # signals drawn below where none are named
+METRE = declared_unit("m").dimension
+Corner = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Outline:
+    """A line through corners, `fill`ed with the shape's colour (full), a pale one (soft), white, or not at all; `edge` says
+    how the line itself is drawn: solid, dashed or not at all (empty)."""
+
+    corners: tuple[Corner, ...]
+    fill: str = ""
+    edge: str = "solid"
+
+
+@dataclass(frozen=True)
+class Moving:
+    """A shape over time: x and y of its two ends, its width W and its length B as `courses` (6, n) in m."""
+
+    name: str
+    kind: str
+    colour: str
+    label: str
+    courses: Array
+    outlines: tuple[Outline, ...]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What is to be seen of a run at `time` (n,) in s: shapes from behind to the front, the picture's edges in m (left,
+    bottom, right, top), and signals by name: unit and course (n,)."""
+
+    title: str
+    summary: str
+    time: Array
+    shapes: tuple[Moving, ...]
+    edges: tuple[float, float, float, float]
+    signals: dict[str, tuple[str, Array]] = field(default_factory=dict)
+
+
+def _rectangle(x: tuple[float, float], b: tuple[float, float] = (0, 0), w: float = 0.5) -> tuple[Corner, ...]:
+    return ((x[0], b[0], -w), (x[1], b[1], -w), (x[1], b[1], w), (x[0], b[0], w), (x[0], b[0], -w))
+
+
+def _zigzag() -> tuple[Corner, ...]:
+    steps = [(0.1 + 0.8 * (k + 0.5) / (2 * TURNS), 0.0, 0.5 if k % 2 else -0.5) for k in range(2 * TURNS)]
+    return ((0.0, 0.0, 0.0), (0.1, 0.0, 0.0), *steps, (0.9, 0.0, 0.0), (1.0, 0.0, 0.0))
+
+
+def _round() -> tuple[Corner, ...]:
+    turns = [2 * math.pi * k / ROUND for k in range(ROUND + 1)]
+    return tuple((0.5 + 0.5 * math.cos(t), 0.0, 0.5 * math.sin(t)) for t in turns)
+
+
+_LINE: tuple[Corner, ...] = ((0, 0, 0), (1, 0, 0))
+_BODY = (Outline(_rectangle((0, 1)), "full"),)
+_BELOW = (Outline(((0, 0, 0), (1, 0, 0), (1, 0, -1), (0, 0, -1)), "soft", ""), Outline(_LINE))
+_POT: tuple[Corner, ...] = ((0, 1, 0.5), (0, 0, 0.5), (0, 0, -0.5), (0, 1, -0.5))
+_PISTON: tuple[Corner, ...] = ((1, -1, -0.42), (1, -1, 0.42))
+OUTLINES: dict[str, tuple[Outline, ...]] = {
+    "box": _BODY, "beam": _BODY, "line": (Outline(_LINE),), "spring": (Outline(_zigzag()),),
+    "circle": (Outline(_round(), "full"), Outline(((0.5, 0, 0), (1, 0, 0)))),
+    "cylinder": (Outline(_rectangle((0, 0), (0, 1)), "white"), Outline(_rectangle((0, 1), (0, -1)), "soft"),
+                 Outline(_rectangle((1, 1), (-1, 0), 0.14), "full"), Outline(((1, -1, -0.5), (1, -1, 0.5)))),
+    "damper": (Outline(_POT), Outline(_PISTON), Outline(((1, -1, 0), (1, 0, 0)))),
+    "ground": _BELOW, "level": _BELOW, "mark": (Outline(_LINE, edge="dashed"),)}
+
+
+def animate(model: Model, until: Time | None = None, *, every: Time | None = None,
+            parameters: Mapping[str, float | str] | None = None, signals: Iterable[str] = ()) -> Motion:
+    """Run a diagram that has a `view:` and put its shapes where they are; arguments and errors as those of `simulate`.
+
+    `signals` are drawn over time below; without any, the first outputs of the diagram. Raises ModelError where `view:` is
+    missing, names what the diagram does not have, or gives a place that is no length.
+    """
+    if not model.view:
+        raise ModelError([Problem(
+            "view-missing", f"{model.path.name} does not say what is seen to move", None,
+            "Add for example `view: {body: {is: box, at: [0, body.x], size: [1 m, 0.5 m]}}`.")])
+    formulas = [f for seen in model.view.values() for part in seen.formulas.values() for f in part]
+    chosen = list(signals)
+    assembly = assemble(model, {n.text for f in formulas for n in names(f.tree)} | set(chosen))
+    _check(assembly, model.view)
+    result = simulate(assembly, until, every=every, parameters=parameters)
+    # in brackets, so that no formula is taken for the output of that name and given in its unit
+    texts = list(dict.fromkeys(f.text for f in formulas))
+    values = dict(zip(texts, result.signals([f"({text})" for text in texts]).values(), strict=True))
+    time = _frames(result.time)
+    courses = {text: np.interp(time, result.time, course) for text, course in values.items()}
+    return _motion(result, time, courses, chosen or list(model.show)[:SHOWN])
+
+
+def _check(assembly: Assembly, view: Mapping[str, Seen]) -> None:
+    """Names and units of all formulas."""
+    problems, resolver = Problems(), assembly.resolver()
+    for seen in view.values():
+        for key, part in seen.formulas.items():
+            for formula in part:
+                try:
+                    found = resolver.dimension(formula.tree)
+                    assembly.expression(formula.tree)
+                except ExpressionProblem as problem:
+                    add_expression_problem(problem, formula.place, problems)
+                    continue
+                wanted, what = (ONE, "an angle") if key == "turned" else (METRE, "a length")
+                if found is not None and found != wanted:
+                    problems.add("view-unit", f"`{key}` of '{seen.name}' is {what}; '{formula.text}' is none", formula.place,
+                                 hint="Write for example `crown.x + 12 m`.")
+    problems.raise_as(ModelError)
+
+
+def _frames(time: Array) -> Array:
+    """Instants at an even pace, in a number that a page can hold."""
+    begin, end = float(time[0]), float(time[-1])
+    number = min(MOST_FRAMES, len(time), max(LEAST_FRAMES, math.ceil((end - begin) * RATE)))
+    return np.linspace(begin, end, max(2, number))
+
+
+def _motion(result: Result, time: Array, courses: Mapping[str, Array], chosen: list[str]) -> Motion:
+    model = result.assembly.model
+    n = len(time)
+    placed = {name: _placed(seen, courses, n) for name, seen in model.view.items()}
+    edges = _edges([(model.view[name].kind, course) for name, course in placed.items()])
+    left, bottom, right, top = edges
+    for name, course in placed.items():
+        kind = model.view[name].kind
+        if kind in WIDE:
+            course[0], course[2] = left, right
+            course[4] = course[1] - bottom
+        elif kind == "ground":
+            course[4] = BAND * (top - bottom)
+    shapes = tuple(Moving(seen.name, seen.kind, seen.colour, seen.label, placed[name], OUTLINES[seen.kind])
+                   for name, seen in model.view.items())
+    shown = {}
+    for name, values in result.signals(chosen).items():
+        given = result.unit(name)
+        unit = readable_unit(given, float(np.max(np.abs(values), initial=0.0)))
+        shown[name] = (unit, np.interp(time, result.time, converted(values, given, unit)))
+    return Motion(model.name, model.summary, time, shapes, edges, shown)
+
+
+def _placed(seen: Seen, courses: Mapping[str, Array], n: int) -> Array:
+    """x and y of both ends, W and B over time (6, n); what the edges of the picture decide is still open (nan)."""
+    found = np.full((6, n), np.nan)
+    given = {key: [courses[f.text] for f in part] for key, part in seen.formulas.items()}
+    if seen.kind in WIDE:
+        found[1] = found[3] = given["at"][0]
+    elif "at" in given:
+        across = (given.get("diameter") or given.get("width") or given["size"])[0] / 2
+        turned = given["turned"][0] if "turned" in given else np.zeros(n)
+        way = np.array([across * np.cos(turned), across * np.sin(turned)])
+        found[:2], found[2:4] = np.array(given["at"]) - way, np.array(given["at"]) + way
+        found[4] = given["size"][1] if "size" in given else 2 * across
+    else:
+        found[:2], found[2:4] = given["from"], given["to"]
+        length = float(np.mean(np.hypot(*(found[2:4] - found[:2]))))
+        found[4] = given["width"][0] if "width" in given else THIN * length
+        # by default the piston stands in the middle of its barrel on the average
+        found[5] = given["length"][0] if "length" in given else 2 / 3 * length
+    return found
+
+
+def _edges(placed: list[tuple[str, Array]]) -> tuple[float, float, float, float]:
+    """Left, bottom, right, top of all that is ever seen, with an edge around it."""
+    own = [course for kind, course in placed if kind not in WIDE]
+    if not own:
+        raise UsageError([Problem("view-empty", "a view of levels and marks alone has no width", None, "Add a box.")])
+    half = [0.0 if kind == "ground" else float(np.nanmax(np.abs(course[4]))) / 2 for kind, course in placed
+            if kind not in WIDE]
+    x = [(float(np.min(c[[0, 2]])) - h, float(np.max(c[[0, 2]])) + h) for c, h in zip(own, half, strict=True)]
+    y = [(float(np.min(c[[1, 3]])) - h, float(np.max(c[[1, 3]])) + h) for c, h in zip(own, half, strict=True)]
+    y += [(float(np.min(c[1])), float(np.max(c[1]))) for kind, c in placed if kind in WIDE]
+    left, right = min(a for a, _ in x), max(b for _, b in x)
+    bottom, top = min(a for a, _ in y), max(b for _, b in y)
+    edge = EDGE * max(right - left, top - bottom)
+    beside = max(0.0, ASPECT * (top - bottom + 2 * edge) - (right - left)) / 2
+    return left - max(edge, beside), bottom - edge, right + max(edge, beside), top + edge

@@ -1,0 +1,145 @@
+"""Files to be laid over each other: saved runs, experiments with their records, and plain records."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from heavebond.basis.errors import DataError, Problem, UsageError, listing, suggest
+from heavebond.basis.saved import SUFFIXES, SavedRun, read_run
+from heavebond.basis.units import UnitProblem, read_unit
+
+if TYPE_CHECKING:
+    from heavebond.evidence.experiment import Experiment
+
+EXPERIMENT = (".yaml", ".yml", "")  # the last: the name of a bundled one
+SECONDS = ("time", "s")
+
+
+@dataclass(frozen=True)
+class Column:
+    """Which column of a record is a signal: `crown.x=crown_m m` is column `crown_m` in m."""
+
+    signal: str
+    name: str
+    unit: str
+
+
+@dataclass(frozen=True)
+class Overlay:
+    """What is laid over each other, by label; those called in `measured` are records."""
+
+    runs: dict[str, SavedRun]
+    measured: tuple[str, ...]
+
+
+def read_column(text: str) -> Column:
+    """`SIGNAL=COLUMN UNIT`; UsageError for a text of another form or an unknown unit."""
+    signal, sign, rest = (part.strip() for part in text.partition("="))
+    name, _, unit = rest.rpartition(" ")
+    if not (sign and signal and name.strip()):
+        raise UsageError([Problem("column-form", f"--column {text}: this is not SIGNAL=COLUMN UNIT", None,
+                                  "Write for example --column 'crown.x=crown_m m'.")])
+    try:
+        read_unit(unit)
+    except UnitProblem as problem:
+        raise UsageError([Problem(problem.code, f"--column {text}: {problem.message}", None, problem.hint)]) from None
+    return Column(signal, name.strip(), unit)
+
+
+def read_overlay(files: Iterable[str], columns: Iterable[Column] = (), record: str = "") -> Overlay:
+    """Read all files: saved runs by their suffix, experiments by `.yaml` or their bundled name, any other table as a record
+    of which `columns` says what is in it. `record` names the one of an experiment; without it the first is taken.
+
+    Raises UsageError and DataError for files that cannot be read.
+    """
+    wanted, paths = list(columns), [Path(file) for file in files]
+    runs: dict[str, SavedRun] = {}
+    measured = []
+    for path in paths:
+        run, real = _read(path, wanted, record)
+        label = _label(path, paths) + (f" ({run.model})" if path.suffix in EXPERIMENT else "")
+        runs[label] = run
+        measured += [label] if real else []
+    return Overlay(runs, tuple(measured))
+
+
+def _label(path: Path, paths: list[Path]) -> str:
+    """The file's name, with its folder and suffix where another one has the same."""
+    if sum(other.stem == path.stem for other in paths) == 1:
+        return path.stem
+    return path.name if sum(other.name == path.name for other in paths) == 1 else str(path)
+
+
+def _read(path: Path, columns: list[Column], record: str) -> tuple[SavedRun, bool]:
+    """The file as signals, and whether they were measured."""
+    if path.suffix in EXPERIMENT:
+        from heavebond.evidence.experiment import load_experiment
+
+        return _of_experiment(load_experiment(path), record), True
+    try:
+        return read_run(path), False
+    except (DataError, UsageError) as error:
+        if {problem.code for problem in error.problems} - {"run-unreadable", "file-suffix"}:
+            raise
+        if not columns:
+            raise _undescribed(path) from None
+    return _of_table(path, columns), True
+
+
+def _undescribed(path: Path) -> UsageError:
+    return UsageError([Problem(
+        "record-undescribed", f"'{path.name}' is no saved run, and a record must be told what its columns are", None,
+        "Write --column SIGNAL='COLUMN UNIT', for example --column crown.x='crown_m m', or give the experiment that "
+        "describes it.", (f"saved runs end in {', '.join(SUFFIXES)}; `heavebond run MODEL --save FILE` writes them",))])
+
+
+def _of_table(path: Path, columns: list[Column]) -> SavedRun:
+    """The named columns of a record; its first column is the time in s, or a column called `time` in --column."""
+    from heavebond.basis.measurements import check_time, column, read_table
+
+    table = read_table(path)
+    clock = next((c for c in columns if c.signal == SECONDS[0]), Column(SECONDS[0], table.header[0], SECONDS[1]))
+    check_time(table, clock.name)
+    time = column(table, clock.name) * read_unit(clock.unit).scale
+    kept = np.isfinite(time)
+    named = [c for c in columns if c.signal != SECONDS[0]]
+    return SavedRun(path.stem, time[kept], {c.signal: column(table, c.name)[kept] for c in named},
+                    {c.signal: c.unit for c in named})
+
+
+def _of_experiment(experiment: Experiment, record: str) -> SavedRun:
+    """The channels of one record, by their names and by the formulas that they should equal."""
+    from heavebond.evidence.records import measure
+
+    if record and record not in experiment.records:
+        raise UsageError([Problem("record-unknown", f"the experiment has no record '{record}'", None, suggest(
+            record, experiment.records) or f"Records: {listing(experiment.records)}.")])
+    chosen = experiment.records[record or next(iter(experiment.records))]
+    found = measure(experiment, chosen)
+    values: dict[str, np.ndarray] = {}
+    units: dict[str, str] = {}
+    for name, channel in found.channels.items():
+        course = np.full(len(found.grid), np.nan)
+        course[channel.index] = channel.measured
+        for called in (name, channel.output.shown.text.strip()):
+            values[called], units[called] = course, channel.output.shown.unit
+    return SavedRun(chosen.name, found.grid, values, units)
+
+
+def common_signals(overlay: Overlay, most: int = 6) -> list[str]:
+    """Signals to draw where none are named: the first that all files hold. UsageError where there is none."""
+    first, *others = overlay.runs.values()
+    found = [name for name in first.names() if all(name in other.values for other in others)]
+    if not found:
+        raise UsageError([Problem("nothing-to-plot", "the files have no signal in common", None,
+                                  "Name what to draw: --signal crown.x.", _contents(overlay.runs))])
+    return found[:most]
+
+
+def _contents(runs: Mapping[str, SavedRun]) -> tuple[str, ...]:
+    return tuple(f"{label}: {listing(run.names(), 8)}" for label, run in runs.items())

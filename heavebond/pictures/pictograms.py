@@ -1,0 +1,226 @@
+"""The pictures that stand for components: SVG fragments with named anchors, turned and mirrored; boxes for the rest.
+
+A picture is a file `symbols/NAME.svg` beside the component's file or in the library. It is data: only the few elements and
+attributes listed here are taken over, with plain values, so that nothing in it can act. A circle with `data-port` is an
+anchor, where the wire of that port ends; it lies on the edge of the view box, on the grid of 10 px, and its edge is the
+side on which the wire leaves. A port may have several anchors: the block of a mass is one body.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from xml.etree import ElementTree
+
+from heavebond.basis.errors import ModelError, Place, Problem, listing, suggest
+from heavebond.language.definition import Component
+from heavebond.language.library import bundled, shown_path
+from heavebond.pictures.lettering import KIND, NAME, PORT, Line, size, text_width
+
+GRID = 10
+SIDES = {"left": (-1, 0), "right": (1, 0), "top": (0, -1), "bottom": (0, 1)}
+Matrix = tuple[int, int, int, int]  # x' = a*x + c*y, y' = b*x + d*y, as SVG orders them
+STRAIGHT: Matrix = (1, 0, 0, 1)
+MIRROR: Matrix = (-1, 0, 0, 1)
+FLIPPED: Matrix = (1, 0, 0, -1)
+HALF: Matrix = (-1, 0, 0, -1)
+# how a picture may be turned: some are read upright only (a tank), some need their writing direction (a signal block)
+TURNS: dict[str, tuple[Matrix, ...]] = {
+    "none": (STRAIGHT,), "mirror": (STRAIGHT, MIRROR), "flip": (STRAIGHT, MIRROR, FLIPPED, HALF),
+    "any": (STRAIGHT, MIRROR, FLIPPED, HALF, (0, 1, -1, 0), (0, -1, 1, 0), (0, 1, 1, 0), (0, -1, -1, 0))}
+_ELEMENTS = {"path", "rect", "circle", "ellipse", "line", "polyline", "polygon", "text", "title"}
+_ATTRIBUTES = {"d", "x", "y", "width", "height", "rx", "ry", "cx", "cy", "r", "x1", "y1", "x2", "y2", "points", "fill",
+               "stroke", "stroke-width", "stroke-dasharray", "font-size", "font-style", "text-anchor", "data-domain",
+               "data-port"}
+_PLAIN = re.compile(r"[-\w\s.,#%+]*")  # no brackets: neither url() nor anything else that points elsewhere
+_SVG = "{http://www.w3.org/2000/svg}"
+
+
+@dataclass(frozen=True)
+class Anchor:
+    """Where the wire of a port ends, from the middle of the picture, and the side on which it leaves."""
+
+    port: str
+    x: int
+    y: int
+    side: str
+
+
+@dataclass(frozen=True)
+class Mark:
+    """One element of a picture with its attributes; `text` for writing, which stays upright when the picture is turned."""
+
+    tag: str
+    attributes: tuple[tuple[str, str], ...]
+    text: str = ""
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A picture around its own middle: extent, anchors, marks and how it stands (`turn`) and may stand (`turns`)."""
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+    anchors: tuple[Anchor, ...]
+    marks: tuple[Mark, ...] = ()
+    domain: str = ""
+    turns: tuple[Matrix, ...] = (STRAIGHT,)
+    turn: Matrix = STRAIGHT
+
+    def turned(self, turn: Matrix) -> Shape:
+        """This picture turned; `turn` counts from the picture as it stands in its file."""
+        xs, ys = zip(*(_applied(turn, x, y) for x in (self.left, self.right) for y in (self.top, self.bottom)), strict=True)
+        sides = {vector: side for side, vector in SIDES.items()}
+        anchors = tuple(Anchor(a.port, *_applied(turn, a.x, a.y), sides[_applied(turn, *SIDES[a.side])])
+                        for a in self.anchors)
+        return replace(self, left=min(xs), top=min(ys), right=max(xs), bottom=max(ys), anchors=anchors, turn=turn)
+
+    def of(self, port: str) -> tuple[Anchor, ...]:
+        """The anchors of a port; those of `p` also serve `p[2]`."""
+        return tuple(a for a in self.anchors if a.port == port) or \
+            tuple(a for a in self.anchors if a.port == port.partition("[")[0])
+
+
+def _applied(turn: Matrix, x: int, y: int) -> tuple[int, int]:
+    a, b, c, d = turn
+    return a * x + c * y, b * x + d * y
+
+
+def symbol(component: Component) -> Shape | None:
+    """The picture that a component names, None where it names none; ModelError where that cannot be used."""
+    if not component.symbol:
+        return None
+    beside = component.path.parent / "symbols"
+    folders = [beside, bundled("components") / "symbols"]
+    path = next((p for folder in folders if (p := folder / f"{component.symbol}.svg").is_file()), None)
+    if path is None or not re.fullmatch(r"\w+", component.symbol):
+        known = [p.stem for folder in folders for p in sorted(folder.glob("*.svg"))]
+        raise _wrong("symbol-unknown", f"there is no symbol '{component.symbol}' for {component.name}", component.place,
+                     suggest(component.symbol, known) or f"A symbol is a file: {beside / 'NAME.svg'}. In the library: "
+                     f"{listing(known, 60)}.")
+    shape = _read(path, path.stat().st_mtime_ns)
+    missing = [p for p in (*component.ports, *component.signals) if not shape.of(p)]
+    if missing:
+        raise _wrong("symbol-port", f"the symbol '{component.symbol}' has no place for {listing(missing)} of "
+                     f"{component.name}", component.place, "Its places: " + listing(dict.fromkeys(
+                         a.port for a in shape.anchors)) + ". Take another one, or leave `symbol:` out for a box.")
+    return shape
+
+
+def _wrong(code: str, message: str, place: Place | None, hint: str) -> ModelError:
+    return ModelError([Problem(code, message, place, hint)])
+
+
+@lru_cache(maxsize=256)
+def _read(path: Path, stamp: int) -> Shape:
+    place = Place(shown_path(path), 1)
+    try:
+        text = path.read_text(encoding="utf-8")
+        if "<!" in text.replace("<!--", ""):  # entities could unfold to any size
+            raise _wrong("symbol-bad", "a symbol has no document type and no entities", place, "Remove what begins `<!`.")
+        root = ElementTree.fromstring(text)
+        box = [int(number) for number in root.get("viewBox", "").split()]
+        left, top, width, height = box
+    except (ElementTree.ParseError, ValueError, OSError) as error:
+        raise _wrong("symbol-bad", f"this is no symbol: {error}", place, "It is an SVG file whose viewBox has four whole "
+                     "numbers.") from None
+    turns = TURNS.get(root.get("data-turn", "none"))
+    if turns is None:
+        raise _wrong("symbol-bad", f"data-turn is none of {listing(TURNS)}", place, "Correct it.")
+    right, bottom = left + width, top + height
+    anchors, marks = [], []
+    for element in root.iter():
+        if element is root:
+            continue
+        mark = _mark(element, place)
+        if element.get("data-port"):
+            anchors.append(_anchor(element, (left, top, right, bottom), place))
+        elif mark.tag != "title":
+            marks.append(mark)
+    return Shape(left, top, right, bottom, tuple(anchors), tuple(marks), root.get("data-domain", ""), turns)
+
+
+def _mark(element: ElementTree.Element, place: Place) -> Mark:
+    tag = element.tag.removeprefix(_SVG) if isinstance(element.tag, str) else "?"
+    odd = [name for name, value in element.items() if name not in _ATTRIBUTES or
+           (name != "data-port" and not _PLAIN.fullmatch(value))]
+    if tag not in _ELEMENTS or odd:
+        raise _wrong("symbol-bad", f"a symbol has no <{tag}>" if tag not in _ELEMENTS else
+                     f"<{tag}> has {listing(odd)}, which a symbol cannot have", place,
+                     f"Elements: {listing(sorted(_ELEMENTS))}; attributes: {listing(sorted(_ATTRIBUTES), 30)}.")
+    return Mark(tag, tuple(element.items()), (element.text or "").strip())
+
+
+def _anchor(element: ElementTree.Element, box: tuple[int, int, int, int], place: Place) -> Anchor:
+    port = element.get("data-port", "")
+    left, top, right, bottom = box
+    try:
+        x, y = int(element.get("cx", "")), int(element.get("cy", ""))
+    except ValueError:
+        x, y = 1, 1
+    edges = {"left": x == left, "right": x == right, "top": y == top, "bottom": y == bottom}
+    side = next((name for name, there in edges.items() if there), "")
+    if not side or x % GRID or y % GRID:
+        raise _wrong("symbol-bad", f"the place of port '{port}' is not on the edge of the viewBox, on a multiple of {GRID}",
+                     place, "Move it there: that edge is the side on which the wire leaves.")
+    return Anchor(port, x, y, side)
+
+
+def rounded_up(length: float) -> int:
+    """To the next multiple of two grid steps, so that the half lies on the grid."""
+    return 2 * GRID * math.ceil(length / (2 * GRID) - 1e-9)
+
+
+def box(name: str, kind: str, sides: Mapping[str, Sequence[str]]) -> Shape:
+    """A box with a name, the kind of the component and its ports on the sides (in order from top or left)."""
+    words = (Line(name, NAME), *([Line(kind, KIND)] if kind else []))
+    labels = {side: max((text_width(_shown(p), PORT) for p in ports), default=0.0) for side, ports in sides.items()}
+    width, height = size(words)
+    upper, lower = (14 if sides.get(side) else 4 for side in ("top", "bottom"))
+    across = max(len(sides.get("top", ())) * max(40.0, labels.get("top", 0) + 10),
+                 len(sides.get("bottom", ())) * max(40.0, labels.get("bottom", 0) + 10))
+    whole_x = rounded_up(max(60.0, width + 16 + 2 * max(labels.get("left", 0), labels.get("right", 0)), across))
+    rows = max(len(sides.get("left", ())), len(sides.get("right", ())))
+    whole_y = rounded_up(max(40.0, height + 2 * max(upper, lower) + 4, rows * 2 * GRID))
+    half_x, half_y = whole_x // 2, whole_y // 2
+    anchors: list[Anchor] = []
+    marks = [Mark("rect", (("x", str(-half_x)), ("y", str(-half_y)), ("width", str(whole_x)), ("height", str(whole_y)),
+                           ("rx", "3"), ("fill", "#ffffff")))]
+    for side, ports in sides.items():
+        along, edge = (half_y, half_x) if side in ("left", "right") else (half_x, half_y)
+        for port, offset in zip(ports, _spread(len(ports), along), strict=True):
+            out = SIDES[side]
+            x, y = (out[0] * edge, offset) if out[0] else (offset, out[1] * edge)
+            anchors.append(Anchor(port, x, y, side))
+            marks.append(_port_label(port, x, y, side))
+    base = -height / 2
+    for line in words:
+        base += line.height
+        marks.append(Mark("text", (("x", "0"), ("y", f"{base - 3:g}"), ("font-size", str(line.style.size)),
+                                   ("data-style", "name" if line.style.bold else "quiet")), line.text))
+    return Shape(-half_x, -half_y, half_x, half_y, tuple(anchors), tuple(marks))
+
+
+def _spread(count: int, half: int) -> list[int]:
+    """`count` places on the grid, evenly over an edge from -half to half; a single one in the middle."""
+    pitch = max(2 * GRID, 2 * half // max(count, 1) // (2 * GRID) * 2 * GRID)
+    if count % 2 == 0:
+        return [(2 * k - count + 1) * pitch // 2 for k in range(count)]
+    return [(k - count // 2) * pitch for k in range(count)]
+
+
+def _shown(port: str) -> str:
+    return port.removeprefix(":")
+
+
+def _port_label(port: str, x: int, y: int, side: str) -> Mark:
+    dx, dy, align = {"left": (4, 3, "start"), "right": (-4, 3, "end"), "top": (0, 10, "middle"),
+                     "bottom": (0, -4, "middle")}[side]
+    return Mark("text", (("x", str(x + dx)), ("y", str(y + dy)), ("font-size", str(PORT.size)), ("text-anchor", align),
+                         ("data-style", "quiet")), _shown(port))

@@ -1,0 +1,396 @@
+"""Where the parts of a sheet stand: cells of a grid, how each picture is turned, on which sides boxes have their ports.
+
+Parts whose place is given in the diagram stay there. The others begin beside what they are joined to and move from cell
+to cell as long as the wires become shorter and straighter (a descent over single moves and swaps, in a fixed order, so
+that the same diagram is always drawn the same way).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+from heavebond.pictures.pictograms import MIRROR, SIDES, STRAIGHT, Matrix, Shape
+
+AROUND = 30
+PITCH_X, PITCH_Y = 150, 110  # px from cell to cell, as far as the choice of cells is concerned
+BEND, BETWEEN, UNNATURAL = 45, 110, 50
+FAR, BEFORE = 0.02, 25  # a little per px from the first cell, and per cell to the left of it or above: one reads from there
+TURNED = 2  # the earlier turns of a picture are the more usual ones
+SWEEPS, STARTS = 6, 5
+MOST_MOVED = 40  # larger sheets are not improved: each sweep tries every pair; parts stand beside what they are joined to
+NEIGHBOURS = 6
+Cell = tuple[int, int]
+Place = tuple[int, int, str]  # x, y, side
+
+
+@dataclass(frozen=True)
+class Piece:
+    """What is placed: a part or a port of the sheet's own edge. `shape` is None for what takes its ports on any side.
+
+    side: the edge to which a port of the sheet itself belongs; natural: the sides on which a reader looks for a port; ends:
+    the two ports of a box that stand on its left and right, or the other way round.
+    """
+
+    name: str
+    ports: tuple[str, ...]
+    shape: Shape | None
+    at: Cell | None = None
+    side: str = ""
+    natural: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    ends: tuple[str, ...] = ()
+
+    @property
+    def turns(self) -> tuple[Matrix, ...]:
+        """How it may stand; the ends of a box may change places."""
+        if self.shape is not None:
+            return self.shape.turns
+        return (STRAIGHT, MIRROR) if self.ends else (STRAIGHT,)
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Cell and turn of each piece; the sides of the ports of those without a fixed shape, in order along the side; the
+    sides on which wires most likely leave each piece (a mass has an anchor on each, and few are used)."""
+
+    cells: dict[str, Cell]
+    turns: dict[str, Matrix]
+    sides: dict[str, dict[str, list[str]]]
+    leaving: dict[str, frozenset[str]]
+
+
+def place(pieces: Sequence[Piece], nets: Sequence[Sequence[tuple[str, str]]]) -> Placement:
+    """Cells, turns and sides for pieces that are joined by nets of (piece, port)."""
+    free = [piece.name for piece in pieces if piece.at is None and not piece.side]
+    few = len(free) <= MOST_MOVED
+    search = min((_searched(pieces, nets, first, few) for first in (free[:STARTS] if few else free[:1]) or [""]),
+                 key=lambda tried: tried.cost())
+    cells = _compressed(search.cells, {p.name: p.side for p in pieces})
+    return Placement(cells, dict(search.turns), search.sides(), search.leaving())
+
+
+def _searched(pieces: Sequence[Piece], nets: Sequence[Sequence[tuple[str, str]]], first: str, few: bool) -> _Search:
+    """A descent that begins with the free piece `first`: each ends in another valley."""
+    search = _Search(pieces, nets)
+    search.begin(first)
+    for _ in range(SWEEPS if few else 0):
+        if not search.sweep():
+            break
+    return search
+
+
+def _compressed(cells: dict[str, Cell], sides: dict[str, str]) -> dict[str, Cell]:
+    """Cells without empty columns and rows; what belongs to an edge comes to a column or row of its own."""
+    inner = [cell for name, cell in cells.items() if not sides[name]] or [(0, 0)]
+    columns = {c: k for k, c in enumerate(sorted({c for c, _ in inner}))}
+    rows = {r: k for k, r in enumerate(sorted({r for _, r in inner}))}
+
+    def near(value: int, known: dict[int, int]) -> int:
+        return known[min(known, key=lambda k: (abs(k - value), k))]
+
+    found = {}
+    for name, (c, r) in cells.items():
+        across, down = near(c, columns), near(r, rows)
+        found[name] = {"left": (-1, down), "right": (len(columns), down), "top": (across, -1),
+                       "bottom": (across, len(rows))}.get(sides[name], (across, down))
+    return found
+
+
+class _Search:
+    def __init__(self, pieces: Sequence[Piece], nets: Sequence[Sequence[tuple[str, str]]]):
+        self.pieces = {p.name: p for p in pieces}
+        self.nets = [list(net) for net in nets]
+        self.of: dict[str, list[int]] = {name: [] for name in self.pieces}
+        for k, net in enumerate(self.nets):
+            for name in dict.fromkeys(n for n, _ in net):
+                self.of[name].append(k)
+        self.shapes: dict[tuple[str, Matrix], Shape] = {}
+        self.costs: dict[tuple[object, ...], float] = {}
+        self.cells: dict[str, Cell] = {}
+        self.turns: dict[str, Matrix] = {}
+        self.taken: dict[Cell, str] = {}
+
+    def cost(self) -> float:
+        """What the whole sheet costs."""
+        return self._cost_around(list(self.pieces))
+
+    # -- moves -----------------------------------------------------------------------------------------------------
+    def begin(self, first: str) -> None:
+        """Given places, and `first`; then, from what is joined to the placed ones most, each in its best free cell."""
+        for piece in self.pieces.values():
+            if piece.at is not None:
+                self._put(piece.name, self._free_near(piece.at), STRAIGHT)
+        edge = max(3, math.isqrt(2 * len(self.pieces)) + 2)
+        for side in SIDES:
+            for k, piece in enumerate(p for p in self.pieces.values() if p.side == side):
+                cell = {"left": (-1, k), "right": (edge, k), "top": (k, -1), "bottom": (k, edge)}[side]
+                self._put(piece.name, cell, STRAIGHT)
+        waiting = [name for name in self.pieces if name not in self.cells]
+        count = len(waiting)
+        while waiting:
+            name = max(waiting, key=lambda n: (sum(self._placed(k) for k in self.of[n]), self._ways(n), -waiting.index(n)))
+            name = first if first in waiting and len(waiting) == count else name
+            waiting.remove(name)
+            self._put(name, *self._best(name))
+        for piece in self.pieces.values():
+            self._turn(piece.name)
+        for net in self.nets if len(self.pieces) <= MOST_MOVED else ():
+            names = list(dict.fromkeys(name for name, _ in net))
+            for k, first in enumerate(names):
+                for second in names[k + 1:]:
+                    self._turn_both(first, second)
+
+    def _turn_both(self, first: str, second: str) -> None:
+        """Two pieces on one node may gain only if both turn: a spring and the damper beside it."""
+        before = self.turns[first], self.turns[second]
+        best, chosen = self._cost_around([first, second]) - 1e-6, before
+        for one in self.pieces[first].turns:
+            for two in self.pieces[second].turns:
+                self.turns[first], self.turns[second] = one, two
+                cost = self._cost_around([first, second])
+                if cost < best:
+                    best, chosen = cost, (one, two)
+        self.turns[first], self.turns[second] = chosen
+
+    def _ways(self, name: str) -> int:
+        """In how many ways a chain may go on from a piece; what ends it, such as a weight, waits until it is laid."""
+        shape = self.pieces[name].shape
+        return len(self.of[name]) if shape is None else len(shape.anchors)
+
+    def _placed(self, k: int) -> bool:
+        return any(name in self.cells for name, _ in self.nets[k])
+
+    def sweep(self) -> bool:
+        """Move every piece once to where it costs least, then swap pairs; whether anything became better."""
+        better = False
+        for piece in self.pieces.values():
+            before = self._cost_around([piece.name])
+            old = self.cells[piece.name], self.turns[piece.name]
+            if piece.at is not None:
+                self._turn(piece.name)
+            else:
+                self._lift(piece.name)
+                self._put(piece.name, *self._best(piece.name))
+            if self._cost_around([piece.name]) < before - 1e-6:
+                better = True
+            else:
+                self._lift(piece.name)
+                self._put(piece.name, *old)
+        free = [p.name for p in self.pieces.values() if p.at is None]
+        for k, first in enumerate(free):
+            for second in free[k + 1:]:
+                better |= self._swap(first, second)
+        return better
+
+    def _swap(self, first: str, second: str) -> bool:
+        if self.pieces[first].side != self.pieces[second].side:
+            return False
+        before = self._cost_around([first, second])
+        a, b = self.cells[first], self.cells[second]
+        turns = self.turns[first], self.turns[second]
+        for one, cell in ((first, b), (second, a)):
+            self._lift(one)
+            self.cells[one], self.turns[one] = cell, STRAIGHT
+        self.taken[a], self.taken[b] = second, first
+        self._turn(first)
+        self._turn(second)
+        if self._cost_around([first, second]) < before - 1e-6:
+            return True
+        self.cells[first], self.cells[second] = a, b
+        self.turns[first], self.turns[second] = turns
+        self.taken[a], self.taken[b] = first, second
+        return False
+
+    def _put(self, name: str, cell: Cell, turn: Matrix) -> None:
+        self.cells[name], self.turns[name], self.taken[cell] = cell, turn, name
+
+    def _lift(self, name: str) -> None:
+        self.taken.pop(self.cells.pop(name), None)
+
+    def _free_near(self, cell: Cell) -> Cell:
+        """The cell, or the next free one below: two parts may have been given one place."""
+        while cell in self.taken:
+            cell = (cell[0], cell[1] + 1)
+        return cell
+
+    def _turn(self, name: str) -> None:
+        """Turn a piece as suits its wires best, the first of its turns where several do."""
+        turns = self.pieces[name].turns
+        if len(turns) > 1:
+            costs = []
+            for k, turn in enumerate(turns):
+                self.turns[name] = turn
+                costs.append((self._cost_around([name]) + TURNED * k, k))
+            self.turns[name] = turns[min(costs)[1]]
+
+    def _best(self, name: str) -> tuple[Cell, Matrix]:
+        """The free cell and the turn in which a lifted piece costs least."""
+        best: tuple[float, Cell, Matrix] | None = None
+        for cell in self._choices(name):
+            if cell in self.taken:
+                continue
+            self.cells[name], self.taken[cell] = cell, name
+            for k, turn in enumerate(self.pieces[name].turns):
+                self.turns[name] = turn
+                cost = self._cost_around([name]) + TURNED * k
+                if best is None or cost < best[0] - 1e-6:
+                    best = cost, cell, turn
+            self._lift(name)
+        assert best is not None
+        return best[1], best[2]
+
+    def _choices(self, name: str) -> Iterable[Cell]:
+        side = self.pieces[name].side
+        inner = [c for n, c in self.cells.items() if n != name and not self.pieces[n].side] or [(0, 0)]
+        left, right = min(c for c, _ in inner), max(c for c, _ in inner)
+        top, bottom = min(r for _, r in inner), max(r for _, r in inner)
+        if side in ("left", "right"):
+            column = left - 2 if side == "left" else right + 2
+            return [(column, r) for r in range(top - 1, bottom + 2)]
+        if side:
+            row = top - 2 if side == "top" else bottom + 2
+            return [(c, row) for c in range(left - 1, right + 2)]
+        near = [self.cells[n] for k in self.of[name] for n, _ in self.nets[k] if n in self.cells]
+        if len(self.pieces) > MOST_MOVED and near:
+            around = dict.fromkeys((c + i, r + j) for c, r in near[:NEIGHBOURS] for j in range(-2, 3) for i in range(-2, 3))
+            return [cell for cell in around if cell not in self.taken] or [(right + 1, top)]
+        return [(c, r) for r in range(top - 1, bottom + 2) for c in range(left - 1, right + 2)]
+
+    # -- cost ------------------------------------------------------------------------------------------------------
+    def _cost_around(self, names: list[str]) -> float:
+        """What the nets of some pieces cost, their distance from the rest, and a little for height: paper is wide."""
+        nets = dict.fromkeys(k for name in names for k in self.of[name])
+        total = sum(self._net_cost(k) for k in nets)
+        for name in names:
+            if name in self.cells and not self.pieces[name].side:
+                c, r = self.cells[name]
+                total += FAR * (abs(c) * PITCH_X + 2 * abs(r) * PITCH_Y) + BEFORE * (max(0, -c) + max(0, -r))
+                total += sum(BETWEEN for other, cell in self.cells.items() if self._beyond_edge(other, cell, (c, r)))
+        return total
+
+    def _beyond_edge(self, other: str, edge: Cell, cell: Cell) -> bool:
+        side = self.pieces[other].side
+        return bool(side) and {"left": cell[0] <= edge[0], "right": cell[0] >= edge[0], "top": cell[1] <= edge[1],
+                               "bottom": cell[1] >= edge[1]}[side]
+
+    def _net_cost(self, k: int) -> float:
+        """The length of a tree over the placed terminals, bends and parts in between counted in."""
+        return sum(cost for cost, _, _ in self._tree(self._ends(k)))
+
+    def _ends(self, k: int) -> list[tuple[str, str]]:
+        return [end for end in self.nets[k] if end[0] in self.cells]
+
+    def _tree(self, ends: list[tuple[str, str]]) -> list[tuple[float, int, int]]:
+        """The cheapest tree over the ends of a net (Prim): cost of each piece and the two ends that it joins."""
+        reach = [(math.inf, 0)] * len(ends)
+        left, found, j = list(range(1, len(ends))), [], 0
+        while left:
+            for i in left:
+                reach[i] = min(reach[i], (self._pair(ends[j], ends[i]), j))
+            j = min(left, key=lambda i: reach[i])
+            left.remove(j)
+            found.append((reach[j][0], reach[j][1], j))
+        return found
+
+    def leaving(self) -> dict[str, frozenset[str]]:
+        """The sides on which the trees of the nets leave each piece."""
+        found: dict[str, set[str]] = {name: set() for name in self.pieces}
+        for k in range(len(self.nets)):
+            ends = self._ends(k)
+            for _, i, j in self._tree(ends):
+                _, p, q = self._nearest(ends[i], ends[j])
+                found[ends[i][0]].add(p[2])
+                found[ends[j][0]].add(q[2])
+        return {name: frozenset(sides) for name, sides in found.items()}
+
+    def _nearest(self, one: tuple[str, str], two: tuple[str, str]) -> tuple[float, Place, Place]:
+        """The cheapest wire between two ports, and where it would end."""
+        return min(((extra + more + wire_cost(p, q), p, q) for p, extra in self._places(*one)
+                    for q, more in self._places(*two)), key=lambda found: found[0])
+
+    def _pair(self, one: tuple[str, str], two: tuple[str, str]) -> float:
+        """The cost of the cheapest wire between two ports, with what stands in between."""
+        a, b = self.cells[one[0]], self.cells[two[0]]
+        # it depends on how far apart the two are, not on where they are: most of it was worked out before
+        key = one, self.turns[one[0]], two, self.turns[two[0]], b[0] - a[0], b[1] - a[1]
+        cost = self.costs.get(key)
+        if cost is None:
+            cost = self.costs[key] = self._nearest(one, two)[0]
+        if a[1] == b[1]:
+            low, high = sorted((a[0], b[0]))
+            cost += BETWEEN * sum((c, a[1]) in self.taken for c in range(low + 1, high))
+        elif a[0] == b[0]:
+            low, high = sorted((a[1], b[1]))
+            cost += BETWEEN * sum((a[0], r) in self.taken for r in range(low + 1, high))
+        return cost
+
+    def _places(self, name: str, port: str) -> list[tuple[Place, float]]:
+        """Where a port may be reached, with what an unusual side costs."""
+        piece = self.pieces[name]
+        x, y = self.cells[name][0] * PITCH_X, self.cells[name][1] * PITCH_Y
+        if piece.side:
+            return [((x, y, {"left": "right", "right": "left", "top": "bottom", "bottom": "top"}[piece.side]), 0.0)]
+        if piece.shape is None:
+            if port in piece.ends:
+                side = ("left", "right")[(piece.ends.index(port) + (self.turns[name] == MIRROR)) % 2]
+                return [((x + 40 * SIDES[side][0], y, side), 0.0)]
+            usual = piece.natural.get(port, tuple(SIDES))
+            return [((x + 40 * out[0], y + 25 * out[1], side), 0.0 if side in usual else UNNATURAL)
+                    for side, out in SIDES.items()]
+        key = name, self.turns[name]
+        if key not in self.shapes:
+            self.shapes[key] = piece.shape.turned(self.turns[name])
+        return [((x + a.x, y + a.y, a.side), 0.0) for a in self.shapes[key].of(port)]
+
+    # -- sides -----------------------------------------------------------------------------------------------------
+    def sides(self) -> dict[str, dict[str, list[str]]]:
+        """For each piece without a fixed shape its ports by side, ordered as what they are joined to."""
+        found = {}
+        for piece in self.pieces.values():
+            if piece.shape is None and not piece.side:
+                chosen: dict[str, list[tuple[float, float, int, str]]] = {side: [] for side in SIDES}
+                partners = [self._partners(piece.name, port) for port in piece.ports]
+                for k, port in enumerate(piece.ports):
+                    if partners[k]:
+                        side, order = self._side(piece, port, partners[k])
+                        chosen[side].append((*order, k, port))
+                for k, port in enumerate(piece.ports):
+                    if not partners[k]:
+                        options = self._places(piece.name, port)
+                        (_, _, side), _ = min(options, key=lambda option: (option[1], len(chosen[option[0][2]])))
+                        chosen[side].append((0.0, 0.0, k, port))
+                found[piece.name] = {side: [port for *_, port in sorted(ports)] for side, ports in chosen.items()}
+        return found
+
+    def _partners(self, name: str, port: str) -> list[Place]:
+        """What a port may be joined to."""
+        net = next((net for net in self.nets if (name, port) in net), [])
+        return [place for other, p in net if other != name for place, _ in self._places(other, p)]
+
+    def _side(self, piece: Piece, port: str, partners: list[Place]) -> tuple[str, tuple[float, float]]:
+        """The side for a port, and its order along it: as its nearest partners stand; of two in one line the one that is
+        further off comes first or last, so that the wires need not cross."""
+        best = min(((extra + wire_cost(place, other), place[2], other) for place, extra in self._places(piece.name, port)
+                    for other in partners), key=lambda item: item[0])
+        x, y = (cell * pitch for cell, pitch in zip(self.cells[piece.name], (PITCH_X, PITCH_Y), strict=True))
+        dx, dy = best[2][0] - x, best[2][1] - y
+        if best[1] in ("left", "right"):
+            return best[1], (dy, -abs(dx) if dy > 0 else abs(dx))
+        return best[1], (dx, -abs(dy) if dx > 0 else abs(dy))
+
+
+def wire_cost(one: Place, two: Place) -> float:
+    """Length and bends of a wire between two anchors that leave on given sides, nothing in the way."""
+    dx, dy = two[0] - one[0], two[1] - one[1]
+    (ax, ay), (bx, by) = SIDES[one[2]], SIDES[two[2]]
+    ahead, back = ax * dx + ay * dy, -(bx * dx + by * dy)
+    if (ax, ay) == (-bx, -by):
+        aside = abs(ay * dx) + abs(ax * dy)
+        bends = (0 if aside == 0 else 2) if ahead > 0 else 4
+    elif (ax, ay) == (bx, by):
+        aside = abs(ay * dx) + abs(ax * dy)
+        bends = 2 if aside > AROUND else 6  # one of the two pictures is in the way of the other
+    else:
+        bends = 1 if ahead > 0 and back > 0 else 4
+    return abs(dx) + abs(dy) + BEND * bends

@@ -1,0 +1,163 @@
+"""Figures of energy: its flow through a machine as ribbons (after Sankey), and the activity of the components as bars.
+
+M. H. P. R. Sankey, The thermal efficiency of steam-engines, Minutes of Proceedings of the ICE 134 (1898) 278-312.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch, PathPatch, Rectangle
+from matplotlib.path import Path
+
+from heavebond.analysis.energy_flow import Box, EnergyFlow, Link
+from heavebond.basis.presentation import number, readable
+from heavebond.pictures.plot import COLOURS, DPI, WIDTH, figure_title
+from heavebond.studies.energy import BLOCK
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from heavebond.studies.energy import EnergyAudit, EnergyLine
+
+DOMAINS = {"translational": "#8fa3ad", "rotational": "#c8a45c", "hydraulic": COLOURS[4], "pneumatic": COLOURS[3],
+           "electrical": COLOURS[5]}
+OTHER = "#b0b0b0"
+SUPPLY, HEAT, STORE, PASS, NODE = COLOURS[0], COLOURS[1], COLOURS[2], "#444444", "#9a9a9a"
+BULGE = 0.35  # how far a ribbon that goes back swings out, in columns
+SEEN = 1e-6  # shares below are rounding
+THICK, GAP = 0.16, 0.35  # a box's width in columns; the room between boxes in a column, over the tallest column
+
+
+def plot_energy_flow(flow: EnergyFlow, *, title: str = "") -> Figure:
+    """Boxes from left to right, ribbons as wide as the energy that goes along; the writing says what stays in a box."""
+    columns = 1 + max((box.column for box in flow.boxes.values()), default=0)
+    rows = 1 + max((box.row for box in flow.boxes.values()), default=0)
+    figure = Figure(figsize=(max(WIDTH, 1.9 * columns + 1.5), max(4.5, 0.75 * rows + 2)), dpi=DPI, layout="constrained")
+    figure_title(figure, title)
+    axes = figure.add_subplot()
+    axes.set_axis_off()
+    sizes = {name: _size(name, flow) for name in flow.boxes}
+    tops = _tops(flow.boxes, sizes)
+    outer, inner = dict(tops), dict(tops)
+    low = min((tops[name] - sizes[name] for name in flow.boxes), default=0.0)
+    high = max(tops.values(), default=1.0)
+    for link in sorted(flow.links, key=lambda link: (link.back, -tops[link.target], -tops[link.source])):
+        start, end = outer[link.source], inner[link.target]
+        outer[link.source], inner[link.target] = start - link.energy, end - link.energy
+        left, right = flow.boxes[link.source].column + THICK, float(flow.boxes[link.target].column)
+        if link.back:
+            low -= 0.06 * (high - low)
+            _ribbon_back(axes, left, right, start, end, low, link)
+            low -= link.energy
+        else:
+            _ribbon(axes, left, right, start, end, link)
+    for name, box in flow.boxes.items():
+        _box(axes, box, tops[name], sizes[name])
+    axes.set_xlim(-0.1 if not any(link.back for link in flow.links) else -BULGE, columns - 1 + THICK + 0.7)
+    axes.set_ylim(low - 0.08 * (high - low), high + 0.1 * (high - low))
+    figure.legend(handles=_legend(flow), loc="outside lower left", ncols=7, frameon=False, fontsize=9)
+    return figure
+
+
+def plot_activity(found: EnergyAudit, *, most: int = 25, title: str = "") -> Figure:
+    """The most active components as bars with their share of the activity of all, and the sum of the shares down to each."""
+    ranked = [(line, share) for line, share in found.ranking if share > SEEN][:most]
+    figure = Figure(figsize=(0.8 * WIDTH, 1.6 + 0.3 * len(ranked)), dpi=DPI, layout="constrained")
+    figure_title(figure, title)
+    axes = figure.add_subplot()
+    places, total = np.arange(len(ranked)), 0.0
+    for place, (line, share) in zip(places, ranked, strict=True):
+        total += share
+        axes.barh(place, 100 * share, color=_main_colour(line), height=0.7)
+        axes.annotate(f"{number(100 * share, 3)} %   (together {number(100 * total, 4)} %)", (100 * share, place), (5, 0),
+                      textcoords="offset points", va="center", fontsize=8)
+    axes.set_yticks(places, [line.component for line, _ in ranked])
+    axes.invert_yaxis()
+    axes.set_xlim(0, 130 * max((share for _, share in ranked), default=0.01))
+    axes.set_xlabel("share of the activity [%]")
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.grid(axis="x", color="#e4e4e4", linewidth=0.6)
+    axes.set_axisbelow(True)
+    figure.legend(handles=[Patch(color=SUPPLY, label="supplies"), Patch(color=HEAT, label="dissipates"),
+                           Patch(color=STORE, label="stores")], loc="outside upper right", ncols=3, frameon=False)
+    return figure
+
+
+def _main_colour(line: EnergyLine) -> str:
+    """What a component is in the first place; a block is a source where it gives more than it turns to heat."""
+    if line.supplied > line.dissipated if line.kind == BLOCK else line.kind:
+        return SUPPLY
+    return HEAT if line.dissipated > abs(line.stored) + line.delivered else STORE
+
+
+def _size(name: str, flow: EnergyFlow) -> float:
+    """The height of a box: what goes in or out, whichever is more."""
+    return max(sum(k.energy for k in flow.links if k.target == name), sum(k.energy for k in flow.links if k.source == name))
+
+
+def _tops(boxes: Mapping[str, Box], sizes: Mapping[str, float]) -> dict[str, float]:
+    """The upper edge of each box: its column stacked with gaps and centred."""
+    columns: dict[int, list[Box]] = {}
+    for box in boxes.values():
+        columns.setdefault(box.column, []).append(box)
+    tallest = max((sum(sizes[b.name] for b in column) for column in columns.values()), default=1.0)
+    gap = GAP * tallest / max(2.0, max((len(c) for c in columns.values()), default=1) / 2)
+    tops = {}
+    for column in columns.values():
+        height = sum(sizes[b.name] for b in column) + gap * (len(column) - 1)
+        top = height / 2
+        for box in sorted(column, key=lambda b: -b.row):
+            tops[box.name] = top
+            top -= sizes[box.name] + gap
+    return tops
+
+
+def _ribbon(axes: Axes, left: float, right: float, start: float, end: float, link: Link) -> None:
+    """From (left, start) to (right, end), as high as its energy."""
+    middle, height = (left + right) / 2, link.energy
+    points = [(left, start), (middle, start), (middle, end), (right, end), (right, end - height), (middle, end - height),
+              (middle, start - height), (left, start - height), (left, start)]
+    codes = [Path.MOVETO, *[Path.CURVE4] * 3, Path.LINETO, *[Path.CURVE4] * 3, Path.CLOSEPOLY]
+    axes.add_patch(PathPatch(Path(points, codes), facecolor=DOMAINS.get(link.domain, OTHER), alpha=0.55, linewidth=0,
+                             zorder=1))
+
+
+def _ribbon_back(axes: Axes, left: float, right: float, start: float, end: float, lane: float, link: Link) -> None:
+    """From (left, start) down to a lane below all boxes, along it against the columns, and up to (right, end)."""
+    height, wide, narrow = link.energy, BULGE, 0.4 * BULGE
+    points = [(left, start), (left + wide, start), (left + wide, lane - height), (left, lane - height),
+              (right, lane - height), (right - wide, lane - height), (right - wide, end), (right, end),
+              (right, end - height), (right - narrow, end - height), (right - narrow, lane), (right, lane),
+              (left, lane), (left + narrow, lane), (left + narrow, start - height), (left, start - height), (left, start)]
+    codes = [Path.MOVETO, *[Path.CURVE4] * 3, Path.LINETO, *[Path.CURVE4] * 3, Path.LINETO, *[Path.CURVE4] * 3, Path.LINETO,
+             *[Path.CURVE4] * 3, Path.CLOSEPOLY]
+    axes.add_patch(PathPatch(Path(points, codes), facecolor=DOMAINS.get(link.domain, OTHER), alpha=0.3, linewidth=0.8,
+                             edgecolor="#777777", linestyle="--", zorder=0))
+
+
+def _box(axes: Axes, box: Box, top: float, size: float) -> None:
+    name = box.name.removeprefix("node ")
+    largest = max((abs(box.supplied), SUPPLY), (box.dissipated, HEAT), (abs(box.stored), STORE), key=lambda item: item[0])
+    colour = NODE if box.node else largest[1] if largest[0] > 0.02 * size else PASS
+    axes.add_patch(Rectangle((box.column, top - size), THICK, size, facecolor=colour, linewidth=0.5, edgecolor=colour,
+                             zorder=3))
+    said = [] if box.node else [text for value, text in (
+        (box.supplied, f"gives {readable(box.supplied, 'J', 3)}" if box.supplied > 0 else
+         f"takes {readable(-box.supplied, 'J', 3)}"),
+        (box.dissipated, f"heat {readable(box.dissipated, 'J', 3)}"),
+        (box.stored, f"stores {readable(box.stored, 'J', 3)}" if box.stored > 0 else
+         f"gives up {readable(-box.stored, 'J', 3)}")) if abs(value) > 0.02 * size]
+    axes.annotate("\n".join([f"node {name}" if box.node else name, *said]), (box.column + THICK, top - size / 2), (4, 0),
+                  textcoords="offset points", fontsize=8, va="center", color="#666666" if box.node else "black", zorder=4,
+                  bbox={"boxstyle": "round,pad=0.15", "facecolor": "white", "alpha": 0.75, "linewidth": 0})
+
+
+def _legend(flow: EnergyFlow) -> list[Patch]:
+    used = dict.fromkeys(link.domain for link in flow.links)
+    return [*(Patch(color=colour, label=name) for colour, name in (
+        (SUPPLY, "source"), (HEAT, "turns to heat"), (STORE, "stores"), (PASS, "passes on"))),
+        *(Patch(color=DOMAINS.get(name, OTHER), alpha=0.55, label=name) for name in used)]

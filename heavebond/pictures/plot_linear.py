@@ -1,0 +1,275 @@
+"""Figures of linear analysis: Bode, Nyquist, poles and zeros, steps, root loci."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, NullLocator
+
+from heavebond.analysis.margins import CUT
+from heavebond.basis.presentation import number, readable, readable_unit, unit_label
+from heavebond.basis.units import read_unit
+from heavebond.pictures.plot import COLOURS, DASHES, DPI, RECT, WIDTH, figure_title
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from numpy.typing import NDArray
+
+    from heavebond.analysis.linear_system import StateSpace
+    from heavebond.analysis.locus import RootLocus
+    from heavebond.analysis.margins import Margins
+    from heavebond.numbers.dae import Array
+
+GRID = "#e4e4e4"
+DAMPINGS = (0.1, 0.3, 0.5, 0.7)
+# A Nyquist curve is drawn up to so many times the distance of -1; a pole on the axis would hide everything else.
+REACH = 3.0
+CORNER, HALVINGS = 0.02, 6  # steps of a curve that the eye sees, over its size; how often they are halved
+
+
+def plot_bode(channels: Sequence[StateSpace], frequencies: Array, *, title: str = "", margins: Margins | None = None
+              ) -> Figure:
+    """Magnitude (as a ratio, with decibels on the right) and phase over the frequency in Hz, a line for each channel."""
+    figure = Figure(figsize=(WIDTH, 7.5), dpi=DPI, layout="constrained")
+    figure.get_layout_engine().set(rect=RECT)  # type: ignore[union-attr,call-arg]
+    figure_title(figure, title)
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+    units = {ratio(c) for c in channels}
+    for k, channel in enumerate(channels):
+        found = channel.response(2j * np.pi * frequencies)[:, 0, 0]
+        label = channel_name(channel) + (f" [{ratio(channel)}]" if len(units) > 1 else "")
+        style = {"color": COLOURS[k % len(COLOURS)], "linewidth": 1.4, "linestyle": DASHES[k // len(COLOURS) % len(DASHES)]}
+        upper.loglog(frequencies, np.abs(found), label=label, **style)
+        lower.semilogx(frequencies, _phase(found), **style)
+    upper.set_ylabel(f"magnitude [{units.pop()}]" if len(units) == 1 else "magnitude")
+    decibels = upper.twinx()
+    decibels.set_ylim(*(20 * np.log10(upper.get_ylim())))
+    decibels.set_ylabel("dB")
+    decibels.spines[["top", "right"]].set_visible(False)
+    lower.set_ylabel("phase [°]")
+    lower.set_xlabel("frequency [Hz]")
+    lower.yaxis.get_major_locator().set_params(steps=[1, 1.5, 3, 4.5, 9])
+    lower.set_xlim(frequencies[0], frequencies[-1])
+    for axes in (upper, lower):
+        _quiet(axes)
+        axes.grid(True, which="minor", color=GRID, linewidth=0.3)
+    if margins is not None:
+        _mark_margins(upper, lower, margins)
+    figure.legend(*upper.get_legend_handles_labels(), loc="outside upper right", ncols=3, frameon=False, fontsize=9)
+    return figure
+
+
+def plot_nyquist(channels: Sequence[StateSpace], frequencies: Array, *, title: str = "", margins: Margins | None = None
+                 ) -> Figure:
+    """The response in the complex plane, a plane for each unit, with the unit circle and -1 for an open loop (`margins`)."""
+    units = list(dict.fromkeys(ratio(c) for c in channels))
+    figure, planes = _planes(title, len(units))
+    for axes, unit in zip(planes, units, strict=True):
+        own = [(COLOURS[k % len(COLOURS)], c) for k, c in enumerate(channels) if ratio(c) == unit]
+        _nyquist(axes, own, frequencies, margins)
+        axes.set_xlabel(f"real part [{unit}]")
+        axes.set_ylabel(f"imaginary part [{unit}]")
+    entries = [entry for axes in planes for entry in zip(*axes.get_legend_handles_labels(), strict=True)]
+    figure.legend([handle for handle, _ in entries], [label for _, label in entries], loc="outside upper right", ncols=3,
+                  frameon=False, fontsize=9)
+    return figure
+
+
+def _nyquist(axes: Axes, channels: Sequence[tuple[str, StateSpace]], frequencies: Array, margins: Margins | None) -> None:
+    """The curves of channels in their colours, and what is looked at in an open loop."""
+    reach = 0.0
+    for colour, channel in channels:
+        found = _smooth(channel, frequencies)
+        axes.plot(found.real, found.imag, color=colour, linewidth=1.5, label=channel_name(channel))
+        axes.plot(found.real, -found.imag, color=colour, linewidth=0.8, linestyle=DASHES[1])
+        _arrow(axes, found, colour)
+        reach = max(reach, float(np.abs(found).max()))
+    if margins is not None:
+        turn = np.linspace(0, 2 * np.pi, 200)
+        axes.plot(np.cos(turn), np.sin(turn), color="#8c8c8c", linewidth=0.8)
+        axes.plot(-1, 0, "+", color=COLOURS[1], markersize=12, markeredgewidth=2, label="−1")
+        m = margins.modulus.value
+        axes.plot(-1 + m * np.cos(turn), m * np.sin(turn), color=COLOURS[1], linewidth=0.8, linestyle=DASHES[2],
+                  label=f"distance {number(m, 3)}")
+        reach = min(reach, REACH)
+    axes.set_xlim(-1.08 * reach, 1.08 * reach)
+    axes.set_ylim(-1.08 * reach, 1.08 * reach)
+    axes.set_aspect("equal")
+
+
+def _smooth(channel: StateSpace, frequencies: Array) -> NDArray[np.complex128]:
+    """The response at the frequencies, and between those where it would show corners."""
+    f = np.asarray(frequencies, dtype=float)
+    found = channel.response(2j * np.pi * f)[:, 0, 0]
+    for _ in range(HALVINGS):
+        far = np.flatnonzero(np.abs(np.diff(found)) > CORNER * np.abs(found).max())
+        if not len(far):
+            break
+        f = np.insert(f, far + 1, np.sqrt(f[far] * f[far + 1]))
+        found = channel.response(2j * np.pi * f)[:, 0, 0]
+    return np.asarray(found)
+
+
+def plot_poles(poles: NDArray[np.complex128], zeros: Mapping[str, NDArray[np.complex128]], *, title: str = "") -> Figure:
+    """Poles as crosses, the zeros of each channel as circles, with lines of equal damping."""
+    figure, axes = _plane(title)
+    axes.plot(poles.real, poles.imag, "x", color=COLOURS[0], markersize=9, markeredgewidth=2, label="poles", zorder=3)
+    for k, (name, found) in enumerate(zeros.items()):
+        colour = COLOURS[(k + 1) % len(COLOURS)]
+        axes.plot(found.real, found.imag, "o", color=colour, markersize=8 + 3 * k, fillstyle="none", markeredgewidth=1.4,
+                  label=f"zeros of {name}", zorder=3)
+    _s_plane(axes, np.concatenate([poles, *zeros.values()]))
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside upper right", ncols=2, frameon=False, fontsize=9)
+    return figure
+
+
+def plot_root_locus(found: RootLocus, *, title: str = "") -> Figure:
+    """The ways of the poles while a parameter moves, coloured by its value; the limits of stability in the legend."""
+    figure, axes = _plane(title)
+    unit = readable_unit(found.unit, float(np.abs(found.values).max()))
+    ends = read_unit(unit).from_si(found.values)  # type: ignore[arg-type]
+    values = np.broadcast_to(np.asarray(ends)[:, None], found.poles.shape)
+    axes.plot(found.poles.real, found.poles.imag, color="#c8c8c8", linewidth=0.8, zorder=1)
+    drawn = axes.scatter(found.poles.real, found.poles.imag, c=values, s=11, cmap="viridis", zorder=2)
+    axes.plot(found.poles[0].real, found.poles[0].imag, "x", color="black", markersize=8, markeredgewidth=1.6, zorder=3,
+              label=f"at {number(float(values[0, 0]), 4)}")
+    axes.plot(found.poles[-1].real, found.poles[-1].imag, "s", color="black", markersize=6, fillstyle="none", zorder=3,
+              label=f"at {number(float(values[-1, 0]), 4)}")
+    for limit in found.limits:
+        axes.plot([], [], " ", label=f"limit of stability at {readable(limit, found.unit, 4)}")
+    figure.colorbar(drawn, ax=axes, label=f"{found.parameter} [{unit_label(unit)}]")
+    _s_plane(axes, found.poles.ravel())
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside upper right", ncols=4, frameon=False, fontsize=9)
+    return figure
+
+
+def plot_steps(channels: Sequence[StateSpace], times: Sequence[Array], *, title: str = "") -> Figure:
+    """What a step of 1 in its unit makes of each channel, one axes each, with the value that it settles at."""
+    n = len(channels)
+    figure = Figure(figsize=(WIDTH, max(4.5, 0.9 + 2.2 * n)), dpi=DPI, layout="constrained")
+    figure.get_layout_engine().set(rect=RECT)  # type: ignore[union-attr,call-arg]
+    figure_title(figure, title)
+    for axes, channel, time in zip(figure.subplots(n, 1, squeeze=False)[:, 0], channels, times, strict=True):
+        axes.plot(time, channel.step(time)[:, 0, 0], color=COLOURS[0], linewidth=1.4)
+        if channel.stable:
+            settled = float(channel.response(np.zeros(1))[0, 0, 0].real)
+            axes.axhline(settled, color="#8c8c8c", linewidth=0.8, linestyle=DASHES[1])
+        _quiet(axes)
+        axes.set_xlim(0, time[-1])
+        axes.set_ylabel(f"{channel.outputs[0]} [{unit_label(channel.units[2][0])}]")
+        axes.set_title(f"step of 1 {_bare(channel.units[1][0])} at {channel.inputs[0]}", loc="left", fontsize=10)
+        axes.set_xlabel("time [s]")
+    return figure
+
+
+def channel_name(channel: StateSpace) -> str:
+    """`vessel.u → crown.x`; of an open loop where it is cut."""
+    if channel.inputs[0].startswith(CUT):
+        return f"open loop at {channel.outputs[0]}"
+    return f"{channel.inputs[0]} → {channel.outputs[0]}"
+
+
+def ratio(channel: StateSpace) -> str:
+    """The unit of a channel's gain as on paper: `kN/m`; `–` where output and input are of one unit."""
+    upper, lower = channel.units[2][0], channel.units[1][0]
+    if upper == lower:
+        return unit_label("1")
+    if lower == "1":
+        return unit_label(upper)
+    return f"{unit_label(upper)} / {f'({unit_label(lower)})' if any(c in lower for c in '*/') else unit_label(lower)}"
+
+
+def _bare(unit: str) -> str:
+    return "" if unit == "1" else unit_label(unit)
+
+
+def _plane(title: str) -> tuple[Figure, Axes]:
+    figure, planes = _planes(title, 1)
+    return figure, planes[0]
+
+
+def _planes(title: str, number: int) -> tuple[Figure, list[Axes]]:
+    """Complex planes side by side."""
+    figure = Figure(figsize=(9.0, 7.5) if number == 1 else (6.0 * number, 6.8), dpi=DPI, layout="constrained")
+    figure.get_layout_engine().set(rect=RECT)  # type: ignore[union-attr,call-arg]
+    figure_title(figure, title)
+    planes: list[Axes] = list(figure.subplots(1, number, squeeze=False)[0])
+    for axes in planes:
+        _quiet(axes)
+        axes.axhline(0, color="#8c8c8c", linewidth=0.7)
+        axes.axvline(0, color="#8c8c8c", linewidth=0.7)
+    return figure, planes
+
+
+def _s_plane(axes: Axes, points: NDArray[np.complex128]) -> None:
+    """Axes that show all points: logarithmic away from zero where the fastest is far beyond the slowest."""
+    sizes = np.abs(points[np.abs(points) > 0])
+    low, high = (float(sizes.min()), float(sizes.max())) if len(sizes) else (1.0, 1.0)
+    if high > 30 * low:
+        straight = float(np.median(sizes)) / 10
+        axes.set_xscale("symlog", linthresh=straight, linscale=0.6)
+        axes.set_yscale("symlog", linthresh=straight, linscale=0.6)
+        for axis in (axes.xaxis, axes.yaxis):  # the ticks on either side of zero would lie on each other
+            powers = 10.0 ** np.arange(np.ceil(np.log10(1.2 * straight)), np.ceil(np.log10(high)) + 1)
+            axis.set_major_locator(FixedLocator([*-powers[::-1], 0.0, *powers]))
+            axis.set_minor_locator(NullLocator())
+    size = np.geomspace(low / 10, 10 * high, 300)
+    for damping in DAMPINGS:
+        for sign in (-1, 1):
+            axes.plot(-damping * size, sign * np.sqrt(1 - damping**2) * size, color=GRID, linewidth=0.8, zorder=0,
+                      scalex=False, scaley=False)
+    left, right, up = float(points.real.min()), float(points.real.max()), float(np.abs(points.imag).max())
+    room = 0.12 * max(right - left, 1e-9)
+    reach = 1.25 * up if up > 0 else max(high, 1.0)
+    beyond = float(np.median(sizes)) / 10 if high > 30 * low else 0.05 * high
+    axes.set_xlim(1.6 * left if left < 0 else -room, 1.6 * right if right > 0.02 * low else beyond)
+    axes.set_ylim(-reach, reach)
+    _name_dampings(axes)
+    axes.axvspan(0, axes.get_xlim()[1], color="#f6e3da", zorder=0, linewidth=0)
+    axes.set_xlabel("real part [1/s]")
+    axes.set_ylabel("imaginary part [rad/s]")
+
+
+def _name_dampings(axes: Axes) -> None:
+    """The damping on each line, just inside the frame where it leaves."""
+    left, top = axes.get_xlim()[0], axes.get_ylim()[1]
+    for damping in DAMPINGS:
+        rise = float(np.sqrt(1 - damping**2))
+        size = 0.86 * min(top / rise, -left / damping if left < 0 else np.inf)
+        axes.annotate(f"{damping:g}", (-damping * size, rise * size), fontsize=7, color="#8c8c8c", ha="center", va="center",
+                      bbox={"boxstyle": "round,pad=0.1", "facecolor": "white", "linewidth": 0}, zorder=0.5)
+
+
+def _phase(found: NDArray[np.complex128]) -> Array:
+    """In degrees without jumps, beginning between -180 and 180."""
+    return np.asarray(np.degrees(np.unwrap(np.angle(found))))
+
+
+def _quiet(axes: Axes) -> None:
+    axes.grid(True, color=GRID, linewidth=0.6)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.set_axisbelow(True)
+
+
+def _arrow(axes: Axes, found: NDArray[np.complex128], colour: str) -> None:
+    """The direction of rising frequency, where the curve is longest."""
+    k = int(np.argmax(np.abs(np.diff(found)) * (np.abs(found[:-1]) < REACH)))
+    axes.annotate("", (found[k + 1].real, found[k + 1].imag), (found[k].real, found[k].imag),
+                  arrowprops={"arrowstyle": "-|>", "color": colour})
+
+
+def _mark_margins(upper: Axes, lower: Axes, margins: Margins) -> None:
+    """Where the gain is 1 and where the phase is -180 degrees, with the margins there."""
+    upper.axhline(1, color="#8c8c8c", linewidth=0.8)
+    lower.axhline(-180, color="#8c8c8c", linewidth=0.8)
+    for k, margin in enumerate(margins.phase):
+        lower.axvline(margin.frequency, color=COLOURS[1], linewidth=0.9, linestyle=DASHES[1])
+        upper.axvline(margin.frequency, color=COLOURS[1], linewidth=0.9, linestyle=DASHES[1],
+                      label=f"phase margin {number(margin.value, 3)}°" if k == 0 else None)
+    for k, margin in enumerate(margins.gain):
+        upper.axvline(margin.frequency, color=COLOURS[2], linewidth=0.9, linestyle=DASHES[2],
+                      label=f"gain margin {number(margin.value, 3)}" if k == 0 else None)
+        lower.axvline(margin.frequency, color=COLOURS[2], linewidth=0.9, linestyle=DASHES[2])

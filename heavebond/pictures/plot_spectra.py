@@ -1,0 +1,78 @@
+"""Figures of signals that swing: over time, the spectrum, the rainflow cycles."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+
+from heavebond.basis.presentation import unit_label
+from heavebond.pictures.plot import COLOURS, DPI
+from heavebond.pictures.plot_sample import SMALL, quiet
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from heavebond.basis.spectra import Swinging
+
+CLASSES = 20
+FEW = 10  # cycles in a class, up to which their axis is not logarithmic
+WIDTH, HEIGHT = 11.0, 2.4  # inches of a row
+SHOWN = 0.9995  # of m_0 lies below the last frequency that is drawn, and a half more
+
+
+def plot_spectra(found: Sequence[Swinging]) -> Figure:
+    """A row per signal: over time, its spectral density, and how many rainflow cycles each range has."""
+    with rc_context(SMALL):
+        figure = Figure(figsize=(WIDTH, 0.4 + HEIGHT * len(found)), dpi=1.5 * DPI, layout="constrained")
+        for row, one in zip(figure.subplots(len(found), 3, squeeze=False, width_ratios=(1.5, 1.2, 1)), found, strict=True):
+            _course(row[0], one)
+            if not one.still:
+                _spectrum(row[1], one)
+                _cycles(row[2], one)
+            for panel in row:
+                quiet(panel)
+        return figure
+
+
+def _unit(one: Swinging) -> str:
+    return unit_label(one.course.unit) if one.course.unit else "unit of the file"
+
+
+def _course(panel: Axes, one: Swinging) -> None:
+    course = one.course
+    panel.plot(course.time, course.values, color=COLOURS[0], linewidth=0.7)
+    panel.axhline(one.mean, color="black", linewidth=0.6, linestyle=(0, (4, 2)))
+    panel.margins(x=0)
+    panel.set_xlabel("time [s]")
+    panel.set_ylabel(f"{course.name} [{_unit(one)}]")
+
+
+def _spectrum(panel: Axes, one: Swinging) -> None:
+    known = one.spectrum
+    share = np.cumsum(known.density[1:]) / known.density[1:].sum()
+    last = known.frequency[1:][int(np.searchsorted(share, SHOWN))]
+    inside = (known.frequency > 0) & (known.frequency <= 1.5 * last)
+    panel.fill_between(known.frequency[inside], known.density[inside], color=COLOURS[0], alpha=0.25, linewidth=0)
+    panel.plot(known.frequency[inside], known.density[inside], color=COLOURS[0], linewidth=1.0)
+    panel.axvline(1 / known.peak_period, color=COLOURS[1], linewidth=0.8, linestyle=(0, (4, 2)),
+                  label=f"peak at {known.peak_period:.3g} s")
+    panel.set_xlim(left=0)
+    panel.set_ylim(bottom=0)
+    panel.set_xlabel("frequency [Hz]")
+    unit = _unit(one)
+    panel.set_ylabel(f"density [{unit}²/Hz]" if unit.isalpha() else f"density [({unit})²/Hz]")
+    panel.legend(frameon=False)
+
+
+def _cycles(panel: Axes, one: Swinging) -> None:
+    edges, counts = one.cycles.classes(CLASSES)
+    panel.barh(edges[:-1], counts, np.diff(edges), align="edge", color=COLOURS[2], edgecolor="white", linewidth=0.4)
+    if counts.max() > FEW:
+        panel.set_xscale("symlog", linthresh=1.0)
+    panel.set_xlim(left=0)
+    panel.set_xlabel("rainflow cycles")
+    panel.set_ylabel(f"range [{_unit(one)}]")

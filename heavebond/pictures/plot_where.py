@@ -1,0 +1,145 @@
+"""Pictures of what is missing at a place: over the speed, position or pressure there, and over time; and of the misfit."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from heavebond.basis.presentation import readable_unit, unit_label
+from heavebond.basis.units import read_unit
+from heavebond.evidence.misfit import NOUNS, Suspect, Where
+from heavebond.numbers.dae import Array
+from heavebond.pictures.plot import COLOURS, DPI, RECORD, RECT, WIDTH
+
+PANELS = 3
+# Samples that are drawn of a cloud.
+MOST = 3000
+
+
+def plot_place(found: Where, place: str) -> Figure:
+    """What would have to act at a place: over the variable that tells it best and two others around, with the curve through
+    it, and over time with twice its standard deviation; UsageError for a place that was not estimated."""
+    found.implied(place)
+    suspect = next(s for s in found.suspects if s.place.name == place)
+    figure = Figure(figsize=(WIDTH, 7.2), dpi=DPI, layout="constrained")
+    figure.get_layout_engine().set(rect=RECT, hspace=0.06)  # type: ignore[union-attr,call-arg]
+    figure.suptitle(f"{found.experiment.name}: what is missing {suspect.place.words} "
+                    f"({100 * suspect.explained:.4g} % of the misfit explained)", x=0.01, ha="left", fontsize=12)
+    shown = readable_unit(suspect.place.unit.text, suspect.rms)
+    names = _variables(suspect)
+    grid = figure.add_gridspec(2, max(len(names), 1), height_ratios=(1.4, 1))
+    for k, name in enumerate(names):
+        panel = figure.add_subplot(grid[0, k])
+        _cloud(panel, suspect, name, shown)
+        if k == 0:
+            panel.set_ylabel(f"{_noun(suspect)} [{unit_label(shown)}]")
+    _course(figure.add_subplot(grid[1, :]), suspect, shown)
+    if names:
+        figure.axes[0].legend(loc="best", frameon=True, framealpha=0.8, edgecolor="none", fontsize=9, markerscale=4)
+    return figure
+
+
+def plot_misfit(found: Where) -> Figure:
+    """When the model misses its records, and the curve of each channel's error over the variable that tells it best."""
+    channels = list(found.experiment.outputs)
+    records = list(dict.fromkeys(s.record for s in found.stretches))
+    first = {s.channel: s for s in reversed(found.states)}
+    best = [first[name] for name in channels if name in first]
+    figure = Figure(figsize=(WIDTH, 6.5 if best else 3.6), dpi=DPI, layout="constrained")
+    figure.get_layout_engine().set(rect=RECT, hspace=0.06)  # type: ignore[union-attr,call-arg]
+    figure.suptitle(f"{found.experiment.name}: when and in what state of motion the model misses", x=0.01, ha="left",
+                    fontsize=12)
+    grid = figure.add_gridspec(2 if best else 1, 1)
+    upper = grid[0].subgridspec(1, len(records))
+    for k, record in enumerate(records):
+        panel = figure.add_subplot(upper[0, k])
+        parts = [s for s in found.stretches if s.record == record]
+        for c, name in enumerate(channels):
+            panel.step([s.begin for s in parts] + [parts[-1].end], [s.chi2[name] for s in parts] + [parts[-1].chi2[name]],
+                       where="post", color=COLOURS[c % len(COLOURS)], label=name, linewidth=1.4)
+        panel.set_yscale("log")
+        panel.axhline(1.0, color=RECORD, linewidth=1)
+        _dress(panel, "time [s]", "χ² a sample" if k == 0 else "")
+        panel.set_title(record, loc="left", fontsize=10, fontweight="bold")
+    if best:
+        lower = grid[1].subgridspec(1, len(best))
+        for k, state in enumerate(best):
+            panel = figure.add_subplot(lower[0, k])
+            unit = found.experiment.outputs[state.channel].shown.unit
+            panel.plot(state.x, state.y, "o-", color=COLOURS[channels.index(state.channel) % len(COLOURS)], markersize=3)
+            panel.axhline(0.0, color=RECORD, linewidth=0.8)
+            _dress(panel, f"{state.variable} [{unit_label(state.unit)}]", f"error of {state.channel} [{unit_label(unit)}]")
+            panel.set_title(f"R² {state.r2:.2f} on data not used", loc="left", fontsize=9)
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper right", ncols=len(labels), frameon=False)
+    return figure
+
+
+def _noun(suspect: Suspect) -> str:
+    return NOUNS.get(suspect.place.nodes[0].domain.name, "flow")
+
+
+def _variables(suspect: Suspect) -> list[str]:
+    """The best variable first, then others in the order of the place."""
+    if suspect.curve is None:
+        return []
+    best = suspect.curve.variable.formula
+    return [best, *(n for n in suspect.curve.scores if n != best)][:PANELS]
+
+
+def _cloud(panel: Axes, suspect: Suspect, name: str, shown: str) -> None:
+    """The force over one variable, rising and falling apart by colour, and the curve through it."""
+    assert suspect.curve is not None
+    x = np.concatenate([i.local[name] for i in suspect.implied.values()])
+    y = np.concatenate([i.value for i in suspect.implied.values()])
+    up = np.concatenate([np.gradient(i.local[name]) > 0 for i in suspect.implied.values()])
+    thin = slice(None, None, max(1, len(x) // MOST))
+    unit = _unit_of(suspect, name)
+    across = readable_unit(unit, float(np.max(np.abs(x)))) if unit else unit
+    per_x = read_unit(unit).scale / read_unit(across).scale if unit else 1.0
+    per_y = read_unit(suspect.place.unit.text).scale / read_unit(shown).scale
+    for mask, colour, label in ((up, COLOURS[0], "while it rises"), (~up, COLOURS[1], "while it falls")):
+        panel.plot(x[thin][mask[thin]] * per_x, y[thin][mask[thin]] * per_y, ".", color=colour, markersize=2.5, alpha=0.5,
+                   label=label)
+    curve = suspect.curve
+    if name == curve.variable.formula and not curve.times:
+        panel.plot(curve.x * per_x, curve.y * per_y, color="black", linewidth=2, label="curve")
+        if curve.loop:
+            panel.plot(curve.x * per_x, curve.y_down * per_y, color="black", linewidth=2, linestyle="--")
+    _dress(panel, f"{name} [{unit_label(across)}]" if across else name, "")
+    r2 = curve.r2 if name == curve.variable.formula else curve.scores[name]
+    panel.set_title(f"R² {max(r2, 0.0):.2f} on data not used", loc="left", fontsize=10)
+
+
+def _unit_of(suspect: Suspect, name: str) -> str:
+    assert suspect.curve is not None
+    return suspect.curve.units.get(name, "")
+
+
+def _course(panel: Axes, suspect: Suspect, shown: str) -> None:
+    """The force over time, record after record."""
+    per_y = read_unit(suspect.place.unit.text).scale / read_unit(shown).scale
+    for k, implied in enumerate(suspect.implied.values()):
+        value, band = implied.value * per_y, 2 * implied.deviation * per_y
+        panel.fill_between(implied.time, value - band, value + band, color=COLOURS[k % len(COLOURS)], alpha=0.2, linewidth=0)
+        panel.plot(implied.time, value, color=COLOURS[k % len(COLOURS)], linewidth=1, label=implied.record)
+    limits = np.concatenate([_limits(i.value * per_y) for i in suspect.implied.values()])
+    panel.set_ylim(float(limits.min()), float(limits.max()))
+    panel.legend(loc="upper left", frameon=False, fontsize=9, ncols=len(suspect.implied))
+    _dress(panel, "time [s]", f"{_noun(suspect)} [{unit_label(shown)}]")
+
+
+def _limits(values: Array) -> Array:
+    low, high = float(values.min()), float(values.max())
+    room = 0.15 * (high - low) or 1.0
+    return np.array([low - room, high + room])
+
+
+def _dress(panel: Axes, x: str, y: str) -> None:
+    panel.set_xlabel(x)
+    if y:
+        panel.set_ylabel(y)
+    panel.grid(True, color="#e4e4e4", linewidth=0.6)
+    panel.spines[["top", "right"]].set_visible(False)
+    panel.set_axisbelow(True)

@@ -1,0 +1,230 @@
+"""Wires on a grid: each node as a tree of horizontal and vertical pieces around pictures and writing.
+
+A* over the states (point, direction), after the common maze routers: a step costs its length, a bend, a crossing and the
+neighbourhood of another wire cost more, running along or bending on another wire costs so much that it is a fault. Every
+net is laid once and then taken up and laid again in the presence of the others.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+from heavebond.pictures.lettering import Box
+from heavebond.pictures.pictograms import GRID, SIDES, Anchor
+
+STEP, BEND, CROSSING, NEAR, MOUTH, FAULT = 10, 35, 45, 7, 60, 4000
+DIRECTIONS = ((1, 0), (0, 1), (-1, 0), (0, -1))
+PASSES = 2
+Point = tuple[int, int]
+Edge = tuple[Point, Point]
+
+
+@dataclass(frozen=True)
+class Wire:
+    """A routed node in px: its unit pieces, the lines they make, the points where three or more meet, and its faults."""
+
+    edges: tuple[Edge, ...]
+    lines: tuple[tuple[Point, ...], ...]
+    dots: tuple[Point, ...]
+    faults: int
+
+
+def route(nets: Sequence[Sequence[Sequence[Anchor]]], blocked: Sequence[Box], area: Box) -> list[Wire]:
+    """Trees that join the terminals of each net; a terminal is the anchors of one port (absolute px, on the grid).
+
+    `blocked` are pictures and writing, `area` is where wires may be.
+    """
+    router = _Router(nets, blocked, area)
+    order = sorted(range(len(nets)), key=lambda k: (router.span(k), k))
+    for _ in range(PASSES):
+        for k in order:
+            router.lay(k)
+    return [router.wire(k) for k in range(len(nets))]
+
+
+class _Router:
+    def __init__(self, nets: Sequence[Sequence[Sequence[Anchor]]], blocked: Sequence[Box], area: Box):
+        self.left, self.top = round(area.left) // GRID, round(area.top) // GRID
+        self.width = round(area.right) // GRID - self.left + 1
+        self.height = round(area.bottom) // GRID - self.top + 1
+        self.nets = [[[(self._index(a.x, a.y), DIRECTIONS.index(SIDES[a.side])) for a in terminal] for terminal in net]
+                     for net in nets]
+        self.steps = (1, self.width, -1, -self.width)
+        self.wall = bytearray(self.width * self.height)
+        for box in blocked:
+            self._block(box)
+        # the point before an anchor is its only way out: other wires avoid it
+        self.mouths: dict[int, int] = {}
+        for k, net in enumerate(self.nets):
+            for terminal in net:
+                for point, direction in terminal:
+                    self.mouths[point + self.steps[direction]] = k
+        self.laid: list[dict[int, int]] = [{} for _ in nets]   # per net: point -> bits of the directions in which it goes on
+        self.faults = [0] * len(nets)
+
+    def _index(self, x: int, y: int) -> int:
+        return (y // GRID - self.top) * self.width + x // GRID - self.left
+
+    def _block(self, box: Box) -> None:
+        first = max(0, math.ceil(box.left / GRID) - self.left), max(0, math.ceil(box.top / GRID) - self.top)
+        last = math.floor(box.right / GRID) - self.left, math.floor(box.bottom / GRID) - self.top
+        for row in range(first[1], min(last[1], self.height - 1) + 1):
+            for column in range(first[0], min(last[0], self.width - 1) + 1):
+                self.wall[row * self.width + column] = 1
+
+    def span(self, k: int) -> int:
+        """Half the perimeter of the box around a net's anchors, in steps."""
+        points = [point for terminal in self.nets[k] for point, _ in terminal]
+        columns, rows = [p % self.width for p in points], [p // self.width for p in points]
+        return max(columns) - min(columns) + max(rows) - min(rows)
+
+    def lay(self, k: int) -> None:
+        """Lay net k anew: from its first terminal, the nearest of the others joined one by one."""
+        self.laid[k], self.faults[k] = {}, 0
+        others: dict[int, int] = {}
+        for j, laid in enumerate(self.laid):
+            if j != k:
+                for point, bits in laid.items():
+                    others[point] = others.get(point, 0) | bits
+        waiting = list(range(1, len(self.nets[k])))
+        joined = [0]
+        while waiting:
+            targets = {anchor: t for t in waiting for anchor in self.nets[k][t]}
+            path = self._path(k, others, joined, targets)
+            if path is None:
+                self.faults[k] += 1
+                break
+            self._take(k, path, others)
+            reached = next(t for (point, _), t in targets.items() if point == path[-1])
+            waiting.remove(reached)
+            joined.append(reached)
+
+    def _take(self, k: int, path: list[int], others: dict[int, int]) -> None:
+        laid = self.laid[k]
+        for a, b in pairwise(path):
+            direction = self.steps.index(b - a)
+            laid[a] = laid.get(a, 0) | 1 << direction
+            laid[b] = laid.get(b, 0) | 1 << (direction + 2) % 4
+        for point in path:
+            if point in others and not _crosses(laid[point], others[point]):
+                self.faults[k] += 1
+
+    def _path(self, k: int, others: dict[int, int], joined: list[int],
+              targets: dict[tuple[int, int], int]) -> list[int] | None:
+        """The cheapest way from what is joined to an anchor of what is not (points, from the tree outwards)."""
+        width, steps, wall = self.width, self.steps, self.wall
+        ends = {point: (direction + 2) % 4 for point, direction in targets}  # one arrives against the way out
+        goals = [(p % width, p // width) for p in ends]
+        best: dict[int, int] = {}
+        came: dict[int, int] = {}
+        heap: list[tuple[int, int, int]] = []
+
+        def push(state: int, cost: int, before: int) -> None:
+            if cost < best.get(state, 1 << 60):
+                best[state], came[state] = cost, before
+                point = state >> 2
+                x, y = point % width, point // width
+                ahead = min(abs(x - gx) + abs(y - gy) for gx, gy in goals)
+                heapq.heappush(heap, (cost + ahead * STEP, cost, state))
+
+        for state, cost in self._beginnings(k, joined):
+            push(state, cost, -1)
+        while heap:
+            _, cost, state = heapq.heappop(heap)
+            if cost > best[state]:
+                continue
+            point, direction = state >> 2, state & 3
+            if ends.get(point) == direction and came[state] >= 0:
+                return _traced(came, state)
+            start = came[state] < 0
+            for turn in (direction,) if start else (direction, (direction + 1) % 4, (direction + 3) % 4):
+                bend = turn != direction
+                following = point + steps[turn]
+                column = point % width + DIRECTIONS[turn][0]
+                if not (0 <= following < len(wall) and 0 <= column < width) or (wall[following] and following not in ends):
+                    continue
+                extra = BEND * bend
+                if point in others and (bend or start or others[point] & (1 << turn | 1 << (turn + 2) % 4)):
+                    extra += FAULT
+                push(following << 2 | turn, cost + STEP + extra + self._price(k, following, turn, others), state)
+        return None
+
+    def _beginnings(self, k: int, joined: Iterable[int]) -> Iterator[tuple[int, int]]:
+        """Where a further branch may begin, and what that costs: ports that are joined, and every point of the tree."""
+        laid = self.laid[k]
+        for t in joined:
+            for point, direction in self.nets[k][t]:
+                yield point << 2 | direction, BEND if point in laid else 0
+        for point, bits in laid.items():
+            for direction in range(4):
+                if not self.wall[point] and not bits >> direction & 1:
+                    yield point << 2 | direction, BEND // 2
+
+    def _price(self, k: int, point: int, direction: int, others: dict[int, int]) -> int:
+        """What it costs to come to a point beyond the step: crossings, neighbours, the mouths of others' ports."""
+        price = MOUTH if self.mouths.get(point, k) != k else 0
+        if point in others:
+            price += CROSSING if _crosses(1 << direction | 1 << (direction + 2) % 4, others[point]) else FAULT
+        for side in (self.steps[(direction + 1) % 4], self.steps[(direction + 3) % 4]):
+            near = point + side
+            if near in others and others[near] & (1 << direction):
+                price += NEAR
+            elif 0 <= near < len(self.wall) and self.wall[near]:
+                price += NEAR // 3
+        return price
+
+    def wire(self, k: int) -> Wire:
+        """Net k in px."""
+        laid = self.laid[k]
+
+        def place(point: int) -> Point:
+            return (point % self.width + self.left) * GRID, (point // self.width + self.top) * GRID
+
+        edges = tuple((place(p), place(p + self.steps[d])) for p in sorted(laid) for d in (0, 1) if laid[p] >> d & 1)
+        dots = tuple(place(p) for p in sorted(laid) if laid[p].bit_count() > 2)
+        return Wire(edges, tuple(_lines(edges)), dots, self.faults[k])
+
+
+def _crosses(own: int, other: int) -> bool:
+    """Whether two wires cross at a point straight and at a right angle: bits of the directions in which they go."""
+    return (own, other) in ((0b0101, 0b1010), (0b1010, 0b0101))
+
+
+def _traced(came: dict[int, int], state: int) -> list[int]:
+    path = [state >> 2]
+    while came[state] >= 0:
+        state = came[state]
+        path.append(state >> 2)
+    return path[::-1]
+
+
+def _lines(edges: Iterable[Edge]) -> Iterator[tuple[Point, ...]]:
+    """Unit pieces as polylines from end to end or branch to branch, only their corners kept."""
+    around: dict[Point, list[Point]] = {}
+    for a, b in edges:
+        around.setdefault(a, []).append(b)
+        around.setdefault(b, []).append(a)
+    used: set[Edge] = set()
+    for begin in sorted(p for p, near in around.items() if len(near) != 2):
+        for following in around[begin]:
+            if (begin, following) in used:
+                continue
+            line = [begin, following]
+            used |= {(begin, following), (following, begin)}
+            while len(around[line[-1]]) == 2:
+                ahead = next(p for p in around[line[-1]] if p != line[-2])
+                used |= {(line[-1], ahead), (ahead, line[-1])}
+                line.append(ahead)
+            yield tuple(_corners(line))
+
+
+def _corners(line: list[Point]) -> list[Point]:
+    kept = [line[0]]
+    for before, point, after in zip(line, line[1:], line[2:], strict=False):
+        if not (before[0] == point[0] == after[0] or before[1] == point[1] == after[1]):
+            kept.append(point)
+    return [*kept, line[-1]]

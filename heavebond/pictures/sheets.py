@@ -1,0 +1,223 @@
+"""A diagram as sheets to be drawn: on each the parts that stand on one level, and the nodes between them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+
+from heavebond.basis.errors import Problem, UsageError, listing, suggest
+from heavebond.basis.presentation import readable, unit_label
+from heavebond.equations.connect import Network
+from heavebond.equations.expand import Expanded, Leaf
+from heavebond.language.definition import Body, Component, FileInput, Value
+from heavebond.pictures.lettering import shortened
+from heavebond.text.expression import Number, names
+
+NODE = "node "  # before the path of a node, where components and ports could be meant as well
+LONGEST_VALUE = 30  # characters
+Ends = tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True)
+class Net:
+    """A node: its path, the name written at it (none where it is written elsewhere), what it carries, the (part, port)
+    that it joins; a part without name is the edge of the sheet. `given`: no node, but a formula that feeds an input."""
+
+    path: str
+    name: str
+    domain: str
+    ends: Ends
+    given: bool = False
+
+
+@dataclass(frozen=True)
+class Part:
+    """A component on a sheet: its ports with their domains, its place (column, row) if it has one, what is set on it, and
+    what is inside if it is drawn open."""
+
+    path: str
+    name: str
+    component: Component
+    ports: dict[str, str]
+    inputs: tuple[str, ...]
+    at: tuple[float, float] | None
+    values: tuple[str, ...]
+    inside: Sheet | None = None
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """One level of a diagram; `ports` are those of the block itself, with their domains, `kind` its component."""
+
+    path: str
+    parts: dict[str, Part]
+    nets: tuple[Net, ...]
+    ports: dict[str, str] = field(default_factory=dict)
+    kind: str = ""
+
+
+def sheet(expanded: Expanded, network: Network, opened: frozenset[str]) -> Sheet:
+    """The outermost sheet, with those of the blocks that are `opened` inside it."""
+    return _Reader(expanded, network, opened).sheet("")
+
+
+def opened_blocks(expanded: Expanded, wanted: Iterable[str], every: bool, marked: Iterable[str]) -> frozenset[str]:
+    """The blocks to draw open: those named, all of them, and those around what is marked."""
+    blocks = expanded.blocks
+    found = set(blocks) if every else set()
+    for name in wanted:
+        if name not in blocks:
+            raise UsageError([_no_block(expanded, name, blocks)])
+        found |= {name, *_around(name)}
+    for name in marked:
+        found |= {path for path in _around(name.removeprefix(NODE)) if path in blocks}
+    return frozenset(found)
+
+
+def marked_places(expanded: Expanded, names: Mapping[str, str]) -> dict[str, str]:
+    """Labels by place: a component or port by its path, a node as `node PATH`, which is also how a node is named that a
+    component shares its name with. UsageError with near names for what is not in the diagram."""
+    return {_marked_place(expanded, name): label for name, label in names.items()}
+
+
+def _marked_place(expanded: Expanded, name: str) -> str:
+    node = name.removeprefix(NODE)
+    if node in expanded.junctions and (node != name or node not in expanded.leaves):
+        return NODE + node
+    ports = [*expanded.ports, *expanded.signals]
+    indexed = [end.name for junction in expanded.junctions.values() for end in junction.ends]
+    if name not in (known := dict.fromkeys([*expanded.leaves, *ports, *indexed])):
+        raise UsageError([Problem("highlight-unknown", f"there is no component, node or port '{name}' to mark", None,
+                                  suggest(name, [*known, *expanded.junctions]) or
+                                  f"Components: {listing(expanded.leaves)}. Nodes: {listing(expanded.junctions)}.")])
+    return name
+
+
+def _no_block(expanded: Expanded, name: str, blocks: list[str]) -> Problem:
+    leaf = expanded.leaves.get(name)
+    message = f"there is no block '{name}' to open" if leaf is None else \
+        f"'{name}' ({leaf.component.name}) is not made of other components; there is nothing to open"
+    return Problem("open-unknown", message, None, (suggest(name, blocks) if leaf is None else "") or (
+        f"Blocks: {listing(blocks)}." if blocks else "This diagram has no blocks."))
+
+
+def _around(path: str) -> list[str]:
+    """`a.b.c`: `a`, `a.b`."""
+    words = path.split(".")
+    return [".".join(words[:k]) for k in range(1, len(words))]
+
+
+def _owner(path: str) -> str:
+    return path.rpartition(".")[0]
+
+
+class _Reader:
+    def __init__(self, expanded: Expanded, network: Network, opened: frozenset[str]):
+        self.expanded = expanded
+        self.network = network
+        self.opened = opened
+        self.extra: dict[str, dict[str, str]] = {}  # ports that blocks get from nodes which reach out of them
+        self.nets: dict[str, list[Net]] = {}
+        for path in expanded.junctions:
+            self._net(path)
+
+    def _net(self, path: str) -> None:
+        """Sort the ends of a node: those on its own sheet, and those that stand further out (`block.node: [+leak.a]`)."""
+        junction, scope = self.expanded.junctions[path], _owner(path)
+        domain = self._domain(path)
+        own: list[tuple[str, str]] = []
+        outside: dict[str, list[tuple[str, str]]] = {}
+        for end in junction.ends:
+            home = _owner(end.leaf) if end.sign > 0 else end.leaf
+            ends = own if home == scope else outside.setdefault(home, [])
+            ends.append((end.leaf.rpartition(".")[2], end.port) if end.sign > 0 else ("", end.port))
+        name = path.rpartition(".")[2]
+        self._outwards(path, domain, outside)
+        if outside:
+            own.append(("", f":{name}"))
+        self.nets.setdefault(scope, []).append(Net(path, name, domain, tuple(own)))
+
+    def _outwards(self, path: str, domain: str, outside: dict[str, list[tuple[str, str]]]) -> None:
+        """The node on the sheets around its own, up to the outermost on which a port joins it."""
+        scope, _, name = path.rpartition(".")
+        block, remaining = scope, dict(outside)
+        while remaining and block:
+            level = _owner(block)
+            self.extra.setdefault(block, {})[f":{name}"] = domain
+            ends = [(block.rpartition(".")[2], f":{name}"), *remaining.pop(level, [])]
+            ends += [("", f":{name}")] if remaining else []
+            label = "" if scope in self.opened else name
+            self.nets.setdefault(level, []).append(Net(path, label, domain, tuple(ends)))
+            block = level
+
+    def _domain(self, path: str) -> str:
+        index = self.network.group_of.get(f"node {path}")
+        return "signal" if index is None else self.network.groups[index].domain
+
+    def sheet(self, scope: str) -> Sheet:
+        body = self._body(scope)
+        parts = {}
+        for path, leaf in self.expanded.leaves.items():
+            if _owner(path) == scope:
+                name = path.rpartition(".")[2]
+                parts[name] = self._part(path, name, leaf, body)
+        owner = self.expanded.leaves.get(scope)
+        ports = self._ports(scope, owner) if owner else {}
+        formulas = [net for part in parts.values() for net in self._formulas(part)]
+        return Sheet(scope, parts, (*self.nets.get(scope, ()), *formulas), ports, owner.component.name if owner else "")
+
+    def _formulas(self, part: Part) -> Iterator[Net]:
+        """Inputs that read variables of other components: a connection, though no wire shows it."""
+        for name, bound in self.expanded.leaves[part.path].inputs.items():
+            if isinstance(bound.value, Value) and any("." in read.text for read in names(bound.value.expr)):
+                text = shortened(bound.value.text.lstrip("= "), LONGEST_VALUE)
+                yield Net(f"{part.path}.{name}", text, "signal", ((part.name, name),), given=True)
+
+    def _body(self, scope: str) -> Body:
+        return self.expanded.leaves[scope].component.body if scope else self.expanded.model.body
+
+    def _part(self, path: str, name: str, leaf: Leaf, body: Body) -> Part:
+        instance = body.instances.get(name)
+        at = instance.at if instance is not None and instance.at is not None and len(instance.at) == 2 else None
+        given = {**leaf.parameters, **leaf.inputs}
+        told = instance.settings if instance is not None else {}
+        values = tuple(f"{key} = {_value_text(bound.value, _unit(leaf.component, key))}" for key, bound in given.items()
+                       if key in told or f"{path}.{key}" in self.expanded.model.settings)
+        inside = self.sheet(path) if path in self.opened else None
+        inputs = tuple(k for k, s in leaf.component.signals.items() if s.direction == "in")
+        return Part(path, name, leaf.component, self._ports(path, leaf), inputs, (at[0], at[1]) if at else None, values,
+                    inside)
+
+    def _ports(self, path: str, leaf: Leaf) -> dict[str, str]:
+        """Every port with its domain, the elements of arrays one by one."""
+        found = {}
+        domains = self.network.domains.get(path, {})
+        for port in leaf.component.ports.values():
+            elements = [port.name] if port.count is None else [
+                end.port for junction in self.expanded.junctions.values() for end in junction.ends
+                if end.leaf == path and end.sign > 0 and end.port.partition("[")[0] == port.name]
+            found.update({name: domains.get(port.name, port.domain) for name in elements})
+        found.update(dict.fromkeys(leaf.component.signals, "signal"))
+        return {**found, **self.extra.get(path, {})}
+
+
+def _unit(component: Component, name: str) -> str:
+    parameter = component.parameters.get(name)
+    return parameter.unit.text if parameter is not None else component.signals[name].unit.text
+
+
+def _value_text(value: Value | FileInput, unit: str) -> str:
+    """A value as it is written in the diagram, its unit as on paper; a plain number of Python's with the declared unit."""
+    if isinstance(value, FileInput):
+        return shortened(value.file.name, LONGEST_VALUE)
+    if value.si and isinstance(value.expr, Number):
+        return readable(value.expr.value, unit)
+    number, blank, written = value.text.partition(" ")
+    plain = isinstance(value.expr, Number) and blank and " " not in written
+    return f"{number} {unit_label(written)}" if plain else shortened(value.text.lstrip("=").strip(), LONGEST_VALUE)
+
+
+def marks_on(path: str, marks: Mapping[str, str], ports: Iterable[str]) -> dict[str, str]:
+    """The marks on a part and on its ports: label by '' or by port."""
+    found = {"": marks[path]} if path in marks else {}
+    return {**found, **{port: marks[f"{path}.{port}"] for port in ports if f"{path}.{port}" in marks}}

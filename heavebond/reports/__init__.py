@@ -1,0 +1,1 @@
+"""Pages and summaries: the report of a diagnosis, the pages of the components."""

@@ -1,0 +1,254 @@
+"""The component library as pages: one for each component, made from its file alone, an index of each domain, one of all.
+
+    pages()  ->  {"index.md": ..., "pneumatic/receiver.md": ..., "pneumatic/receiver.svg": ..., ...}
+
+Restrictions come first, as they decide whether a component may be used. Equations are TeX between dollar signs, which
+mkdocs, GitHub and editors render.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from heavebond.basis.presentation import number, unit_label
+from heavebond.language.definition import Component, Domain, EquationLine, Parameter, Sought, Variable
+from heavebond.language.library import bundled, example, library
+from heavebond.pictures.drawing import symbol_picture
+from heavebond.text.expression import Name
+from heavebond.text.source import read_text
+from heavebond.text.tex import equation_tex, formula_tex, symbol_tex, text_tex
+
+NO_EXAMPLE = "There is none yet."
+GENERATED = "<!-- Made from the component's file by `make pages`; changes belong there. -->"
+PLACES = {"across": "between two nodes of its domain", "at": "on a node", "in series": "between a port and its node",
+          "input": "before a signal input", "channel": "in a measured channel"}
+MOTION = {"middle": "at the middle of the motion of", "half": "at half the span of", "peak": "at the peak of"}
+
+
+def pages() -> dict[str, str]:
+    """Every page and picture by its path below `docs/components/`."""
+    known = library()
+    root = bundled("components").resolve()
+    found: dict[str, str] = {}
+    domains: dict[str, list[Component]] = {}
+    for name, path in known.files.items():
+        component = known.component(name)
+        place = path.resolve().relative_to(root)
+        domains.setdefault(place.parts[0], []).append(component)
+        found[place.with_suffix(".md").as_posix()] = _page(component, known.domains)
+        found[place.with_suffix(".svg").as_posix()] = symbol_picture(component)
+    by_domain = {f"{domain}/index.md": _domain_index(domain, components) for domain, components in domains.items()}
+    return {"index.md": _index(domains), **by_domain, **found}
+
+
+def write_pages(folder: Path) -> int:
+    """Write all pages below `folder`, take away those of components that are gone; the number of components."""
+    made = pages()
+    for old in folder.rglob("*.md"):
+        if old.relative_to(folder).as_posix() not in made and read_text(old).startswith(GENERATED):
+            old.unlink()
+            old.with_suffix(".svg").unlink(missing_ok=True)
+    for name, text in made.items():
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    return sum(name.endswith(".svg") for name in made)
+
+
+def _index(domains: dict[str, list[Component]]) -> str:
+    rows = [(f"[{domain.replace('_', ' ')}]({domain}/index.md)", str(len(components)),
+             ", ".join(f"[{c.name}]({domain}/{c.path.stem}.md)" for c in _sorted(components)))
+            for domain, components in domains.items()]
+    return "\n".join([GENERATED, "", "# Components", "",
+                      "Every component of the library by domain. A component of your own is a file beside your diagram, see",
+                      "[your own component](../tutorials/own_component.md).", "",
+                      *_table(("domain", "components", "which"), rows)]) + "\n"
+
+
+def _domain_index(domain: str, components: list[Component]) -> str:
+    rows = [(f"![]({c.path.stem}.svg)", f"[{c.name}]({c.path.stem}.md)", _prose(c.summary)) for c in _sorted(components)]
+    return "\n".join([GENERATED, "", f"# {domain.replace('_', ' ').capitalize()}", "", "[All domains](../index.md)", "",
+                      *_table(("symbol", "component", "what it is"), rows)]) + "\n"
+
+
+def _sorted(components: list[Component]) -> list[Component]:
+    return sorted(components, key=lambda c: c.name)
+
+
+def _page(component: Component, domains: dict[str, Domain]) -> str:
+    lines = [GENERATED, "", f"# {component.name}", "", f"![{component.name}]({component.path.stem}.svg)", "",
+             f"**Restrictions.** {_prose(component.restrictions or 'None are stated.')}", "", _prose(component.summary)]
+    for title, body in (("Ports and signs", _ports(component, domains)), ("Parts", _parts(component)),
+                        ("Equations", _equations(component)), ("Events", _events(component)),
+                        ("Energy", _energy(component)), ("Parameters", _parameters(component)),
+                        ("Variables", _variables(component)), ("What the diagnosis seeks", _effects(component)),
+                        ("Source", [_prose(component.source)] if component.source else []),
+                        ("Example", _example(component))):
+        if body:
+            lines += ["", f"## {title}", "", *body]
+    return "\n".join(lines) + "\n"
+
+
+# -- sections ----------------------------------------------------------------------------------------------------------
+def _ports(component: Component, domains: dict[str, Domain]) -> list[str]:
+    rows, powers = [], set()
+    for port in component.ports.values():
+        domain = domains.get(port.domain)
+        count = f", ${formula_tex(port.count)}$ of them" if port.count is not None else ""
+        members = _members(port.name, domain) if domain else "effort and flow of the domain it is wired to"
+        rows.append((f"`{port.name}`", (port.domain if domain else "any") + count, members, _prose(port.doc)))
+        powers.add(_power_of(domain) if domain else "effort times flow")
+    rows += [(f"`{s.name}`", f"signal {s.direction}", _unit(s.unit.text), _prose(s.doc))
+             for s in component.signals.values()]
+    lines = _table(("port", "kind", "variables", "meaning"), rows)
+    if powers:
+        lines += ["", f"The power into the component at a port is {' or '.join(sorted(powers))}."]
+    return lines
+
+
+def _members(port: str, domain: Domain) -> str:
+    return ", ".join(f"${formula_tex(Name((port, m.name), 0, 0))}$ {m.doc} ({_unit(m.unit.text)})"
+                     for m in domain.members.values())
+
+
+def _power_of(domain: Domain) -> str:
+    return f"${symbol_tex(domain.power)}$" if domain.power else rf"${symbol_tex(domain.effort or '')} \, " \
+        rf"{symbol_tex(domain.flow or '')}$"
+
+
+def _parts(component: Component) -> list[str]:
+    if not component.composite:
+        return []
+    rows = [(f"`{i.name}`", i.kind, ", ".join(f"`{k}: {getattr(v, 'text', 'measured')}`" for k, v in i.settings.items()))
+            for i in component.body.instances.values()]
+    wires = [(f"`{w.name}`", ", ".join(f"`{e.path}`" for e in w.ends)) for w in component.body.wires.values()]
+    return [*_table(("part", "component", "set to"), rows), "", *_table(("node", "joins"), wires)]
+
+
+def _equations(component: Component) -> list[str]:
+    rows = [_equation(line, component.variables | component.parameters) for line in component.equations]
+    return _aligned(rows)
+
+
+def _equation(line: EquationLine, own: Iterable[str]) -> str:
+    condition = ""
+    if line.each is not None:
+        index, low, high = line.each
+        condition = rf"\quad ({index} = {formula_tex(low)}, \ldots, {formula_tex(high)})"
+    return f"{equation_tex(line.tree, own)}{condition} && {text_tex(line.label)}"
+
+
+def _aligned(rows: Sequence[str]) -> list[str]:
+    if not rows:
+        return []
+    return ["$$", r"\begin{aligned}", *(row + r" \\" for row in rows[:-1]), rows[-1], r"\end{aligned}", "$$"]
+
+
+def _events(component: Component) -> list[str]:
+    words = {"condition": "as this becomes true:", "at": "once, at", "every": "again and again, every"}
+    return [f"* `{e.name}` happens {words[e.key]} `{e.formula.text}`"
+            + (f" from `{e.first.text}` on" if e.first is not None else "")
+            + "; then " + ", ".join(f"`{r.target.text}` becomes `{r.value.text}`" for r in e.resets) + "."
+            for e in component.when]
+
+
+def _energy(component: Component) -> list[str]:
+    own = component.variables | component.parameters
+    rows = [rf"\text{{{word}}}\quad & {formula_tex(f.tree, own)}" for word, f in (
+        ("stored energy", component.stores), ("dissipated power", component.dissipates),
+        ("power that does not close", component.unbalanced)) if f is not None]
+    lines = _aligned(rows)
+    if component.unbalanced_why:
+        lines += ["", f"It does not close because {component.unbalanced_why}."]
+    if component.power:
+        said = "A source: its power comes from elsewhere." if component.power == "source" else \
+            f"Its power is not closed: {component.power.removeprefix('controlled, ')}."
+        lines += ["", said] if lines else [said]
+    if component.requires:
+        lines += ["", "It must hold that " + " and ".join(f"${formula_tex(f.tree, own)}$" for f in component.requires) + "."]
+    return lines
+
+
+def _parameters(component: Component) -> list[str]:
+    rows = [(f"`{p.name}`", f"${symbol_tex(p.name)}$", "whole" if p.integer else _unit(p.unit.text), _default(p),
+             _bounds(p.low, p.high), _prose(p.doc)) for p in component.parameters.values()]
+    return _table(("parameter", "", "unit", "default", "bounds", "meaning"), rows)
+
+
+def _default(parameter: Parameter) -> str:
+    if parameter.medium:
+        own = f"; without one `{parameter.default.text}`" if parameter.default is not None else ""
+        return f"`{parameter.medium}` of the circuit's medium{own}"
+    if parameter.neutral is not None and parameter.default is None:
+        return f"{number(parameter.neutral)} (absent)"
+    return f"`{parameter.default.text}`" if parameter.default is not None else "must be given"
+
+
+def _bounds(low: float | None, high: float | None) -> str:
+    parts = [f"≥ {low:.6g}" if low is not None else "", f"≤ {high:.6g}" if high is not None else ""]
+    return ", ".join(part for part in parts if part)
+
+
+def _variables(component: Component) -> list[str]:
+    return _table(("variable", "", "unit", "meaning"), [
+        (f"`{v.name}`", f"${symbol_tex(v.name)}$", _unit(v.unit.text), _prose(v.doc) + _held(v))
+        for v in component.variables.values()])
+
+
+def _held(variable: Variable) -> str:
+    return "" if variable.held is None else f"; changed by events only, {number(variable.held)} at first"
+
+
+def _effects(component: Component) -> list[str]:
+    lines = []
+    if (effect := component.effect) is not None:
+        where = f"in the place of a {effect.replaces}" if effect.replaces else " or ".join(
+            PLACES[word] for word in effect.attaches)
+        lines.append(f"* Missing as a whole: **{effect.kind}**, {_prose(effect.says)}. It is tried {where}.")
+        sizes = [f"`{name}`" + (f" {_sought(s)}" if s is not None else "") for name, s in effect.amplitude.items()]
+        lines += [f"* Its size: {', '.join(sizes)}."] if sizes else []
+        shapes = [f"`{name}` {_sought(s)}" for name, s in effect.shapes.items()]
+        lines += [f"* Sought with it: {', '.join(shapes)}."] if shapes else []
+    for p in component.parameters.values():
+        if p.kind and p.neutral is not None:
+            ranged = f", sought {_sought(p.sought)}" if p.sought is not None else ""
+            woken = f"; it wakes with {', '.join(f'`{w}`' for w in p.wakes_with)}" if p.wakes_with else ""
+            lines.append(f"* Dormant inside: **{p.kind}**, `{p.name}`, absent at {number(p.neutral)}{ranged}{woken}.")
+    return lines
+
+
+def _sought(sought: Sought) -> str:
+    if sought.range is not None:
+        unit = sought.range.unit
+        ends = (unit.from_si(end) for end in (sought.range.low, sought.range.high))
+        return f"from {' to '.join(number(end) for end in ends)}" + f" {_unit(unit.text)}".removesuffix(" –")
+    return f"held {MOTION[sought.held]} `{sought.seen}`" if sought.held else f"where `{sought.seen}` moves"
+
+
+def _example(component: Component) -> list[str]:
+    path = example(component)
+    if path is None:
+        return [NO_EXAMPLE]
+    return [f"`heavebond run examples/{path.stem}` runs it.", "", f"<!-- bundled: examples/{path.name} -->", "```yaml",
+            *read_text(path).rstrip("\n").split("\n"), "```"]
+
+
+# -- Markdown ----------------------------------------------------------------------------------------------------------
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """A table; columns in which nothing stands are left out."""
+    kept = [k for k in range(len(head)) if any(row[k] for row in rows)]
+    if not kept:
+        return []
+    return ["| " + " | ".join(cells[k] for k in kept) + " |" for cells in (head, ["---"] * len(head), *rows)]
+
+
+def _prose(text: str) -> str:
+    """Words of a file inside Markdown, where stars and brackets mean something."""
+    return re.sub(r"([*|<\[\]])", r"\\\1", text)
+
+
+def _unit(text: str) -> str:
+    """A unit as it is printed; one that is open (`$U`) as it is written, since a dollar sign begins a formula."""
+    return f"`{text}`" if "$" in text else unit_label(text)

@@ -1,0 +1,316 @@
+"""A diagnosis as one page for a browser and for paper: what is missing, where, how sure, and what was tried.
+
+The page needs nothing but itself: pictures are SVG within it, records are JSON, its own small script lets one zoom and pan.
+The same diagnosis gives the same page.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from heavebond import __version__
+from heavebond.basis.errors import HeavebondError
+from heavebond.basis.presentation import count, number, path_text, readable_unit
+from heavebond.basis.units import read_unit
+from heavebond.evidence.comparison import RecordComparison
+from heavebond.evidence.diagnosis import Diagnosis
+from heavebond.evidence.finding import Finding, Rung
+from heavebond.evidence.fitting import Fit, Fitted
+from heavebond.evidence.misfit import Where
+from heavebond.evidence.writing import quantity
+from heavebond.language.library import bundled
+from heavebond.language.model import Model
+from heavebond.pictures.drawing import draw
+from heavebond.pictures.markup import Html, data_block, element, joined, page, table
+from heavebond.reports.report_charts import BLUE, Fall, ladder, swatch
+from heavebond.reports.report_separation import separating
+from heavebond.reports.report_series import Shown, key, packed, record_section, shown_rungs
+from heavebond.reports.report_tables import digits_of, in_one_unit, noise, parameters, ranking, records, tests, tried
+from heavebond.reports.report_where import failing, learnt
+
+# What stands over the verdict, and whether it is good news, bad news or an open question.
+KINDS = {
+    "nothing": ("Nothing is missing", "fine"), "parameters": ("Parameters, not physics", "fine"),
+    "effect": ("Missing effect found", "found"), "one_of": ("One of these is missing", "found"),
+    "shape": ("Something is missing that has no name here", "open"),
+    "undetermined": ("Not to be told from these records", "open"),
+}
+FITTED, HELD_OUT = "#8fa3b5", BLUE
+Section = tuple[str, str, Html]
+
+
+def report(diagnosis: Diagnosis, where: Where | None = None, *, written: Sequence[Path] = ()) -> str:
+    """The page of a diagnosis as the text of an HTML file.
+
+    `where` (see `evidence.misfit`) adds in which state of motion the diagram failed before anything was added, and what
+    its places asked for; `written` are the experiments that the findings were written to, for the commands with which to
+    go on.
+    """
+    shown = shown_rungs(diagnosis.ladder)
+    found = [s for s in _sections(diagnosis, shown, where, written) if s[2]]
+    contents = element("nav", *(element("a", title, href=f"#{name}") for name, title, _ in found), aria_label="contents")
+    parts = [element("section", element("h2", title, id=name), inside) for name, title, inside in found]
+    title = f"Diagnosis of {diagnosis.experiment.name}"
+    return page(title, _head(diagnosis, title), element("main", _verdict(diagnosis), contents, *parts),
+                _foot(), data_block("series", packed(shown)))
+
+
+def _sections(diagnosis: Diagnosis, shown: Sequence[Shown], where: Where | None, written: Sequence[Path]) -> list[Section]:
+    """Everything below the verdict, in the order in which an engineer asks."""
+    fit = _last_fit(diagnosis)
+    finding = diagnosis.findings[0] if diagnosis.findings else diagnosis.shape
+    apart = diagnosis.separation
+    return [
+        ("machine", "The machine", _machine(diagnosis, where)),
+        ("finding", "What was found", _found(diagnosis)),
+        ("records", "Records and models", _series(shown)),
+        ("ladder", "The falling error", _ladder(diagnosis.ladder)),
+        ("where", "Where the diagram fails", failing(where, finding) if where is not None else Html("")),
+        ("separation", "What to record next", separating(apart) if apart is not None else Html("")),
+        ("candidates", "Candidates and their evidence", _candidates(diagnosis)),
+        ("parameters", "Parameters", parameters(fit, diagnosis.fitted) if fit is not None else Html("")),
+        ("left", "What is left", _left(diagnosis)),
+        ("tried", "What was tried", _tried(diagnosis)),
+        ("next", "How to go on", _next(diagnosis, written)),
+    ]
+
+
+# -- the top -----------------------------------------------------------------------------------------------------------
+def _head(diagnosis: Diagnosis, title: str) -> Html:
+    model = diagnosis.experiment.model
+    return element("header", element("h1", title), element("p", f"Diagram {model.name}: {model.summary or 'no summary'}"),
+                   element("p", f"Experiment {_named(diagnosis)}", class_="small"), class_="page")
+
+
+def _verdict(diagnosis: Diagnosis) -> Html:
+    kind, mood = KINDS[diagnosis.verdict]
+    if diagnosis.verdict == "undetermined" and diagnosis.steps[-1].partial:
+        kind = "Not told yet: the search was ended early"
+    first, *rest = diagnosis.words
+    box = element("section", element("p", kind, class_="kind"), element("p", first, class_="said"),
+                  *(element("p", line) for line in rest), class_=f"verdict {mood}", aria_label="verdict")
+    return joined([box, _figures(diagnosis)])
+
+
+def _figures(diagnosis: Diagnosis) -> Html:
+    """The handful of numbers that one remembers."""
+    first, last = diagnosis.ladder[0], diagnosis.ladder[-1]
+    held = math.isfinite(last.error_held_out)
+    errors = [r.error_held_out if held else r.error_fit for r in (first, last)]
+    chi2 = [r.chi2_held_out if held else r.chi2_fit for r in (first, last)]
+    on = "held out" if held else "fitted"
+    tried_ = len({s.candidate.label for step in diagnosis.steps for s in step.scores})
+    fitted_ = len({t.candidate.label for step in diagnosis.steps for t in step.trials})
+    return element(
+        "dl", _figure(f"error, on records {on}", " → ".join(f"{number(100 * e, 3)} %" for e in errors), ""),
+        _figure(f"chi-square per sample, on records {on}", " → ".join(number(c, 3) for c in chi2), " 1 is noise"),
+        _figure("effects tried", str(tried_), f" of which fitted {fitted_}; {diagnosis.seconds:.0f} s"), class_="figures")
+
+
+def _figure(name: str, value: str, small: str) -> Html:
+    return element("div", element("dt", name), element("dd", value, element("small", small)))
+
+
+# -- the machine and the finding ---------------------------------------------------------------------------------------
+def _machine(diagnosis: Diagnosis, where: Where | None) -> Html:
+    """The last diagram with what was found in it marked; where nothing was found, the place that asks for most."""
+    model, marks = diagnosis.last.model, _marks(diagnosis)
+    caption = "The diagram with what was found in it, marked." if marks else "The diagram as it stands; nothing was added."
+    if not marks and where is not None and where.suspects and diagnosis.verdict == "undetermined":
+        marks = {n.name: "asks for most" for n in where.suspects[0].place.nodes}
+        caption = "The diagram as it stands; marked is the place where something more would explain most."
+    picture = _drawn(model, marks, _rivals(diagnosis))
+    if not picture:
+        return picture
+    return element("figure", element("div", picture, class_="diagram"), element("figcaption", caption))
+
+
+def _marks(diagnosis: Diagnosis) -> dict[str, str]:
+    found = [*diagnosis.findings, *([diagnosis.shape] if diagnosis.shape is not None else [])]
+    marks = {}
+    for k, finding in enumerate(found, 1):
+        candidate = finding.candidate
+        # a parameter that wakes has no picture of its own; its component has
+        name = candidate.where[0] if candidate.attaches == "in" else candidate.name
+        marks[name] = candidate.kind if len(found) == 1 else f"{k}: {candidate.kind}"
+    return marks
+
+
+def _rivals(diagnosis: Diagnosis) -> dict[str, str]:
+    """Where else it may be, for a finding that is not certain."""
+    return {name: f"or here: {trial.candidate.kind}" for finding in diagnosis.findings if not finding.certain
+            for trial in finding.alternatives[1:] for name in trial.candidate.where[:1]
+            if trial.candidate.where != finding.candidate.where}
+
+
+def _drawn(model: Model, marks: dict[str, str], rivals: dict[str, str]) -> Html:
+    """The picture; with fewer marks where not all can be drawn, nothing where the diagram cannot."""
+    for wanted in ({**rivals, **marks}, marks, {}):
+        try:
+            return Html(draw(model, highlight=wanted))
+        except HeavebondError:
+            continue
+    return Html("")
+
+
+def _found(diagnosis: Diagnosis) -> Html:
+    """Each effect with its numbers, and what cannot be told from it."""
+    parts = [_finding(k, f) for k, f in enumerate(diagnosis.findings, 1)]
+    shape = diagnosis.shape
+    if shape is not None:
+        parts += [element("h3", f"A curve without a name: {shape.candidate.says} {shape.candidate.place}"),
+                  element("p", "With it the chi-square per sample on what was not fitted is "
+                          f"{number(shape.rung.chi2_held_out, 4)}."), learnt(shape)]
+    return joined(parts)
+
+
+def _finding(k: int, finding: Finding) -> Html:
+    candidate = finding.candidate
+    asleep = candidate.attaches == "in"
+    what = f"parameter of {candidate.component}:" if asleep else f"component {candidate.component}, in the diagram as"
+    rows = [(p.name, *_valued(p), f"at the {p.at_bound} end of its range" if p.at_bound else "") for p in finding.parameters]
+    parts = [element("h3", f"{k}. {candidate.kind[:1].upper()}{candidate.kind[1:]} {candidate.place}"),
+             element("p", f"{candidate.says[:1].upper()}{candidate.says[1:]}; {what} ",
+                     element("code", candidate.name), ".")]
+    if rows:
+        parts.append(table(("number", "value", "95 % interval", ""), rows))
+    parts.append(element("details", element("summary", "as a diagram"), element("pre", element("code", _diagram(finding)))))
+    others = finding.alternatives[1:]
+    if others:
+        parts.append(element("p", "The records cannot tell it from: " if not finding.certain else
+                             "Other laws of the same kind at the same place do as well:"))
+        parts.append(element("ul", *(element("li", f"{t.candidate.kind} {t.candidate.place} ({t.candidate.component}), "
+                                             f"chi-square held out {number(t.chi2_held_out, 4)}") for t in others)))
+    return joined(parts)
+
+
+def _diagram(finding: Finding) -> str:
+    """The text of a diagram that adds a finding to the one before."""
+    values = {p.name: quantity(p.value, read_unit(readable_unit(p.unit, p.value))) for p in finding.parameters}
+    candidate, path = finding.candidate, finding.fit.experiment.model.path
+    said = f"with {candidate.kind} {candidate.place}"
+    return candidate.change.with_values(values).diagram(path.stem + "_2", said, path.name)
+
+
+def _valued(p: Fitted) -> tuple[str, str]:
+    """A value and its interval in one unit."""
+    value, low, high = in_one_unit(p.unit, p.value, (p.value, *p.interval), digits_of(p))
+    return value, f"{low} … {high}"
+
+
+# -- errors ------------------------------------------------------------------------------------------------------------
+def _series(shown: Sequence[Shown]) -> Html:
+    found = shown[-1].rung.comparison.records.values()
+    return joined([key(), *(record_section(k, record, shown) for k, record in enumerate(found))])
+
+
+def _ladder(rungs: Sequence[Rung]) -> Html:
+    """The errors of the ladder as bars and in figures."""
+    levels = [100 * _noise_level(rungs[-1], use) for use in ("fit", "validate")]
+    falls = [Fall(r.name, (("fitted", 100 * r.error_fit, levels[0]), ("held out", 100 * r.error_held_out, levels[1])))
+             for r in rungs]
+    rows = [(r.name, *(f"{number(100 * e, 4)} %" if math.isfinite(e) else "–" for e in (r.error_fit, r.error_held_out)),
+             *(number(c, 4) for c in (r.chi2_fit, r.chi2_held_out))) for r in rungs]
+    head = ("model", "error, fitted", "error, held out", "χ² a sample, fitted", "χ² a sample, held out")
+    label = "Error of each model of the ladder on fitted and on held-out records"
+    alone = ", ".join(f"{number(level, 3)} % {on}" for level, on in zip(levels, ("fitted", "held out"), strict=True)
+                      if math.isfinite(level))
+    legend = swatch(("area", FITTED, "on what was fitted"), ("area", HELD_OUT, "on what was held out"),
+                    ("mark", "#000000", f"noise alone: {alone}"))
+    words = "Error: root mean square of record − model over that of the record about its mean. Chi-square per sample is 1 " \
+            "where nothing but noise is left."
+    return joined([element("figure", element("div", ladder(falls, (FITTED, HELD_OUT), label), class_="scroll"),
+                           element("figcaption", legend)), element("p", words, class_="small"),
+                   table(head, rows, numbers=(1, 2, 3, 4))])
+
+
+def _noise_level(rung: Rung, use: str) -> float:
+    """The error that noise alone would leave on the records of one use; NaN where there is none."""
+    shares = [_noise_share(part) for part in rung.comparison.parts if (part.use == "fit") == (use == "fit")]
+    return float(np.sqrt(np.mean(shares))) if shares else math.nan
+
+
+def _noise_share(record: RecordComparison) -> float:
+    return float(np.mean([(c.noise * c.normalised / c.error)**2 if c.error > 0 else 0.0 for c in record.channels.values()]))
+
+
+# -- evidence ----------------------------------------------------------------------------------------------------------
+def _candidates(diagnosis: Diagnosis) -> Html:
+    words = element("p", "Every effect of the catalogue was set at every place where it fits. Its score is the chi-square "
+                    "that it could take away as far as a straight line holds; what decides is the refit of all that is free "
+                    "together with it, and what that leaves on what was not fitted.", class_="small")
+    steps = [joined([element("h3", f"Step {k}"), ranking(step)]) for k, step in enumerate(diagnosis.steps, 1)]
+    return joined([words, *steps])
+
+
+def _left(diagnosis: Diagnosis) -> Html:
+    names = [_stage(diagnosis, k) for k in range(len(diagnosis.steps))]
+    note = "Tests on the fitted samples; together they are wrong 2 times in 100 where nothing is missing."
+    return joined([tests(diagnosis.steps, names), element("p", note, class_="quiet small"), noise(diagnosis)])
+
+
+def _stage(diagnosis: Diagnosis, k: int) -> str:
+    if k:
+        return f"the diagram with {diagnosis.findings[k - 1].candidate.label}"
+    return "the diagram, its free parameters fitted" if diagnosis.fitted is not None else "the diagram"
+
+
+def _tried(diagnosis: Diagnosis) -> Html:
+    ended = [name for step in diagnosis.steps[:1] for name in step.at_end]
+    note = element("p", f"Before anything was added, {', '.join(ended)} ended at an end of the range given: a sign of "
+                   "missing physics.") if ended else Html("")
+    total = element("p", f"In all {count(len(diagnosis.steps), 'step')}, {diagnosis.seconds:.0f} s.")
+    return joined([tried(diagnosis), note, total, records(diagnosis)])
+
+
+def _last_fit(diagnosis: Diagnosis) -> Fit | None:
+    """The fit of the last model."""
+    found = diagnosis.shape or (diagnosis.findings[-1] if diagnosis.findings else None)
+    return found.fit if found is not None else diagnosis.fitted
+
+
+# -- how to go on ------------------------------------------------------------------------------------------------------
+def _named(diagnosis: Diagnosis) -> str:
+    """The experiment as a user would type it."""
+    path, inside = diagnosis.experiment.path.resolve(), bundled("models").resolve()
+    return path.relative_to(inside).with_suffix("").as_posix() if path.is_relative_to(inside) else path_text(path)
+
+
+def _next(diagnosis: Diagnosis, written: Sequence[Path]) -> Html:
+    """The commands with which to go on."""
+    name = _named(diagnosis)
+    advice, lines = {
+        "nothing": ("The diagram may be used as it is.", [f"heavebond compare {name} --output compared.png"]),
+        "parameters": ("Write the fitted values back as a diagram:", [f"heavebond fit {name} --write fitted.yaml"]),
+        "effect": ("Add the effect, and ask again whether anything is left:", [f"heavebond diagnose {name}"]),
+        "one_of": ("A further record can tell them apart. Each can be put in by hand:", _tries(diagnosis, name)),
+        "shape": ("Look at what the places ask for, and give it a name as a component with an entry `effect:`:",
+                  [f"heavebond where {name} --fitted --output where.png", f"heavebond candidates {name}"]),
+        "undetermined": ("Record again with a larger or a longer motion, or look where the misfit sits:",
+                         [f"heavebond where {name} --fitted --output where.png"])}[diagnosis.verdict]
+    if written:
+        files = [path_text(path) for path in written]
+        lines = [*(f"heavebond compare {file}" for file in files), f"heavebond diagnose {files[-1]}"]
+        advice = "What was found stands in files; look at it there, and ask again whether anything is left:"
+    return joined([element("p", advice), element("pre", element("code", "\n".join(lines)))])
+
+
+def _tries(diagnosis: Diagnosis, name: str) -> list[str]:
+    """Each of the effects that cannot be told apart, as it is tried by hand."""
+    lines = []
+    for finding in diagnosis.findings:
+        for candidate in (t.candidate for t in finding.alternatives[:6]):
+            where, pair = candidate.where, candidate.attaches == "across" and len(candidate.where) == 2
+            place = f"--between {where[0]} {where[1]}" if pair else f"--at {where[0]}"
+            asleep = candidate.attaches == "in"
+            lines.append(f"heavebond try {name} " + (candidate.name if asleep else f"{candidate.component} {place}"))
+    return lines
+
+
+def _foot() -> Html:
+    return element("footer", element("p", f"Made by heavebond {__version__}. This page holds all that it shows and asks for "
+                                     "nothing from anywhere."))

@@ -1,0 +1,174 @@
+"""Records and the models of a ladder over time, thinned out and packed for the page's script."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heavebond.basis.measurements import gaps
+from heavebond.basis.presentation import number, readable, readable_unit, unit_label
+from heavebond.basis.units import read_unit
+from heavebond.evidence.comparison import Channel, RecordComparison
+from heavebond.evidence.finding import Rung
+from heavebond.numbers.dae import Array
+from heavebond.pictures.markup import Html, element, joined
+
+# Samples that a page carries of one channel, and of all together with their models: some 2 MB.
+MOST, IN_ALL = 8000, 250_000
+BAND = 2.0  # noise levels on either side of zero that the band shows: 95 of 100 samples of white noise
+BEFORE, LAST = 0, 9  # the styles of the first and the last model
+QUANTA = 30.0  # of the noise, to which values are rounded
+
+
+@dataclass(frozen=True)
+class Shown:
+    """One model of the ladder as it is drawn: its name, its style (see report.css), and whether it shows at first."""
+
+    label: str
+    style: int
+    at_first: bool
+    rung: Rung
+
+
+def shown_rungs(ladder: Sequence[Rung]) -> list[Shown]:
+    """The rungs with their styles: of the first ones only the fitted diagram shows, and the last model."""
+    before = 1 if len(ladder) > 2 else 0
+    found = []
+    for k, rung in enumerate(ladder):
+        style = LAST if k == len(ladder) - 1 else BEFORE if k == before else 1 + k % 2
+        found.append(Shown(rung.name, style, k in (before, len(ladder) - 1), rung))
+    return found
+
+
+def packed(ladder: Sequence[Shown]) -> list[dict[str, object]]:
+    """What the page's script draws: an entry for each record."""
+    records = list(ladder[-1].rung.comparison.records.values())
+    count = sum(len(r.channels) for r in records) * (1 + len(ladder))
+    most = min(MOST, max(500, IN_ALL // max(1, count)))
+    return [{"span": _span(record), "shown": [s.label for s in ladder if s.at_first],
+             "charts": [_chart(f"{k}-{c}", record, name, ladder, most) for c, name in enumerate(record.channels)]}
+            for k, record in enumerate(records)]
+
+
+def _span(record: RecordComparison) -> list[float]:
+    begin = min(float(c.time[0]) for c in record.channels.values())
+    end = max(float(c.time[-1]) for c in record.channels.values())
+    return [begin, end if end > begin else begin + 1.0]
+
+
+def _chart(identity: str, record: RecordComparison, name: str, ladder: Sequence[Shown], most: int) -> dict[str, object]:
+    channel = record.channels[name]
+    unit, scale, offset = _conversion(channel)
+    models = [s.rung.comparison.records[record.name].channels[name].model for s in ladder]
+    kept = thinned(channel.measured, [models[0], models[-1]], channel.outlier, most)
+    quantum = _quantum(channel.noise * scale, channel.measured * scale)
+    position = np.searchsorted(kept, gaps(channel.time), side="right") - 1
+    step = float(np.median(np.diff(channel.time))) if len(channel.time) > 1 else 1.0
+    return {
+        "id": identity, "channel": name, "unit": unit_label(unit), "band": BAND * channel.noise * scale,
+        "label": f"{name} over time in record {record.name}: record and models, and below what the models miss",
+        "time": pack(channel.time[kept], 10.0 ** math.floor(math.log10(step / 50))),
+        "measured": pack(channel.measured[kept] * scale + offset, quantum),
+        "models": [{"label": s.label, "style": s.style, "values": pack(m[kept] * scale + offset, quantum)}
+                   for s, m in zip(ladder, models, strict=True)],
+        "breaks": sorted({int(k) for k in position if k >= 0}), "held": held_out(record, name),
+        "outliers": np.flatnonzero(channel.outlier[kept]).tolist()}
+
+
+def _conversion(channel: Channel) -> tuple[str, float, float]:
+    """The unit to show a channel in, and value * scale + offset that gives it."""
+    finite = np.abs(channel.measured[np.isfinite(channel.measured)])
+    unit = readable_unit(channel.unit, float(finite.max()) if finite.size else 0.0)
+    source, target = read_unit(channel.unit), read_unit(unit)
+    return unit, source.scale / target.scale, (source.offset - target.offset) / target.scale
+
+
+def held_out(record: RecordComparison, name: str) -> list[list[float]]:
+    """The stretches (s) of a channel that were held out of the fit, where those are parts of the record."""
+    if record.validate is None or name not in record.validate.channels:
+        return []
+    part = record.validate.channels[name]
+    ends = np.flatnonzero(np.diff(part.counts.astype(int), prepend=0, append=0)).reshape(-1, 2)
+    return [[float(part.time[a]), float(part.time[b - 1])] for a, b in ends]
+
+
+def thinned(measured: Array, models: Sequence[Array], always: NDArray[np.bool_], most: int) -> NDArray[np.int64]:
+    """The samples that are kept of n: all if there are no more than `most`; else, of equal stretches, those at which the
+    record and the rest to each model are least and largest, and those marked `always`. No peak is lost."""
+    n = len(measured)
+    if n <= most:
+        return np.arange(n)
+    courses = [measured, *(measured - model for model in models)]
+    edges = np.linspace(0, n, max(2, most // (2 * len(courses))) + 1).astype(int)
+    kept = {0, n - 1, *np.flatnonzero(always).tolist()}
+    for course in courses:
+        for a, b in pairwise(edges):
+            kept |= {a + int(np.argmin(course[a:b])), a + int(np.argmax(course[a:b]))}
+    return np.array(sorted(kept))
+
+
+def pack(values: Array, quantum: float) -> dict[str, object]:
+    """Values as whole numbers of quanta above the first, each as its difference from the one before."""
+    sound = np.isfinite(values)
+    finite = np.where(sound, values, values[np.argmax(sound)] if sound.any() else 0.0)
+    whole = np.round((finite - finite[0]) / quantum).astype(np.int64)
+    return {"o": float(finite[0]), "q": quantum, "d": np.diff(whole, prepend=0).tolist()}
+
+
+def _quantum(noise: float, values: Array) -> float:
+    """A power of ten that is small beside the noise, and not too small beside the values to be counted in."""
+    size = float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0)) or 1.0
+    return float(10.0 ** math.floor(math.log10(max(noise / QUANTA, 1e-9 * size))))
+
+
+# -- the page around the charts ----------------------------------------------------------------------------------------
+def record_section(index: int, record: RecordComparison, ladder: Sequence[Shown]) -> Html:
+    """One record: its buttons and its charts, which the script fills."""
+    first = next((s for s in ladder if s.at_first), ladder[0]).rung.comparison.records[record.name]
+    use = "fitted" if record.use == "fit" else "held out of the fit"
+    more = "; the shaded stretches were held out" if record.validate is not None else ""
+    charts = [_figure(k, first.channels[name], channel, ladder[0] is not ladder[-1])
+              for k, (name, channel) in enumerate(record.channels.items())]
+    notes = [element("p", note, class_="small quiet") for note in record.notes]
+    return element("section", element("h3", f"Record {record.name} ", element("span", use, class_="tag")),
+                   element("p", f"{record.file.name}{more}.", class_="quiet small"), _toolbar(ladder), *charts, *notes,
+                   data_record=index)
+
+
+def _toolbar(ladder: Sequence[Shown]) -> Html:
+    moves = [("in", "+", "zoom in"), ("out", "−", "zoom out"), ("back", "◂", "earlier"), ("on", "▸", "later"),
+             ("whole", "whole record", "show the whole record")]
+    models = [element("button", element("svg", element("path", d="M1 6H25", class_=f"model m{s.style}"), width="26",
+                                        height="12", aria_hidden="true"), s.label, type="button", data_model=s.label,
+                      aria_pressed="true" if s.at_first else "false") for s in ladder]
+    return element("div", *models, element("span", class_="between"),
+                   *(element("button", face, type="button", data_do=what, aria_label=words, title=words)
+                     for what, face, words in moves), class_="toolbar", role="toolbar",
+                   aria_label="models and stretch of time")
+
+
+def _figure(index: int, before: Channel, after: Channel, both: bool) -> Html:
+    errors = [readable(c.error, c.unit, 3) for c in ((before, after) if both else (after,))]
+    chi2 = [number(c.chi2, 3) for c in ((before, after) if both else (after,))]
+    said = element("span", element("b", after.name), f"  rms error {' → '.join(errors)}, chi-square per sample "
+                   f"{' → '.join(chi2)}, fit {number(after.fit, 4)} %, {len(after.time)} samples")
+    return element("figure", element("figcaption", said, element("output")),
+                   element("div", element("p", "The curves are drawn by the script of this page.",
+                                          class_="unless quiet small"), class_="canvas"), data_chart=index)
+
+
+def key() -> Html:
+    """How to read the charts, and how to move in them."""
+    read = element("p", element("b", "How to read them. "), "Above: the record (grey) and the models; below: what each "
+                   f"model misses, on a band of ±{BAND:g} noise levels, which holds 95 % of white noise. Crosses are "
+                   "samples far from their neighbours; gaps in the records stay open.", class_="small")
+    move = element("p", element("b", "How to move. "), "Drag over a stretch to see it larger, drag with Shift to move "
+                   "along; double-click for the whole record. After a click into a chart the wheel zooms, and so do + and "
+                   "−; the arrow keys move, 0 shows all. With fingers: pinch and drag. All channels of a record move "
+                   "together.", class_="small screen")
+    return joined([read, move])

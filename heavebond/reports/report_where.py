@@ -1,0 +1,212 @@
+"""What would have to act at a place, beside the law that was found there, as charts; and when a model fails."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from heavebond.basis.errors import HeavebondError
+from heavebond.basis.presentation import number, readable_unit, unit_label
+from heavebond.basis.units import read_unit
+from heavebond.evidence.error_states import State
+from heavebond.evidence.finding import Finding
+from heavebond.evidence.misfit import NOUNS, Suspect, Where, shown, summary
+from heavebond.evidence.places import nodes_of
+from heavebond.numbers.dae import Array
+from heavebond.numbers.result import Result
+from heavebond.pictures.markup import Html, element, joined
+from heavebond.reports.report_charts import BLUE, MOST_POINTS, ORANGE, Cloud, Line, over, steps, swatch
+
+PANELS = 3
+LAW, CURVE = "#000000", "#009e73"
+
+
+def failing(found: Where, finding: Finding | None) -> Html:
+    """When, in what state of motion and where the model fails; with the law of a finding drawn over what its place asks
+    for."""
+    parts = [element("p", line) for line in summary(found)]
+    parts += [element("div", *figures, class_="panels") for figures in (_over_time(found), _over_states(found)) if figures]
+    parts += [element("p", line) for line in found.words]
+    for suspect in _chosen(found, finding):
+        parts.append(_place(suspect, finding))
+    if found.unseen:
+        parts.append(element("p", f"Places that these records do not see: {', '.join(found.unseen)}.", class_="quiet small"))
+    return joined(parts)
+
+
+def _chosen(found: Where, finding: Finding | None) -> list[Suspect]:
+    """The best place, and that of the finding if it is another."""
+    best = list(shown(found))[:1]
+    if finding is not None:
+        wanted = set(finding.candidate.where)
+        there = next((s for s in found.suspects if {n.name for n in s.place.nodes} == wanted), None)
+        if there is not None and best and there is not best[0]:
+            # the same effect on the records, so only one of them needs to be drawn
+            return [there] if there.place.name in best[0].alike else [best[0], there]
+    return best
+
+
+# -- when and in what state --------------------------------------------------------------------------------------------
+def _over_time(found: Where) -> list[Html]:
+    made = []
+    for record in dict.fromkeys(s.record for s in found.stretches):
+        parts = [s for s in found.stretches if s.record == record]
+        edges = np.array([*(s.begin for s in parts), parts[-1].end])
+        series = [(name, edges, np.array([s.chi2[name] for s in parts])) for name in parts[0].chi2]
+        made.append(element("figure", steps(series, title=f"record {record}", across="time [s]", up="χ² a sample",
+                                            label=f"Misfit over time in record {record}; 1 is noise")))
+    return made
+
+
+def _over_states(found: Where) -> list[Html]:
+    best: dict[str, State] = {}
+    for state in found.states:
+        best.setdefault(state.channel, state)
+    return [element("figure", _state(found, state)) for state in best.values()]
+
+
+def _state(found: Where, state: State) -> Html:
+    own = read_unit(found.experiment.outputs[state.channel].shown.unit)
+    error, per_y = _shown(own.text, state.y)
+    across, per_x = _shown(state.unit, state.x)
+    x, y = state.x * per_x, state.y * per_y
+    zero = Line(np.array([x.min(), x.max()]), np.zeros(2), "#7d8894", 1.0)
+    return over([Cloud(x, y, BLUE, 5.0)], [Line(x, y, BLUE), zero],
+                title=f"error of {state.channel}, R² {state.r2:.2f}", across=f"{state.variable} [{unit_label(across)}]",
+                up=f"error [{unit_label(error)}]", label=f"Mean error of {state.channel} over {state.variable}")
+
+
+def _shown(unit: str, values: Array) -> tuple[str, float]:
+    """The unit that suits the size of values, and the factor to it."""
+    if not unit:
+        return unit, 1.0
+    shown_ = readable_unit(unit, float(np.max(np.abs(values), initial=0.0)))
+    return shown_, read_unit(unit).scale / read_unit(shown_).scale
+
+
+# -- at a place --------------------------------------------------------------------------------------------------------
+def _place(suspect: Suspect, finding: Finding | None) -> Html:
+    noun = NOUNS.get(suspect.place.nodes[0].domain.name, "flow")
+    unit, per = _shown(suspect.place.unit.text, np.concatenate([i.value for i in suspect.implied.values()]))
+    up = f"{noun} [{unit_label(unit)}]"
+    panels = [_panel(suspect, name, finding, up, per) for name in _variables(suspect)]
+    drawn = any(law for _, law in panels)
+    marks = [("dot", BLUE, "what acts, while the variable rises"), ("dot", ORANGE, "while it falls"),
+             ("dash", CURVE, "a curve through it")]
+    if drawn and finding is not None:
+        marks.append(("line", LAW, f"{finding.candidate.component} as it was found"))
+    caption = element("figcaption", swatch(*marks))
+    courses = [element("figure", _course(suspect, record, up, per)) for record in suspect.implied]
+    return joined([element("h3", f"The {noun} that the records ask for {suspect.place.words}"),
+                   element("p", f"It would explain {number(100 * suspect.explained, 4)} % of the misfit. "
+                           "Below: over what moves there, and over time (pale: twice its standard deviation).",
+                           class_="small"),
+                   element("div", *(element("figure", panel) for panel, _ in panels), class_="panels"), caption,
+                   element("div", *courses, class_="panels")])
+
+
+def _variables(suspect: Suspect) -> list[str]:
+    """The variable that tells it best first."""
+    if suspect.curve is None:
+        return []
+    best = suspect.curve.variable.formula
+    return [best, *(n for n in suspect.curve.scores if n != best)][:PANELS]
+
+
+def _panel(suspect: Suspect, name: str, finding: Finding | None, up: str, per: float) -> tuple[Html, bool]:
+    """One cloud, and whether the law stands in it."""
+    curve = suspect.curve
+    assert curve is not None
+    x = np.concatenate([i.local[name] for i in suspect.implied.values()])
+    y = np.concatenate([i.value for i in suspect.implied.values()]) * per
+    up_ = np.concatenate([np.gradient(i.local[name]) > 0 for i in suspect.implied.values()])
+    unit, across = _shown(curve.units.get(name, ""), x)
+    clouds = [Cloud(x[mask] * across, y[mask], colour) for mask, colour in ((up_, BLUE), (~up_, ORANGE)) if mask.any()]
+    lines = []
+    own = name == curve.variable.formula
+    if own and not curve.times:
+        branches = [branch for branch in (curve.y, curve.y_down) if branch.size]
+        lines = [Line(curve.x * across, branch * per, CURVE, 2.2, "6 3") for branch in branches]
+    law = _law(finding, suspect, name) if finding is not None and own else None
+    if law is not None:
+        lines.append(Line(law.x * across, law.y * per, LAW, 1.1, None, law.ends, 0.55))
+    r2 = max(curve.scores.get(name, 0.0), curve.r2 if own else -1.0)
+    drawn = over(clouds, lines, title=f"R² {max(r2, 0.0):.2f}", up=up,
+                 across=f"{name} [{unit_label(unit)}]" if unit else name, limits=y,
+                 label=f"What acts {suspect.place.words} over {name}")
+    return drawn, law is not None
+
+
+def _law(finding: Finding, suspect: Suspect, name: str) -> Line | None:
+    """What the component of a finding lets through at a place, over a variable there, in the runs with it (SI); None where
+    it stands elsewhere, or has no ports of its own there."""
+    xs, ys, ends = [], [], []
+    for record in finding.rung.comparison.records.values():
+        made = _through(finding, suspect, record.result, name)
+        if made is None:
+            return None
+        thin = slice(None, None, max(1, len(made[0]) // (2 * MOST_POINTS)))
+        xs.append(made[0][thin])
+        ys.append(made[1][thin])
+        ends.append(sum(map(len, xs)) - 1)
+    return Line(np.concatenate(xs), np.concatenate(ys), LAW, ends=tuple(ends))
+
+
+def _through(finding: Finding, suspect: Suspect, result: Result, name: str) -> tuple[Array, Array] | None:
+    nodes = nodes_of(result.assembly.flat)
+    for node, weight in suspect.place.weights.items():
+        ports = nodes[node].ports if node in nodes else ()
+        port = next((p for p in ports if p.rpartition(".")[0] == finding.candidate.name), None)
+        if port is None:
+            continue
+        try:
+            # what enters the node is what leaves the component there
+            return result[name], -result[f"{port}.{nodes[node].through}"] / weight
+        except HeavebondError:
+            return None
+    return None
+
+
+def _course(suspect: Suspect, record: str, up: str, per: float) -> Html:
+    """What acts over time in one record, between its doubtful edges."""
+    implied = suspect.implied[record]
+    thin = slice(None, None, max(1, -(-len(implied.time) // MOST_POINTS)))
+    t, value, wide = implied.time[thin], implied.value[thin] * per, 2 * implied.deviation[thin] * per
+    lines = [Line(t, value + sign * wide, "#9cc7e2", 1.0) for sign in (-1, 1)]
+    return over([], [*lines, Line(t, value, BLUE, 1.2)], title=f"record {record}", across="time [s]", up=up, limits=value,
+                label=f"What acts {suspect.place.words} over time in record {record}", size=(518.0, 215.0))
+
+
+# -- learnt curves -----------------------------------------------------------------------------------------------------
+def learnt(finding: Finding) -> Html:
+    """The learnt curve of a finding without a name, as far as the runs with it went; empty where it has none to draw.
+
+    A component that stands for an unknown law gives it as its last variable over its first, a signal's as what it adds.
+    """
+    runs = [r.result for r in finding.rung.comparison.records.values()]
+    names = _curve_names(finding, runs[0])
+    if names is None:
+        return Html("")
+    x, y = (np.concatenate([run[name] for run in runs]) for name in names)
+    order = np.argsort(x)
+    kept = order[np.unique(np.linspace(0, len(order) - 1, 400).astype(int))]
+    units = [runs[0].unit(name) for name in names]
+    (across, per_x), (up, per_y) = _shown(units[0], x), _shown(units[1], y)
+    drawn = over([], [Line(x[kept] * per_x, y[kept] * per_y, LAW)], title="learnt curve", size=(518.0, 300.0),
+                 across=f"{names[0]} [{unit_label(across)}]", up=f"{names[1]} [{unit_label(up)}]",
+                 label=f"The learnt curve of {names[1]} over {names[0]}")
+    return element("figure", drawn, element("figcaption", "The learnt law, as far as the records went: "
+                                            f"{finding.candidate.says} {finding.candidate.place}."))
+
+
+def _curve_names(finding: Finding, result: Result) -> Sequence[str] | None:
+    leaf = result.assembly.flat.expanded.leaves.get(finding.candidate.name)
+    if leaf is None or len(leaf.component.variables) < 2:
+        return None
+    variables, signals = list(leaf.component.variables), leaf.component.signals
+    out = next((s.name for s in signals.values() if s.direction == "out"), None)
+    into = next((s.name for s in signals.values() if s.direction == "in"), None)
+    path = finding.candidate.name
+    law = f"{path}.{out} - {path}.{into}" if out and into else f"{path}.{variables[-1]}"
+    return f"{path}.{variables[0]}", law

@@ -1,0 +1,300 @@
+"""What the assembler made of a diagram: counts, states and why these, loops, index, and where the start comes from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+
+from heavebond.basis.errors import listing
+from heavebond.basis.presentation import columns, count, path_text, readable
+from heavebond.equations.expand import Medium
+from heavebond.equations.flatten import Flat, FlatEquation
+from heavebond.equations.grounding import Circuit, circuits
+from heavebond.equations.states import Column
+from heavebond.numbers.charts import Charts
+from heavebond.numbers.dae import Assembly
+from heavebond.numbers.initialise import Start, StartLine
+
+SHOWN_NAMES = 60
+MOST_OF_A_CIRCUIT = 8
+TIMES = {1: "once", 2: "twice"}
+
+
+@dataclass(frozen=True)
+class ChosenState:
+    """A state: its unit, and in words why it is one."""
+
+    name: str
+    unit: str
+    why: str
+
+
+@dataclass(frozen=True)
+class OpenChoice:
+    """Unknowns that equations of a moving constraint tie together, of which a run takes others as states where the first
+    go bad: the `states` that it begins with, the `others` that may take their place, and the equations."""
+
+    states: tuple[str, ...]
+    others: tuple[str, ...]
+    equations: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Differentiation:
+    """An equation that index reduction differentiated `times` times."""
+
+    component: str
+    equation: str
+    times: int
+    file: str
+    line: int
+
+
+@dataclass(frozen=True)
+class AlgebraicLoop:
+    """Simultaneous equations of these components: the unknowns that were torn, and how many the solver is left with."""
+
+    components: tuple[str, ...]
+    torn: tuple[str, ...]
+    left: int
+
+
+@dataclass(frozen=True)
+class Summary:
+    """The assembled diagram. `components` and `blocks` map a kind to the paths of its instances."""
+
+    model: str
+    summary: str
+    files: tuple[str, ...]
+    components: dict[str, tuple[str, ...]]
+    blocks: dict[str, tuple[str, ...]]
+    nodes: tuple[str, ...]
+    media: tuple[str, ...]
+    equations: int
+    unknowns: int
+    circuits: tuple[Circuit, ...]
+    inputs: tuple[str, ...]
+    events: tuple[str, ...]
+    index: int
+    differentiated: tuple[Differentiation, ...]
+    states: tuple[ChosenState, ...]
+    charts: tuple[OpenChoice, ...]
+    algebraic: tuple[str, ...]
+    loops: tuple[AlgebraicLoop, ...]
+    start_mode: str
+    start: tuple[StartLine, ...]
+    solved: tuple[StartLine, ...]
+
+    def as_dict(self) -> dict[str, object]:
+        """Everything, for machines; values in SI."""
+        return {**asdict(self), "equations_left": {"differential": len(self.states), "algebraic": len(self.algebraic)}}
+
+    def text(self, width: int = 100) -> str:
+        """The summary as lines of about `width` characters; each section begins with a line that is not indented."""
+        return "\n".join([
+            *self._diagram(width), "", *self._circuits(width), *self._equations(width), "", *self._states(width),
+            *(["", *self._start(width)] if self.start or self.solved else [])])
+
+    def _diagram(self, width: int) -> list[str]:
+        number = sum(map(len, self.components.values()))
+        kinds = ", ".join(kind if len(paths) == 1 else f"{len(paths)} {kind}"
+                          for kind, paths in self.components.items())
+        rows = [("summary", self.summary)] if self.summary else []
+        rows += [("from", ", then ".join(self.files)), ("components", f"{number}: {kinds}")]
+        if self.blocks:
+            rows.append(("blocks", ", ".join(f"{path} ({kind})" for kind, paths in self.blocks.items()
+                                             for path in paths)))
+        rows.append(("nodes", f"{len(self.nodes)}: {listing(self.nodes, SHOWN_NAMES)}"))
+        rows += [("medium", words) for words in self.media]
+        if self.inputs:
+            rows.append(("measured", ", ".join(self.inputs)))
+        if self.events:
+            rows.append(("events", f"{len(self.events)}: {listing(self.events, SHOWN_NAMES)}"))
+        return [f"Diagram {self.model}", *columns(rows, width)]
+
+    def _circuits(self, width: int) -> list[str]:
+        rows = [(c.domain, f"{listing(c.nodes, MOST_OF_A_CIRCUIT)}: {_tie(c)}") for c in self.circuits]
+        return ["Circuits, and what ties each to a reference", *columns(rows, width), ""] if rows else []
+
+    def _equations(self, width: int) -> list[str]:
+        left = f"{count(len(self.states), 'differential equation')}, " \
+            f"{count(len(self.algebraic), 'algebraic unknown')}"
+        if self.algebraic:
+            left += f": {listing(self.algebraic, SHOWN_NAMES)}"
+        rows = [("assembled", f"{count(self.equations, 'equation')} in {count(self.unknowns, 'unknown')}"),
+                ("index", f"{self.index}; {count(len(self.differentiated), 'equation')} differentiated"),
+                ("left", left), ("loops", count(len(self.loops), "algebraic loop"))]
+        lines = ["Equations", *columns(rows, width)]
+        if self.loops:
+            lines += ["", "Algebraic loops", *columns([(listing(loop.components, 6), _loop_words(loop))
+                                                       for loop in self.loops], width)]
+        if self.differentiated:
+            lines += ["", "Differentiated", *columns([
+                (d.component, TIMES.get(d.times, f"{d.times} times"), d.equation) for d in self.differentiated], width)]
+        return lines
+
+    def _states(self, width: int) -> list[str]:
+        if not self.states:
+            return ["States", "  none"]
+        lines = ["States, and the equation in which the rate of each stands",
+                 *columns([(s.name, s.unit, s.why) for s in self.states], width)]
+        if self.charts:
+            lines += ["", "States that may give way to others during the run, as constraints move", *columns([
+                (listing(c.states, 6), f"to {listing(c.others, 6)}", "; ".join(c.equations[:3]))
+                for c in self.charts], width)]
+        return lines
+
+    def _start(self, width: int) -> list[str]:
+        head = "Start" + (f" ({self.start_mode})" if self.start_mode else "")
+        rows = [("variable", "asked", "used", "why"), *(_start_row(line) for line in self.start)]
+        lines = [head, *columns(rows, width)]
+        if self.solved:
+            lines += ["", "Parameters solved for", *columns([
+                (line.name, readable(line.used, line.unit, 8)) for line in self.solved], width)]
+        return lines
+
+
+def summary(assembly: Assembly, start: Start | None) -> Summary:
+    """The summary of an assembly and of its start (None where no start was found or sought)."""
+    flat, reduced = assembly.flat, assembly.reduced
+    expanded, model = flat.expanded, assembly.model
+    table = start.table if start is not None else ()
+    asked = set(model.initial.solve)
+    sizes = dict(zip(assembly.state_names, assembly.x_nominal.tolist(), strict=True))
+    return Summary(
+        model=model.name, summary=model.summary, files=tuple(map(path_text, model.files)),
+        components=_by_kind(assembly, composite=False), blocks=_by_kind(assembly, composite=True),
+        nodes=tuple(expanded.junctions), circuits=circuits(flat),
+        media=tuple(_medium(assembly, medium) for medium in expanded.media),
+        equations=len(flat.equations), unknowns=len(flat.unknowns),
+        inputs=tuple(f"{k.name} ({k.source.column} in {k.source.file.name})" for k in flat.inputs),
+        events=tuple(f"{event.name} ({event.text})" for event in flat.events), index=reduced.index,
+        differentiated=tuple(_differentiation(flat.equations[i], times) for i, times in reduced.differentiated),
+        states=tuple(ChosenState(assembly.state_names[k], _rate_unit(flat.unknowns[j].unit.text, order),
+                                 _why(assembly, (j, order))) for k, (j, order) in enumerate(reduced.states)),
+        charts=_charts(assembly), algebraic=tuple(assembly.algebraic_names),
+        loops=tuple(_loop(assembly, loop.equations, loop.torn, loop.left) for loop in reduced.loops),
+        start_mode=model.initial.mode or "",
+        start=tuple(_tidy(line, sizes.get(line.name, 0.0)) for line in table if line.name not in asked),
+        solved=tuple(line for line in table if line.name in asked))
+
+
+def _charts(assembly: Assembly) -> tuple[OpenChoice, ...]:
+    """What may be exchanged for what where the states change during a run; nothing where one choice does for all of it."""
+    charts, flat = Charts(assembly), assembly.flat
+    if not charts.needed:
+        return ()
+    found = []
+    for part in charts.home.parts[::-1]:  # positions before their rates
+        # the highest derivatives stand in a part; states are one order lower
+        states, others = ([assembly.reduced.name((j, order - 1)) for j, order in part.columns if
+                           ((j, order) in part.dummies) == dummy] for dummy in (False, True))
+        moving = [flat.equations[i] for i in part.rows if any((i, j) in charts.home.moving for j, _ in part.columns)]
+        # a rate that has a name of its own needs no second one
+        named = [name for name in others if not name.startswith("der(")] or others
+        found.append(OpenChoice(tuple(states), tuple(named), tuple(f"{e.owner}: {_one_space(e.text)}" for e in moving)))
+    return tuple(found)
+
+
+def _tie(circuit: Circuit) -> str:
+    """`held by tank`; `carried by oil, its level is a matter of the start`."""
+    if circuit.held:
+        return f"held by {listing(circuit.held, 6)}"
+    return f"carried by {listing(circuit.carried, 6)}; its level is a matter of the start" if circuit.carried else \
+        "held by nothing"
+
+
+def _by_kind(assembly: Assembly, *, composite: bool) -> dict[str, tuple[str, ...]]:
+    found: dict[str, tuple[str, ...]] = {}
+    for path, leaf in assembly.flat.expanded.leaves.items():
+        if leaf.component.composite == composite:
+            found[leaf.component.name] = (*found.get(leaf.component.name, ()), path)
+    return found
+
+
+def _medium(assembly: Assembly, medium: Medium) -> str:
+    """What fills a circuit, and on whose word; values that are formulas of other parameters are not repeated."""
+    values, units, leaves = assembly.parameter_values, assembly.flat.units, assembly.flat.expanded.leaves
+    told: dict[str, str] = {}
+    for taker in medium.takers:
+        path, _, name = taker.rpartition(".")
+        asked = leaves[path].component.parameters[name].medium
+        number = values.get(f"{medium.source}.{asked}" if medium.source else taker)
+        if number is not None:
+            told.setdefault(asked, f"{asked} {readable(number, units[taker].text)}")
+    circuit, numbers = f"the circuit of {listing(medium.nodes, 3)}", ", ".join(told.values())
+    if medium.source:
+        return f"{medium.source} ({medium.kind}) fills {circuit}" + (f": {numbers}" if numbers else "")
+    return f"no {medium.kind} in {circuit}; usual values for {listing(medium.takers, 6)}: {numbers}"
+
+
+def _tidy(line: StartLine, nominal: float) -> StartLine:
+    """Newton's rounding, 1e-18 m/s, is shown as the zero that it means."""
+    return StartLine(line.name, line.asked, 0.0, line.unit, line.why) if abs(line.used) < 1e-10 * nominal else line
+
+
+def _start_row(line: StartLine) -> tuple[str, str, str, str]:
+    return line.name, line.asked.lstrip("= ") or "-", readable(line.used, line.unit, 6), line.why
+
+
+def _differentiation(equation: FlatEquation, times: int) -> Differentiation:
+    return Differentiation(equation.owner, _one_space(equation.text), times, equation.place.file, equation.place.line)
+
+
+def _loop(assembly: Assembly, owners: Sequence[str], torn: tuple[str, ...], left: int) -> AlgebraicLoop:
+    """A node has equations too, but it is components that close a loop."""
+    leaves = assembly.flat.expanded.leaves
+    return AlgebraicLoop(tuple(o for o in owners if o in leaves) or tuple(owners), torn, left)
+
+
+def _one_space(text: str) -> str:
+    """Authors align the signs of their equations; a single line needs none of that."""
+    return " ".join(text.split())
+
+
+def _rate_unit(unit: str, order: int) -> str:
+    return unit if order == 0 else f"{unit}/s" if order == 1 else f"{unit}/s**{order}"
+
+
+def _loop_words(loop: AlgebraicLoop) -> str:
+    torn = listing(loop.torn, 6)
+    if loop.left == 0:
+        return f"solved explicitly, starting from {torn}"
+    if loop.left == len(loop.torn):
+        return f"{torn} left to the solver"
+    return f"torn at {torn}; {loop.left} of these left to the solver"
+
+
+def _why(assembly: Assembly, state: Column) -> str:
+    """Where the rate of a state stands, and which unknowns tied to it by a differentiated equation it was preferred
+    to."""
+    flat, (j, order) = assembly.flat, state
+    n = len(flat.unknowns)
+
+    def holding(level: int) -> list[FlatEquation]:
+        found = [flat.equations[i] for i, row in enumerate(flat.entries) if any(c == level * n + j for c, _ in row)]
+        # a node's own `v = der(x)` says least: any other equation with the rate comes first
+        return sorted(found, key=lambda e: " is the rate of " in e.label)
+
+    using, before = holding(order + 1), holding(order)
+    if using:
+        words = f"{using[0].owner}: {_one_space(using[0].text)}"
+    else:
+        words = f"d/dt of {before[0].owner}: {_one_space(before[0].text)}" if before else "by differentiation"
+    rivals = _rivals(flat, assembly, j)
+    if rivals:
+        asked = order == 0 and flat.unknowns[j].name in assembly.model.initial.conditions
+        words += f"; chosen before {listing(rivals, 3)}" + (", as its initial value is asked for" if asked else "")
+    return words
+
+
+def _rivals(flat: Flat, assembly: Assembly, j: int) -> Sequence[str]:
+    """Unknowns that stand beside unknown j in a differentiated equation but became no state."""
+    n = len(flat.unknowns)
+    states = {unknown for unknown, _ in assembly.reduced.states}
+    found: dict[str, None] = {}
+    for i, _ in assembly.reduced.differentiated:
+        members = {c % n for c, _ in flat.entries[i]}
+        if j in members:
+            found.update(dict.fromkeys(flat.unknowns[m].name for m in sorted(members - states)))
+    return tuple(found)

@@ -1,0 +1,1 @@
+"""Many runs of one model, derivatives, and models for other programs."""

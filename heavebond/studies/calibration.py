@@ -1,0 +1,303 @@
+"""Values that nobody gives, sought so that what a study measures and tunes comes near given numbers:
+
+    minimise  sum_ck ((q_ck(p) - t_ck) / (w_k |t_ck|))**2 + sum_j ((p_j - p0_j) / sigma_j)**2   within the ranges,
+
+over the cases c and quantities k for which a number t_ck is given, with the width w_k; the second sum holds parameters whose
+range is given as `value +- tolerance`, which is two standard deviations. The gains g of a case are tuned anew at every p, so
+that q = q(p, g(p)) and
+
+    dq/dp = q_p + q_g dg/dp,    dg/dp = -phi_gg^-1 phi_gp,
+
+with q_p and q_g from the forward sensitivities of one run, and the second derivatives of the cost phi as central differences
+of its exact gradients (what the sensitivities tell of them, Gauss-Newton, was up to ten times off for gains near the limit
+of stability). SciPy's trust-region reflective search minimises the sum.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from heavebond.basis.errors import HeavebondError, Problem, SimulationError
+from heavebond.basis.processes import as_done
+from heavebond.basis.progress import Progress
+from heavebond.basis.units import Range
+from heavebond.numbers.dae import Array, Assembly
+from heavebond.numbers.simulation import Simulator
+from heavebond.studies.casework import assembled, own_values, run_times, tuned_by
+from heavebond.studies.costs import Evaluator, read_cost
+from heavebond.studies.objective import TOLERANCES, Objective
+from heavebond.studies.search import search
+from heavebond.studies.study import Calibration, Procedure, Study
+
+# A case that breaks down counts as so many widths off.
+BROKEN = 30.0
+# A gain nearer than this share of its range to an end stays there when other parameters move.
+AT_END = 1e-3
+MOST = 30  # steps of the whole search
+RETUNED = 12  # steps of a search that begins at the gains of the values before
+SETTLED = 1e-3  # the search ends where the sum, or the parameters, change by a smaller share
+STEP = 2e-3  # of a range, in which gradients are differenced: long against the errors of runs, short against the bend
+PRIOR = 0.5  # of a tolerance is one standard deviation
+
+
+@dataclass(frozen=True)
+class Residual:
+    """One number beside its target, in SI; `off` is the difference in widths."""
+
+    case: int
+    quantity: str
+    value: float
+    target: float
+    off: float
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """What a calibration found, in SI: values before and after, which of them ended at an end of their range (`low`,
+    `high`), the numbers beside their targets, and the sum of squares after each step."""
+
+    values: Mapping[str, tuple[float, float]]
+    at_end: Mapping[str, str]
+    residuals: tuple[Residual, ...]
+    history: tuple[float, ...]
+    simulations: float
+    message: str
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, told: Mapping[str, Any]) -> Calibrated:
+        """What `as_dict` gave."""
+        return cls({name: (pair[0], pair[1]) for name, pair in told["values"].items()}, told["at_end"],
+                   tuple(Residual(**r) for r in told["residuals"]), tuple(told["history"]), told["simulations"],
+                   told["message"])
+
+
+@dataclass(frozen=True)
+class Point:
+    """A case at some values: gains, the target quantities and their derivatives by the calibrated parameters (SI)."""
+
+    gains: Mapping[str, float] = field(default_factory=dict)
+    numbers: Mapping[str, float] = field(default_factory=dict)
+    slopes: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    simulations: float = 0.0
+    broken: bool = False
+
+
+def calibrate(study: Study, executor: Executor | None = None, ahead: int = 1, progress: Progress | None = None
+              ) -> Calibrated:
+    """Seek the values under `calibrate:`; cases are worked on `executor`, `ahead` at a time. UsageError for parameters that
+    cannot be free, SimulationError where no case can be run at the diagram's own values."""
+    from scipy.optimize import least_squares
+
+    solve: Any = least_squares
+    assert study.calibration is not None
+    problem = _Problem(study, study.calibration, executor, ahead, progress or (lambda text: None))
+    first = problem.at(problem.start)
+    if all(point.broken for point in first.points.values()):
+        raise SimulationError([Problem("calibration-broken", "no case can be run with the diagram's own values", None,
+                                       "Correct the diagram, or the ranges under `calibrate:`.")])
+    found = solve(lambda y: problem.at(y).residuals, problem.start, jac=lambda y: problem.at(y).jacobian,
+                  bounds=(0.0, 1.0), method="trf", x_scale="jac", ftol=SETTLED, xtol=SETTLED, gtol=1e-6, max_nfev=MOST)
+    best = problem.at(found.x)
+    after = problem.values(found.x)
+    ends = {name: "low" if y < AT_END else "high" if y > 1 - AT_END else "" for name, y in zip(after, found.x, strict=True)}
+    return Calibrated({name: (problem.before[name], value) for name, value in after.items()},
+                      {name: end for name, end in ends.items() if end}, tuple(problem.compared(best.points)),
+                      tuple(problem.history), problem.simulations, str(found.message))
+
+
+@dataclass(frozen=True)
+class _Seen:
+    points: Mapping[int, Point]
+    residuals: Array
+    jacobian: Array
+
+
+class _Problem:
+    """The least squares problem in y in [0, 1]^n: shares of the ranges, of their logarithms where they lie above zero."""
+
+    def __init__(self, study: Study, calibration: Calibration, executor: Executor | None, ahead: int, say: Progress):
+        self.study, self.calibration, self.executor, self.ahead, self.say = study, calibration, executor, ahead, say
+        self.names, self.ranges = list(calibration.free), list(calibration.free.values())
+        self.before = own_values(study.model, calibration)
+        given = study.beside[calibration.source].numbers
+        self.targets = {k: {q: given[q][case.index].value for q in calibration.targets if case.index in given[q]}
+                        for k, case in enumerate(study.cases)}
+        self.cases = [k for k, targets in self.targets.items() if targets]
+        self.seen: dict[bytes, _Seen] = {}
+        self.gains: dict[int, Mapping[str, float]] = {}
+        self.history: list[float] = []
+        self.simulations = 0.0
+
+    @property
+    def start(self) -> Array:
+        """The diagram's own values, off the ends of the ranges by a little: the search begins inside."""
+        own = [_share(wanted, self.before[name]) for name, wanted in zip(self.names, self.ranges, strict=True)]
+        return np.clip(own, 0.01, 0.99)
+
+    def values(self, y: Array) -> dict[str, float]:
+        """The parameters in SI."""
+        return {name: _value(wanted, float(s)) for name, wanted, s in zip(self.names, self.ranges, y, strict=True)}
+
+    def at(self, y: Array) -> _Seen:
+        """Residuals (n,) and their derivatives (n, m) by y."""
+        key = np.round(y, 12).tobytes()
+        if key not in self.seen:
+            values = self.values(y)
+            self.seen[key] = self._together(y, values, self._worked(values))
+        return self.seen[key]
+
+    def _worked(self, values: Mapping[str, float]) -> dict[int, Point]:
+        study = replace(self.study, calibrated={name: (self.before[name], value) for name, value in values.items()})
+        jobs = [(k, (study, k, self.gains.get(k))) for k in self.cases]
+        pairs = as_done(self.executor, at_point, jobs, self.ahead) if self.executor is not None else \
+            ((k, at_point(*given)) for k, given in jobs)
+        found: dict[int, Point] = {}
+        for k, point in pairs:
+            found[k] = point
+            best = f", sum {min(self.history):.4g}" if self.history else ""
+            self.say(f"calibrating, step {len(self.history) + 1}{best}: {len(found)} of {len(jobs)} cases")
+        for k in self.cases:
+            self.simulations += found[k].simulations
+            if not found[k].broken:
+                self.gains[k] = found[k].gains
+        return found
+
+    def _together(self, y: Array, values: Mapping[str, float], points: Mapping[int, Point]) -> _Seen:
+        slopes = np.array([_slope(wanted, values[name]) for name, wanted in zip(self.names, self.ranges, strict=True)])
+        residuals, rows = [], []
+        for k in self.cases:
+            for quantity, target in self.targets[k].items():
+                width = self.calibration.targets[quantity] * abs(target)
+                if points[k].broken:
+                    residuals.append(BROKEN)
+                    rows.append(np.zeros(len(y)))
+                else:
+                    residuals.append((points[k].numbers[quantity] - target) / width)
+                    rows.append(np.asarray(points[k].slopes[quantity]) / width * slopes)
+        for j, (name, wanted) in enumerate(zip(self.names, self.ranges, strict=True)):
+            if wanted.nominal is not None:
+                sigma = PRIOR * (wanted.high - wanted.nominal)
+                residuals.append((values[name] - wanted.nominal) / sigma)
+                rows.append(np.eye(len(y))[j] * slopes[j] / sigma)
+        self.history.append(float(np.sum(np.square(residuals))))
+        return _Seen(points, np.array(residuals), np.array(rows))
+
+    def compared(self, points: Mapping[int, Point]) -> list[Residual]:
+        """Every number beside its target."""
+        found = []
+        for k in self.cases:
+            for quantity, target in self.targets[k].items():
+                value = points[k].numbers.get(quantity, float("nan"))
+                found.append(Residual(k, quantity, value, target,
+                                      (value - target) / (self.calibration.targets[quantity] * abs(target))))
+        return found
+
+
+def _share(wanted: Range, value: float) -> float:
+    if wanted.low > 0:
+        return float(np.log(max(value, wanted.low) / wanted.low) / np.log(wanted.high / wanted.low))
+    return (value - wanted.low) / (wanted.high - wanted.low)
+
+
+def _value(wanted: Range, share: float) -> float:
+    if wanted.low > 0:
+        return float(wanted.low * (wanted.high / wanted.low) ** share)
+    return wanted.low + share * (wanted.high - wanted.low)
+
+
+def _slope(wanted: Range, value: float) -> float:
+    """d value / d share."""
+    return float(value * np.log(wanted.high / wanted.low)) if wanted.low > 0 else wanted.high - wanted.low
+
+
+# -- one case ----------------------------------------------------------------------------------------------------------
+def at_point(study: Study, number: int, gains: Mapping[str, float] | None) -> Point:
+    """A case with the calibrated values of the study: tuned from these gains on (from scratch without), run, differentiated.
+
+    Nothing is kept between two calls, so that the same values give the same point in whichever process.
+    """
+    try:
+        assembly, simulations = assembled(study, study.case(number)), 0.0
+        following: dict[str, Array] = {}
+        if study.task is not None:
+            objective = Objective(assembly, study.task)
+            gains = _tuned(study, objective, gains)
+            following = _following(objective, gains, _own(study, assembly))
+            simulations = objective.simulations
+            assembly = assembly.with_parameters(gains)
+        found = _differentiated(study, assembly, gains or {}, following)
+        return replace(found, simulations=simulations + found.simulations)
+    except HeavebondError:
+        return Point(broken=True)
+
+
+def _tuned(study: Study, objective: Objective, gains: Mapping[str, float] | None) -> dict[str, float]:
+    """From scratch by the study's first procedure with gradients, else from the gains given."""
+    if gains is None:
+        return tuned_by(objective, next((p for p in study.procedures if not p.sweeps), Procedure("gradients"))).values
+    first = objective.shares([gains[name] for name in objective.names])
+    return objective.values(search(objective, first, "trust", RETUNED, lambda text: None).best.at)
+
+
+def _own(study: Study, assembly: Assembly) -> dict[str, float]:
+    """The ranges' widths of the calibrated parameters that are set in this case."""
+    assert study.calibration is not None
+    return {name: wanted.high - wanted.low for name, wanted in study.calibration.free.items()
+            if np.isclose(assembly.parameter_values[name], study.calibrated[name][1], rtol=1e-9, atol=0.0)}
+
+
+def _differentiated(study: Study, assembly: Assembly, gains: Mapping[str, float], following: Mapping[str, Array]) -> Point:
+    """The target quantities and their derivatives, gains moving along as `following` (k,) says for each parameter."""
+    calibration, own = study.calibration, list(_own(study, assembly))
+    assert calibration is not None
+    measured = [name for name in calibration.targets if name in study.measures]
+    times = run_times(study, assembly)
+    evaluator = Evaluator(assembly, [read_cost(assembly, study.measures[name].text) for name in measured], study.begin,
+                          float(times[-1]), named=(*own, *gains), modes=study.modes or {})
+    plain = Simulator(assembly, times=times, tolerances=TOLERANCES)
+    if evaluator.integrated:
+        evaluator.resized(evaluator.largest(plain.run()))
+    run = Simulator(assembly, times=times, tolerances=TOLERANCES, quadratures=evaluator.quadratures,
+                    factors=evaluator.factors, sensitivities=[*own, *gains], like=plain).run()
+    assert run.along is not None
+    numbers, slopes = evaluator.functional_values(run)
+    found = evaluator.cost_values(numbers, slopes, np.zeros(len(numbers)), run.p, run.along.p)
+    values = {**gains, **{name: value for name, (value, _) in zip(measured, found, strict=True)}}
+    ways = {name: [0.0] * len(calibration.free) for name in calibration.targets}
+    for k, name in enumerate(calibration.free):
+        moved = following.get(name, np.zeros(len(gains)))
+        for quantity, (_, slope) in zip(measured, found, strict=True):
+            ways[quantity][k] = float(slope[own.index(name)] + slope[len(own):] @ moved) if name in own else 0.0
+        for gain, by in zip(gains, moved, strict=True):
+            if gain in ways:
+                ways[gain][k] = float(by)
+    return Point(dict(gains), {name: values[name] for name in calibration.targets}, ways,
+                 1 + len(own) + len(gains) + bool(evaluator.integrated))
+
+
+def _following(objective: Objective, gains: Mapping[str, float], own: Mapping[str, float]) -> dict[str, Array]:
+    """d gains / d p (k,) for each calibrated parameter, at an optimum; a gain at an end of its range stays there."""
+    shares = objective.shares([gains[name] for name in objective.names])
+    moving = [k for k, share in enumerate(shares) if AT_END < share < 1 - AT_END]
+    found = {name: np.zeros(len(gains)) for name in own}
+    if not moving:
+        return found
+    values = {**{name: objective.assembly.parameter_values[name] for name in own}, **gains}
+
+    def bend(name: str, width: float) -> Array:
+        low, high = (objective.gradient_anew({**values, name: values[name] + sign * STEP * width}) for sign in (-1, 1))
+        return np.asarray((high - low) / (2 * STEP * width))
+
+    by_gains = np.array([bend(objective.names[k], float(objective.span[k]))[moving] for k in moving]).T
+    for name, width in own.items():
+        found[name][moving] = -np.linalg.lstsq(by_gains, bend(name, width)[moving], rcond=None)[0]
+    return found

@@ -1,0 +1,245 @@
+"""All cases of a study: side by side on any executor; what is done is kept in a folder, so that the same call goes on after
+it was stopped."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import time as clock
+from collections.abc import Iterable, Iterator, Mapping
+from concurrent.futures import Executor
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from heavebond import __version__
+from heavebond.basis.cluster import Cluster
+from heavebond.basis.errors import Problem, UsageError
+from heavebond.basis.processes import Processes, as_done, processors
+from heavebond.basis.progress import Progress
+from heavebond.basis.units import Unit
+from heavebond.language.definition import FileInput
+from heavebond.studies.axes import StudyCase
+from heavebond.studies.calibration import Calibrated, calibrate
+from heavebond.studies.casework import Outcome, checked, worked
+from heavebond.studies.study import Procedure, Study, load_study
+
+KEPT = "done"
+# tasks that a worker elsewhere has at a time, so that it need not wait for the next one
+AHEAD = 2
+CALIBRATION = "calibration"
+DIED = "the process that worked on this case died, also when it was tried again (killed, or out of memory)"
+
+
+@dataclass(frozen=True)
+class StudyResult:
+    """What came out: the outcome of every case by every procedure, in order; fewer than `jobs` where it was stopped. `units`
+    are those in which numbers are told."""
+
+    study: Study
+    outcomes: tuple[Outcome, ...]
+    units: Mapping[str, Unit]
+    jobs: int
+    calibrated: Calibrated | None = None
+
+    @property
+    def complete(self) -> bool:
+        """Whether nothing is missing."""
+        return len(self.outcomes) == self.jobs
+
+    def case_of(self, outcome: Outcome) -> StudyCase:
+        """The case that an outcome is of."""
+        return self.cases[outcome.case]
+
+    @cached_property
+    def cases(self) -> tuple[StudyCase, ...]:
+        """Every case of the study."""
+        return self.study.cases
+
+    def value(self, outcome: Outcome, quantity: str) -> float:
+        """A number in the unit in which it is told; NaN where there is none."""
+        value = outcome.values.get(quantity, math.nan)
+        return float(self.units[quantity].from_si(value))
+
+    def published(self, outcome: Outcome, quantity: str, source: int = 0) -> float:
+        """The number that a source gives for this case, in the same unit; NaN where it gives none."""
+        found = self.study.beside[source].at(quantity, self.case_of(outcome).index) if self.study.beside else None
+        return float(self.units[quantity].from_si(found)) if found is not None else math.nan
+
+    def difference(self, outcome: Outcome, quantity: str, source: int = 0) -> float:
+        """(ours - theirs) / |theirs|, NaN where one is missing or theirs is zero."""
+        ours, theirs = self.value(outcome, quantity), self.published(outcome, quantity, source)
+        return (ours - theirs) / abs(theirs) if theirs else math.nan
+
+    def of(self, *levels: str, procedure: str = "") -> Outcome:
+        """The outcome of the case with these levels (`"without", "0.75 Hz"`), by the first procedure if none is named."""
+        for outcome in self.outcomes:
+            names = {level.name for level in self.case_of(outcome).levels}
+            if set(levels) <= names and procedure in ("", outcome.procedure):
+                return outcome
+        raise UsageError([Problem("case-unknown", f"there is no case with {', '.join(levels)} {procedure}".rstrip())])
+
+
+def run_study(study: Study | str | Path, *, folder: Path | None = None, processes: int | None = None,
+              executor: Executor | None = None, fresh: bool = False, progress: Progress | None = None) -> StudyResult:
+    """Work out every case of a study, each by every procedure of its tuning.
+
+    With `folder` each case is kept there as JSON when it is done; a later call with the same files takes it from there
+    (unless `fresh`). `processes` many cases are worked side by side (by default as many as there are processors), or those
+    that `executor` takes. A case whose process dies is tried again, then it is a row that says so. Ctrl-C ends it; what
+    is done by then is returned. ModelError for what is wrong in the study.
+    """
+    study = study if isinstance(study, Study) else load_study(study)
+    units = checked(study)
+    say = progress or (lambda text: None)
+    jobs = len(study.cases) * max(1, len(study.procedures))
+    found: dict[int, Outcome] = {}
+    calibrated: Calibrated | None = None
+    with ExitStack() as stack:
+        number = executor.number if isinstance(executor, Cluster) else min(processes or processors(), jobs)
+        if executor is None and number > 1:
+            executor = stack.enter_context(Processes(number))
+        try:
+            study, calibrated = _calibrated(study, folder, fresh, executor, number, say)
+            for k, outcome in _outcomes(study, Kept.at(folder, study), fresh, executor, number, say):
+                found[k] = outcome
+        except KeyboardInterrupt:
+            say("interrupted")
+    return StudyResult(study, tuple(found[k] for k in sorted(found)), units, jobs, calibrated)
+
+
+def _calibrated(study: Study, folder: Path | None, fresh: bool, executor: Executor | None, number: int, say: Progress
+                ) -> tuple[Study, Calibrated | None]:
+    """The study with its calibrated values, where it asks for such."""
+    if study.calibration is None:
+        return study, None
+    kept = Kept.at(folder, study)
+    told = kept.read(CALIBRATION) if kept is not None and not fresh else None
+    found = Calibrated.from_dict(told) if told is not None else calibrate(study, executor, number + 1, say)
+    if kept is not None and told is None:
+        kept.write(CALIBRATION, found.as_dict())
+    return replace(study, calibrated=found.values), found
+
+
+def _outcomes(study: Study, kept: Kept | None, fresh: bool, executor: Executor | None, number: int, say: Progress
+              ) -> Iterator[tuple[int, Outcome]]:
+    """Each job's number and what came out of it: first those done already, then the others as they are done."""
+    jobs = [(k, procedure) for k in range(len(study.cases)) for procedure in study.procedures or (None,)]
+    names = [f"{k:04}_{procedure.name}" if procedure is not None else f"{k:04}" for k, procedure in jobs]
+    done = 0
+    left = []
+    for k, (name, job) in enumerate(zip(names, jobs, strict=True)):
+        told = kept.read(name) if kept is not None and not fresh else None
+        if told is not None:
+            done += 1
+            yield k, Outcome(**told)
+        else:
+            left.append((k, job))
+    told_so_far = _Told(say, len(jobs), done)
+
+    def died(k: int, _: BaseException) -> Outcome:
+        case, procedure = jobs[k]
+        return Outcome(case, procedure.name if procedure is not None else "", problem=DIED)
+
+    if executor is None:
+        done_now = _here(study, left, told_so_far)
+    else:
+        packed = study.packed()
+        given = ((k, (packed(case), case, procedure)) for k, (case, procedure) in left)
+        ahead = AHEAD * number if isinstance(executor, Cluster) else number + 1
+        done_now = as_done(executor, worked, given, ahead, instead=died)
+    for k, outcome in done_now:
+        if kept is not None and not outcome.problem:
+            kept.write(names[k], outcome.as_dict())
+        told_so_far.one_more()
+        yield k, outcome
+
+
+def _here(study: Study, left: Iterable[tuple[int, tuple[int, Procedure | None]]], told: _Told
+          ) -> Iterator[tuple[int, Outcome]]:
+    for k, (case, procedure) in left:
+        yield k, worked(study, case, procedure, told.inside(study, case))
+
+
+class _Told:
+    """How far a study is: cases done, and the time left as those so far tell."""
+
+    def __init__(self, say: Progress, jobs: int, done: int):
+        self.say, self.jobs, self.first, self.done = say, jobs, done, done
+        self.began = clock.perf_counter()
+        self.say(self.words)
+
+    def one_more(self) -> None:
+        self.done += 1
+        self.say(self.words)
+
+    def inside(self, study: Study, number: int) -> Progress:
+        """Progress of a case that is worked here."""
+        name = study.case(number).name
+        return lambda text: self.say(f"{self.words}; {name}: {text}")
+
+    @property
+    def words(self) -> str:
+        here, left = self.done - self.first, self.jobs - self.done
+        begin = f"{self.done} of {self.jobs} done"
+        if not here or not left:
+            return begin
+        return f"{begin}, {duration((clock.perf_counter() - self.began) / here * left)} left"
+
+
+def duration(seconds: float) -> str:
+    """`40 s`, `3 min`, `2.5 h`."""
+    if seconds < 100:
+        return f"{max(1, round(seconds))} s"
+    return f"{round(seconds / 60)} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"
+
+
+# -- what is kept ------------------------------------------------------------------------------------------------------
+class Kept:
+    """What is done as files in a folder, each with the fingerprint of what it is of."""
+
+    def __init__(self, folder: Path, fingerprint: str):
+        self.folder, self.fingerprint = folder / KEPT, fingerprint
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            said = f"'{folder}' cannot be written: {error.strerror or error}"
+            raise UsageError([Problem("file-unwritable", said)]) from None
+
+    @classmethod
+    def at(cls, folder: Path | None, study: Study) -> Kept | None:
+        """What is kept of a study in a folder, None without a folder."""
+        return cls(folder, fingerprint(study)) if folder is not None else None
+
+    def read(self, name: str) -> dict[str, Any] | None:
+        """What was kept by that name, None where there is nothing of the same files."""
+        try:
+            told = json.loads((self.folder / f"{name}.json").read_text(encoding="utf-8"))
+            found = told["found"]
+            return found if told["fingerprint"] == self.fingerprint and isinstance(found, dict) else None
+        except (OSError, ValueError, KeyError, TypeError):
+            return None  # half written, or somebody else's: it is worked out again
+
+    def write(self, name: str, found: Mapping[str, Any]) -> None:
+        """Keep something by that name."""
+        path = self.folder / f"{name}.json"
+        fresh = path.with_suffix(".new")
+        fresh.write_text(json.dumps({"fingerprint": self.fingerprint, "found": found}), encoding="utf-8")
+        fresh.replace(path)  # at once: never half a file
+
+
+def fingerprint(study: Study) -> str:
+    """What tells whether an outcome is still of the same study: its file, its diagrams, their components and records, the
+    program."""
+    files = {study.path, *Path(__file__).parents[1].rglob("*.py")}
+    for model in {id(case.levels): case.model for case in study.cases}.values():
+        files |= {*model.files, *model.library.files.values()}
+        files |= {s.value.file for s in model.settings.values() if isinstance(s.value, FileInput)}
+    digest = hashlib.sha256(f"{__version__} {sorted(study.calibrated.items())}".encode())
+    for path in sorted(files):
+        digest.update(path.name.encode())
+        digest.update(path.read_bytes() if path.is_file() else b"")
+    return digest.hexdigest()[:16]

@@ -1,0 +1,137 @@
+"""Numbers that others give, beside those of a study: per source, quantity and case.
+
+    beside:
+      published:
+        WOB variation: {with: [15 kN, 6.2 kN, 2.1 kN], without: [15 kN, 7.1 kN, 1.1 kN]}
+        controller.K_p: {0.75 Hz: {with: 3.02 1/m, without: 6.15 1/m}}
+        frequency: 0.23 Hz
+
+A mapping names levels of an axis, a list goes along the first axis that is left, a single quantity holds for all that is
+left; `-` stands where there is no number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+from heavebond.basis.errors import Place, Problems, listing, suggest
+from heavebond.basis.units import Unit, UnitProblem, parse_quantity, read_unit
+from heavebond.language import reading
+from heavebond.studies.axes import Axis
+from heavebond.text.source import Mapping as Entries
+from heavebond.text.source import Node, Scalar
+from heavebond.text.source import Sequence as Items
+
+NONE = "-"
+
+
+@dataclass(frozen=True)
+class Published:
+    """A number in SI, the unit in which it is given, and where it stands."""
+
+    value: float
+    unit: Unit
+    place: Place
+
+
+@dataclass(frozen=True)
+class Beside:
+    """What one source gives: by quantity, by the index of the case."""
+
+    source: str
+    numbers: Mapping[str, Mapping[tuple[int, ...], Published]]
+
+    def at(self, quantity: str, index: tuple[int, ...]) -> float | None:
+        """The number in SI, None where the source gives none."""
+        found = self.numbers.get(quantity, {}).get(index)
+        return found.value if found is not None else None
+
+
+def read_beside(node: Node | None, axes: Sequence[Axis], quantities: Sequence[str], problems: Problems
+                ) -> tuple[Beside, ...]:
+    """The sources under `beside:`; `quantities` are the names that they may give numbers for."""
+    sources = reading.mapping(node, "beside", problems, "Write `published: {QUANTITY: NUMBER}`.")
+    found = []
+    for source, item in (sources.items if sources else {}).items():
+        entries = reading.mapping(item, f"'{source}'", problems,
+                                  "Write one quantity a line: `WOB variation: [15 kN, 6 kN]`.")
+        numbers = {}
+        for name, given in (entries.items if entries else {}).items():
+            if name not in quantities:
+                problems.add("quantity-unknown", f"'{name}' is nothing that this study measures or tunes",
+                             entries.keys[name].place if entries else given.place,
+                             hint=suggest(name, quantities) or f"Known: {listing(quantities)}.")
+                continue
+            numbers[name] = dict(_spread(given, name, dict(enumerate(axes)), {}, problems, len(axes)))
+        found.append(Beside(source, numbers))
+    return tuple(found)
+
+
+def _spread(node: Node, name: str, left: dict[int, Axis], chosen: dict[int, int], problems: Problems, number: int
+            ) -> Iterator[tuple[tuple[int, ...], Published]]:
+    """Each index of a case with its number; `left` are the axes that are not chosen yet."""
+    if isinstance(node, Scalar):
+        given = _published(node, name, problems)
+        if given is not None:
+            for index in product(*(range(len(axis.levels)) for axis in left.values())):
+                full = {**chosen, **dict(zip(left, index, strict=True))}
+                yield tuple(full[k] for k in range(number)), given
+        return
+    pairs = list(_levels(node, name, left, problems))
+    for k, level, item in pairs:
+        rest = {j: axis for j, axis in left.items() if j != k}
+        yield from _spread(item, name, rest, {**chosen, k: level}, problems, number)
+
+
+def _levels(node: Entries | Items, name: str, left: dict[int, Axis], problems: Problems) -> Iterator[tuple[int, int, Node]]:
+    """Which axis, which level of it, and what stands there."""
+    if not left:
+        problems.add("beside-deep", f"{name}: no axis is left along which these numbers could go", node.place,
+                     hint="Write one quantity here.")
+    elif isinstance(node, Items):
+        k, axis = next(iter(left.items()))
+        if len(node.items) != len(axis.levels):
+            problems.add("beside-number", f"{name}: {len(node.items)} numbers stand along '{axis.name}', which has "
+                         f"{len(axis.levels)} levels", node.place, hint=f"Write `{NONE}` where there is no number.")
+        else:
+            yield from ((k, level, item) for level, item in enumerate(node.items))
+    else:
+        found = next(((k, places) for k, axis in left.items() if (places := _matched(node, axis))), None)
+        if found is None:
+            names = "; ".join(f"{axis.name}: {listing([lv.name for lv in axis.levels])}" for axis in left.values())
+            problems.add("level-unknown", f"{name}: these are not levels of one axis", node.place, hint=f"Levels: {names}.")
+        else:
+            yield from ((found[0], level, item) for level, item in found[1])
+
+
+def _matched(node: Entries, axis: Axis) -> list[tuple[int, Node]]:
+    """The levels that the keys name; none where a key names no level."""
+    found = []
+    for key, item in node.items.items():
+        at = next((k for k, level in enumerate(axis.levels) if _same(key, level.name, level.value)), None)
+        if at is None:
+            return []
+        found.append((at, item))
+    return found
+
+
+def _same(key: str, name: str, value: float) -> bool:
+    if key == name:
+        return True
+    try:
+        return bool(abs(parse_quantity(key)[0] - value) <= 1e-9 * abs(value))
+    except UnitProblem:
+        return False
+
+
+def _published(node: Scalar, name: str, problems: Problems) -> Published | None:
+    if node.text.strip() == NONE:
+        return None
+    try:
+        value, unit = parse_quantity(node.text)
+    except UnitProblem as problem:
+        problems.add(problem.code, f"{name}: {problem.message}", node.place, hint=problem.hint)
+        return None
+    return Published(value, unit or read_unit("1"), node.place)

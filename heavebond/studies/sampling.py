@@ -1,0 +1,164 @@
+"""Where uncertain parameters are tried: points drawn from what is declared of them.
+
+A range `20 .. 60 kN/m` is uniform. `42 kN/m +- 20 %` is normal about its middle, with half the tolerance as its standard
+deviation, and cut off at the tolerance: nothing lies beyond what is declared.
+
+Sobol sequence: I. M. Sobol, USSR Comput. Math. Math. Phys. 7 (1967) 86-112, doi:10.1016/0041-5553(67)90144-9, scrambled as
+in SciPy. Points for variance-based indices: A. Saltelli et al., Comput. Phys. Commun. 181 (2010) 259-270,
+doi:10.1016/j.cpc.2009.09.018.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heavebond.basis.errors import Problems, suggest
+from heavebond.basis.units import Range, UnitProblem, parse_range
+from heavebond.language import reading
+from heavebond.text.source import Mapping as Entries
+from heavebond.text.source import Node, Scalar
+
+Array = NDArray[np.float64]
+DRAWN = ("sobol", "latin_hypercube", "random", "sobol_indices")  # with the number of points
+NAMED = ("one_at_a_time", "local")
+KINDS = (*DRAWN, *NAMED)
+BALANCED = ("sobol", "sobol_indices")  # need a power of two
+MOST = 100_000
+CUT = 2.0  # standard deviations at which a normal distribution is cut off
+AS_GIVEN = "as given"
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """How points are drawn over parameters (ranges in SI): `number` of them for the kinds in DRAWN; `one_at_a_time` moves
+    each parameter to both ends, `local` asks for slopes at the diagram's own values."""
+
+    kind: str
+    over: Mapping[str, Range]
+    number: int = 1
+    seed: int = 1
+
+
+def distribution(wanted: Range) -> Any:
+    """What is declared of a parameter as a distribution of SciPy."""
+    from scipy.stats import truncnorm, uniform
+
+    if wanted.nominal is None:
+        return uniform(wanted.low, wanted.high - wanted.low)
+    half = (wanted.high - wanted.low) / 2
+    return truncnorm(-CUT, CUT, loc=wanted.nominal, scale=half / CUT)
+
+
+def points(sampling: Sampling) -> Array:
+    """The points (n, m) in SI; NaN where a parameter stays as it is in the diagram.
+
+    `sobol_indices` gives n = number (m + 2) points: the rows of A, of B, then for each parameter those of A with its column
+    from B. The same sampling gives the same points on every machine.
+    """
+    m = len(sampling.over)
+    if sampling.kind == "local":
+        return np.full((1, m), np.nan)
+    if sampling.kind == "one_at_a_time":
+        found = np.full((1 + 2 * m, m), np.nan)
+        for k, wanted in enumerate(sampling.over.values()):
+            found[1 + 2 * k, k], found[2 + 2 * k, k] = wanted.low, wanted.high
+        return found
+    shares = _shares(sampling, 2 * m if sampling.kind == "sobol_indices" else m)
+    if sampling.kind == "sobol_indices":
+        first, second = shares[:, :m], shares[:, m:]
+        mixed = [np.where(np.arange(m) == k, second, first) for k in range(m)]
+        shares = np.concatenate([first, second, *mixed])
+    return np.column_stack([distribution(wanted).ppf(shares[:, k]) for k, wanted in enumerate(sampling.over.values())])
+
+
+def _shares(sampling: Sampling, dimensions: int) -> Array:
+    """Points (number, dimensions) of the unit cube."""
+    from scipy.stats import qmc
+
+    if sampling.kind == "random":
+        return np.random.default_rng(sampling.seed).random((sampling.number, dimensions))
+    if sampling.kind == "latin_hypercube":
+        return np.asarray(qmc.LatinHypercube(dimensions, seed=sampling.seed).random(sampling.number))
+    return np.asarray(qmc.Sobol(dimensions, seed=sampling.seed).random(sampling.number))
+
+
+def names(sampling: Sampling) -> list[str]:
+    """A name for each point: its number, or which parameter stands at which end."""
+    if sampling.kind == "local":
+        return [AS_GIVEN]
+    if sampling.kind == "one_at_a_time":
+        return [AS_GIVEN, *(f"{name} {end}" for name in sampling.over for end in ("low", "high"))]
+    return [str(k + 1) for k in range(sampling.number * (len(sampling.over) + 2 if sampling.kind == "sobol_indices" else 1))]
+
+
+# -- reading -----------------------------------------------------------------------------------------------------------
+def read_sampling(entry: Entries, name: str, problems: Problems) -> Sampling | None:
+    """`{sample: {sobol: 64, seed: 1}, over: {spring.c: 42 kN/m +- 20 %}}`."""
+    reading.known_keys(entry, ("sample", "over"), f"'{name}'", problems, required=("sample", "over"))
+    over = read_ranges(entry.items.get("over"), "over", problems)
+    given = entry.items.get("sample")
+    if given is None or not over:
+        if "over" in entry.items and not over and not problems.found:
+            problems.add("sample-empty", f"'{name}' samples over nothing", entry.place,
+                         hint="Write `over: {spring.c: 20 .. 60 kN/m}`.")
+        return None
+    if isinstance(given, Scalar):
+        return _named(given, over, problems)
+    chosen = reading.mapping(given, "sample", problems, "Write for example `sample: {sobol: 64}`.")
+    return _drawn(chosen, over, problems) if chosen is not None else None
+
+
+def read_ranges(node: Node | None, what: str, problems: Problems) -> dict[str, Range]:
+    """Parameters and their ranges: `spring.c: 20 .. 60 kN/m`, or `42 kN/m +- 20 %`."""
+    entries = reading.mapping(node, what, problems)
+    found: dict[str, Range] = {}
+    for name, item in (entries.items if entries else {}).items():
+        try:
+            found[name] = parse_range(reading.text(item, name, problems))
+        except UnitProblem as problem:
+            problems.add(problem.code, f"{name}: {problem.message}", item.place, hint=problem.hint)
+    return found
+
+
+def _named(given: Scalar, over: Mapping[str, Range], problems: Problems) -> Sampling | None:
+    if given.text in NAMED:
+        return Sampling(given.text, over)
+    hint = f"Write `sample: {{{given.text}: 64}}`." if given.text in DRAWN else \
+        suggest(given.text, KINDS) or "Write for example `sample: {sobol: 64}` or `sample: one_at_a_time`."
+    problems.add("sample-unknown", f"'{given.text}' does not say how to sample", given.place, hint=hint)
+    return None
+
+
+def _drawn(chosen: Entries, over: Mapping[str, Range], problems: Problems) -> Sampling | None:
+    kinds = [key for key in chosen.items if key != "seed"]
+    if len(kinds) != 1 or kinds[0] not in DRAWN:
+        near = suggest(kinds[0], DRAWN) if kinds else ""
+        problems.add("sample-unknown", "it is not said how to sample" if len(kinds) != 1 else
+                     f"'{kinds[0]}' is no way to sample", chosen.place,
+                     hint=near or f"Write `{{sobol: 64}}`; there are {', '.join(DRAWN)} and the words {', '.join(NAMED)}.")
+        return None
+    kind = kinds[0]
+    number = _whole(chosen.items[kind], kind, 1, problems)
+    seed = _whole(chosen.items["seed"], "seed", 0, problems) if "seed" in chosen.items else 1
+    if number is None or seed is None:
+        return None
+    if kind in BALANCED and number & (number - 1):
+        below = 2 ** int(math.log2(number))
+        problems.add("sample-unbalanced", f"{kind}: {number} points are no power of two, which Sobol's sequence needs",
+                     chosen.items[kind].place, hint=f"Write {below} or {2 * below}.")
+        return None
+    return Sampling(kind, over, number, seed)
+
+
+def _whole(node: Node, what: str, least: int, problems: Problems) -> int | None:
+    text = reading.text(node, what, problems)
+    if not text.isdigit() or not least <= int(text) <= MOST:
+        problems.add("count-wrong", f"{what}: '{text}' is not a whole number from {least} to {MOST}", node.place)
+        return None
+    return int(text)

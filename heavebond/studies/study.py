@@ -1,0 +1,438 @@
+"""A study as a file: a diagram, its cases, what is tuned in each, what is measured, and what others say of it."""
+
+from __future__ import annotations
+
+import pickle
+import zlib
+from collections.abc import Callable
+from collections.abc import Mapping as Dictionary
+from collections.abc import Sequence as Many
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from heavebond.basis.errors import ModelError, Place, Problem, Problems, UsageError, listing, suggest
+from heavebond.basis.units import Range, UnitProblem, parse_quantity
+from heavebond.language import reading
+from heavebond.language.definition import FileInput
+from heavebond.language.model import Model, find, load_beside, read_settings
+from heavebond.studies.axes import Axis, StudyCase, case_at, indices, read_axes, read_numbers
+from heavebond.studies.objective import Case, Task
+from heavebond.studies.published import Beside, read_beside
+from heavebond.studies.sampling import read_ranges
+from heavebond.studies.search import METHODS
+from heavebond.text.expression import constant
+from heavebond.text.source import Mapping, Node, Scalar, Source, read
+
+STUDY_KEYS = ("study", "summary", "model", "cases", "evaluate", "reference", "modes", "tune", "measure", "beside",
+              "calibrate", "pictures", "notes")
+TUNE_KEYS = ("free", "cost", "limits", "over", "uncertain", "by")
+GRADIENT_KEYS = ("explore", "starts", "method")
+PICTURES = ("signals", "curves", "map", "histogram", "tornado", "indices")
+# the kinds of samples that a picture can be drawn of
+SAMPLES_OF = {"histogram": ("sobol", "latin_hypercube", "random", "sobol_indices"), "tornado": ("one_at_a_time", "local"),
+              "indices": ("sobol_indices", "local")}
+COST = "cost"
+SIMULATIONS = "simulations"
+
+
+@dataclass(frozen=True)
+class Measure:
+    """A number of each case: a formula as costs have them, and the unit in which it is told (empty: the base unit)."""
+
+    name: str
+    text: str
+    unit: str
+    place: Place
+
+
+@dataclass(frozen=True)
+class Procedure:
+    """A way of tuning: a sweep of one parameter after the other (values in SI, from `begin` on), or without these a search
+    by gradients."""
+
+    name: str
+    begin: Dictionary[str, float | str] = field(default_factory=dict)
+    sweeps: tuple[tuple[str, tuple[float, ...]], ...] = ()
+    explore: int = 5
+    starts: int = 1
+    method: str = "trust"
+
+
+@dataclass(frozen=True)
+class Picture:
+    """What is drawn of `names`. `signals`: over time, a line per case; measured numbers as `curves` over the first axis of
+    numbers, a line per other level, as `map` over the first two, as `histogram` of a sample, as `tornado` of what moves
+    them, or their `indices` of sensitivity."""
+
+    name: str
+    title: str
+    kind: str
+    names: tuple[str, ...]
+    begin: float | None
+    end: float | None
+    place: Place
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What is sought so that measured or tuned quantities come near the numbers of a source (its index under `beside:`):
+    parameters and ranges, and how near each quantity should come, relative to the number given."""
+
+    free: Dictionary[str, Range]
+    targets: Dictionary[str, float]
+    source: int
+
+
+@dataclass(frozen=True)
+class Study:
+    """What a study file says. `task` is what is tuned in each case, by each of the procedures; None where nothing is.
+    `calibrated` are parameters that are set on top (SI: before, after), in the cases in which they have the value before.
+    `first` is the number of its first case, where the others were left out (`Packed`)."""
+
+    name: str
+    summary: str
+    path: Path
+    model: Model
+    axes: tuple[Axis, ...] = ()
+    begin: float = 0.0
+    end: float | None = None
+    reference: Dictionary[str, float | str] = field(default_factory=dict)
+    modes: Dictionary[str, float | str] | None = None
+    task: Task | None = None
+    procedures: tuple[Procedure, ...] = ()
+    measures: Dictionary[str, Measure] = field(default_factory=dict)
+    beside: tuple[Beside, ...] = ()
+    pictures: tuple[Picture, ...] = ()
+    calibration: Calibration | None = None
+    calibrated: Dictionary[str, tuple[float, float]] = field(default_factory=dict)
+    places: Dictionary[str, Place] = field(default_factory=dict)
+    first: int = 0
+
+    @property
+    def cases(self) -> tuple[StudyCase, ...]:
+        """Every case, the last axis running fastest."""
+        return tuple(case_at(self.axes, self.model, index) for index in indices(self.axes))
+
+    def case(self, number: int) -> StudyCase:
+        """The case of that number in `cases`."""
+        return case_at(self.axes, self.model, self._index(number))
+
+    def packed(self) -> Callable[[int], Packed]:
+        """What a worker is sent of the case of a number: all that cases share is packed once for all of them."""
+        shared = zlib.compress(pickle.dumps(replace(self, axes=())))
+
+        def one(number: int) -> Packed:
+            levels = zip(self.axes, self._index(number), strict=True)
+            return Packed(shared, tuple(replace(axis, levels=(axis.levels[k],)) for axis, k in levels), number)
+
+        return one
+
+    def _index(self, number: int) -> tuple[int, ...]:
+        """The number of the level on each axis."""
+        index = np.unravel_index(number - self.first, tuple(len(axis.levels) for axis in self.axes)) if self.axes else ()
+        return tuple(map(int, index))
+
+    @property
+    def tuning(self) -> Task:
+        """What is tuned; UsageError where nothing is."""
+        if self.task is None:
+            raise UsageError([Problem("study-untuned", f"the study '{self.name}' tunes nothing", None,
+                                      "`heavebond study` works it out; add `tune:` for this.")])
+        return self.task
+
+    @property
+    def signals(self) -> tuple[str, ...]:
+        """The signals that pictures show."""
+        return tuple(dict.fromkeys(name for picture in self.pictures if picture.kind == "signals" for name in picture.names))
+
+    @property
+    def sample(self) -> Axis | None:
+        """The axis whose levels are points of a sample."""
+        return next((axis for axis in self.axes if axis.sampling is not None), None)
+
+
+@dataclass(frozen=True)
+class Packed:
+    """One case of a study on its way to a worker; small however many cases there are."""
+
+    shared: bytes
+    axes: tuple[Axis, ...]
+    number: int
+
+    @property
+    def study(self) -> Study:
+        """The study of that case alone, which keeps its number."""
+        return replace(_unpacked(self.shared), axes=self.axes, first=self.number)
+
+
+@lru_cache(maxsize=4)
+def _unpacked(shared: bytes) -> Study:
+    found = pickle.loads(zlib.decompress(shared))
+    assert isinstance(found, Study)
+    return found
+
+
+def load_study(name: str | Path) -> Study:
+    """Load a study: the path of a file, or a bundled one (`cmc_ahc/quality_index`)."""
+    source = read(find(name, "study"))
+    root = source.root
+    problems = Problems()
+    if "study" not in root.items:
+        raise ModelError([Problem("not-a-study", f"{source.name} is no study: it has no `study:`", root.place,
+                                  suggest("study", root.items) or "A study begins with `study: name`.")])
+    _known_keys(root, problems)
+    problems.raise_as(ModelError)
+    model = load_beside(source, root.items["model"], problems)
+    study = _study(source, model, problems)
+    problems.raise_as(ModelError)
+    return study
+
+
+def _known_keys(root: Mapping, problems: Problems) -> None:
+    """What is meant for `tune:` is told to belong there."""
+    strayed = [key for key in TUNE_KEYS if key in root.items]
+    for key in strayed:
+        problems.add("key-strayed", f"'{key}' belongs under `tune:`", root.keys[key].place,
+                     hint=f"Write `tune:` on a line of its own, and `{key}:` below it, indented.")
+    if strayed:
+        return
+    reading.known_keys(root, STUDY_KEYS, "a study", problems, required=("model",))
+    if not {"tune", "measure", "pictures", "modes"} & set(root.items):
+        problems.add("study-empty", "this study asks for nothing", root.place,
+                     hint="Add `measure:`, `tune:`, `pictures:` or `modes:`.")
+
+
+def _study(source: Source, model: Model, problems: Problems) -> Study:
+    root, items = source.root, source.root.items
+    axes = read_axes(items.get("cases"), source, problems)
+    begin, end = _window(items.get("evaluate"), "evaluate", problems)
+    reference = _values(items.get("reference"), source, problems)
+    modes = _values(items["modes"], source, problems) if "modes" in items else None
+    measures = _measures(items.get("measure"), problems)
+    entry = reading.mapping(items.get("tune"), "tune", problems)
+    task: Task | None = None
+    procedures: tuple[Procedure, ...] = ()
+    if entry is not None:
+        reading.known_keys(entry, TUNE_KEYS, "tune", problems, required=("free", "cost"))
+        task = _task(entry, source, (begin or 0.0, end), reference, modes or {}, problems)
+        procedures = _procedures(entry.items.get("by"), source, task, problems)
+    tuned = (*task.free, COST, SIMULATIONS) if task is not None else ()
+    for name in set(measures) & set(tuned):
+        problems.add("name-twice", f"'{name}' is told by the tuning already", measures[name].place,
+                     hint="Take another name.")
+    places = {key: item.place for key, item in (entry.items if entry else {}).items()}
+    beside = read_beside(items.get("beside"), axes, [*measures, *tuned], problems)
+    return Study(reading.text(items["study"], "study", problems), reading.text(items.get("summary"), "summary", problems),
+                 source.path, model, axes, begin or 0.0, end, reference, modes, task, procedures, measures,
+                 beside, _pictures(items.get("pictures"), axes, [*measures, *tuned], problems),
+                 _calibration(items.get("calibrate"), beside, problems),
+                 places={**places, "study": root.place, "calibrate": items.get("calibrate", root).place})
+
+
+def _task(entry: Mapping, source: Source, window: tuple[float, float | None], reference: dict[str, float | str],
+          modes: Dictionary[str, float | str], problems: Problems) -> Task:
+    items = entry.items
+    limits = tuple(s.text for s in reading.words(items.get("limits"), "limits", problems))
+    return Task(read_ranges(items.get("free"), "free", problems), reading.text(items.get("cost"), "cost", problems), limits,
+                *window, reference, _over(items.get("over"), source, problems) or (Case("diagram", {}),), modes,
+                _widths(items.get("uncertain"), problems))
+
+
+def _window(node: Node | None, what: str, problems: Problems) -> tuple[float | None, float | None]:
+    entries = reading.mapping(node, what, problems)
+    if entries is None:
+        return None, None
+    reading.known_keys(entries, ("from", "to"), what, problems)
+    times = {name: reading.seconds(item, name, problems) for name, item in entries.items.items()}
+    return times.get("from"), times.get("to")
+
+
+def _widths(node: Node | None, problems: Problems) -> dict[str, str]:
+    """Uncertainties as written; they are compared with the parameters where these are known."""
+    entries = reading.mapping(node, "uncertain", problems)
+    found: dict[str, str] = {}
+    for name, item in (entries.items if entries else {}).items():
+        text = reading.text(item, name, problems)
+        try:
+            width, _ = parse_quantity(text)
+        except UnitProblem as problem:
+            problems.add(problem.code, f"{name}: {problem.message}", item.place, hint="Write `20 %` or `3 kN`.")
+            continue
+        if width <= 0:
+            problems.add("uncertainty-not-positive", f"{name}: an uncertainty is above 0", item.place,
+                         hint="Write `20 %` or `3 kN`.")
+        found[name] = text
+    return found
+
+
+def _values(node: Node | None, source: Source, problems: Problems) -> dict[str, float | str]:
+    """Quantities as written; their units are checked where they are set."""
+    found: dict[str, float | str] = {}
+    for path, setting in read_settings(node, source, problems).items():
+        if isinstance(setting.value, FileInput) or setting.value.formula:
+            problems.add("not-a-quantity", f"{path} must be a plain quantity here", setting.place)
+        else:
+            found[path] = setting.value.text
+    return found
+
+
+def _over(node: Node | None, source: Source, problems: Problems) -> tuple[Case, ...]:
+    """The conditions over which the cost is averaged."""
+    entries = reading.mapping(node, "over", problems)
+    found = []
+    for name, item in (entries.items if entries else {}).items():
+        weight = 1.0
+        if isinstance(item, Mapping) and "weight" in item.items:
+            given = item.items["weight"]
+            value = reading.value(given, "weight", problems)
+            number = constant(value.expr) if value is not None else None
+            weight = number if number is not None and number > 0 else 1.0
+            rest = {k: v for k, v in item.items.items() if k != "weight"}
+            item = Mapping(rest, {k: item.keys[k] for k in rest}, item.place)
+        found.append(Case(name, _values(item, source, problems), weight))
+    return tuple(found)
+
+
+# -- procedures --------------------------------------------------------------------------------------------------------
+def _procedures(node: Node | None, source: Source, task: Task, problems: Problems) -> tuple[Procedure, ...]:
+    entries = reading.mapping(node, "by", problems, "Write one procedure a line: `gradients: {}`.")
+    if entries is None:
+        return (Procedure("gradients"),)
+    found = []
+    for name, item in entries.items.items():
+        entry = reading.mapping(item, f"'{name}'", problems)
+        if entry is not None and reading.identifier(entries.keys[name], "a procedure", problems):
+            found.append(_procedure(name, entry, source, task, problems))
+    return tuple(found)
+
+
+def _procedure(name: str, entry: Mapping, source: Source, task: Task, problems: Problems) -> Procedure:
+    if "sweep" not in entry.items:
+        reading.known_keys(entry, ("sweep", "begin", *GRADIENT_KEYS), f"'{name}'", problems)
+        counts = {key: _count(entry.items.get(key), key, least, problems) for key, least in (("explore", 0), ("starts", 1))}
+        default = Procedure(name)
+        method = reading.choice(entry.items.get("method"), "method", METHODS, problems)
+        return Procedure(name, explore=default.explore if counts["explore"] is None else counts["explore"],
+                         starts=counts["starts"] or default.starts, method=method or default.method)
+    reading.known_keys(entry, ("sweep", "begin"), f"'{name}'", problems)
+    entries = reading.mapping(entry.items["sweep"], "sweep", problems)
+    sweeps = []
+    for parameter, item in (entries.items if entries else {}).items():
+        place = entries.keys[parameter].place if entries else item.place
+        numbers = read_numbers(item, parameter, problems)
+        if parameter not in task.free:
+            problems.add("sweep-unknown", f"'{parameter}' is not free", place, hint=suggest(parameter, task.free) or
+                         f"Free: {listing(task.free)}.")
+        elif numbers is not None:
+            if numbers[1].dimension != task.free[parameter].unit.dimension:
+                problems.add("unit-wrong", f"{parameter} is swept in {numbers[1].text}; {task.free[parameter].unit.text} "
+                             "is needed", item.place)
+            sweeps.append((parameter, tuple(number for _, _, number in numbers[0])))
+    return Procedure(name, _values(entry.items.get("begin"), source, problems), tuple(sweeps))
+
+
+def _count(node: Node | None, what: str, least: int, problems: Problems) -> int | None:
+    if node is None:
+        return None
+    text = reading.text(node, what, problems)
+    if not text.isdigit() or int(text) < least:
+        problems.add("count-wrong", f"{what}: '{text}' is not a whole number from {least} on", node.place)
+        return None
+    return int(text)
+
+
+# -- calibration -------------------------------------------------------------------------------------------------------
+def _calibration(node: Node | None, beside: Many[Beside], problems: Problems) -> Calibration | None:
+    entry = reading.mapping(node, "calibrate", problems)
+    if entry is None:
+        return None
+    reading.known_keys(entry, ("free", "targets", "to"), "calibrate", problems, required=("free", "targets"))
+    sources = [b.source for b in beside]
+    wanted = reading.text(entry.items.get("to"), "to", problems, sources[0] if len(sources) == 1 else "")
+    if wanted not in sources:
+        problems.add("source-unknown", f"'{wanted}' gives no numbers under `beside:`" if wanted else
+                     "it is not said whose numbers under `beside:` are the targets", entry.place,
+                     hint=suggest(wanted, sources) or (f"Write `to: {sources[0]}`." if sources else "Add `beside:`."))
+        return None
+    source = sources.index(wanted)
+    targets = _widths(entry.items.get("targets"), problems)
+    found = {}
+    for name, text in targets.items():
+        width, unit = parse_quantity(text)
+        place = entry.items["targets"].place
+        if name not in beside[source].numbers:
+            problems.add("target-unknown", f"{wanted} gives no '{name}'", place,
+                         hint=suggest(name, beside[source].numbers) or f"It gives {listing(beside[source].numbers)}.")
+        elif name in (COST, SIMULATIONS) or (unit is not None and unit.dimension):
+            problems.add("target-wrong", f"'{name}: {text}' is no target: a measured quantity or a gain, and how near it "
+                         "should come", place, hint="Write for example `WOB variation: 25 %`.")
+        found[name] = width
+    return Calibration(read_ranges(entry.items.get("free"), "free", problems), found, source)
+
+
+# -- measured quantities and pictures ----------------------------------------------------------------------------------
+def _measures(node: Node | None, problems: Problems) -> dict[str, Measure]:
+    entries = reading.mapping(node, "measure", problems,
+                              "Write one quantity a line: `WOB: {is: largest(bit.F - 30 kN), unit: kN}`.")
+    found = {}
+    for name, item in (entries.items if entries else {}).items():
+        unit, formula = "", item
+        if isinstance(item, Mapping):
+            reading.known_keys(item, ("is", "unit"), f"'{name}'", problems, required=("is",))
+            unit = reading.text(item.items.get("unit"), "unit", problems)
+            formula = item.items.get("is", item)
+            if isinstance(given := item.items.get("unit"), Scalar):
+                reading.unit_text(given, problems)
+        if isinstance(formula, Scalar):
+            place = formula.place.moved(1 if formula.quoted else 0, len(formula.text))
+            found[name] = Measure(name, formula.text, unit, place)
+        elif not isinstance(formula, Mapping):
+            problems.add("not-text", f"'{name}' is {formula.kind}; a formula is expected", formula.place)
+    return found
+
+
+def _pictures(node: Node | None, axes: Many[Axis], quantities: Many[str], problems: Problems) -> tuple[Picture, ...]:
+    entries = reading.mapping(node, "pictures", problems, "Write one picture a line: `wob: {signals: [WOB]}`.")
+    found = []
+    for name, item in (entries.items if entries else {}).items():
+        key = entries.keys[name] if entries else Scalar(name, item.place)
+        entry = reading.mapping(item, f"'{name}'", problems)
+        if entry is None or not reading.identifier(key, "a picture", problems):
+            continue
+        reading.known_keys(entry, ("title", *PICTURES, "from", "to"), f"'{name}'", problems)
+        shown = {kind: tuple(w.text for w in reading.words(entry.items[kind], kind, problems)) for kind in PICTURES
+                 if kind in entry.items}
+        if len(shown) != 1:
+            problems.add("picture-kind", f"picture '{name}' shows one of {', '.join(PICTURES)}", key.place,
+                         hint="Write `signals: [WOB]` or `curves: [WOB variation]`.")
+            continue
+        (kind, names), = shown.items()
+        _check_picture(name, kind, names, axes, quantities, key.place, problems)
+        ends = {k: v for k, v in entry.items.items() if k in ("from", "to")}
+        window = Mapping(ends, {k: entry.keys[k] for k in ends}, entry.place)
+        found.append(Picture(name, reading.text(entry.items.get("title"), "title", problems), kind, names,
+                             *_window(window, name, problems), key.place))
+    return tuple(found)
+
+
+def _check_picture(name: str, kind: str, names: Many[str], axes: Many[Axis], quantities: Many[str], place: Place,
+                   problems: Problems) -> None:
+    if kind == "signals":
+        return
+    needed = {"curves": 1, "map": 2}.get(kind, 0)
+    if sum(axis.unit is not None for axis in axes) < needed:
+        few = "no axis for its curves: no axis of `cases:` has numbers" if needed == 1 else \
+            "no two axes for its map: fewer than two axes of `cases:` have numbers"
+        problems.add("picture-axis", f"picture '{name}' has {few}", place,
+                     hint="Add a parameter with a list of values to `cases:`.")
+    fitting = SAMPLES_OF.get(kind, ())
+    if fitting and not any(axis.sampling is not None and axis.sampling.kind in fitting for axis in axes):
+        problems.add("picture-sample", f"picture '{name}' has no sample for its {kind}", place,
+                     hint=f"Add `uncertain: {{sample: ..., over: {{...}}}}` to `cases:`, sampled by {listing(fitting)}.")
+    for quantity in names:
+        if quantity not in quantities:
+            problems.add("quantity-unknown", f"'{quantity}' is nothing that this study measures or tunes", place,
+                         hint=suggest(quantity, quantities) or f"Known: {listing(quantities)}.")

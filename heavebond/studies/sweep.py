@@ -1,0 +1,145 @@
+"""Many runs asked for in a few words, written as the study that they are: a file to go on from."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from heavebond.basis.errors import Problem, UsageError, listing, suggest
+from heavebond.basis.units import Range, UnitProblem, parse_range
+from heavebond.studies.sampling import BALANCED, DRAWN, KINDS, NAMED
+
+EXAMPLE = "Write for example --over controller.K_p='1 .. 4 1/m; 9', or a list: --over wave.T='8 s, 10 s'."
+
+
+@dataclass(frozen=True)
+class Over:
+    """What is varied: a list of values, or a range with a number of steps, or a range alone, which is sampled."""
+
+    path: str
+    values: tuple[str, ...] = ()
+    range: str = ""
+    wanted: Range | None = None
+    number: int = 0
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A sweep of a diagram: what is varied, how ranges are sampled (`sobol:64`, `one_at_a_time`; empty: on a grid), the
+    formulas that are measured, each with its unit or an empty text, the window (times as text), and which extreme is sought
+    instead. It is the sweep of `name`, without one of the file's."""
+
+    model: Path
+    overs: tuple[Over, ...]
+    measures: tuple[tuple[str, str], ...]
+    sample: str = ""
+    seed: int = 1
+    window: tuple[str, str] = ("", "")
+    worst: str = ""
+    signals: tuple[str, ...] = field(default=())
+    name: str = ""
+
+
+def read_over(text: str) -> Over:
+    """`controller.K_p=1 .. 4 1/m; 9`, `wave.T=8 s, 10 s`, `gas.c=42 kN/m +- 20 %`; UsageError for another form."""
+    path, sign, given = (part.strip() for part in text.partition("="))
+    if not sign or not path or not given:
+        raise UsageError([Problem("over-form", f"--over {text}: this is not PATH=VALUES", None, EXAMPLE)])
+    words, _, steps = (part.strip() for part in given.partition(";"))
+    if ".." not in words and "+-" not in words:
+        return Over(path, tuple(value.strip() for value in words.split(",")))
+    try:
+        wanted = parse_range(words)
+    except UnitProblem as problem:
+        raise UsageError([Problem(problem.code, f"--over {text}: {problem.message}", None, problem.hint)]) from None
+    if steps and (not steps.isdigit() or int(steps) < 2):
+        raise UsageError([Problem("number-wrong", f"--over {text}: '{steps}' is not how many values there are, both ends "
+                                  "among them", None, "Write for example `; 9`.")])
+    return Over(path, (), words, wanted, int(steps) if steps else 0)
+
+
+def read_measure(text: str) -> tuple[str, str]:
+    """`peak(WOB - 30 kN) in kN` as formula and unit; the unit is empty where none is said."""
+    formula, word, unit = text.rpartition(" in ")
+    return (formula.strip(), unit.strip()) if word else (text.strip(), "")
+
+
+def study_text(sweep: Sweep, folder: Path) -> str:
+    """The study of a sweep, to stand in a folder; UsageError where it is not said how a range is to be tried."""
+    sampled = [over for over in sweep.overs if over.range and not over.number]
+    if sampled and not (sweep.sample or sweep.worst):
+        first = f"{sampled[0].path}='{sampled[0].range}"
+        raise UsageError([Problem("over-open", f"--over {first}': it is not said which values are tried", None,
+                                  f"Write --over {first}; 9' for nine of them, or add --sample sobol:64.")])
+    if (sweep.sample or sweep.worst) and not sampled:
+        raise UsageError([Problem("sample-nothing", "there is no range to be sampled", None,
+                                  "Write --over spring.c='20 .. 60 kN/m' without a number of steps.")])
+    if sweep.worst and len(sweep.measures) != 1:
+        raise UsageError([Problem("worst-many", "the worst is sought of one number", None, "Give --measure once.")])
+    lines = [f"study: {_quoted(f'sweep of {sweep.name or sweep.model.stem}')}",
+             f"model: {_quoted(_model(sweep.model, folder))}"]
+    axes = [f"  {_quoted(over.path)}: {_axis(over)}" for over in sweep.overs if over not in sampled]
+    if sampled and not sweep.worst:
+        axes += ["  sample:", f"    sample: {_sample(sweep)}", "    over:", *_ranges(sampled, "      ")]
+    lines += ["cases:", *axes] if axes else []
+    begin, end = sweep.window
+    window = ", ".join(f"{key}: {_quoted(value)}" for key, value in (("from", begin), ("to", end)) if value)
+    lines += [f"evaluate: {{{window}}}"] if window else []
+    lines += ["measure:", *(f"  {_quoted(text)}: {{is: {_quoted(text)}, unit: {_quoted(unit)}}}" if unit else
+                            f"  {_quoted(text)}: {_quoted(text)}" for text, unit in sweep.measures)]
+    if sweep.worst:
+        sought = sweep.measures[0][0]
+        cost = f"-({sought})" if sweep.worst == "highest" else sought
+        lines += ["tune:", "  free:", *_ranges(sampled, "    "), f"  cost: {_quoted(cost)}"]
+    return "\n".join([*lines, *_pictures(sweep), ""])
+
+
+def _quoted(text: str) -> str:
+    """A text as YAML has it, whatever stands in it."""
+    return json.dumps(text, ensure_ascii=False)
+
+
+def _model(model: Path, folder: Path) -> str:
+    return os.path.relpath(model.resolve(), folder.resolve())
+
+
+def _axis(over: Over) -> str:
+    if over.wanted is None:
+        return f"[{', '.join(map(_quoted, over.values))}]"
+    written = over.wanted.unit.written
+    return f"{{from: {_quoted(written(over.wanted.low))}, to: {_quoted(written(over.wanted.high))}, number: {over.number}}}"
+
+
+def _ranges(overs: Sequence[Over], indent: str) -> list[str]:
+    return [f"{indent}{_quoted(over.path)}: {_quoted(over.range)}" for over in overs]
+
+
+def _sample(sweep: Sweep) -> str:
+    kind, _, number = (part.strip() for part in sweep.sample.partition(":"))
+    if kind in NAMED and not number:
+        return kind
+    if kind not in DRAWN or not number.isdigit():
+        said = f"{kind}:64" if kind in DRAWN else ""
+        raise UsageError([Problem("sample-unknown", f"--sample {sweep.sample}: this does not say how to sample", None,
+                                  f"Write --sample {said}." if said else suggest(kind, KINDS) or
+                                  f"Write {listing([f'{k}:64' for k in DRAWN] + list(NAMED), 9)}.")])
+    if kind in BALANCED and int(number) & (int(number) - 1):
+        raise UsageError([Problem("sample-unbalanced", f"--sample {sweep.sample}: {number} is no power of two", None,
+                                  f"Write --sample {kind}:{1 << int(number).bit_length() - 1} or "
+                                  f"{kind}:{1 << int(number).bit_length()}.")])
+    return f"{{{kind}: {number}, seed: {sweep.seed}}}"
+
+
+def _pictures(sweep: Sweep) -> list[str]:
+    """What can be drawn of what is varied."""
+    shown = f"[{', '.join(_quoted(text) for text, _ in sweep.measures)}]"
+    number = sum(1 for over in sweep.overs if over.number or over.values)
+    kind = sweep.sample.partition(":")[0].strip()
+    kinds = {"histogram": kind in DRAWN, "indices": kind in ("sobol_indices", "local"), "tornado": kind in NAMED,
+             "curves": number > 0 and not sweep.sample and not sweep.worst, "map": number > 1 and not sweep.sample}
+    found = [f"  {name}: {{{name}: {shown}}}" for name, wanted in kinds.items() if wanted]
+    found += [f"  signals: {{signals: [{', '.join(map(_quoted, sweep.signals))}]}}"] if sweep.signals else []
+    return ["pictures:", *found] if found else []

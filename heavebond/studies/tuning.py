@@ -1,0 +1,170 @@
+"""Gains that make a cost small, by exact gradients: bounds, limits, several cases, several starts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import islice
+
+import numpy as np
+
+from heavebond.basis.errors import Problem, UsageError, suggest
+from heavebond.basis.progress import Progress, numbered
+from heavebond.language.model import Model
+from heavebond.numbers.dae import Array, Assembly, assemble
+from heavebond.studies.objective import Evaluation, Objective, Task
+from heavebond.studies.search import APART, METHODS, Found, search
+
+# Points of the hypercube are drawn so many times more often than they are run, where the linearised machine tells which
+# of them are beyond the limit of stability.
+DRAWN = 4
+# From a point at the limit of stability that lies apart from what was found, and costs at most so much more (of the cost),
+# another search begins.
+PROMISING = 0.15
+
+
+@dataclass(frozen=True)
+class Step:
+    """One evaluation on the way: the values in SI and the cost."""
+
+    values: dict[str, float]
+    cost: float
+
+
+@dataclass(frozen=True)
+class Tuned:
+    """The best values in SI, their cost, the cost per case, the limits (below zero where kept, relative), the path of
+    every start, and how much was computed: `simulations` counts a run with k sensitivities as 1 + k plain runs, and the
+    gradients of k costs by a run backwards as 2 + k/2."""
+
+    task: Task
+    values: dict[str, float]
+    cost: float
+    before: float
+    cost_of_cases: dict[str, float]
+    limits: dict[str, float]
+    paths: tuple[tuple[Step, ...], ...]
+    runs: int
+    simulations: float
+    message: str
+
+
+def tune(model: Model | Assembly | Objective, task: Task, *, explore: int = 5, starts: int = 1, seed: int = 0,
+         method: str = "trust", most_steps: int = 30, progress: Progress | None = None) -> Tuned:
+    """Minimise the cost over the free parameters within their ranges and limits.
+
+    First the diagram's own values and `explore` points of a Latin hypercube are run without gradients: a gain beyond the
+    limit of stability has a cost whose slope leads nowhere. From the best `starts` of these a search goes on with gradients
+    (see `heavebond.studies.search` for the methods). An Objective that is built already is used as it is.
+    UsageError for what is wrong in the task.
+    """
+    if method not in METHODS:
+        raise UsageError([Problem("method-unknown", f"'{method}' is no method of tuning", None,
+                                  suggest(method, METHODS) or f"Methods: {', '.join(METHODS)}.")])
+    problem = model if isinstance(model, Objective) else \
+        Objective(model if isinstance(model, Assembly) else assemble(model), task)
+    say = progress or (lambda text: None)
+    found: list[Found] = []
+    for number, first in enumerate(starting_points(problem, explore, starts, seed, say), 1):
+        found.append(search(problem, first, method, most_steps, numbered(say, "start", number, starts), found))
+    for first in _edges(problem, min(found, key=_rank), say):
+        found.append(search(problem, first, method, most_steps, say, found))
+    best = min(found, key=_rank)
+    limits = dict(zip(task.limits, best.best.limits.tolist(), strict=True))
+    return Tuned(task, problem.values(best.best.at), best.best.cost, _before(problem), dict(best.best.cases),
+                 limits, tuple(_path(problem, f) for f in found), problem.runs, problem.simulations, best.message)
+
+
+def sweep_in_turn(problem: Objective, begin: Mapping[str, float | str], sweeps: Sequence[tuple[str, Sequence[float]]], *,
+                  progress: Progress | None = None) -> Tuned:
+    """Sweep one parameter after the other over values (SI), each at the best of those before: how gains are tuned by hand.
+
+    The other free parameters stand at `begin`, else at the diagram's own values. A run that breaks down costs infinity.
+    """
+    values = {name: problem.assembly.with_parameters(begin).parameter_values[name] for name in problem.names}
+    steps: list[tuple[Step, Evaluation]] = []
+    for name, numbers in sweeps:
+        for k, number in enumerate(numbers, 1):
+            if progress:
+                progress(f"{name}, {k} of {len(numbers)}")
+            found = problem.at({**values, name: number})
+            steps.append((Step({**values, name: float(number)}, found.cost), found))
+        values = min(steps[-len(numbers):], key=lambda pair: (not pair[1].kept, pair[1].cost))[0].values
+    best, found = min(steps, key=lambda pair: (not pair[1].kept, pair[1].cost))
+    runs, simulations = problem.runs, problem.simulations
+    limits = dict(zip(problem.task.limits, found.limits.tolist(), strict=True))
+    return Tuned(problem.task, best.values, best.cost, _before(problem), dict(found.cases), limits,
+                 (tuple(step for step, _ in steps),), runs, simulations, "swept")
+
+
+def _rank(found: Found) -> tuple[bool, float]:
+    return not found.best.kept, found.best.cost
+
+
+def _edges(problem: Objective, found: Found, say: Progress) -> list[Array]:
+    """Points at the limit of stability along each free parameter that cost little more than what was found: there a cost
+    often has another valley, when friction holds a machine still that would not stand still without it."""
+    points = []
+    for k, name in enumerate(problem.names):
+        for end in (0.0, 1.0):
+            at = limit_of_stability(problem, found.best.at, k, end)
+            if at is None or abs(at - found.best.at[k]) < APART:
+                continue
+            point = found.best.at.copy()
+            point[k] = at
+            say(f"looking at the limit of stability of {name}")
+            if problem.plain(point).kept and problem.cost(point) < found.best.cost + PROMISING * abs(found.best.cost):
+                points.append(point)
+    return points
+
+
+def limit_of_stability(problem: Objective, y: Array, k: int, end: float) -> float | None:
+    """The share at which the linearised machine at its start turns unstable (or stable) while the k-th unknown goes from
+    its value to `end`, the others held; None where both are on one side."""
+    from scipy.optimize import brentq
+
+    def growth(share: float) -> float:
+        point = y.copy()
+        point[k] = share
+        return problem.growth(point)
+
+    first, last = growth(float(y[k])), growth(end)
+    if not (np.isfinite(first) and np.isfinite(last)) or (first < 0) == (last < 0):
+        return None
+    return float(brentq(growth, float(y[k]), end, xtol=2e-3))
+
+
+def _before(problem: Objective) -> float:
+    """The cost of the diagram's own values, infinite beyond the limit of stability (where runs are long)."""
+    return problem.cost(problem.start) if problem.calm(problem.start) else np.inf
+
+
+def _path(problem: Objective, found: Found) -> tuple[Step, ...]:
+    return tuple(Step(problem.values(e.at), e.cost) for e in found.path)
+
+
+def starting_points(problem: Objective, explore: int, starts: int, seed: int, say: Progress) -> list[Array]:
+    """The best `starts` of the diagram's values and `explore` points of a Latin hypercube, best first.
+
+    Where the linearised machine is stable at some points and not at others, only the stable ones are run.
+    """
+    drawn = problem.spread(DRAWN * explore, seed)
+    points = list(islice((y for y in drawn if problem.calm(y)), 1 + explore)) if explore else []
+    found: list[Evaluation] = []
+    for number, point in enumerate(points or islice(problem.spread(explore, seed), 1 + explore), 1):
+        say(f"exploring {number} of {1 + explore}")
+        found.append(problem.plain(point))
+    order = sorted(found, key=lambda e: (not np.isfinite(e.cost), not e.kept, e.cost))
+    return [e.at for e in order[:max(1, starts)]]
+
+
+def sweep(problem: Objective, numbers: Sequence[int], *, progress: Progress | None = None) -> tuple[list[Array], Array]:
+    """The cost on a grid over the ranges, without gradients: axes in SI and costs (numbers[0], numbers[1], ...), infinite
+    where a run broke down."""
+    axes = [np.linspace(0, 1, n) for n in numbers]
+    costs = np.empty([len(a) for a in axes])
+    for k, index in enumerate(np.ndindex(*costs.shape), 1):
+        if progress:
+            progress(f"{k} of {costs.size}")
+        costs[index] = problem.cost(np.array([axis[i] for axis, i in zip(axes, index, strict=True)]))
+    return [problem.low[k] + axis * problem.span[k] for k, axis in enumerate(axes)], costs

@@ -1,0 +1,189 @@
+"""The dimension of every expression: the first law of a component, and the check of every formula in a diagram."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from fractions import Fraction
+
+from heavebond.basis.units import ONE, Dimension, dimension_text, times
+from heavebond.text.expression import (
+    Binary,
+    Call,
+    Compare,
+    Equation,
+    Expr,
+    ExpressionProblem,
+    Logic,
+    Name,
+    Negative,
+    Not,
+    Number,
+    SumOver,
+    constant,
+)
+
+ANY = None  # a bare 0 fits any unit
+TRUTH: Dimension = (("truth", Fraction(1)),)
+SECOND: Dimension = (("s", Fraction(1)),)
+Lookup = Callable[[Name], Dimension]
+LARGEST_EXPONENT = 100
+
+_DIMENSIONLESS = {"exp", "log", "sin", "cos", "tan", "tanh", "asin", "acos", "atan"}
+
+
+def check_equation(equation: Equation, lookup: Lookup) -> None:
+    """Both sides agree; raises ExpressionProblem that names the two units."""
+    left, right = number_dimension(equation.left, lookup), number_dimension(equation.right, lookup)
+    if left is not ANY and right is not ANY and left != right:
+        raise ExpressionProblem("units-differ", f"the left side is {_in(left)}, the right side is {_in(right)}",
+                                _start(equation.right), hint="Both sides of an equation have the same unit"
+                                + _factor(left, right))
+
+
+def dimension(expr: Expr, lookup: Lookup) -> Dimension | None:
+    """The dimension of `expr`; ANY for a bare 0. `lookup` gives that of a name; raises ExpressionProblem."""
+    if isinstance(expr, Number):
+        if expr.unit is not None:
+            return expr.unit.dimension
+        return ANY if expr.value == 0 else ONE
+    if isinstance(expr, Name):
+        for part in expr.parts:
+            if not isinstance(part, str):
+                _need(ONE, part, lookup, "an index")
+        return lookup(expr)
+    if isinstance(expr, Negative):
+        return number_dimension(expr.operand, lookup)
+    if isinstance(expr, Binary):
+        return _binary(expr, lookup)
+    if isinstance(expr, Call):
+        return _call(expr, lookup)
+    if isinstance(expr, SumOver):
+        return number_dimension(expr.body, lambda name: ONE if name.text == expr.index else lookup(name))
+    return _truth(expr, lookup)
+
+
+def number_dimension(expr: Expr, lookup: Lookup) -> Dimension | None:
+    """The dimension of what must be a number; raises ExpressionProblem for a comparison."""
+    found = dimension(expr, lookup)
+    if found == TRUTH:
+        raise ExpressionProblem("units-truth", "a comparison is no number", _start(expr),
+                                hint="Write `if_else(a > b, x, y)`.")
+    return found
+
+
+def _binary(expr: Binary, lookup: Lookup) -> Dimension | None:
+    if expr.op == "**":
+        return _power(expr, lookup)
+    left, right = number_dimension(expr.left, lookup), number_dimension(expr.right, lookup)
+    if expr.op in "+-":
+        return _same((expr.left, left), (expr.right, right), f"'{expr.op}'", expr.column)
+    if left is ANY or right is ANY:
+        return ANY
+    return times(left, right, 1 if expr.op == "*" else -1)
+
+
+def _power(expr: Binary, lookup: Lookup) -> Dimension | None:
+    base = number_dimension(expr.left, lookup)
+    exponent = constant(expr.right)
+    if exponent is None:
+        _need(ONE, expr.right, lookup, "an exponent")
+        if base not in (ONE, ANY):
+            raise ExpressionProblem("units-power", f"a base {_in(base)} needs a plain number as exponent",
+                                    expr.column, 2, "Divide the base by a reference value, as in (p/p_0)**n.")
+        return base
+    if base in (ONE, ANY):
+        return base
+    if not abs(exponent) <= LARGEST_EXPONENT:  # not-a-number included
+        raise ExpressionProblem("units-power", f"an exponent of {exponent:g} gives no unit", _start(expr.right), 1,
+                                f"Use an exponent up to {LARGEST_EXPONENT}.")
+    return times(ONE, base, Fraction(exponent).limit_denominator(1000))
+
+
+def _call(expr: Call, lookup: Lookup) -> Dimension | None:
+    name, args = expr.function, expr.args
+    if name in _DIMENSIONLESS:
+        _need(ONE, args[0], lookup, f"the argument of {name}")
+        return ONE
+    if name == "uniform":
+        for arg in args:
+            _need(ONE, arg, lookup, "the argument of uniform")
+        return ONE
+    if name == "if_else":
+        _need(TRUTH, args[0], lookup, "the first argument of if_else")
+        return _same((args[1], number_dimension(args[1], lookup)), (args[2], number_dimension(args[2], lookup)),
+                     "if_else", expr.column)
+    first = number_dimension(args[0], lookup)
+    if name == "der":
+        return ANY if first is ANY else times(first, SECOND, -1)
+    if name == "sqrt":
+        return ANY if first is ANY else times(ONE, first, Fraction(1, 2))
+    if name in ("abs", "sum"):
+        return first
+    if name == "sign":
+        return ONE
+    common: Dimension | None = first
+    for arg in args[1:]:
+        common = _same((args[0], common), (arg, number_dimension(arg, lookup)), name, expr.column)
+    if name == "smooth_sign":
+        return ONE
+    if name == "signed_sqrt":
+        return ANY if common is ANY else times(ONE, common, Fraction(1, 2))
+    return common
+
+
+def _truth(expr: Compare | Logic | Not, lookup: Lookup) -> Dimension:
+    if isinstance(expr, Compare):
+        _same((expr.left, number_dimension(expr.left, lookup)), (expr.right, number_dimension(expr.right, lookup)),
+              f"'{expr.op}'", expr.column)
+        return TRUTH
+    for operand in (expr.operand,) if isinstance(expr, Not) else (expr.left, expr.right):
+        _need(TRUTH, operand, lookup, "and, or, not")
+    return TRUTH
+
+
+def _same(left: tuple[Expr, Dimension | None], right: tuple[Expr, Dimension | None], where: str,
+          column: int) -> Dimension | None:
+    (_, a), (_, b) = left, right
+    if a is ANY:
+        return b
+    if b is not ANY and a != b:
+        raise ExpressionProblem("units-differ", f"{where} joins {_text(a)} and {_text(b)}", column,
+                                max(1, len(where.strip("'"))), "Both must have the same unit" + _factor(a, b))
+    return a
+
+
+def _need(wanted: Dimension, expr: Expr, lookup: Lookup, what: str) -> None:
+    found = dimension(expr, lookup)
+    if found is not ANY and found != wanted:
+        hint = "Write a comparison, as in `a > b`." if wanted == TRUTH else "Write a comparison where one is needed." \
+            if found == TRUTH else f"Divide it by a quantity in {dimension_text(found)}."
+        raise ExpressionProblem("units-argument", f"{what} must be {_in(wanted)}; this is {_in(found)}",
+                                _start(expr), hint=hint)
+
+
+def _text(found: Dimension | None) -> str:
+    if found == TRUTH:
+        return "a comparison"
+    return "a number without unit" if found in (ONE, ANY) else dimension_text(found or ONE)
+
+
+def _in(found: Dimension | None) -> str:
+    return _text(found) if found in (ONE, ANY, TRUTH) else f"in {_text(found)}"
+
+
+def _factor(a: Dimension | None, b: Dimension | None) -> str:
+    """`; they differ by a factor in s.`: what an engineer looks for first (a forgotten time, area or g)."""
+    if TRUTH in (a, b):
+        return "."
+    ratio = times(a or ONE, b or ONE, -1)
+    return f"; they differ by a factor in {dimension_text(ratio if _simple(ratio) else times(ONE, ratio, -1))}."
+
+
+def _simple(ratio: Dimension) -> bool:
+    return sum(power > 0 for _, power in ratio) >= sum(power < 0 for _, power in ratio)
+
+
+def _start(expr: Expr) -> int:
+    if isinstance(expr, (Binary, Compare, Logic)):
+        return _start(expr.left)
+    return expr.column

@@ -1,0 +1,195 @@
+"""Expression trees as formulas in TeX, for pages that are read: `F_c * smooth_sign(v, v_t)` as F_c tanh(v/v_t).
+
+Only what KaTeX, MathJax and GitHub all know is written. Letters are the component's own: `dp` is a difference (a Delta
+before the letter), Greek letters are spelled (`kappa`), what stands behind `_` is an index, and a variable of a port has
+the port as its index.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+
+from heavebond.text.expression import (
+    Binary,
+    Call,
+    Compare,
+    Equation,
+    Expr,
+    Logic,
+    Name,
+    Negative,
+    Not,
+    Number,
+)
+
+GREEK = ("alpha", "beta", "gamma", "delta", "epsilon", "zeta", "eta", "theta", "kappa", "lambda", "mu", "nu", "xi", "rho",
+         "sigma", "tau", "phi", "chi", "psi", "omega", "Delta", "Theta", "Lambda", "Sigma", "Phi", "Psi", "Omega")
+_SIGNS = {"<=": r"\le", ">=": r"\ge", "==": "=", "!=": r"\ne", "<": "<", ">": ">"}
+_WORDS = {"exp": r"\exp", "log": r"\ln", "sin": r"\sin", "cos": r"\cos", "tan": r"\tan", "tanh": r"\tanh",
+          "asin": r"\arcsin", "acos": r"\arccos", "atan": r"\arctan", "min": r"\min", "max": r"\max",
+          "sign": r"\operatorname{sgn}", "uniform": r"\operatorname{uniform}"}
+# how strongly a written expression binds; a fraction needs no brackets in a product, but under an exponent
+_SUM, _SIGNED, _PRODUCT, _FRACTION, _POWER, _ATOM = range(6)
+_DIFFERENCE = re.compile(r"d([pTxVwm])")
+_SPECIAL = re.compile(r"[&%#$_{}]")
+_NUMBERED = re.compile(r"([A-Za-z]+?)(\d+)")
+
+
+def equation_tex(equation: Equation, own: Iterable[str] = ()) -> str:
+    """`left &= right`, to be aligned with others; `own` are the names that the component declares."""
+    names = _Names(frozenset(own))
+    return f"{names.of(equation.left)} &= {names.of(equation.right)}"
+
+
+def formula_tex(expr: Expr, own: Iterable[str] = ()) -> str:
+    """An expression as TeX."""
+    return _Names(frozenset(own)).of(expr)
+
+
+def symbol_tex(name: str) -> str:
+    """A name as a letter with its index: `p_up` as p with up below, `l0` as l with 0, `dp_t` as Delta p with t."""
+    letter, index = _letter_and_index(name)
+    return f"{letter}_{{{index}}}" if index else letter
+
+
+def text_tex(words: str) -> str:
+    """Words inside a formula; signs that mean something in TeX are taken literally."""
+    literal = _SPECIAL.sub(r"\\\g<0>", words)
+    return rf"\text{{{literal}}}"
+
+
+def _letter(word: str) -> str:
+    if word in GREEK:
+        return f"\\{word}"
+    if found := _DIFFERENCE.fullmatch(word):
+        return rf"\Delta {found.group(1)}"
+    return word if len(word) == 1 else rf"\mathrm{{{word}}}"
+
+
+def _index(word: str) -> str:
+    if word in GREEK:
+        return f"\\{word}"
+    return word if word.isdigit() else rf"\mathrm{{{word}}}"
+
+
+class _Names:
+    """Formulas of one component."""
+
+    def __init__(self, own: frozenset[str]):
+        self.own = own
+
+    def of(self, expr: Expr, least: int = _SUM) -> str:
+        """TeX of an expression, in brackets where it binds less than `least`."""
+        text, binds = self._written(expr)
+        return text if binds >= least else rf"\left({text}\right)"
+
+    def _written(self, expr: Expr) -> tuple[str, int]:
+        if isinstance(expr, Number):
+            return _number(expr.value)
+        if isinstance(expr, Name):
+            return self._name(expr), _ATOM
+        if isinstance(expr, Negative):
+            return f"-{self.of(expr.operand, _PRODUCT)}", _SIGNED
+        if isinstance(expr, Binary):
+            return self._binary(expr)
+        if isinstance(expr, Call):
+            return self._call(expr)
+        if isinstance(expr, Compare):
+            return f"{self.of(expr.left)} {_SIGNS[expr.op]} {self.of(expr.right)}", _SUM
+        if isinstance(expr, Logic):
+            return f"{self.of(expr.left)} {text_tex(f' {expr.op} ')} {self.of(expr.right)}", _SUM
+        if isinstance(expr, Not):
+            return rf"\text{{not }} {self.of(expr.operand, _ATOM)}", _SUM
+        return rf"\sum_{{{expr.index}={self.of(expr.low)}}}^{{{self.of(expr.high)}}} {self.of(expr.body, _PRODUCT)}", _SUM
+
+    def _binary(self, expr: Binary) -> tuple[str, int]:
+        if expr.op in "+-":
+            right, binds = self._written(expr.right)
+            if binds == _SIGNED or (binds == _SUM and expr.op == "-"):
+                right = rf"\left({right}\right)"
+            return f"{self.of(expr.left)} {expr.op} {right}", _SUM
+        if expr.op == "/":
+            return rf"\frac{{{self.of(expr.left)}}}{{{self.of(expr.right)}}}", _FRACTION
+        if expr.op == "*":
+            left, right = self.of(expr.left, _SIGNED), self.of(expr.right, _PRODUCT)
+            dot = r" \cdot " if right[0].isdigit() else r" \, "
+            return f"{left}{dot}{right}", _SIGNED if left.startswith("-") else _PRODUCT
+        exponent = self.of(expr.right) if not isinstance(expr.right, Binary) else self._flat(expr.right)
+        return f"{self.of(expr.left, _ATOM)}^{{{exponent}}}", _POWER
+
+    def _flat(self, expr: Binary) -> str:
+        """A quotient in an exponent stands on one line."""
+        if expr.op != "/":
+            return self.of(expr)
+        return f"{self.of(expr.left, _PRODUCT)}/{self.of(expr.right, _POWER)}"
+
+    def _call(self, expr: Call) -> tuple[str, int]:
+        args = [self.of(a) for a in expr.args]
+        if expr.function == "der":
+            return self._rate(expr.args[0])
+        if expr.function == "sqrt":
+            return rf"\sqrt{{{args[0]}}}", _ATOM
+        if expr.function == "abs":
+            return rf"\left\lvert {args[0]} \right\rvert", _ATOM
+        if expr.function == "if_else":
+            return (rf"\begin{{cases}} {args[1]} & \text{{if }} {args[0]} \\ "
+                    rf"{args[2]} & \text{{otherwise}} \end{{cases}}", _SUM)
+        if expr.function == "smooth_sign":
+            return rf"\tanh\left(\frac{{{args[0]}}}{{{args[1]}}}\right)", _POWER
+        if expr.function == "signed_sqrt":
+            squares = " + ".join(f"{self.of(a, _ATOM)}^2" for a in expr.args)
+            return rf"\frac{{{args[0]}}}{{\sqrt[4]{{{squares}}}}}", _FRACTION
+        if expr.function == "sum":  # over an array of ports
+            return rf"\sum_i {self._name(expr.args[0], '_i')}" if isinstance(expr.args[0], Name) else args[0], _SUM
+        return _WORDS[expr.function] + rf"\left({', '.join(args)}\right)", _POWER
+
+    def _rate(self, of: Expr) -> tuple[str, int]:
+        if not isinstance(of, Name) or (split := self._split(of)) is None:
+            return rf"\frac{{\mathrm{{d}}}}{{\mathrm{{d}}t}}\left({self.of(of)}\right)", _FRACTION
+        letter, index = split
+        return rf"\dot{{{letter}}}" + (f"_{{{index}}}" if index else ""), _ATOM
+
+    def _name(self, name: Name, indexed: str = "") -> str:
+        split = self._split(name)
+        if split is None:
+            return text_tex(name.text)
+        letter, index = split
+        return f"{letter}_{{{index}{indexed}}}" if index or indexed else letter
+
+    def _split(self, name: Name) -> tuple[str, str] | None:
+        """The letter and the index of a name: `a.p` is p with a, `p[i].q` q with p_i. None where that is another name of
+        the component; it is then written as in the file."""
+        if name.text in ("time", "pi"):
+            return ("t", "") if name.text == "time" else (r"\pi", "")
+        words: list[str] = []
+        for part in name.parts:
+            if isinstance(part, str):
+                words.append(part)
+            else:
+                words[-1] += f"[{self.of(part)}]"
+        if len(words) == 1:
+            return _letter_and_index(words[0])
+        port, member = words[0], words[-1]
+        if f"{member}_{port}" in self.own or len(words) > 2:
+            return None
+        letter, index = _letter_and_index(port)
+        return _letter(member), f"{letter}_{{{index}}}" if index else letter
+
+
+def _letter_and_index(word: str) -> tuple[str, str]:
+    """`p_up` as p and up, `p[i]` as p and i."""
+    name, bracket, indexed = word.partition("[")
+    head, _, index = name.partition("_")
+    if found := _NUMBERED.fullmatch(head):
+        head, index = found.group(1), "_".join(part for part in (found.group(2), index) if part)
+    parts = [_index(part) for part in index.split("_") if part]
+    return _letter(head), ",".join([*parts, indexed[:-1]] if bracket else parts)
+
+
+def _number(value: float) -> tuple[str, int]:
+    mantissa, _, exponent = f"{value:.12g}".partition("e")
+    if not exponent:
+        return mantissa, _ATOM
+    times = "" if mantissa == "1" else rf"{mantissa} \cdot "
+    return f"{times}10^{{{int(exponent)}}}", _PRODUCT
