@@ -287,13 +287,14 @@ class _Opener:
         groups = (("port", component.ports), ("signal", component.signals), ("variable", component.variables))
         needs = listing(f"{n.removesuffix('[1]')} ({'a list, ' * ('[' in n)}{p.doc}, {p.unit.text})" for n in missing
                         if (p := component.parameters[n]) and ("[" not in n or n.endswith("[1]")))
+        others = [n for n in settable if n not in missing]
+        has = (f"It needs {needs}." + f" It may have: {listing(others)}." * bool(others)) if missing else \
+            f"It has: {listing(settable)}." if settable else f"{component.name} has no parameters."
         for name in unknown:
             what = next((k for k, group in groups if name in group), "")
             self.problems.add("parameter-unknown", f"{component.name} has no parameter '{name}'"
                               + (f"; that is a {what} of it" if what else ""), instance.settings[name].place,
-                              hint=(suggest(name, missing) or f"It needs {needs}.") if missing else
-                              suggest(name, settable) or (f"It has: {listing(settable)}." if settable
-                                                          else f"{component.name} has no parameters."))
+                              hint=suggest(name, missing or settable) or has)
         return bool(unknown)
 
     def _integers(self, component: Component, parameters: dict[str, Bound], outer: dict[str, int]) -> dict[str, int]:
