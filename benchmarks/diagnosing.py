@@ -49,7 +49,7 @@ def figures() -> list[Figure]:
     began = time.process_time()
     found, watch = watched()
     took = time.process_time() - began
-    assert found.verdict == "found" and MISSING in found.findings[0].candidate.kind, found.words
+    assert found.verdict == "effect" and MISSING in found.findings[0].kinds, found.words
     step = found.steps[0]
     what = f"{RIG} rig: diagnosis, {len(step.scores)} candidates scored, {len(step.trials)} refitted, one process"
     shares = sorted(watch.spent.items(), key=lambda pair: -pair[1])
