@@ -10,6 +10,7 @@ import pytest
 
 import heavebond as hb
 from heavebond.cli import main
+from heavebond.numbers.simulation import Tolerances
 from heavebond.studies.verification import ALLOWED, verify
 
 BLOCK = """
@@ -53,7 +54,7 @@ def test_what_switches_does_not_depend_on_widths() -> None:
 def test_loose_tolerances_are_told() -> None:
     text = BLOCK.replace("{is: CoulombFriction, F_c: 10 N, v_t: 20 mm/s}", "{is: Spring, c: 4 kN/m}")
     result = hb.simulate(hb.loads(text), rtol=1e-2, atol=1e-2)
-    found = verify(result, ["x"], tolerances=hb.simulation.Tolerances(1e-2, 1e-2))
+    found = verify(result, ["x"], tolerances=Tolerances(1e-2, 1e-2))
     assert found.widths == ()
     assert found.outputs[0].by_tolerances > ALLOWED
     problem = found.problem()
