@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from heavebond.basis.buffered import Buffered
 from heavebond.basis.errors import Problem, UsageError, suggest
 from heavebond.basis.saved import SavedRun, write_run
 from heavebond.basis.units import dimension_text, read_unit
@@ -202,7 +203,7 @@ class _Course:
         self._rows = [[k for k, s in enumerate(split(a)) if s.element_hash() in known] for a in assembly.arguments]
         used = [a[k] for a, rows in zip(assembly.arguments, self._rows, strict=True) for k in rows]
         self._function = ca.Function("course", [stack(used)], [ca.densify(expression)])
-        self._many: tuple[int, ca.Function] | None = None
+        self._many: tuple[int, Buffered] | None = None
 
     def of(self, result: Result) -> Array:
         """Its values (numel, N)."""
@@ -221,13 +222,9 @@ class _Course:
         to evaluate."""
         n = given.shape[1]
         if self._many is None or self._many[0] != n:
-            self._many = (n, self._function.map(n))
-        columns, found = np.ascontiguousarray(given.T), np.empty((n, self._function.numel_out(0)))
-        buffer, evaluate = self._many[1].buffer()
-        buffer.set_arg(0, memoryview(columns))  # type: ignore[call-arg, arg-type]
-        buffer.set_res(0, memoryview(found))  # type: ignore[call-arg, arg-type]
-        evaluate()
-        return np.ascontiguousarray(found.T)
+            self._many = (n, Buffered(self._function.map(n)))
+        found, = self._many[1](given).values()
+        return np.ascontiguousarray(found.reshape((-1, n), order="F"))
 
 
 def columns(result: Result) -> tuple[Array, ...]:
