@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from diagrams import BALL, FLOOR
 
 import heavebond as hb
 from heavebond.evidence.experiment import load_experiment
@@ -22,33 +23,6 @@ TIGHT = Tolerances(1e-12, 1e-14, along=1.0)
 # what is integrated to rtol 1e-8 over some hundred steps, and located as well, is right to this share
 CLOSE = 1e-6
 GRAVITY = 9.80665
-
-FLOOR = """
-component: BouncingFloor
-summary: Throws back what falls on it.
-ports: {a: translational}
-parameters:
-  e: {unit: 1, min: 0, max: 1, doc: restitution}
-variables:
-  bounces: {unit: 1, held: 0, min: 0, doc: how often}
-equations: |
-  a.f = 0   # no force between two impacts
-when:
-  impact: {condition: a.x < 0, then: {a.v: -e * a.v, bounces: bounces + 1}}
-power: controlled, impacts
-"""
-
-BALL = """
-model: ball
-components:
-  body:   {is: Mass, m: 2 kg}
-  weight: {is: Weight, m: 2 kg, g: 9.80665 m/s**2}
-  floor:  {is: BouncingFloor, e: 0.8}
-nodes:
-  ball: [body.a, weight.a, floor.a]
-initial: {ball.x: 1 m, ball.v: 0 m/s}
-simulate: {until: 2 s, every: 10 ms}
-"""
 
 HEATER = """
 component: HeatedTank

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from diagrams import BALL, FLOOR
 
 import heavebond as hb
 from heavebond import cli
@@ -27,29 +28,6 @@ CUT = {"cmc_ahc/passive_then_active", "excavator_boom", "mechanisms/double_pendu
 TURNED = {"excavator_boom"}  # with algebraic unknowns in the states that it goes on with
 needs_compiler = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc here")
 
-BALL = """
-model: ball
-components:
-  body:   {is: Mass, m: 2 kg}
-  weight: {is: Weight, m: 2 kg, g: 9.80665 m/s**2}
-  floor:  {is: BouncingFloor, e: 0.8}
-nodes:
-  ball: [body.a, weight.a, floor.a]
-initial: {ball.x: 1 m, ball.v: 0 m/s}
-simulate: {until: 2 s, every: 10 ms}
-"""
-FLOOR = """
-component: BouncingFloor
-summary: Throws back what falls on it.
-ports: {a: translational}
-parameters:
-  e: {unit: 1, min: 0, max: 1, doc: restitution}
-equations: |
-  a.f = 0   # no force between two impacts
-when:
-  impact: {condition: a.x < 0, then: {a.v: -e * a.v}}
-power: controlled, impacts
-"""
 SHAKEN = """
 model: shaken
 components:

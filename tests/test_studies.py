@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from diagrams import ISOLATOR
 from scipy.optimize import minimize_scalar
 
 import heavebond as hb
@@ -22,20 +23,6 @@ from heavebond.studies.casework import Outcome, assembled
 from heavebond.studies.objective import Objective
 from heavebond.studies.sampled import sampled_value
 
-ISOLATOR = """model: isolator
-parameters: {f: 2 Hz, a: 10 mm}
-components:
-  shaker:  {is: PositionSource, u: "=a*sin(2*pi*f*time)"}
-  spring:  {is: Spring, c: 40 kN/m}
-  damper:  {is: Damper, d: 1 kN*s/m}
-  machine: {is: Mass, m: 100 kg}
-nodes:
-  floor:   [shaker.a, spring.a, damper.a]
-  machine: [spring.b, damper.b, machine.a]
-initial: {machine.x: 0 m, machine.v: 0 m/s}
-show: {motion: {is: machine.x, unit: mm}}
-simulate: {until: 5 s, every: 10 ms}
-"""
 SOFT = "model: soft\nextends: isolator.yaml\nset: {spring.c: 20 kN/m}\n"
 STUDY = """study: transmission
 model: isolator.yaml

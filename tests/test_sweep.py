@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from diagrams import ISOLATOR
 
 import heavebond as hb
 from heavebond.basis.units import parse_range
@@ -25,20 +26,6 @@ from heavebond.studies.study import Procedure
 from heavebond.studies.study_table import table, to_pandas, write_files
 from heavebond.studies.uncertainty import indices, slopes, spreads, swings
 
-ISOLATOR = """model: isolator
-parameters: {f: 2 Hz, a: 10 mm}
-components:
-  shaker:  {is: PositionSource, u: "=a*sin(2*pi*f*time)"}
-  spring:  {is: Spring, c: 40 kN/m}
-  damper:  {is: Damper, d: 1 kN*s/m}
-  machine: {is: Mass, m: 100 kg}
-nodes:
-  floor:   [shaker.a, spring.a, damper.a]
-  machine: [spring.b, damper.b, machine.a]
-initial: {machine.x: 0 m, machine.v: 0 m/s}
-show: {motion: {is: machine.x, unit: mm}}
-simulate: {until: 5 s, every: 10 ms}
-"""
 SAMPLE = """study: sample
 model: isolator.yaml
 cases:

@@ -1,0 +1,42 @@
+"""Diagrams and components that several tests use."""
+
+ISOLATOR = """model: isolator
+parameters: {f: 2 Hz, a: 10 mm}
+components:
+  shaker:  {is: PositionSource, u: "=a*sin(2*pi*f*time)"}
+  spring:  {is: Spring, c: 40 kN/m}
+  damper:  {is: Damper, d: 1 kN*s/m}
+  machine: {is: Mass, m: 100 kg}
+nodes:
+  floor:   [shaker.a, spring.a, damper.a]
+  machine: [spring.b, damper.b, machine.a]
+initial: {machine.x: 0 m, machine.v: 0 m/s}
+show: {motion: {is: machine.x, unit: mm}}
+simulate: {until: 5 s, every: 10 ms}
+"""
+
+FLOOR = """
+component: BouncingFloor
+summary: Throws back what falls on it.
+ports: {a: translational}
+parameters:
+  e: {unit: 1, min: 0, max: 1, doc: restitution}
+variables:
+  bounces: {unit: 1, held: 0, min: 0, doc: how often}
+equations: |
+  a.f = 0   # no force between two impacts
+when:
+  impact: {condition: a.x < 0, then: {a.v: -e * a.v, bounces: bounces + 1}}
+power: controlled, impacts
+"""
+BALL = """
+model: ball
+components:
+  body:   {is: Mass, m: 2 kg}
+  weight: {is: Weight, m: 2 kg, g: 9.80665 m/s**2}
+  floor:  {is: BouncingFloor, e: 0.8}
+nodes:
+  ball: [body.a, weight.a, floor.a]
+initial: {ball.x: 1 m, ball.v: 0 m/s}
+simulate: {until: 2 s, every: 10 ms}
+"""
