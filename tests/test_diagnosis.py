@@ -12,6 +12,7 @@ import pytest
 from benchmarks.diagnosis.making import Hidden
 from benchmarks.diagnosis.rigs import RIGS
 from benchmarks.diagnosis.truths import TRUTHS
+from heavebond.evidence import rung
 from heavebond.evidence.diagnosis import Diagnosis, diagnose
 
 KEYS = {"verdict", "words", "steps", "ladder", "ranking", "noise", "seconds"}
@@ -62,6 +63,17 @@ def test_what_the_catalogue_lacks_is_a_shape(tmp_path: Path) -> None:
     assert said.verdict == "shape"
     assert said.shape is not None and said.shape.candidate.where == ("receiver.p",)
     assert said.shape.rung.chi2_held_out < 0.1 * said.ladder[1].chi2_held_out
+
+
+def test_where_the_largest_scores_mislead_everything_is_refitted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # no score is trusted at all: what is refitted first is nothing
+    monkeypatch.setattr(rung, "REFITS", 0)
+    monkeypatch.setattr(rung, "PROMISING", 2.0)
+    said = found(tmp_path, "receiver", [("leak in", 4e-10)], ["leakage", "line resistance"])
+    assert said.verdict == "effect"
+    assert len(said.steps[0].trials) > 1
+    experiment = said.steps[0].experiment
+    assert not rung.step(experiment, number=1, classes=["leakage"], thorough=False).trials
 
 
 def test_too_little_motion_tells_nothing(tmp_path: Path) -> None:

@@ -103,7 +103,7 @@ def diagnose(experiment: Experiment | str | Path, *, auto: bool = False, number:
 
     def stepping(experiment: Experiment, way: Way) -> Step:
         beside = f" beside {listing(added.candidate.label for added in way)}" if len(way) > 1 else ""
-        return step(experiment, number=number, seconds=seconds, classes=classes,
+        return step(experiment, number=number, seconds=seconds, classes=classes, thorough=not way,
                     progress=lambda text: say(f"step {len(way) + 1}{beside}: {text}"))
 
     way, last = climb(now, stepping, say, MOST if auto else 1)

@@ -22,6 +22,7 @@ from heavebond.numbers.dae import Array
 LEVELS = {"score": 0.01, "size": 0.005, "memory": 0.005}
 DRAWS = 20_000  # of the largest chance score: p values down to a few in ten thousand
 LAGS = 20
+NEAR = 1.5  # chi-square per sample up to which what is left is near the noise
 
 
 @dataclass(frozen=True)

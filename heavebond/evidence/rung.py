@@ -15,7 +15,7 @@ import numpy as np
 from heavebond.basis.progress import Progress
 from heavebond.evidence.catalogue import Candidate, candidates
 from heavebond.evidence.experiment import Experiment
-from heavebond.evidence.leftover import Leftover, leftover
+from heavebond.evidence.leftover import NEAR, Leftover, leftover
 from heavebond.evidence.places import nodes_of
 from heavebond.evidence.scoring import Base, Score, searched
 from heavebond.evidence.trial import Trial, bic, held_out
@@ -29,7 +29,7 @@ AT_LEAST = 0.01  # that have this share of it
 NEARLY = 0.1  # share of what the best takes away that a rival may leave, where the noise is not given,
 RIVALS = 0.25  # share of what the best misses the noise by that a rival may miss more
 CLOSELY = 6  # trials at most are followed to the very end before they are compared,
-NEAR = 0.05  # those within this share of the logarithm of chi-square of the best
+CLOSE = 0.05  # those within this share of the logarithm of chi-square of the best
 TWINS = 1 - 1e-6  # candidates whose directions agree to this are the same machine,
 ALIKE = 1e-3  # their gains and shapes to this share,
 JOINED = 0.02  # and to this one where they are the same law at nodes that move as one,
@@ -39,6 +39,8 @@ SECONDS = 300.0  # after which no refit is begun
 # A candidate earns its place where chi-square on what was not fitted falls by this, in units of what is left: normal
 # deviations of some 3 squared would come by chance once in a thousand tries.
 EARNED = 12.0
+
+Job = tuple[Candidate, list[Score]]  # to be refitted
 
 
 @dataclass(frozen=True)
@@ -77,10 +79,11 @@ class Step:
 
 
 def step(experiment: Experiment, *, number: int | None = None, seconds: float = SECONDS, classes: Sequence[str] = (),
-         progress: Progress | None = None) -> Step:
-    """One rung of the ladder. `classes` narrows the catalogue to candidates of these classes."""
+         progress: Progress | None = None, thorough: bool = True) -> Step:
+    """One rung of the ladder. `classes` narrows the catalogue to candidates of these classes. A `thorough` search refits all
+    others too where none of those with the largest scores comes near the noise."""
     found = [c for c in candidates(experiment) if c.kind != UNKNOWN and (not classes or c.kind in classes)]
-    return _step(experiment, found, number, seconds, progress or (lambda text: None))
+    return _step(experiment, found, number, seconds, progress or (lambda text: None), thorough=thorough)
 
 
 def learnt(experiment: Experiment, *, number: int | None = None, seconds: float = SECONDS,
@@ -96,7 +99,7 @@ def single(experiment: Experiment, candidate: Candidate, progress: Progress) -> 
 
 
 def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None, seconds: float, say: Progress,
-          always: bool = False) -> Step:
+          always: bool = False, thorough: bool = False) -> Step:
     began = clock.perf_counter()
     say("fitting what is free")
     base = fitted_base(experiment)
@@ -115,14 +118,18 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
             place = {c.label: k for k, c in enumerate(found)}
             scores.sort(key=lambda s: place[s.candidate.label])
             left = leftover(base, scores)
-            jobs, twins = _planned(scores, _as_one(courses)) if left.significant or always else ([], {})
-            for k, (candidate, trial) in enumerate(workers.refit(jobs, began + seconds), 1):
-                trials += [trial] if trial is not None else []
-                say(f"refitting {k} of {len(jobs)}: {candidate.label}"
-                    + (f" leaves {trial.chi2_held_out:.4g}" if trial else " cannot be simulated"))
-            partial = k < len(jobs) if jobs else False
+            leading, rest, twins = _planned(scores, _as_one(courses)) if left.significant or always else ([], [], {})
+            for jobs in (leading, rest):
+                if jobs is rest and not (thorough and _unexplained(trials)):
+                    break
+                done = 0
+                for done, (candidate, trial) in enumerate(workers.refit(jobs, began + seconds), 1):
+                    trials += [trial] if trial is not None else []
+                    say(f"refitting {done} of {len(jobs)}{' others' if jobs is rest else ''}: {candidate.label}"
+                        + (f" leaves {trial.chi2_held_out:.4g}" if trial else " cannot be simulated"))
+                partial |= jobs is leading and done < len(jobs)
             say("comparing the best closely")
-            trials = _polished(workers, trials, {c.label: g for c, g in jobs})
+            trials = _polished(workers, trials, {c.label: g for c, g in (*leading, *rest)})
         except KeyboardInterrupt:
             partial, left, twins = True, leftover(base, scores), {}
     return _judged(base, (held, n_held), left, scores, trials, twins, partial, clock.perf_counter() - began)
@@ -134,7 +141,7 @@ def _polished(workers: Workers, trials: Sequence[Trial], guesses: Mapping[str, S
     order = sorted(trials, key=merit)
     if not order:
         return []
-    margin = indistinct(order[0], merit(order[0])) + NEAR * (order[0].samples + order[0].samples_held_out)
+    margin = indistinct(order[0], merit(order[0])) + CLOSE * (order[0].samples + order[0].samples_held_out)
     lowest = min(t.bic for t in order)
     near = [t for t in order if merit(t) - merit(order[0]) < margin or t.bic - lowest < margin][:CLOSELY]
     better = {c.label: t for c, t in workers.polish([(t, guesses[t.candidate.label], None) for t in near])}
@@ -188,9 +195,10 @@ def _says_more(candidate: Candidate, base: Base, courses: Mapping[str, tuple[str
 
 
 def _planned(scores: Sequence[Score], as_one: Mapping[str, str]
-             ) -> tuple[list[tuple[Candidate, list[Score]]], dict[str, tuple[str, ...]]]:
-    """What is refitted, and which candidates are the same as one of them. After a strong misfit a score names class and
-    place rather than the law: all laws of one class at one place come together, the largest gain of any of them first."""
+             ) -> tuple[list[Job], list[Job], dict[str, tuple[str, ...]]]:
+    """What is refitted first, what after that, and which candidates are the same as one of them. After a strong misfit a
+    score names class and place rather than the law: all laws of one class at one place come together, the largest gain of
+    any of them first."""
     families: dict[object, float] = {}
     for score in scores:
         families[_family(score)] = max(score.gain, families.get(_family(score), 0.0))
@@ -212,9 +220,18 @@ def _planned(scores: Sequence[Score], as_one: Mapping[str, str]
         kept[k] = group if first == label else kept[k]
         twins[first] = (*twins.pop(other, ()), second)
     largest = kept[0][0].gain if kept else 0.0
-    chosen = [g for k, g in enumerate(kept) if k < REFITS or
-              (families[_family(g[0])] >= PROMISING * largest and g[0].gain >= AT_LEAST * largest)]
-    return [(g[0].candidate, g) for g in chosen], twins
+    leading: list[Job] = []
+    rest: list[Job] = []
+    for k, group in enumerate(kept):
+        promising = families[_family(group[0])] >= PROMISING * largest and group[0].gain >= AT_LEAST * largest
+        (leading if k < REFITS or promising else rest).append((group[0].candidate, group))
+    return leading, rest, twins
+
+
+def _unexplained(trials: Sequence[Trial]) -> bool:
+    """Whether none of them comes near the noise: then the score, which is local, may have misled. A free parameter that the
+    missing effect has moved far away turns the sign of the tangent."""
+    return all(max(t.chi2_fit, t.chi2_held_out if t.samples_held_out else 0.0) > NEAR for t in trials)
 
 
 def _family(score: Score) -> tuple[str, frozenset[str]]:

@@ -14,9 +14,9 @@ from heavebond.basis.presentation import number
 from heavebond.evidence.catalogue import Candidate
 from heavebond.evidence.finding import Finding, Rung
 from heavebond.evidence.fitting import Fit
+from heavebond.evidence.leftover import NEAR
 from heavebond.evidence.rung import Step
 
-NEAR = 1.5  # chi-square per sample on what was not fitted, up to which what is left is near the noise
 SIGMAS = 3.0  # standard deviations of that figure, up to which what is left is noise
 # Shares of chi-square above the noise that a name must take away where the noise is not reached: near it, and far from it.
 # Where the noise is given it is a yardstick, and flexible laws at a wrong place take away more than nine tenths of a large
