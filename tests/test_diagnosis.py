@@ -57,6 +57,17 @@ def test_what_acts_alike_is_named_together(tmp_path: Path) -> None:
     assert {"leakage", "sensor offset"} <= set(said.findings[0].kinds)
 
 
+def test_a_law_that_could_bend_further_but_does_not_is_no_rival(tmp_path: Path) -> None:
+    # play whose gap closes in the fit is a compliance too; the two ends of the string are alike
+    said = found(tmp_path, "passive", [("string compliance", 4.0)], ["series compliance", "backlash"], seconds=20)
+    (finding,) = said.findings
+    assert finding.kinds == ("series compliance",)
+    assert {frozenset(t.candidate.where) for t in finding.alternatives} <= {
+        frozenset({"seabed", "string"}), frozenset({"crown", "string"})}
+    (stiffness,) = finding.parameters  # 1e6 N/m, sought from 1e4 to 1e10: near neither end
+    assert not stiffness.at_bound
+
+
 def test_what_the_catalogue_lacks_is_a_shape(tmp_path: Path) -> None:
     # a gauge that reads 5 % too much, among classes that do not hold it: a bent channel is as near as a curve comes to it
     said = found(tmp_path, "receiver", [("SensorGain in the channel receiver.p", 0.05)], ["line resistance"])

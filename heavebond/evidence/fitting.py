@@ -28,7 +28,7 @@ from heavebond.evidence.comparison import Comparison, RecordComparison, compare_
 from heavebond.evidence.experiment import Experiment, Free, Record, load_experiment
 from heavebond.evidence.identifiability import Identifiability, identifiability
 from heavebond.evidence.records import measure
-from heavebond.evidence.residuals import BROKEN, Column, Residuals
+from heavebond.evidence.residuals import AT_END, BROKEN, Column, Residuals
 from heavebond.evidence.shooting import Shooting
 from heavebond.numbers.dae import Array
 
@@ -156,8 +156,9 @@ def _finished(problem: Residuals, best: OptimizeResult, costs: list[float]) -> F
 def _fitted(column: Column, inner: float, deviation: float) -> Fitted:
     bounds = column.free.range
     value = column.outer(float(inner))
-    near = 1e-3 * (bounds.high - bounds.low)
-    at = "low" if value - bounds.low < near else "high" if bounds.high - value < near else ""
+    low, high = column.inner(bounds.low), column.inner(bounds.high)  # in logarithms where it is sought over decades
+    near = AT_END * (high - low)
+    at = "low" if inner - low < near else "high" if high - inner < near else ""
     half = NORMAL_95 * float(deviation)
     ends = [_within(column, inner + sign * half) for sign in (-1, 1)]
     return Fitted(column.free.name, column.unit, column.before, value, bounds.low, bounds.high,

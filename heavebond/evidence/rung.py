@@ -285,8 +285,18 @@ def _judged(base: Base, held: tuple[float, int], left: Leftover, scores: Sequenc
 def choosing(made: Step, trial: Trial) -> Step:
     """The step with one of its trials chosen, and what the records cannot tell from it."""
     margin = indistinct(trial, made.merit)
-    close = [t for t in _earned(made) if t is not trial and min(m(t) - m(trial) for m in (merit, _joint)) < margin]
+    near = [t for t in _earned(made) if t is trial or min(m(t) - m(trial) for m in (merit, _joint)) < margin]
+    close = [t for t in near if t is not trial and not any(_needless(t, simpler) for simpler in near)]
     return replace(made, chosen=trial, cluster=(trial, *close, *_twins_of([trial, *close], made.twins, made.scores)))
+
+
+def _needless(trial: Trial, simpler: Trial) -> bool:
+    """Whether a law with fewer numbers at the same place leaves no more than this one, but for chance: play whose gap has
+    closed in the fit is the compliance beside it. That no law is exact is no excuse for one that could bend further."""
+    fit = (simpler.cost - trial.cost) / max(1.0, trial.chi2_fit)
+    held = (simpler.chi2_held_out - trial.chi2_held_out) * trial.samples_held_out / max(1.0, trial.chi2_held_out)
+    return set(trial.candidate.where) == set(simpler.candidate.where) and trial.unknowns > simpler.unknowns \
+        and fit < EARNED and not held > EARNED  # (NaN without samples held out)
 
 
 def leaders(made: Step, most: int) -> list[Step]:
