@@ -14,6 +14,7 @@ from benchmarks.diagnosis.rigs import RIGS
 from benchmarks.diagnosis.truths import TRUTHS
 from heavebond.evidence import rung
 from heavebond.evidence.diagnosis import Diagnosis, diagnose
+from heavebond.evidence.fitting import fit
 
 KEYS = {"verdict", "words", "steps", "ladder", "ranking", "noise", "seconds"}
 KNOWN = {(rig, truth.name): truth for rig, truths in TRUTHS.items() for truth in truths}
@@ -59,13 +60,12 @@ def test_what_acts_alike_is_named_together(tmp_path: Path) -> None:
 
 def test_a_law_that_could_bend_further_but_does_not_is_no_rival(tmp_path: Path) -> None:
     # play whose gap closes in the fit is a compliance too; the two ends of the string are alike
-    said = found(tmp_path, "passive", [("string compliance", 4.0)], ["series compliance", "backlash"], seconds=20)
-    (finding,) = said.findings
-    assert finding.kinds == ("series compliance",)
-    assert {frozenset(t.candidate.where) for t in finding.alternatives} <= {
-        frozenset({"seabed", "string"}), frozenset({"crown", "string"})}
-    (stiffness,) = finding.parameters  # 1e6 N/m, sought from 1e4 to 1e10: near neither end
-    assert not stiffness.at_bound
+    machine = Hidden(replace(RIGS["passive"], seconds=20), [KNOWN["passive", "string compliance"]], "test", tmp_path)
+    made = rung.step(machine.case([4.0]).experiment, number=1, classes=["series compliance", "backlash"])
+    assert {t.candidate.kind for t in made.trials} == {"series compliance", "backlash"}
+    assert {t.candidate.kind for t in made.cluster} == {"series compliance"}
+    stiffness = fit(rung.following(made)).parameters[-1]  # 1e6 N/m, sought from 1e4 to 1e10: near neither end
+    assert stiffness.name == "series_compliance.c" and not stiffness.at_bound
 
 
 def test_what_the_catalogue_lacks_is_a_shape(tmp_path: Path) -> None:
