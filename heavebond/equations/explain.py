@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from heavebond.basis.errors import ModelError, Place, Problem, either, listing
+from heavebond.basis.errors import ModelError, Place, Problem, SimulationError, either, listing
 from heavebond.basis.structure import Block, dulmage_mendelsohn, maximum_matching
 from heavebond.equations.flatten import Flat, FlatEquation
 from heavebond.equations.rank import Loss
@@ -134,6 +134,13 @@ def lost(flat: Flat, found: Sequence[Loss], when: str = "") -> list[Problem]:
     if len(joined) > 1 and () in joined:  # what only the assembler's own equations say belongs to the others
         joined[next(said for said in joined if said)] += joined.pop(())
     return [_Lost(flat, _together(same)).problem(when) for same in joined.values()]
+
+
+def undecided(flat: Flat, found: Sequence[Loss], names: Sequence[str], t: float) -> SimulationError:
+    """The error for a run at a time from which on nothing decides its algebraic unknowns `names`, by what lost its rank."""
+    return SimulationError(lost(flat, found, f"at t = {t:.6g} s") or [Problem(
+        "loop-singular", f"nothing decides {listing(names, 4)} at t = {t:.6g} s", None,
+        "A closed valve, a dead centre or an open contact does this. Add what decides it there.")])
 
 
 def _together(same: Sequence[Loss]) -> Loss:

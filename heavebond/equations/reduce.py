@@ -211,14 +211,15 @@ class System:
     def _plain_numbers(self) -> dict[int, float]:
         """What an equation alone says, `u = 0` of a valve that the diagram shuts for good, by the hash of its symbol."""
         known = {s.element_hash() for s in self.flat.levels[0]}
-        alone = [(r, inside[0]) for r in self.flat.residuals
-                 if len(inside := ca.symvar(r)) == 1 and inside[0].element_hash() in known]
+        # two equations may speak of the same unknown, as those of a source with both ends on one node do: the first counts
+        alone = {inside[0].element_hash(): (r, inside[0]) for r in reversed(self.flat.residuals)
+                 if len(inside := ca.symvar(r)) == 1 and inside[0].element_hash() in known}
         if not alone:
             return {}
-        residuals, symbols = stack([r for r, _ in alone]), stack([s for _, s in alone])
+        residuals, symbols = (stack(list(column)) for column in zip(*alone.values(), strict=True))
         both = ca.Function("alone", [symbols], [residuals, ca.sum2(ca.jacobian(residuals, symbols))])
         values, slopes = (np.array(v).ravel() for v in both(0))
-        return {s.element_hash(): -float(value / slope) for (_, s), value, slope in zip(alone, values, slopes, strict=True)
+        return {s: -float(value / slope) for s, value, slope in zip(alone, values, slopes, strict=True)
                 if slope and np.isfinite(value)}
 
     def _entries(self, rows: list[Row], unknown: list[Column]) -> list[list[tuple[int, int]]]:

@@ -72,10 +72,7 @@ def check_decided(result: Result, at: NDArray[np.intp], slopes: ca.Function) -> 
             here = [a[:, k] for a in given]
             t = float(here[0][0])
             point = assembly.point(t, here[1], here[2], here[3], here[4])
-            found = explain.lost(assembly.flat, losses(assembly.reduced.system, point), f"at t = {t:.6g} s")
-            raise SimulationError(found or [Problem(
-                "loop-singular", f"nothing decides {listing(assembly.algebraic_names, 4)} at t = {t:.6g} s", None,
-                "A closed valve, a dead centre or an open contact does this. Add what decides it there.")])
+            raise explain.undecided(assembly.flat, losses(assembly.reduced.system, point), assembly.algebraic_names, t)
 
 
 def _state_before(simulator: Simulator, assembly: Assembly, first: Start, stopped: float) -> Point | None:

@@ -23,6 +23,8 @@ import numpy as np
 
 from heavebond.basis.errors import Problem, SimulationError, listing
 from heavebond.basis.presentation import readable
+from heavebond.equations.explain import undecided
+from heavebond.equations.rank import losses
 from heavebond.numbers.co_simulation import Partners
 from heavebond.numbers.dae import Array, Assembly
 from heavebond.numbers.start_equations import Point
@@ -111,9 +113,19 @@ class EventEquations:
         if self.has_loops:
             moved = np.array(self._along(*columns, dt, dx, dz, dp)[0]).reshape(n_z, n)
             by_z = np.array(self._by_z(*columns)).reshape(n_z, n, n_z).transpose(1, 0, 2)
-            dz = np.asarray(-np.linalg.solve(by_z, moved.T[:, :, None])[:, :, 0].T, float)
+            try:
+                dz = np.asarray(-np.linalg.solve(by_z, moved.T[:, :, None])[:, :, 0].T, float)
+            except np.linalg.LinAlgError:
+                raise self._undecided(columns, by_z) from None
         _, indicators, values = self._along(*columns, dt, dx, dz, dp)
         return np.array(indicators).reshape(-1, n), np.array(values).reshape(-1, n)
+
+    def _undecided(self, columns: Sequence[Array], by_z: Array) -> SimulationError:
+        """What to say where d(algebraic equations)/dz (N, n_z, n_z) is singular at the first of N points."""
+        k = int(np.argmin(np.abs(np.linalg.slogdet(by_z)[0])))
+        t, x, z, p, u, _ = (column[:, k] for column in columns)
+        found = losses(self.assembly.reduced.system, self.assembly.point(float(t[0]), x, z, p, u))
+        return undecided(self.assembly.flat, found, self.assembly.algebraic_names, float(t[0]))
 
     def _at_one(self, point: Point, dt: Array, dx: Array, dp: Array) -> tuple[Array, Array]:
         """As `_directed`, for m directions (dt (m,), dx (n_x, m), dp (n_p, m)) at one point."""
