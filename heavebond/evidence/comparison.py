@@ -18,7 +18,7 @@ from heavebond.evidence.experiment import Experiment, Output, Record, load_exper
 from heavebond.evidence.records import Mask, Measured, Samples, measure, moments
 from heavebond.language import reading
 from heavebond.numbers.dae import Array, Assembly, assemble
-from heavebond.numbers.result import Result
+from heavebond.numbers.result import Probe, Result
 from heavebond.numbers.simulation import Simulator, Tolerances
 from heavebond.text.expression import ExpressionProblem, names
 
@@ -145,7 +145,8 @@ def compare_record(experiment: Experiment, record: Record,
     if parameters:
         assembly = assembly.with_parameters(parameters)
     result = Simulator(assembly, times=measured.grid, tolerances=TOLERANCES).run()
-    simulated = result.signals([o.shown.text for o in experiment.outputs.values()])
+    texts = [o.shown.text for o in experiment.outputs.values()]
+    simulated = dict(zip(texts, Probe(assembly, texts, si=True).values(result), strict=True))
     fitted, checking = {}, {}
     for name, found in measured.channels.items():
         unit = read_unit(found.output.shown.unit)

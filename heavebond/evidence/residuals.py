@@ -71,7 +71,7 @@ class Run:
         self.record, self.names = record, names
         self.found: Measured = like.found if like is not None else measure(experiment, record)
         self.assembly = assemble_for(experiment, record, keep=like is None)
-        self.probe = Probe(self.assembly, [o.shown.text for o in experiment.outputs.values()])
+        self.probe = Probe(self.assembly, [o.shown.text for o in experiment.outputs.values()], si=True)
         units = [read_unit(o.shown.unit) for o in experiment.outputs.values()]
         self.scale = np.array([u.scale for u in units])
         self.measured, self.counts, self.checking = self.found.on_grid()

@@ -62,7 +62,7 @@ class Rival:
         self.fitted = np.array([self.assembly.parameter_values[name] for name in self.names])
         self.low, self.high = (np.array([getattr(r, end) for r in ranges]) for end in ("low", "high"))
         self.precision = np.sqrt([_precision(r.nominal, r.high) for r in ranges])
-        self.probe = Probe(self.assembly, [o.shown.text for o in experiment.outputs.values()])
+        self.probe = Probe(self.assembly, [o.shown.text for o in experiment.outputs.values()], si=True)
 
     def pieced(self, known: Mapping[str, Array]) -> Pieced:
         """Inputs by column, (N,) in SI at the times of the run, as pieces between those."""

@@ -30,6 +30,7 @@ from heavebond.evidence.experiment import Experiment
 from heavebond.evidence.residuals import Residuals, Run
 from heavebond.numbers.dae import Array
 from heavebond.numbers.quick import QuickSimulator
+from heavebond.numbers.result import Probe
 from heavebond.numbers.simulation import Simulator, Tolerances
 from heavebond.text.symbols import kinked
 
@@ -45,6 +46,9 @@ BESIDE = 1e-3
 SEEN, TURNED = 5.0, 0.995
 # A direction smaller than this share of the channels themselves is the rounding of the integrator.
 ROUNDING = 1e-12
+# What is sought where the motion of the base model goes is sought this share of its span beyond: the machine and other
+# records move further, and a limit that is not reached must not stand where they do.
+BEYOND = 0.5
 # A difference of two runs of the search is nothing where it is below so many times the error of one: the two err alike or
 # apart, up to twice as much.
 ROUGH = 2.0
@@ -312,8 +316,10 @@ def between(low: float, high: float, share: float) -> float:
     return float(low * (high / low) ** share) if low > 0 else float(low + (high - low) * share)
 
 
-def shape_ranges(candidate: Candidate, runs: Sequence[Run], base: Base) -> dict[str, tuple[float, float]]:
-    """Where each shape is sought; `seen s` by the motion of s in the base model."""
+def shape_ranges(candidate: Candidate, runs: Sequence[Run], base: Base, beyond: float = 0.0
+                 ) -> dict[str, tuple[float, float]]:
+    """Where each shape is sought; `seen s` by the motion of s in the base model, and a share `beyond` of its span
+    further."""
     found = {}
     for number in candidate.numbers:
         if number.sought is None:
@@ -322,6 +328,7 @@ def shape_ranges(candidate: Candidate, runs: Sequence[Run], base: Base) -> dict[
             low, high = number.sought.range.low, number.sought.range.high
         else:
             low, high = _seen(number.name, number.sought.seen, runs, base)
+            low, high = low - beyond * (high - low), high + beyond * (high - low)
         low = max(low, number.low) if number.low is not None else low
         high = min(high, number.high) if number.high is not None else high
         if high > low:
@@ -332,7 +339,8 @@ def shape_ranges(candidate: Candidate, runs: Sequence[Run], base: Base) -> dict[
 def _seen(name: str, variable: str, runs: Sequence[Run], base: Base) -> tuple[float, float]:
     ends = []
     for run in runs:
-        course = run.simulator.run(_values(base, run, {}))[f"{name.rpartition('.')[0]}.{variable}"]
+        course = Probe(run.assembly, [f"{name.rpartition('.')[0]}.{variable}"], si=True).values(
+            run.simulator.run(_values(base, run, {})))
         ends += [float(course.min()), float(course.max())]
     return min(ends), max(ends)
 

@@ -301,7 +301,7 @@ def _extra(rivals: Sequence[Rival], frame: _Frame, tried: Sequence[Tried]) -> Ex
     tell about as much, one of a node or component rather than of a port."""
     units = [{u.name: u.unit.text for u in r.assembly.flat.unknowns} for r in rivals]
     names = [n for n in units[0] if all(n in other for other in units[1:]) and n not in rivals[0].probe.names]
-    probes = [Probe(r.assembly, [*r.probe.names, *names]) for r in rivals]
+    probes = [Probe(r.assembly, [*r.probe.names, *names], si=True) for r in rivals]
     found: list[Extra] = []
     for trial in tried[:CLOSER]:
         seen = _runs(rivals, frame.with_proposal(trial.proposal), probes)

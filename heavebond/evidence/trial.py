@@ -20,7 +20,7 @@ from heavebond.evidence.catalogue import Candidate
 from heavebond.evidence.experiment import Experiment, Free
 from heavebond.evidence.fitting import own_start
 from heavebond.evidence.residuals import AT_END, BROKEN, Residuals, Run
-from heavebond.evidence.scoring import Base, Score, between, exact_runs, shape_ranges
+from heavebond.evidence.scoring import BEYOND, Base, Score, between, exact_runs, shape_ranges
 from heavebond.numbers.dae import Array
 from heavebond.numbers.quick import QuickSimulator
 
@@ -37,6 +37,7 @@ WIDE, WIDENED = 30.0, 2
 STARTS = (0.15, 0.5, 0.85)  # shares of the ranges of shapes
 APART = 1.5  # where an amplitude begins that must be above another one
 SMALL = 0.02  # share of the amplitude that a score asks for with which a refit begins besides
+ASIDE = 0.02  # share of its range from an end at which a shape stands that is not felt
 INSIDE = 0.4  # share of its range at which an amplitude begins besides, where the range has an end
 CLOSE = 1e-8  # changes of the sum of squares at which a refit that is compared closely ends
 MOST_SHAPES = 3  # choices of the shapes from which a refit begins
@@ -133,7 +134,7 @@ class _Refit:
         self.base, self.candidate, self.guesses, self.began = base, candidate, guesses, process_time()
         changed = candidate.change.on_experiment(base.problem.experiment)
         self.runs = base.runs(changed, [])
-        self.ranges = {**shape_ranges(candidate, self.runs, base), **self._amplitudes()}
+        self.ranges = {**shape_ranges(candidate, self.runs, base, BEYOND), **self._amplitudes()}
         self.plans = self._plans()
         freed = self._freed(changed, set(self.runs[0].assembly.parameter_values))
         values = {name: self._inside(name) for name in self.ranges}
@@ -243,7 +244,7 @@ class _Refit:
             self.sought(wider)
             inner = np.array([c.inner(v) for c, v in zip(self.problem.columns, values, strict=True)])
             inner = np.asarray(self.descend(inner, progress, LAST, 1e-5).x)
-        return inner
+        return inner if inner is None else self._out_of_the_way(inner)
 
     def _wider(self, inner: Array) -> dict[str, Range]:
         """Wider ranges for amplitudes that ended at an end of theirs."""
@@ -266,6 +267,22 @@ class _Refit:
         free = {name: replace(f, range=ranges[name]) if name in ranges else f for name, f in experiment.free.items()}
         self.ranges |= {name: (span.low, span.high) for name, span in ranges.items()}
         self.problem = Residuals(replace(experiment, free=free), runs=self.problem.runs)
+
+    def _out_of_the_way(self, inner: Array) -> Array:
+        """With shapes that no fitted sample feels (a stop that is not reached) at that end of their range, or near it, where
+        they are not felt either: other records go further."""
+        cost, moved = self._cost(inner), self.problem.evaluate(inner)[1]
+        amplitudes = {n.name for n in self.candidate.numbers if n.amplitude}
+        for k, column in enumerate(self.problem.columns):
+            if column.free.name not in self.ranges or column.free.name in amplitudes or moved[:, k].any():
+                continue
+            for share in (1 - ASIDE, ASIDE):
+                there = inner.copy()
+                there[k] = self.problem.low[k] + share * (self.problem.high[k] - self.problem.low[k])
+                if self._cost(there) <= cost * (1 + 1e-6):
+                    inner = there
+                    break
+        return inner
 
     def _best(self, progress: Progress) -> Array | None:
         """The best starts a few steps; the best of them, and another that is near it, to the end."""

@@ -153,12 +153,13 @@ class Result:
 
 
 class Probe:
-    """Signals of an assembly as compiled functions, for one run or for many (fitting, sweeps)."""
+    """Signals of an assembly as compiled functions, for one run or for many (fitting, sweeps). With `si` all are formulas
+    in SI: an output of the diagram that is called as a variable does not take its place with a unit of its own."""
 
-    def __init__(self, assembly: Assembly, names: Iterable[str]):
-        self.names = tuple(names)
+    def __init__(self, assembly: Assembly, names: Iterable[str], si: bool = False):
+        self.names, self.si = tuple(names), si
         _, x, z, p, _, _ = assembly.arguments
-        signals = stack([signal_expression(assembly, name) for name in self.names])
+        signals = stack([signal_expression(assembly, name, si) for name in self.names])
         self._values = _Course(assembly, signals)
         slopes = ca.jacobian(signals, stack([x, z, p]))
         self._moving = sorted(set(slopes.sparsity().get_col()))  # which of (x, z, p) the signals contain
@@ -175,7 +176,7 @@ class Probe:
     def _other(self, stay: Result) -> Probe:
         """The same signals in other states."""
         if id(stay.assembly) not in self._others:
-            self._others[id(stay.assembly)] = Probe(stay.assembly, self.names)
+            self._others[id(stay.assembly)] = Probe(stay.assembly, self.names, self.si)
         return self._others[id(stay.assembly)]
 
     def sensitivities(self, result: Result) -> Array:
@@ -241,10 +242,10 @@ def with_held(result: Result, p: Array, held: Array) -> Array:
     return found
 
 
-def signal_expression(assembly: Assembly, name: str) -> ca.SX:
-    """A signal in the assembly's arguments: an output in its own unit, any other formula in SI; UsageError for a name
-    that is not there."""
-    shown = assembly.model.show.get(name)
+def signal_expression(assembly: Assembly, name: str, si: bool = False) -> ca.SX:
+    """A signal in the assembly's arguments: an output in its own unit, any other formula (with `si` every one) in SI;
+    UsageError for a name that is not there."""
+    shown = None if si else assembly.model.show.get(name)
     try:
         if shown is None:
             return assembly.expression(parse_formula(name))

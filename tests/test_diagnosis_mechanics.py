@@ -1,0 +1,102 @@
+"""Effects hidden in oscillators whose records are made here by SciPy from the equations: each is refitted to the noise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from heavebond.evidence.catalogue import candidates
+from heavebond.evidence.comparison import compare
+from heavebond.evidence.experiment import load_experiment
+from heavebond.evidence.rung import fitted_base
+from heavebond.evidence.scoring import scored
+from heavebond.evidence.trial import Trial, tried
+from heavebond.numbers.dae import Array
+
+STEP, SAMPLES = 0.02, 800
+Equations = Callable[[float, Array, float], list[float]]  # time, states, input: derivatives
+
+OSCILLATOR = """model: rig
+components:
+  force:  {is: ForceSource, u: "=30 N*sin(6 rad/s*time)"}
+  mass:   {is: Mass, m: 3 kg}
+  spring: {is: Spring, c: 600 N/m}
+  damper: {is: Damper, d: 22 N*s/m}
+  wall:   {is: Fixed}
+nodes:
+  load: [force.a, mass.a, spring.b, damper.b]
+  wall: [wall.a, spring.a, damper.a]
+initial: {load.x: 0 m, load.v: 0 m/s}
+show: {load.x: {unit: mm}}
+simulate: {until: 16 s, every: 20 ms}
+"""
+PULLED = """experiment: pulled
+model: rig.yaml
+records:
+  train: {file: train.csv, use: fit}
+  check: {file: check.csv, use: validate}
+time: {column: t, unit: s}
+inputs: {force.u: {column: u, unit: N, between: spline}}
+outputs: {load.x: {column: y, unit: mm, noise: 0.2 mm}}
+free: {spring.c: 600 N/m +- 10 %, damper.d: 22 N*s/m +- 20 %}
+"""
+
+
+def drawn(seed: int, largest: float) -> tuple[Array, Array]:
+    """Times (N,) and an input of twelve sines (N,) from 0.1 to 2 Hz that begins softly."""
+    rng, t = np.random.default_rng(seed), STEP * np.arange(SAMPLES)
+    u = np.sin(2 * np.pi * np.linspace(0.1, 2.0, 12)[:, None] * t + rng.uniform(0, 2 * np.pi, (12, 1))).sum(axis=0)
+    u *= 1 - np.exp(-t**3)
+    return t, largest * u / np.abs(u).max()
+
+
+def recorded(folder: Path, rig: str, experiment: str, truth: Equations, states: int, sizes: Mapping[str, float],
+             noise: float, scale: float) -> Path:
+    """The experiment on records of a machine: the first state, times `scale`, with noise."""
+    from scipy.interpolate import CubicSpline
+
+    (folder / "rig.yaml").write_text(rig)
+    (folder / "pulled.yaml").write_text(experiment)
+    for seed, (name, size) in enumerate(sizes.items()):
+        t, u = drawn(seed, size)
+        force = CubicSpline(t, u)
+        run = solve_ivp(lambda s, x, force=force: truth(s, x, float(force(s))), (0, t[-1]), np.zeros(states), t_eval=t,
+                        method="LSODA", rtol=1e-8, atol=1e-10, max_step=STEP)
+        y = scale * run.y[0] + noise * np.random.default_rng(100 + seed).standard_normal(len(t))
+        np.savetxt(folder / f"{name}.csv", np.stack([t, u, y], 1), delimiter=",", header="t,u,y", comments="")
+    return folder / "pulled.yaml"
+
+
+def refitted(path: Path, label: str) -> Trial:
+    """One candidate after its refit."""
+    base = fitted_base(load_experiment(path))
+    candidate = next(c for c in candidates(base.problem.experiment) if c.label == label)
+    found = tried(base, candidate, scored(base, candidate))
+    assert found is not None
+    return found
+
+
+def test_a_stop_that_no_record_of_the_fit_reaches_stands_nowhere_else(tmp_path: Path) -> None:
+    """A buffer at -60 mm only. The other end of the stroke moves further in the record that checks than in the one that is
+    fitted: no stop may be left standing there."""
+    def truth(_: float, x: Array, force: float) -> list[float]:
+        return [x[1], (force - 600 * x[0] - 22 * x[1] - 2e4 * min(x[0] + 0.06, 0.0)) / 3]
+
+    path = recorded(tmp_path, OSCILLATOR, PULLED, truth, 2, {"train": 55.0, "check": 75.0}, 0.2, 1e3)
+    found = refitted(path, "EndStop between wall and load")
+    # 800 samples: chi-square a sample is 1 +- 0.05
+    assert found.chi2_fit < 1.2 and found.chi2_held_out < 1.2
+    assert np.isclose(found.values["end_stop.x_min"], -0.06, atol=1e-3)
+
+
+def test_a_channel_is_in_its_own_unit_however_the_diagram_shows_it(tmp_path: Path) -> None:
+    """An output that the diagram shows under the name of a variable, in another unit, is no other variable."""
+    path = recorded(tmp_path, OSCILLATOR, PULLED, lambda _, x, force: [x[1], (force - 600 * x[0] - 22 * x[1]) / 3], 2,
+                    {"train": 50.0, "check": 30.0}, 0.2, 1e3)
+    assert "show: {load.x: {unit: mm}}" in OSCILLATOR
+    found = compare(load_experiment(path)).records["check"].channels["load.x"]
+    assert 0.8 < found.chi2 < 1.2  # 800 samples: 1 +- 0.05
+    assert fitted_base(load_experiment(path)).cost < 1.2 * SAMPLES
