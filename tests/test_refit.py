@@ -35,6 +35,18 @@ def test_an_amplitude_is_sought_beyond_what_the_tangent_tells(tmp_path: Path, mo
     assert found.experiment.free["valve.leakage"].range.high > 1e-11  # what is written to the new experiment
 
 
+def test_an_amplitude_that_no_score_moves_stays_neutral(tmp_path: Path) -> None:
+    """A stop whose damping the records do not see is one whose stiffness alone is sought."""
+    truth = next(t for t in TRUTHS["passive"] if t.name == "end stop")
+    machine = Hidden(replace(RIGS["passive"], seconds=10.0), [truth], "test", tmp_path, 1.0, 0.0)
+    base = fitted_base(machine.plain)
+    stop = next(c for c in candidates(machine.plain) if c.label == truth.label)
+    guesses = [s for s in scored(base, stop) if s.along == ("end_stop.c",)]
+    found = tried(base, stop, guesses)
+    assert found is not None
+    assert "end_stop.c" in found.values and "end_stop.d" not in found.experiment.free
+
+
 def test_slack_is_what_a_fit_to_all_samples_takes_away(tmp_path: Path) -> None:
     """A few seconds of a record say little of twenty of another one."""
     truth = next(t for t in TRUTHS["receiver"] if t.name == "leak in")

@@ -175,6 +175,19 @@ def test_amplitudes_of_different_units_are_scored_one_after_the_other() -> None:
         assert np.linalg.norm(moved) == pytest.approx(step * score.size, rel=0.05)  # 5 %: the stop is met now and then only
 
 
+def test_the_unit_of_an_amplitude_does_not_decide_whether_it_is_seen(tmp_path: Path) -> None:
+    """What a line of a small machine loses by turbulence is K*q**2: the smaller the flows,
+    the larger the K that is seen, and the smaller the derivatives to it."""
+    problem = _shut(tmp_path)
+    base = Base.at(problem, problem.start)
+    sizes = {s.along: s.size for s in scored(base, _candidate(problem, "LineResistance between a and left.a"))}
+    channels = np.linalg.norm(problem.runs[0].measured / problem.runs[0].noise[:, None])
+    assert all(0 < size < 1e-12 * channels for size in sizes.values())
+    # what moves no channel has the derivative zero, whatever its unit: the pressure behind a source
+    found = scored(base, _candidate(problem, "LaminarLeakage between supply and return"))
+    assert {s.size for s in found} == {0.0}
+
+
 def test_diagrams_that_are_tried_once_are_not_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HEAVEBOND_CACHE", str(tmp_path))
     monkeypatch.setattr(keeping, "WORTH", 0.0)

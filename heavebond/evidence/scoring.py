@@ -44,8 +44,6 @@ BESIDE = 1e-3
 # z from which one effect is seen, at whose amplitude a second tangent is taken; and the cosine of the two (what free
 # parameters take left out) above which they are one: the second would tell 1 % more of the misfit.
 SEEN, TURNED = 5.0, 0.995
-# A direction smaller than this share of the channels themselves is the rounding of the integrator.
-ROUNDING = 1e-12
 # What is sought where the motion of the base model goes is sought this share of its span beyond: the machine and other
 # records move further, and a limit that is not reached must not stand where they do.
 BEYOND = 0.5
@@ -108,8 +106,7 @@ def exact_runs(experiment: Experiment, fitted: Sequence[Run], like: Mapping[str,
 @dataclass(frozen=True)
 class Base:
     """The base model at its optimum: residuals r (n,) by IDAS and `quick` by the integrator of the search, Jacobian J
-    (n, m), the derivatives of the priors (priors, m), the inner unknowns (m,), the size of all channels over their noise,
-    and runs of all records by IDAS."""
+    (n, m), the derivatives of the priors (priors, m), the inner unknowns (m,), and runs of all records by IDAS."""
 
     problem: Residuals
     inner: Array
@@ -117,7 +114,6 @@ class Base:
     quick: Array
     J: Array
     priors: Array
-    signals: float
     exact: Mapping[str, Run]
 
     @classmethod
@@ -129,8 +125,7 @@ class Base:
                             for run in problem.runs])
         quick = np.concatenate([run.again([], {}, QuickSimulator).residuals(problem.values_of(inner, run.record.name))[0]
                                 for run in problem.runs])
-        y = np.concatenate([(run.measured / run.noise[:, None])[run.counts] for run in problem.runs])
-        return cls(problem, inner, r, quick, J, problem.priors(inner)[1], float(np.linalg.norm(r + y)), exact)
+        return cls(problem, inner, r, quick, J, problem.priors(inner)[1], exact)
 
     def runs(self, changed: Experiment, names: Sequence[str]) -> list[Run]:
         """The fitted records with another diagram, whose parameters `names` are to be moved."""
@@ -282,10 +277,11 @@ def _moved(base: Base, runs: Sequence[Run], values: Mapping[str, float]) -> dict
 
 
 def _scored(base: Base, candidate: Candidate, shapes: Mapping[str, float], s: Array, least: float = 0.0) -> Score:
-    """The score along s (n,); one no larger than `least` is taken for the errors of the integrator."""
+    """The score along s (n,); one no larger than `least` is taken for the errors of the integrator. (Of a tangent there is
+    none: what an amplitude does not move has the derivative 0, and how small another one is depends on its unit alone.)"""
     with np.errstate(over="ignore"):  # a run that went astray
         size = float(np.linalg.norm(s))
-    if not np.isfinite(size) or size <= max(ROUNDING * base.signals, least):
+    if not np.isfinite(size) or size <= least:
         return Score(candidate, shapes, 0.0, 0.0, np.zeros(len(base.inner)), 0.0, 0.0, np.zeros(0))
     left, step = base.split(s)
     length = float(np.linalg.norm(left))

@@ -145,13 +145,17 @@ class _Refit:
         return float(np.linalg.norm(self.base.r)) / guess.size if guess.size > 0 else 1.0
 
     def _amplitudes(self) -> dict[str, tuple[float, float]]:
+        """Where each amplitude is sought; one that the records do not see (the turbulent part of a line in which the oil
+        hardly moves) stays neutral."""
         found = {}
-        for number in self.candidate.numbers:
-            if number.amplitude and number.sought is None:
-                widest = WIDE * max([self._scale(g) for g in self.guesses if number.name in g.along], default=1.0)
-                low = number.neutral - widest if number.low is None else max(number.low, number.neutral - widest)
-                high = number.neutral + widest
-                found[number.name] = (low, high if number.high is None else min(high, number.high))
+        for number in self.candidate.vanishing:
+            scales = [self._scale(g) for g in self.guesses if number.name in g.along]
+            if not scales and self.guesses:
+                continue
+            widest = WIDE * max(scales, default=1.0)
+            low = number.neutral - widest if number.low is None else max(number.low, number.neutral - widest)
+            high = number.neutral + widest
+            found[number.name] = (low, high if number.high is None else min(high, number.high))
         return found
 
     def _plans(self) -> list[_Plan]:
