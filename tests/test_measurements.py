@@ -73,16 +73,39 @@ def test_many_of_a_kind_are_counted(tmp_path: Path) -> None:
     assert len(five.problems) == 5 and not any(p.notes for p in five.problems)
 
 
-def test_decimal_comma_says_so(tmp_path: Path) -> None:
-    error = complaint(tmp_path, "t;z\n0;0,5\n0,04;0,6\n")
-    assert where(error) == [("decimal-comma", 2, 3), ("decimal-comma", 3, 1), ("decimal-comma", 3, 6)]
-    assert "'0,5' in column 'z' has a decimal comma" in str(error)
-    assert "Export the table with decimal points." in str(error)
+def test_files_of_spreadsheets_are_read_as_they_come(tmp_path: Path) -> None:
+    """As a German Excel writes it: Windows-1252, semicolons, decimal commas, a row of units, empty cells."""
+    text = "Zeit;Weg;Temperatur;Träger\r\ns;mm;°C;kN/m²\r\n0,00;12,5;20;1,5E-3\r\n0,02;;20,5;-,25\r\n"
+    path = tmp_path / "excel.csv"
+    path.write_bytes(text.encode("cp1252"))
+    table = read_table(path)
+    assert table.header == ("Zeit", "Weg", "Temperatur", "Träger")
+    assert column(table, "Zeit").tolist() == [0.0, 0.02] and column(table, "Träger").tolist() == [1.5e-3, -0.25]
+    assert column(table, "Weg")[0] == 12.5 and np.isnan(column(table, "Weg")[1])
+    assert table.lines.tolist() == [3, 4] and table.place(0, "Weg").column == 6
+    known = {name: found and (found[0], found[1].scale, found[2]) for name in table.header for found in [table.unit_of(name)]}
+    assert known == {"Zeit": ("s", 1.0, True), "Weg": ("mm", 1e-3, True), "Temperatur": ("°C", 1.0, True),
+                     "Träger": ("kN/m²", 1e3, True)}
+    for other in (text.encode("utf-16"), ("sep=;\r\n" + text).encode("utf-8-sig")):
+        path.write_bytes(other)
+        again = read_table(path)
+        assert again.header == table.header and column(again, "Träger").tolist() == [1.5e-3, -0.25]
 
 
-def test_places_behind_quoted_separators(tmp_path: Path) -> None:
-    error = complaint(tmp_path, 'who,z,t\n"x, y",oops,0\n"u",1,"0,5"\n')
-    assert where(error) == [("record-text", 2, 8), ("decimal-comma", 3, 7)]
+def test_unit_beside_a_name(tmp_path: Path) -> None:
+    table = read_table(write(tmp_path, "t_s,pull [kN],p (bar),crown_mm,valve_u,n [best],kN\n" + "0,1,2,3,4,5,6\n" * 2))
+    found = [table.unit_of(name) for name in table.header]
+    assert [f and (f[0], f[2]) for f in found] == [("s", False), ("kN", True), ("bar", True), ("mm", False), None, None, None]
+
+
+def test_commas_that_may_be_either_are_refused(tmp_path: Path) -> None:
+    error = complaint(tmp_path, "t;z\n0.5;0,5\n1.5;0,6\n")
+    assert where(error) == [("decimal-comma", 2, 5), ("decimal-comma", 3, 5)]
+    assert "'0,5' in column 'z' has a decimal comma; other numbers here may have decimal points" in str(error)
+    assert "Export the table with decimal points" in str(error)
+    assert "comma between thousands" in str(complaint(tmp_path, "t;z\n0;1,234\n1;1,301\n"))
+    assert column(read_table(write(tmp_path, "t;z\n0,5;1,234\n1;1,301\n")), "z").tolist() == [1.234, 1.301]
+    assert where(complaint(tmp_path, "t;z\n0,5;1.234,5\n1;2\n")) == [("record-thousands", 2, 5)]
 
 
 def test_decimal_comma_between_commas(tmp_path: Path) -> None:
@@ -98,7 +121,7 @@ def test_decimal_comma_between_commas(tmp_path: Path) -> None:
     ("0,1\n1,2\n", "record-header", 1, "`time_s,heave_m`"),
     ("# t,z\n0,1\n1,2\n", "record-header", 2, "Remove the # in front of the names."),
     ("t,,z\n0,1,2\n", "record-header", 1, "column 2 has no name"),
-    ("t,z\ns,m\n0,1\n", "record-units-row", 2, "Put a # in front of this line"),
+    ("t,z\nbegin,middle\n0,1\n", "record-units-row", 2, "Put a # in front of this line"),
     ("t  z\n0 1\n1 2\n", "record-separator", 1, "commas, semicolons or tabs"),
 ])
 def test_not_a_table(tmp_path: Path, text: str, code: str, line: int, advice: str) -> None:
@@ -107,10 +130,13 @@ def test_not_a_table(tmp_path: Path, text: str, code: str, line: int, advice: st
     assert f"{tmp_path / 'train.csv'}:{line}" in str(error) and advice in str(error)
 
 
-def test_encoding(tmp_path: Path) -> None:
+def test_what_is_no_text(tmp_path: Path) -> None:
     path = tmp_path / "train.csv"
-    path.write_bytes("t,z\n0,1\n# 20 °C\n".encode("latin-1"))
-    with pytest.raises(DataError, match=r"train\.csv:3: .*not UTF-8(.|\n)*UTF-8\."):
+    path.write_bytes(b"PK\x03\x04 a workbook under another name")
+    with pytest.raises(DataError, match="is a workbook or an archive(.|\n)*save it as CSV"):
+        read_table(path)
+    path.write_bytes(b"t,z\n0,1\n\x81\x9d\n")  # neither UTF-8 nor letters of Windows-1252
+    with pytest.raises(DataError, match=r"train\.csv:3: .*is not text(.|\n)*UTF-8\."):
         read_table(path)
 
 

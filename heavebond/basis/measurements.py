@@ -5,7 +5,6 @@ A table knows which line of the file each row came from, so that every complaint
 
 from __future__ import annotations
 
-import csv
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -16,19 +15,18 @@ from numpy.typing import NDArray
 
 from heavebond.basis.errors import DataError, Place, Problem, Problems, UsageError, listing, suggest
 from heavebond.basis.matlab import read_matlab
+from heavebond.basis.text_tables import SHOWN, add_few, cell_place, read_text_columns, text_lines, unit_in_file
+from heavebond.basis.units import Unit
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
-Cells = list[tuple[int, list[str]]]
 TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".dat")
 PARQUET_SUFFIXES = (".parquet", ".pq")
 MATLAB_SUFFIXES = (".mat",)
-SEPARATORS = {"\t": "tabs", ";": "semicolons", ",": "commas"}
 GAP_FACTOR = 1.5
 BRIDGED = 3  # so many missing samples of an input in a row are interpolated without a word in the file
-SHOWN = 5
-_MISSING = {"", "nan", "na", "n/a", "null", "none", "-", "?"}
-_DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
+_NAMED_UNIT = re.compile(r".*\S\s*([\[(][^\[\]()]+[\])])")  # pull [kN], p (bar)
+_TAGGED_UNIT = re.compile(r".+_([A-Za-z]{1,4})")  # pressure_Pa
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +35,8 @@ class Table:
 
     `header` names all columns; `columns` holds those that are numbers, (n,) each, NaN where a cell is empty.
     `lines` (n,) is the line of each row in the file, or its row number where the file has no lines (Parquet, MAT;
-    `text` is None then). `aside` says of names that are no columns why, and what to do.
+    `text` is None then). `aside` says of names that are no columns why, and what to do; `units` is a row of units below
+    the names.
     """
 
     path: Path
@@ -47,19 +46,31 @@ class Table:
     text: str | None = None
     separator: str = ","
     aside: dict[str, tuple[str, str]] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
 
     def place(self, row: int, name: str) -> Place:
         """Where the cell of column `name` in `row` (from 0) stands."""
         line = int(self.lines[row])
         if self.text is None:
             return Place(str(self.path), line)
-        text = _lines(self.text)[line - 1]
-        return _cell_place(str(self.path), line, text, self.separator, self.header.index(name))
+        text = text_lines(self.text)[line - 1]
+        return cell_place(str(self.path), line, text, self.separator, self.header.index(name))
 
     def lines_of(self, rows: Sequence[int]) -> str:
         """`lines 4, 9 and 17 more` for rows counted from 0."""
         word = ("row" if self.text is None else "line") + ("s" if len(rows) > 1 else "")
         return f"{word} {listing([str(self.lines[r]) for r in rows], SHOWN)}"
+
+    def unit_of(self, name: str) -> tuple[str, Unit, bool] | None:
+        """The unit that the file gives for a column, as written and read, and whether that is certain: in a row of units or
+        in brackets behind the name it is, behind the last underscore of the name it may be another word. None without."""
+        bracket, tag = _NAMED_UNIT.fullmatch(name), _TAGGED_UNIT.fullmatch(name)
+        for text, sure in ((self.units.get(name, ""), True), (bracket.group(1) if bracket else "", True),
+                           (tag.group(1) if tag else "", False)):
+            found = unit_in_file(text)
+            if found is not None:
+                return text.strip("[]()"), found, sure
+        return None
 
     def keep(self, mask: NDArray[np.bool_]) -> Table:
         """The same record with only the rows where `mask` (n,) is true."""
@@ -70,8 +81,8 @@ class Table:
 def read_table(path: Path | str, *, place: Place | None = None, beside: str | None = None) -> Table:
     """Read a record; the file's suffix says how (.csv, .tsv, .txt, .dat: text; .parquet, .pq; .mat).
 
-    Text is UTF-8 with one row of names, columns separated by commas, semicolons or tabs, decimal points and
-    lines of comment behind `#`. Of a MAT file the table holds the vectors as long as the variable `beside`.
+    Text has one row of names, perhaps a row of units below it, and lines of comment behind `#` (see
+    `text_tables`). Of a MAT file the table holds the vectors as long as the variable `beside`.
     `place` is where the file is asked for. Raises DataError with all that is wrong in the file (a column without
     any number is left aside until it is used), UsageError for another suffix.
     """
@@ -79,7 +90,8 @@ def read_table(path: Path | str, *, place: Place | None = None, beside: str | No
     _must_exist(path, place)
     suffix = path.suffix.lower()
     if suffix in TEXT_SUFFIXES:
-        return _read_text(path)
+        text = read_text_columns(path)
+        return Table(path, text.header, text.lines, text.columns, text.text, text.separator, units=text.units)
     if suffix in PARQUET_SUFFIXES:
         return _read_parquet(path)
     if suffix in MATLAB_SUFFIXES:
@@ -180,7 +192,7 @@ def check_gaps(table: Table, time_name: str, name: str, rows: Rows, *, begin: fl
     said = [(f"a gap: '{name}' has no value between the times {time[k]:.7g} ({table.lines_of([rows[k]])}) and "
              f"{time[k + 1]:.7g} ({table.lines_of([rows[k + 1]])}); elsewhere it has one every {usual:.4g}",
              table.place(int(rows[k + 1]), name)) for k in found[:SHOWN]]
-    _add_few(problems, "record-gap", said, len(found), "gaps",
+    add_few(problems, "record-gap", said, len(found), "gaps",
              "Keep one side with `from:` or `to:`, or write `gaps: bridge` at this input to go across.")
     problems.raise_as(DataError)
 
@@ -210,184 +222,6 @@ def _must_exist(path: Path, place: Place | None) -> None:
     notes = (f"files there: {listing(files)}",) if files else ("the folder has no files",)
     raise DataError([Problem("record-missing", f"there is no file '{path.name}' in '{path.parent}'", place,
                              suggest(path.name, files), notes)])
-
-
-@dataclass(frozen=True)
-class _Sheet:
-    """The text of a record cut into cells: `rows` are (line, cells), comments and blank lines left out."""
-
-    file: str
-    lines: list[str]
-    separator: str
-    header: tuple[int, list[str]]
-    rows: Cells
-
-    def place(self, line: int, cell: int) -> Place:
-        return _cell_place(self.file, line, self.lines[line - 1], self.separator, cell)
-
-
-def _read_text(path: Path) -> Table:
-    text = _decode(path)
-    sheet = _cut(str(path), text)
-    problems = Problems()
-    _check_header(sheet, problems)
-    width = len(sheet.header[1])
-    rows = _full_rows(sheet, _without_units_row(sheet, problems), problems)
-    found = [_numbers([cells[k] for _, cells in rows]) for k in range(width)]
-    _report_cells(sheet, rows, [bad for _, bad in found], problems)
-    if not sheet.rows:
-        problems.add("record-empty", f"'{path.name}' has names but no rows", sheet.place(sheet.header[0], 0))
-    problems.raise_as(DataError)
-    names = tuple(sheet.header[1])
-    numbers = {name: values for name, (values, _) in zip(names, found, strict=True) if values is not None}
-    lines = np.array([line for line, _ in rows], dtype=np.int64)
-    return Table(path, names, lines, numbers, text, sheet.separator)
-
-
-def _decode(path: Path) -> str:
-    raw = path.read_bytes()
-    try:
-        return raw.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = raw[:error.start].count(b"\n") + 1
-        raise DataError([Problem("record-encoding", f"'{path.name}' is not UTF-8 text",
-                                 Place(str(path), line), "Save it again as CSV in UTF-8.")]) from error
-
-
-def _lines(text: str) -> list[str]:
-    # not splitlines(), which also splits at form feeds and so counts lines unlike an editor
-    return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
-
-
-def _cut(file: str, text: str) -> _Sheet:
-    lines = _lines(text)
-    content = [(k, line) for k, line in enumerate(lines, 1)
-               if line.strip() and not line.lstrip().startswith("#")]
-    if not content:
-        raise DataError([Problem("record-empty", f"'{Path(file).name}' has no rows", Place(file, 1),
-                                 "A record begins with a row that names the columns.")])
-    names = content[0][1]
-    separator = max(SEPARATORS, key=names.count)
-    if '"' in text:
-        cells = [next(csv.reader([line], delimiter=separator)) for _, line in content]
-    else:
-        cells = [line.split(separator) for _, line in content]
-    rows = [(k, [cell.strip() for cell in row]) for (k, _), row in zip(content, cells, strict=True)]
-    if all(row and row[-1] == "" for _, row in rows) and len(rows[0][1]) > 1:
-        rows = [(k, row[:-1]) for k, row in rows]  # every line ends with a separator
-    return _Sheet(file, lines, separator, rows[0], rows[1:])
-
-
-def _cell_place(file: str, line: int, text: str, separator: str, cell: int) -> Place:
-    """Where cell `cell` (from 0) of a line stands; the end of the line where it has fewer cells."""
-    start, count, quoted = 0, 0, False
-    for k, letter in enumerate(text + separator):
-        quoted ^= letter == '"'
-        if letter != separator or quoted:
-            continue
-        if count == cell:
-            inner = text[start:k]
-            blank = len(inner) - len(inner.lstrip())
-            return Place(file, line, start + blank + 1, text, max(1, len(inner.strip())))
-        start, count = k + 1, count + 1
-    return Place(file, line, len(text) + 1, text)
-
-
-def _check_header(sheet: _Sheet, problems: Problems) -> None:
-    line, names = sheet.header
-    if names and all(_is_number(name) for name in names):
-        above = line > 1 and sheet.lines[line - 2].lstrip().startswith("#")
-        hint = "Remove the # in front of the names." if above else "Write for example `time_s,heave_m`."
-        problems.add("record-header", "the first row must name the columns; these are numbers",
-                     sheet.place(line, 0), hint=hint)
-        return
-    words = len(names[0].split()) if len(names) == 1 else 1
-    if words > 1 and sheet.rows and all(len(cells[0].split()) == words for _, cells in sheet.rows):
-        problems.add("record-separator", "the columns seem to be separated by spaces", sheet.place(line, 0),
-                     hint="Separate them by commas, semicolons or tabs.")
-    for k, name in enumerate(names):
-        if not name:
-            problems.add("record-header", f"column {k + 1} has no name", sheet.place(line, k),
-                         hint="Give each column a name in the first row.")
-        elif name in names[:k]:
-            problems.add("record-column-twice",
-                         f"two columns are called '{name}' (columns {names.index(name) + 1} and {k + 1})",
-                         sheet.place(line, k), hint="Give each column a name of its own.")
-
-
-def _without_units_row(sheet: _Sheet, problems: Problems) -> Cells:
-    if len(sheet.rows) < 2:
-        return sheet.rows
-    (line, first), (_, second) = sheet.rows[:2]
-    words = any(first) and not any(_is_number(cell) or _DECIMAL_COMMA.fullmatch(cell) for cell in first)
-    if not words or not any(map(_is_number, second)):
-        return sheet.rows
-    problems.add("record-units-row", "the row below the names has no numbers (units?)", sheet.place(line, 0),
-                 hint="Put a # in front of this line; units are said in the experiment (`unit: m`).")
-    return sheet.rows[1:]
-
-
-def _full_rows(sheet: _Sheet, rows: Cells, problems: Problems) -> Cells:
-    width = len(sheet.header[1])
-    ragged = [row for row in rows if len(row[1]) != width]
-    hint = f"The columns are taken to be separated by {SEPARATORS[sheet.separator]}, as in the row of names."
-    if ragged and sheet.separator == "," and all(len(cells) == 2 * width for _, cells in rows):
-        line, cells = ragged[0]
-        problems.add("decimal-comma", f"each row has {2 * width} cells for {width} names: the numbers seem "
-                     f"to have decimal commas ('{cells[0]},{cells[1]}')", sheet.place(line, 0),
-                     hint="Export the table with decimal points.")
-        return []
-    found = [(f"this row has {len(cells)} cell{'s' * (len(cells) > 1)}, the row of names has {width}",
-              sheet.place(line, min(width, len(cells)))) for line, cells in ragged[:SHOWN]]
-    _add_few(problems, "record-ragged", found, len(ragged), "rows", hint)
-    return [row for row in rows if len(row[1]) == width]
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
-
-
-def _numbers(cells: list[str]) -> tuple[Array | None, list[int]]:
-    """The numbers of a column, NaN where one is missing (None if all is text), and the rows that are text."""
-    try:
-        return np.array(cells, dtype=np.float64), []
-    except ValueError:
-        pass
-    values = np.full(len(cells), np.nan)
-    bad = []
-    for row, cell in enumerate(cells):
-        if _is_number(cell):
-            values[row] = float(cell)
-        elif cell.lower() not in _MISSING:
-            bad.append(row)
-    if bad and np.isnan(values).all() and not any(_DECIMAL_COMMA.fullmatch(cells[row]) for row in bad):
-        return None, []
-    return values, bad
-
-
-def _report_cells(sheet: _Sheet, rows: Cells, bad: list[list[int]], problems: Problems) -> None:
-    cells = sorted((row, k) for k, column_rows in enumerate(bad) for row in column_rows)
-    commas = [c for c in cells if _DECIMAL_COMMA.fullmatch(rows[c[0]][1][c[1]])]
-    words = [c for c in cells if not _DECIMAL_COMMA.fullmatch(rows[c[0]][1][c[1]])]
-    for found, code, what, hint in (
-            (commas, "decimal-comma", "has a decimal comma", "Export the table with decimal points."),
-            (words, "record-text", "is not a number", "Write a number, or delete the row.")):
-        few = [(f"'{rows[row][1][k]}' in column '{sheet.header[1][k]}' {what}", sheet.place(rows[row][0], k))
-               for row, k in found[:SHOWN]]
-        _add_few(problems, code, few, len(found), "cells", hint)
-
-
-def _add_few(problems: Problems, code: str, found: list[tuple[str, Place]], total: int, things: str,
-             hint: str) -> None:
-    """Note `found`, which are the first of `total`; the last of them says how many are left out."""
-    for k, (message, place) in enumerate(found):
-        left_out = total - len(found) if k == len(found) - 1 else 0
-        problems.add(code, message, place, hint=hint,
-                     notes=[f"and {left_out} more such {things} in this file"] if left_out else [])
 
 
 def _read_parquet(path: Path) -> Table:
