@@ -24,7 +24,7 @@ import pandas as pd
 
 import heavebond as hb
 from benchmarks.diagnosis import keeping
-from benchmarks.diagnosis.judging import told
+from benchmarks.diagnosis.judging import SECONDS, told
 from benchmarks.diagnosis.making import TIGHT, generator
 from benchmarks.diagnosis.making import Case as Judged
 from benchmarks.diagnosis.rigs import HERE, Rig, sea
@@ -38,7 +38,6 @@ from heavebond.reports.report import report as page
 STUDY = "compensator"
 SEAS = {"train": (11, 11.0), "validate": (29, 9.5)}  # seed, and peak period in s
 SHARE = 0.6  # of the data sheet's tolerance, within which the machine's own values are drawn
-SECONDS = 7200.0  # no limit: the machine may be busy
 PLUNGER = np.pi / 4 * 0.4**2  # m**2
 GAS = 42e3 * 5.68  # N/m * m**3: stiffness times volume of the gas, of which 0.55 m**3 are in the accumulator
 

@@ -12,14 +12,13 @@ from pathlib import Path
 
 import heavebond as hb
 from benchmarks.diagnosis import keeping
-from benchmarks.diagnosis.judging import told
+from benchmarks.diagnosis.judging import SECONDS, told
 from benchmarks.diagnosis.making import Hidden
 from benchmarks.diagnosis.rigs import RIGS, Rig
 from benchmarks.diagnosis.truths import PAIRS, TRUTHS, Truth
 
 STUDY = "confusion"
 STILL = 0.002  # of the excitation, too little to tell anything
-SECONDS = float("inf")  # the machine may be busy, and what is not refitted would count as rejected
 
 
 def cases(rig: Rig) -> Iterator[tuple[str, list[Truth], float]]:

@@ -24,7 +24,7 @@ import numpy as np
 
 import heavebond as hb
 from benchmarks.diagnosis import keeping
-from benchmarks.diagnosis.judging import told
+from benchmarks.diagnosis.judging import SECONDS, told
 from benchmarks.diagnosis.making import Hidden
 from benchmarks.diagnosis.rigs import RIGS, Rig
 from benchmarks.diagnosis.truths import Truth
@@ -96,7 +96,7 @@ def checked(rig: Rig, row: dict[str, object], factor: float) -> dict[str, object
         # driven as the machine was for which the amplitude was predicted
         hidden.inputs = Hidden(rig, (), f"{rig.name}/detectability", Path(folder), share=0.0).inputs
         case = replace(hidden.case([amplitude]), misfit=float(row["misfit_named"]) * factor**2)  # type: ignore[arg-type]
-        found = hb.diagnose(case.experiment, number=1)
+        found = hb.diagnose(case.experiment, number=1, seconds=SECONDS)
         return {"key": key, "rig": rig.name, "label": row["label"], "factor": factor, "amplitude": amplitude,
                 **told(rig, case, found)}
 

@@ -8,6 +8,7 @@ from heavebond.evidence.catalogue import Candidate
 from heavebond.evidence.diagnosis import Diagnosis
 from heavebond.evidence.rung import merit
 
+SECONDS = float("inf")  # for a search: the machine may be busy, and what is not refitted would count as rejected
 SEEN = 3.0  # chi-square per sample above noise from which an effect must be named
 
 
