@@ -100,3 +100,56 @@ def test_a_channel_is_in_its_own_unit_however_the_diagram_shows_it(tmp_path: Pat
     found = compare(load_experiment(path)).records["check"].channels["load.x"]
     assert 0.8 < found.chi2 < 1.2  # 800 samples: 1 +- 0.05
     assert fitted_base(load_experiment(path)).cost < 1.2 * SAMPLES
+
+
+DRUM = """model: rig
+components:
+  torque:  {is: TorqueSource, u: "=5 N*m*sin(1 rad/s*time)"}
+  drum:    {is: Inertia, J: 0.9 kg*m**2}
+  bearing: {is: RotationalDamper, d: 1.1 N*m*s/rad}
+  frame:   {is: FixedShaft}
+nodes:
+  shaft: [torque.a, drum.a, bearing.b]
+  frame: [bearing.a, frame.a]
+initial: {shaft.phi: 0 rad, shaft.w: 0 rad/s}
+show: {shaft.phi: {unit: deg}}
+simulate: {until: 16 s, every: 20 ms}
+"""
+TURNED = """experiment: turned
+model: rig.yaml
+records:
+  train: {file: train.csv, use: fit}
+  check: {file: check.csv, use: validate}
+time: {column: t, unit: s}
+inputs: {torque.u: {column: u, unit: N*m, between: spline}}
+outputs: {shaft.phi: {column: y, unit: deg, noise: 0.3 deg}}
+free: {drum.J: 0.9 kg*m**2 +- 10 %, bearing.d: 1.1 N*m*s/rad +- 20 %}
+"""
+
+
+def test_a_weight_off_the_axis_is_found_from_afar(tmp_path: Path) -> None:
+    """Without it the drum turns on where it should swing to and fro: no tangent tells the size, the sign or the angle."""
+    def truth(_: float, x: Array, torque: float) -> list[float]:
+        return [x[1], (torque - 1.15 * x[1] - 3.2 * np.sin(x[0] + 0.6)) / 0.92]
+
+    path = recorded(tmp_path, DRUM, TURNED, truth, 2, {"train": 11.0, "check": 9.0}, 0.3, 180 / np.pi)
+    found = refitted(path, "Unbalance on shaft")
+    assert found.chi2_fit < 1.2 and found.chi2_held_out < 1.2  # 1 +- 0.05
+    assert np.isclose(abs(found.values["unbalance.M"]), 3.2, rtol=0.02)
+
+
+def test_hysteresis_of_the_published_benchmark_is_fitted_to_the_noise(tmp_path: Path) -> None:
+    """J. P. Noel, M. Schoukens (2016): m 2 kg, c 10 N s/m, k 50 kN/m, alpha 50 kN/m, beta 1e3, gamma 0.8, delta -1.1, nu 1;
+    here of a machine that is a hundred times as soft, over a way a hundred times as long."""
+    def truth(_: float, x: Array, force: float) -> list[float]:
+        y, v, z = x
+        return [v, (force - 500 * y - 10 * v - z) / 2, 500 * v - 8 * abs(v) * z + 11 * v * abs(z)]
+
+    rig = OSCILLATOR.replace("m: 3 kg", "m: 2 kg").replace("c: 600 N/m", "c: 500 N/m").replace("d: 22", "d: 10")
+    asked = PULLED.replace("spring.c: 600 N/m", "spring.c: 500 N/m").replace("damper.d: 22", "damper.d: 10")
+    path = recorded(tmp_path, rig, asked, truth, 3, {"train": 60.0, "check": 50.0}, 0.2, 1e3)
+    found = refitted(path, "HardeningHysteresis between wall and load")
+    assert found.chi2_fit < 1.2 and found.chi2_held_out < 1.2  # 1 +- 0.05
+    # gamma and delta over alpha: the loop is open over 1/8 m
+    assert np.isclose(found.values["hardening_hysteresis.x_l"], 1 / 8, rtol=0.1)
+    assert np.isclose(found.values["hardening_hysteresis.h"], -1.1 / 0.8, rtol=0.1)

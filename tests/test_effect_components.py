@@ -139,6 +139,17 @@ def test_hysteresis_unloads_as_a_spring() -> None:
     assert slow["law.F"].max() == pytest.approx(F.max(), rel=1e-4)
 
 
+def test_hysteresis_that_hardens_unloads_steeper() -> None:
+    """Along a turn dF/dx = c_h + (1 - h)*F/x_l, before it c_h - (1 + h)*F/x_l; a closed loop takes energy."""
+    found = moved("HardeningHysteresis, c_h: 10 kN/m, x_l: 10 mm, h: -1.4")
+    x, F, t = found["hand.x"], found["law.F"], found.time
+    loading, unloading = (t > 0.02) & (t < 0.24), (t > 0.26) & (F > 5) & (t < 0.75)
+    for where, slope in ((loading, 0.4), (unloading, 2.4)):
+        assert np.gradient(F[where], x[where])[1:-1] == pytest.approx((1e4 + slope*F[where]/10e-3)[1:-1], rel=5e-3)
+    second = t >= 1
+    assert np.trapezoid(F[second], x[second]) > 0.1*np.ptp(F)*np.ptp(x)/4
+
+
 @pytest.mark.parametrize(("kind", "settings", "law"), [
     ("TorsionSpring", "c: 5 kN*m/rad", lambda x, v: 5e3*x),
     ("RotationalDamper", "d: 5 N*m*s/rad", lambda x, v: 5*v),
@@ -594,7 +605,7 @@ KINDS = {"dry friction", "pressure-dependent friction", "viscous damping", "quad
          "entrained air", "cavitation", "supply droop", "relief valve", "tank overflow", "valve overlap", "choked flow",
          "polytropic exponent", "heat exchange", "heat loss", "heat capacity", "sensor offset", "sensor gain", "lag",
          "delay", "saturation", "dead band", "rate limit", "unknown law", "mechanical loss",
-         "external leakage", "wire taken up"}
+         "external leakage", "wire taken up", "unbalance"}
 
 
 def test_kinds_are_called_by_the_same_words() -> None:

@@ -93,6 +93,7 @@ CASES = [
     Case("friction", "part.F", lambda t: (300 + 200*np.exp(-(v(t)/0.05)**2) + 100)*np.tanh(v(t)/1e-3) + 100*v(t), LAW),
     Case("gas_spring", "part.F", lambda t: 1e5 - 7e4*x(t) - 2e3*v(t), LAW),
     Case("hysteresis", "part.F", lambda t: 300*(1 - np.exp(-slow(t)/5e-3)), "first loading", 1e-5),
+    Case("hardening_hysteresis", "part.F", lambda t: 1e4*10e-3/0.4*(np.exp(0.4*slow(t)/10e-3) - 1), "first loading", 1e-5),
     Case("lugre_friction", "part.F", lambda t: STEADY_SLIDE + 0*t, "Stribeck curve", 1e-6, 0.8),
     Case("mass", "body.v", lambda t: 2*t, RUN),
     # V_0 = n*F_0*A/c and p*V**n constant
@@ -184,6 +185,7 @@ CASES = [
     Case("slider_crank", "piston.v", lambda t: -10*0.05*np.sin(10*t)*(1 + 0.05*np.cos(10*t)
          / np.sqrt(0.15**2 - (0.05*np.sin(10*t))**2)), RUN),
     Case("arm_weight", "arm.a.tau", lambda t: 10*9.81*0.5*np.sin(t), LAW),
+    Case("unbalance", "part.a.tau", lambda t: 3*np.sin(t + 0.5), LAW),
     Case("clutch", "wheel.w", lambda t: 2*t, RUN),
     Case("torque_between", "housing.w", lambda t: -2*t, RUN),
     Case("torque_between", "rotor.w", lambda t: 3*t, RUN),

@@ -80,7 +80,7 @@ class Score:
     @property
     def signed(self) -> bool:
         """Whether the amplitude may have either sign."""
-        return self.side == 0 and any(_below(n) for n in _along(self))
+        return self.side == 0 and any(below(n) for n in _along(self))
 
     @property
     def told_apart(self) -> bool:
@@ -194,7 +194,7 @@ def _at_zero(base: Base, candidate: Candidate, runs: Sequence[Run], shapes: Mapp
             for names in together.values()]
 
 
-def _below(number: Sized) -> bool:
+def below(number: Sized) -> bool:
     """Whether it is an amplitude that may be less than neutral."""
     return number.amplitude and (number.low is None or number.low < number.neutral)
 
@@ -214,7 +214,7 @@ def _on_sides(base: Base, at_zero: Score, runs: Sequence[Run], kink: bool) -> li
     if at_zero.size == 0 or not amplitudes or not (kink or at_zero.told_apart):
         return [at_zero]
     step = BESIDE * float(np.linalg.norm(base.r)) / at_zero.size if kink else SEEN / (at_zero.size * at_zero.share)
-    sides = (1, -1) if any(_below(n) for n in amplitudes) else (1,)
+    sides = (1, -1) if any(below(n) for n in amplitudes) else (1,)
     found = []
     for side in sides:
         with suppress(HeavebondError):  # so much cannot be simulated, or is more than there may be

@@ -20,7 +20,7 @@ from heavebond.evidence.catalogue import Candidate
 from heavebond.evidence.experiment import Experiment, Free
 from heavebond.evidence.fitting import own_start
 from heavebond.evidence.residuals import AT_END, BROKEN, Residuals, Run
-from heavebond.evidence.scoring import BEYOND, Base, Score, between, exact_runs, shape_ranges
+from heavebond.evidence.scoring import BEYOND, Base, Score, below, between, exact_runs, shape_ranges
 from heavebond.numbers.dae import Array
 from heavebond.numbers.quick import QuickSimulator
 
@@ -37,7 +37,8 @@ WIDE, WIDENED = 30.0, 2
 STARTS = (0.15, 0.5, 0.85)  # shares of the ranges of shapes
 APART = 1.5  # where an amplitude begins that must be above another one
 SMALL = 0.02  # share of the amplitude that a score asks for with which a refit begins besides
-ASIDE = 0.02  # share of its range from an end at which a shape stands that is not felt
+ASIDE = 0.02  # share of its range from an end at which a limit stands that is not felt: chi-square rises
+UNFELT = 4.0  # by no more than this, two standard deviations, in units of what is left
 INSIDE = 0.4  # share of its range at which an amplitude begins besides, where the range has an end
 CLOSE = 1e-8  # changes of the sum of squares at which a refit that is compared closely ends
 MOST_SHAPES = 3  # choices of the shapes from which a refit begins
@@ -186,22 +187,36 @@ class _Refit:
         return [*plans, *self._further(plans[0], vanishing)]
 
     def _further(self, first: _Plan, vanishing: Sequence[str]) -> list[_Plan]:
-        """For a law of several shapes more choices of them, spread over their ranges, and of its size, to be looked at."""
+        """For a law with shapes more choices of them, spread over their ranges, and of its size, to be looked at: about what
+        the score asks for, and about what would do as much as the whole misfit, in either direction where both are allowed
+        (far from the optimum the tangent tells neither size nor sign)."""
         from scipy.stats import qmc
 
         shapes = [name for name in self.ranges if name not in vanishing]
-        if len(shapes) < 2:
+        if not shapes:
             return []
         plans = []
-        for size, *shares in qmc.Halton(1 + len(shapes), scramble=False).random(1 + FURTHER)[1:]:
+        sides = (1, -1) if any(below(n) for n in self.candidate.vanishing) else (1,)
+        whole = [self._whole(first, side) for side in sides]
+        sizes = [*([first.numbers] * FURTHER if len(shapes) > 1 else []), *whole * (FURTHER // 4)]
+        spread = qmc.Halton(1 + len(shapes), scramble=False).random(1 + len(sizes))[1:]
+        for begin, (size, *shares) in zip(sizes, spread, strict=True):
             factor = 4 ** (size - 0.5)
-            numbers = {name: value * factor if name in vanishing else value for name, value in first.numbers.items()}
+            numbers = {name: value * factor if name in vanishing else value for name, value in begin.items()}
             numbers.update({name: between(*self.ranges[name], share) for name, share in zip(shapes, shares, strict=True)})
             for high, low in self.candidate.orders:
                 if {high, low} <= set(shapes) and numbers[high] < numbers[low]:
                     numbers[high], numbers[low] = numbers[low], numbers[high]
             plans.append(_Plan(numbers, first.base))
         return plans
+
+    def _whole(self, plan: _Plan, side: int) -> dict[str, float]:
+        """A plan's numbers with amplitudes that do as much as the whole misfit, on the other `side` (-1) where they may be
+        there."""
+        scales = {n.name: max([self._scale(g) for g in self.guesses if n.name in g.along], default=0.0)
+                  for n in self.candidate.vanishing}
+        return {**plan.numbers, **{n.name: n.neutral + (side if below(n) else 1) * scales[n.name]
+                                   for n in self.candidate.vanishing}}
 
     def _freed(self, changed: Experiment, known: set[str]) -> Experiment:
         """The experiment with the candidate's numbers free as well, and inside their ranges."""
@@ -273,17 +288,16 @@ class _Refit:
         self.problem = Residuals(replace(experiment, free=free), runs=self.problem.runs)
 
     def _out_of_the_way(self, inner: Array) -> Array:
-        """With shapes that no fitted sample feels (a stop that is not reached) at that end of their range, or near it, where
-        they are not felt either: other records go further."""
-        cost, moved = self._cost(inner), self.problem.evaluate(inner)[1]
-        amplitudes = {n.name for n in self.candidate.numbers if n.amplitude}
+        """With limits that the fitted samples hardly feel (a stop that is not reached, or by one sample of noise) at that end
+        of their range, or near it, where they are not felt either: other records go further."""
+        cost = self._cost(inner)
+        felt = UNFELT * cost / self.base.r.size
+        limits = {n.name for n in self.candidate.numbers if not n.amplitude and n.sought is not None and n.sought.seen}
         for k, column in enumerate(self.problem.columns):
-            if column.free.name not in self.ranges or column.free.name in amplitudes or moved[:, k].any():
-                continue
-            for share in (1 - ASIDE, ASIDE):
+            for share in (1 - ASIDE, ASIDE) if column.free.name in limits else ():
                 there = inner.copy()
                 there[k] = self.problem.low[k] + share * (self.problem.high[k] - self.problem.low[k])
-                if self._cost(there) <= cost * (1 + 1e-6):
+                if self._cost(there) <= cost + felt:
                     inner = there
                     break
         return inner
@@ -292,7 +306,7 @@ class _Refit:
         """The best starts a few steps; the best of them, and another that is near it, to the end."""
         starts = [self._start(plan) for plan in self.plans]
         costs = [self._cost(start) for start in starts]
-        most = 3 if len(starts) > FURTHER else 2
+        most = 3 if len(starts) > FURTHER // 2 else 2
         chosen = [starts[k] for k in np.argsort(costs) if np.isfinite(costs[k])][:most]
         if not chosen or process_time() - self.began > SECONDS:
             return None
