@@ -6,7 +6,9 @@ A few hundred here; `make fuzz` judges a hundred thousand, each within a time li
 from __future__ import annotations
 
 import json
+import re
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -15,11 +17,22 @@ from benchmarks.fuzz.campaign import Judge, patiently, smallest
 from benchmarks.fuzz.diagrams import Diagram, Part, diagram
 from benchmarks.fuzz.judging import FAULTS, Verdict, judge
 
+FOUND = Path(__file__).parent / "found_by_fuzz"  # the smallest diagrams of faults that are mended
+
 
 @pytest.mark.parametrize("first", range(0, 120, 20))
 def test_random_diagrams_end_well(first: int) -> None:
     verdicts = [judge(seed, diagram(seed).text()) for seed in range(first, first + 20)]
     assert not [(v.seed, v.outcome, v.what) for v in verdicts if v.outcome in FAULTS]
+
+
+@pytest.mark.parametrize("file", sorted(FOUND.glob("*.yaml")), ids=lambda file: file.stem)
+def test_what_random_diagrams_have_found_ends_as_it_should(file: Path) -> None:
+    text = file.read_text(encoding="utf-8")
+    ends = re.search(r"# ends: (.*)", text)
+    found = judge(0, text)
+    assert ends is not None
+    assert ends[1] == ("ran" if found.outcome == "ran" else f"{found.outcome} {found.what}")
 
 
 def test_a_good_share_of_the_diagrams_runs() -> None:

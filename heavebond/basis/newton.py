@@ -112,7 +112,10 @@ def newton(system: System, y: Array, frame: Frame, most: int = MOST_STEPS) -> Fo
         size = float(np.linalg.norm(residual * row))
         if np.abs(residual * row).max() < CONVERGED:
             break
-        step = least_change(jacobian * row[:, None], -residual * row)
+        scaled = jacobian * row[:, None]
+        if not np.all(np.isfinite(scaled)):
+            break
+        step = least_change(scaled, -residual * row)
         length = 1.0
         while length > SHORTEST_STEP:
             trial = frame.within(y + length * step * frame.sizes)

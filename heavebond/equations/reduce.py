@@ -24,8 +24,11 @@ from heavebond.equations import explain
 from heavebond.equations.flatten import Flat, FlatEquation
 from heavebond.equations.rank import Row, Simultaneous, losses
 from heavebond.equations.states import Column, Constraints, Guess, constraints, select_states
-from heavebond.text.incidence import DEFINITE, NONLINEAR, PARAMETER, classify
+from heavebond.text.incidence import DEFINITE, NONLINEAR, PARAMETER, UNIT, classify
 from heavebond.text.symbols import split, stack, uniform
+
+# a coefficient in a loop that is not divided by, as a share of the largest of its equation among unknowns of its unit
+WEAK = 1e-7
 
 
 @dataclass(frozen=True)
@@ -193,7 +196,7 @@ class System:
         for block in blocks:
             solver.block(block, [matching[r] for r in block])
         reduced = solver.reduced(states, system)
-        if ca.sprank(ca.jacobian(reduced.alg, reduced.z)) < reduced.z.numel():
+        if ca.sprank(ca.sparsify(ca.jacobian(reduced.alg, reduced.z))) < reduced.z.numel():
             raise self._lost(system)  # terms that cancel whatever the numbers: a circuit of differences without reference
         return reduced
 
@@ -301,6 +304,8 @@ class _Solver:
             return
         cost = {(r, c): kind for r in rows for c, kind in self.entries[r] if kind <= DEFINITE}
         inside = set(columns)
+        for weak in self._weak(rows, inside):
+            del cost[weak]
         while True:
             torn = tear({r: [c for c, _ in self.entries[r] if c in inside] for r in rows}, columns, cost)
             solved = self._solve(torn.sequence)
@@ -314,6 +319,25 @@ class _Solver:
         names = tuple(column_name(self.system.flat, self.unknown[c]) for c in torn.torn)
         owners = tuple(dict.fromkeys(self.system.flat.equations[self.rows[r][0]].owner for r in rows))
         self.loops.append(Loop(owners, names, len(left)))
+
+    def _weak(self, rows: Sequence[int], inside: set[int]) -> list[tuple[int, int]]:
+        """The entries (row, column) of a loop that are not divided by: what follows from larger ones of the same unit would
+        be a billion times as large as their unknowns, and its rounding all that is left where it cancels."""
+        flat, groups = self.system.flat, dict[tuple[object, ...], list[tuple[int, int, int]]]()
+        for r in rows:
+            for c, kind in self.entries[r]:
+                if kind <= PARAMETER and c in inside:
+                    j, order = self.unknown[c]
+                    groups.setdefault((r, order, flat.unknowns[j].unit.dimension), []).append((r, c, kind))
+        several = [group for group in groups.values() if len(group) > 1 and any(kind != UNIT for _, _, kind in group)]
+        if not several:
+            return []
+        pairs = [(r, c) for group in several for r, c, _ in group]
+        slopes = stack([ca.jacobian(self.system.residual[self.rows[r]], self._symbol(c)) for r, c in pairs])
+        values = np.abs(np.array(ca.Function("slopes", [flat.p], [slopes])(self.system.p_values)).ravel())
+        most = np.repeat([part.max() for part in np.split(values, np.cumsum([len(group) for group in several])[:-1])],
+                         [len(group) for group in several])
+        return [pair for pair, small in zip(pairs, values < WEAK * most, strict=True) if small]
 
     def _symbol(self, c: int) -> ca.SX:
         return self.system.symbol(self.unknown[c])

@@ -327,3 +327,18 @@ def _augmented(x: ca.SX, z: ca.SX, p: ca.SX, dp: ca.SX, right: list[ca.SX]) -> t
     ends = np.cumsum([0, *(side.numel() for side in right)]).tolist()
     both = [stack([side, ca.vec(moved[begin:end, :])]) for side, begin, end in zip(right, ends[:-1], ends[1:], strict=True)]
     return stack([x, ca.vec(x_along)]), stack([z, ca.vec(z_along)]), both
+
+
+def solved_loops(z: ca.SX, given: ca.SX, residuals: ca.SX, most: int) -> ca.Function:
+    """(z, given) to the z near by with residuals (n_z,) = 0, by at most so many steps of Newton's method.
+
+    CasADi's method leaves out the last step, one of less than 1e-12: it is taken here, as 1e-12 of an acceleration moves a
+    very large mass by a force.
+    """
+    newton = ca.rootfinder("newton", "newton", {"x": z, "p": given, "g": residuals},
+                           {"error_on_fail": False, "abstol": 1e-14, "max_iter": most})
+    linear = ca.Function("linear", [z, given], [residuals, ca.jacobian(residuals, z)])
+    first, fixed = ca.MX.sym("z", z.numel()), ca.MX.sym("given", given.numel())
+    near = newton(first, fixed)
+    rest, slopes = linear(near, fixed)
+    return ca.Function("loops", [first, fixed], [near - ca.solve(slopes, rest)])

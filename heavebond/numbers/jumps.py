@@ -26,12 +26,13 @@ from heavebond.basis.presentation import readable
 from heavebond.equations.explain import undecided
 from heavebond.equations.rank import losses
 from heavebond.numbers.co_simulation import Partners
-from heavebond.numbers.dae import Array, Assembly
+from heavebond.numbers.dae import Array, Assembly, solved_loops
 from heavebond.numbers.start_equations import Point
 from heavebond.text.symbols import stack
 
 # of its usual size, by which what is differentiated may differ before and after an event
 CONTINUOUS = 1e-7
+MOST_NEWTON = 30  # steps to the algebraic unknowns after an event, which may be far away
 
 
 @dataclass(frozen=True)
@@ -79,9 +80,8 @@ class EventEquations:
         self._differentiated = _differentiated(assembly)
         followed = stack([assembly.flat.levels[0][j] for j in self._differentiated])
         self._followed = ca.Function("followed", arguments, [assembly.express(followed)])
-        self._loops = ca.rootfinder("loops", "newton", {
-            "x": z, "p": stack([a for a in arguments if a is not z]), "g": assembly.alg},
-            {"error_on_fail": False, "abstol": 1e-14, "max_iter": 30}) if self.has_loops else None
+        self._loops = solved_loops(z, stack([a for a in arguments if a is not z]), assembly.alg, MOST_NEWTON) \
+            if self.has_loops else None
 
     # -- instants --------------------------------------------------------------------------------------------------
     def instants(self, p: Array, dp: Array) -> tuple[Array, Array, Array, Array]:
@@ -167,6 +167,8 @@ class EventEquations:
             return point
         given = np.concatenate([[point.t], point.x, point.p, point.u, [point.rate]])
         found = replace(point, z=np.array(self._loops(point.z, given)).ravel())
+        if not np.isfinite(found.z).all():
+            self._check_solvable(point)
         residual = np.abs(np.array(self._alg(*found.values())).ravel())
         gradient = np.abs(np.array(self._by_z(*found.values()))).max(axis=1) * self.assembly.z_nominal.max()
         if not np.all(residual <= 1e-6 * gradient):
@@ -176,6 +178,13 @@ class EventEquations:
                 "satisfies the equations", self.events[fired[0]].place, "A valve that shuts a volume-free line does this, "
                 "or a state that was set to a value that a constraint forbids.")])
         return found
+
+    def _check_solvable(self, point: Point) -> None:
+        """SimulationError with what is undecided where the equations lose their rank at a point."""
+        columns = [np.reshape(a, (-1, 1)) for a in point.values()]
+        by_z = np.array(self._by_z(*point.values()))
+        if np.linalg.slogdet(by_z)[0] == 0:
+            raise self._undecided(columns, by_z[None])
 
     def rates(self, point: Point, factors: Array) -> tuple[Array, Array]:
         """x' (n_x,) and the rates of the integrals (n_q,)."""

@@ -17,21 +17,22 @@ from heavebond.language.definition import Value
 from heavebond.language.model import Model
 from heavebond.numbers.charts import Chart, Charts
 from heavebond.numbers.co_simulation import check_allowed
-from heavebond.numbers.dae import Array, Assembly, Factors, Integrand, assemble, integrand, substitute_inputs
-from heavebond.numbers.idas import MOST_STEPS, caught_errors
+from heavebond.numbers.dae import Array, Assembly, Factors, Integrand, assemble, integrand, solved_loops, substitute_inputs
 from heavebond.numbers.idas import Tolerances as Tolerances  # a part of this module's interface
+from heavebond.numbers.idas import caught_errors
 from heavebond.numbers.initialise import Start, Tangent, start, tangent
 from heavebond.numbers.inputs import Pieced, pieced
 from heavebond.numbers.jumps import EventEquations
 from heavebond.numbers.result import Along, Result, Stayed
 from heavebond.numbers.solvers import DEFAULT, RETYPE, Choice, Integrator, algebraic_left, chosen, integrator
 from heavebond.numbers.start_equations import StartEquations
-from heavebond.numbers.switching import MOST_STEPS_IN_CHART, Switching, settled
+from heavebond.numbers.switching import MOST_STEPS_BETWEEN, MOST_STEPS_IN_CHART, Switching, settled
 from heavebond.numbers.trace import Frame, Trace
 from heavebond.text.expression import constant
 from heavebond.text.symbols import stack
 
 Time = float | str
+MOST_NEWTON = 20  # steps to the algebraic unknowns from what IDAS interpolated
 POINTS = 1000  # output points where nothing is said
 
 
@@ -94,7 +95,7 @@ class Simulator:
     def _switching(self, charts: Charts) -> Switching:
         return Switching(charts, self._framed, self.integrals, self.stops, self.inputs,
                          lambda made, grid: integrator(self.solver.name, made, grid, self.tolerances,
-                                                       MOST_STEPS_IN_CHART if charts.needed else MOST_STEPS))
+                                                       MOST_STEPS_IN_CHART if charts.needed else MOST_STEPS_BETWEEN))
 
     def _made(self, assembly: Assembly, quadratures: ca.SX | None) -> Integrand:
         """What is integrated; with the sensitivities, parameters move that follow the start or are held, too."""
@@ -290,9 +291,7 @@ def _loops(made: Integrand) -> ca.Function | None:
     dae = made.dae
     if not dae["z"].numel():
         return None
-    given = stack([dae["t"], dae["x"], dae["p"], dae["u"]])
-    return ca.rootfinder("loops", "newton", {"x": dae["z"], "p": given, "g": dae["alg"]},
-                         {"error_on_fail": False, "abstol": 1e-14, "max_iter": 20})
+    return solved_loops(dae["z"], stack([dae["t"], dae["x"], dae["p"], dae["u"]]), dae["alg"], MOST_NEWTON)
 
 
 def _directions(assembly: Assembly, names: tuple[str, ...], weight: float) -> Array:

@@ -38,6 +38,8 @@ CHATTER, AGAIN, WITHIN = 30, 4, 1e-8
 # of a chart they may crawl; there they get so many steps between two points only.
 INTERRUPTED, CRAWLS = ("IDA_RES_FAIL", "CV_RHSFUNC_FAIL"), ("IDA_TOO_MUCH_WORK", "CV_TOO_MUCH_WORK")
 MOST_STEPS_IN_CHART = 5000
+# Steps between two points of other such runs, after which they are given up; a run has a thousand points at least.
+MOST_STEPS_BETWEEN = 30_000
 MOST_CASCADES = 100  # events that set off each other at one instant
 MOST_HALVINGS = 40  # of a step in which a chart ends
 

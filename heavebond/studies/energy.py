@@ -83,7 +83,8 @@ class EnergyAudit:
 
     `largest` is the largest energy in J that any component took in, dissipated, left unbalanced or held in store at any
     time: what all errors are compared with, as those of the states are relative too. `nodes` is the largest sum of all
-    port powers over the sum of their sizes. `ports` is the power in W into a component or a block over each of its ports,
+    port powers over the sum of their sizes, or over what would pass `largest` on within the run if that is more: at rest
+    there is but the rounding of powers. `ports` is the power in W into a component or a block over each of its ports,
     (N,) at the times of the result.
     """
 
@@ -193,16 +194,17 @@ def audit(model: Model | Assembly, until: Time | None = None, *, every: Time | N
         integrals[chosen] = size * result.quadratures
     energies = result.evaluate(energy)
     stored, jumps = energies - energies[:, :1], _jumps(result, energy)
-    ports = rates[::QUADRATURES]
-    total = np.abs(ports).sum(axis=0).max(initial=0.0)
+    ports, through = rates[::QUADRATURES], port_powers(result)
+    largest = max(float(np.abs(values).max(initial=0.0)) for values in (integrals, stored, energies))
+    total = max(float(np.sum([np.abs(through[port]) for port in assembly.flat.bonds], axis=0).max(initial=0.0)),
+                largest / duration if duration else 0.0)
     lines = (_line(e, integrals[QUADRATURES * k:QUADRATURES * (k + 1), -1], float(stored[k, -1]), float(jumps[k]))
              for k, e in enumerate(parts))
     return EnergyAudit(
         tuple(replace(line, start=float(energies[k, 0]),
                       delivered=float(np.trapezoid(np.maximum(-ports[k], 0.0), result.time)),
                       activity=float(np.trapezoid(np.abs(ports[k]), result.time))) for k, line in enumerate(lines)),
-        max(float(np.abs(values).max(initial=0.0)) for values in (integrals, stored, energies)),
-        float(np.abs(ports.sum(axis=0)).max(initial=0.0) / total) if total else 0.0, result, port_powers(result))
+        largest, float(np.abs(ports.sum(axis=0)).max(initial=0.0) / total) if total else 0.0, result, through)
 
 
 def port_powers(result: Result) -> dict[str, Array]:
