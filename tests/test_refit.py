@@ -45,6 +45,8 @@ def test_an_amplitude_that_no_score_moves_stays_neutral(tmp_path: Path) -> None:
     found = tried(base, stop, guesses)
     assert found is not None
     assert "end_stop.c" in found.values and "end_stop.d" not in found.experiment.free
+    beside = trial._Refit(base, stop, guesses)._beside()
+    assert beside is not None and len(beside) == found.unknowns
 
 
 def test_slack_is_what_a_fit_to_all_samples_takes_away(tmp_path: Path) -> None:

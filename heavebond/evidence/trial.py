@@ -6,7 +6,7 @@ that the score asks for, and at the data sheet, for the choices of the shape par
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from time import process_time
 from typing import TYPE_CHECKING, Literal
@@ -159,11 +159,16 @@ class _Refit:
             found[number.name] = (low, high if number.high is None else min(high, number.high))
         return found
 
+    @property
+    def _neutral(self) -> dict[str, float]:
+        """The amplitudes that are sought, each with the value at which the effect is absent."""
+        return {n.name: n.neutral for n in self.candidate.vanishing if n.name in self.ranges}
+
     def _plans(self) -> list[_Plan]:
         problem = self.base.problem
         inside = np.clip(self.base.inner, problem.low, problem.high)
-        vanishing = [n.name for n in self.candidate.vanishing]
-        neutral = {n.name: n.neutral for n in self.candidate.vanishing}
+        neutral = self._neutral
+        vanishing = list(neutral)
         # amplitudes that a guess does not move begin small: from an end of its range one finds no way
         little = {name: neutral[name] + (g.side or 1) * SMALL * self._scale(g) for g in self.guesses for name in g.along}
         plans = []
@@ -252,18 +257,30 @@ class _Refit:
         return float(r @ r) if np.all(np.isfinite(r)) else np.inf
 
     def best(self, progress: Progress) -> Array | None:
-        """The best fit; further out where an amplitude ends at an end of its range that no declared bound is."""
+        """The best fit."""
         inner = self._best(progress)
-        for _ in range(WIDENED if inner is not None else 0):
-            assert inner is not None
+        if inner is None:
+            return None
+        return self._out_of_the_way(self._further_out(
+            inner, lambda start: np.asarray(self.descend(start, progress, LAST, 1e-5).x)))
+
+    def arrive(self, start: Array, progress: Progress) -> Array:
+        """From near an optimum to it."""
+        def arrived(start: Array) -> Array:
+            return np.asarray(self.problem.minimise(start, False, progress, most=LAST, tolerance=CLOSE).x)
+
+        return self._further_out(arrived(start), arrived)
+
+    def _further_out(self, inner: Array, descended: Callable[[Array], Array]) -> Array:
+        """Further out where an amplitude ends at an end of its range that no declared bound is."""
+        for _ in range(WIDENED):
             wider = self._wider(inner)
             if not wider or process_time() - self.began > SECONDS:
                 break
             values = [c.outer(v) for c, v in zip(self.problem.columns, inner, strict=True)]
             self.sought(wider)
-            inner = np.array([c.inner(v) for c, v in zip(self.problem.columns, values, strict=True)])
-            inner = np.asarray(self.descend(inner, progress, LAST, 1e-5).x)
-        return inner if inner is None else self._out_of_the_way(inner)
+            inner = descended(np.array([c.inner(v) for c, v in zip(self.problem.columns, values, strict=True)]))
+        return inner
 
     def _wider(self, inner: Array) -> dict[str, Range]:
         """Wider ranges for amplitudes that ended at an end of theirs."""
@@ -325,11 +342,10 @@ class _Refit:
 
     def _beside(self) -> Array | None:
         """A start next to the base model, from where a refit cannot end above it; None where the effect has no zero."""
-        vanishing = {n.name: n.neutral for n in self.candidate.vanishing}
-        if not vanishing or not self.guesses:
+        if not self._neutral or not self.guesses:
             return None
         first = self.plans[0].numbers
-        small = {name: neutral + SMALL * (first[name] - neutral) for name, neutral in vanishing.items()}
+        small = {name: neutral + SMALL * (first[name] - neutral) for name, neutral in self._neutral.items()}
         inside = np.clip(self.base.inner, self.base.problem.low, self.base.problem.high)
         return self._start(_Plan({**first, **small}, inside))
 
@@ -342,10 +358,6 @@ class _Refit:
                 method: Literal["trf", "dogbox"] = "trf") -> OptimizeResult:
         """A few steps that find their way from afar."""
         return self.problem.descend(start, False, progress, most=most, tolerance=tolerance, method=method)
-
-    def arrive(self, start: Array, progress: Progress) -> Array:
-        """From near an optimum to it."""
-        return np.asarray(self.problem.minimise(start, False, progress, most=LAST, tolerance=CLOSE).x)
 
     def judged(self, inner: Array) -> Trial:
         """The figures at the end, from runs of IDAS."""
