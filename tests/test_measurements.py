@@ -83,7 +83,7 @@ def test_files_of_spreadsheets_are_read_as_they_come(tmp_path: Path) -> None:
     assert column(table, "Zeit").tolist() == [0.0, 0.02] and column(table, "Träger").tolist() == [1.5e-3, -0.25]
     assert column(table, "Weg")[0] == 12.5 and np.isnan(column(table, "Weg")[1])
     assert table.lines.tolist() == [3, 4] and table.place(0, "Weg").column == 6
-    known = {name: found and (found[0], found[1].scale, found[2]) for name in table.header for found in [table.unit_of(name)]}
+    known = {name: said and (said[0], said[1].scale, said[2]) for name in table.header for said in [table.unit_of(name)]}
     assert known == {"Zeit": ("s", 1.0, True), "Weg": ("mm", 1e-3, True), "Temperatur": ("°C", 1.0, True),
                      "Träger": ("kN/m²", 1e3, True)}
     for other in (text.encode("utf-16"), ("sep=;\r\n" + text).encode("utf-8-sig")):
@@ -95,7 +95,8 @@ def test_files_of_spreadsheets_are_read_as_they_come(tmp_path: Path) -> None:
 def test_unit_beside_a_name(tmp_path: Path) -> None:
     table = read_table(write(tmp_path, "t_s,pull [kN],p (bar),crown_mm,valve_u,n [best],kN\n" + "0,1,2,3,4,5,6\n" * 2))
     found = [table.unit_of(name) for name in table.header]
-    assert [f and (f[0], f[2]) for f in found] == [("s", False), ("kN", True), ("bar", True), ("mm", False), None, None, None]
+    assert [f and (f[0], f[2]) for f in found] == [("s", False), ("kN", True), ("bar", True), ("mm", False),
+                                                   None, None, None]
 
 
 def test_commas_that_may_be_either_are_refused(tmp_path: Path) -> None:
@@ -133,7 +134,7 @@ def test_not_a_table(tmp_path: Path, text: str, code: str, line: int, advice: st
 def test_what_is_no_text(tmp_path: Path) -> None:
     path = tmp_path / "train.csv"
     path.write_bytes(b"PK\x03\x04 a workbook under another name")
-    with pytest.raises(DataError, match="is a workbook or an archive(.|\n)*save it as CSV"):
+    with pytest.raises(DataError, match=r"is a workbook or an archive(.|\n)*save it as CSV"):
         read_table(path)
     path.write_bytes(b"t,z\n0,1\n\x81\x9d\n")  # neither UTF-8 nor letters of Windows-1252
     with pytest.raises(DataError, match=r"train\.csv:3: .*is not text(.|\n)*UTF-8\."):

@@ -134,7 +134,7 @@ def test_held_out_samples_are_not_fitted(tmp_path: Path) -> None:
 
 
 def test_with_a_record_to_validate_nothing_is_held_out(tmp_path: Path) -> None:
-    found = experiment(tmp_path, record(), record="to: 4 s}\n  two: {file: one.csv, use: validate, from: 0 s")
+    found = experiment(tmp_path, record(), record="to: 4 s}\n  two: {file: one.csv, use: validate, from: 4 s")
     compared = compare(found)
     assert all(part.validate is None for part in compared.records.values())
     assert all(c.counts.all() for part in compared.parts for c in part.channels.values())

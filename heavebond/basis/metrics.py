@@ -21,7 +21,7 @@ def rms_error(y: Array, ym: Array) -> float:
 
 def normalised_rms(y: Array, ym: Array) -> float:
     """rms error / rms of y about its mean: 0 is perfect, 1 as good as the mean; NaN where y is constant."""
-    return _ratio(_rms(y - ym), float(np.std(y)))
+    return _ratio(_rms(y - ym), float(np.std(y)) if np.ptp(y) else 0.0)  # of equal numbers the mean is not quite the number
 
 
 def fit_percent(y: Array, ym: Array) -> float:

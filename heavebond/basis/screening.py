@@ -51,7 +51,8 @@ def _one_pass(t: Array, y: Array, scatter: float) -> NDArray[np.int64]:
     some = np.median(np.lib.stride_tricks.sliding_window_view(np.abs(e), width)[::SPARSE], axis=1)
     nearest = np.round((np.arange(len(e)) - width // 2) / SPARSE).astype(int)
     spread = NORMAL * some[np.clip(nearest, 0, len(some) - 1)]
-    scale = np.maximum(spread, max(scatter, 1e-9 * float(np.ptp(y))))
+    # what a cubic leaves of a channel that hardly moves is the rounding of its level
+    scale = np.maximum(spread, max(scatter, 1e-9 * float(np.ptp(y)), 1e-14 * float(np.abs(y).max())))
     suspects = np.flatnonzero(np.abs(e) > BEYOND * scale)
     runs = np.split(suspects, np.flatnonzero(np.diff(suspects) > 2) + 1) if len(suspects) else []
     found = [_worst(t, y, np.arange(run[0], run[-1] + 1), float(scale[run].max())) for run in runs

@@ -31,14 +31,13 @@ _LONGEST_UNIT = 12
 # As they stand in the files of programs, and as they are read here.
 _SPELT = (("°C", "degC"), ("°F", "degF"), ("°", "deg"), ("µ", "u"), ("μ", "u"), ("²", "**2"), ("³", "**3"), ("^", "**"),
           ("·", "*"))
-_WORDS = {"-": "1", "–": "1", "sec": "s", "Sek": "s", "Nm": "N*m", "l/min": "L/min", "l": "L", "U/min": "rpm", "1/min": "rpm",
-          "C": "degC", "psi": "psi"}
+_WORDS = {"-": "1", "–": "1", "sec": "s", "Sek": "s", "Nm": "N*m", "l/min": "L/min", "l": "L", "U/min": "rpm", "C": "degC"}
 
 
 @dataclass(frozen=True, eq=False)
 class TextColumns:
-    """A file of text as columns: `header` names all; `columns` holds those that are numbers (n,); `lines` (n,) is the line of
-    each row; `units` what a row of units below the names says of each."""
+    """A file of text as columns: `header` names all; `columns` holds those that are numbers (n,); `lines` (n,) is the
+    line of each row; `units` what a row of units below the names says of each."""
 
     header: tuple[str, ...]
     lines: NDArray[np.int64]
@@ -120,8 +119,8 @@ class _Sheet:
 def _decode(path: Path) -> str:
     raw = path.read_bytes()
     if raw.startswith(b"PK\x03\x04"):
-        raise DataError([Problem("record-encoding", f"'{path.name}' is a workbook or an archive, not text", Place(str(path), 1),
-                                 "Open it in the program that wrote it and save it as CSV.")])
+        raise DataError([Problem("record-encoding", f"'{path.name}' is a workbook or an archive, not text",
+                                 Place(str(path), 1), "Open it in the program that wrote it and save it as CSV.")])
     if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
         return raw.decode("utf-16", errors="replace")
     try:
@@ -194,8 +193,8 @@ def _without_units_row(sheet: _Sheet, problems: Problems) -> tuple[Cells, list[s
 def _full_rows(sheet: _Sheet, rows: Cells, problems: Problems) -> Cells:
     width = len(sheet.header[1])
     ragged = [row for row in rows if len(row[1]) != width]
-    hint = f"The columns are taken to be separated by {SEPARATORS.get(sheet.separator, sheet.separator)}, as in the row of " \
-        "names; lines above that row begin with #."
+    hint = f"The columns are taken to be separated by {SEPARATORS.get(sheet.separator, sheet.separator)}, as in the row " \
+        "of names; lines above that row begin with #."
     if ragged and sheet.separator == "," and all(len(cells) == 2 * width for _, cells in rows):
         line, cells = ragged[0]
         problems.add("decimal-comma", f"each row has {2 * width} cells for {width} names: the numbers seem "

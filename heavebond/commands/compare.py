@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -45,7 +46,7 @@ def compare(experiment: str, settings: tuple[str, ...], output: Path | None) -> 
     console = terminal.output()
     console.print(_table(comparison))
     for part in comparison.parts:
-        console.print(f"{part.name} ({part.use}): normalised error {100 * part.normalised:.3g} %, "
+        console.print(f"{part.name} ({part.use}): normalised error {_percent(100 * part.normalised)}, "
                       f"chi-square {number(part.chi2, 3)} a sample", soft_wrap=True)
     for line in noticed(comparison, console.width):
         console.print(line)
@@ -87,6 +88,10 @@ def _row(channel: Channel) -> tuple[str, ...]:
     from heavebond.basis.presentation import number, readable
 
     unit = channel.unit
-    return (channel.name, readable(channel.error, unit, 3), f"{channel.fit:.3g} %",
+    return (channel.name, readable(channel.error, unit, 3), _percent(channel.fit),
             readable(channel.bias, unit, 3), readable(channel.noise, unit, 3),
             number(channel.error / channel.noise, 3) if channel.noise else "-")
+
+
+def _percent(value: float) -> str:
+    return f"{value:.3g} %" if math.isfinite(value) else "-"

@@ -129,6 +129,7 @@ def parameters(finding: Finding) -> object:
     from heavebond.basis.presentation import number, readable_unit
     from heavebond.basis.units import read_unit
     from heavebond.commands import terminal
+    from heavebond.evidence.finding import meaning
 
     rows = []
     for p in finding.parameters:
@@ -138,6 +139,6 @@ def parameters(finding: Finding) -> object:
         # at an end of its range a value has no interval
         known = "-" if p.at_bound else f"{' .. '.join(ends)}{name}"
         end = f", at its {p.at_bound} end" if p.at_bound else ""
-        rows.append((p.name, f"{fitted}{name}", known, f"{low} .. {high}{name}{end}"))
+        rows.append((p.name, f"{fitted}{name}", known, f"{low} .. {high}{name}{end}", meaning(finding.fit, p.name)))
     return terminal.table(f"{finding.candidate.kind} {finding.candidate.place}",
-                          ("parameter", "fitted", "95 % interval", "sought in"), rows)
+                          ("parameter", "fitted", "95 % interval", "sought in", "what it is"), rows)

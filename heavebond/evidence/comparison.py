@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +17,7 @@ from heavebond.basis.screening import outliers
 from heavebond.basis.units import dimension_text, read_unit
 from heavebond.evidence.experiment import Experiment, Output, Record, load_experiment
 from heavebond.evidence.records import Mask, Measured, Samples, measure, moments
+from heavebond.evidence.slips import seems_in_another_unit, seems_turned
 from heavebond.language import reading
 from heavebond.numbers.dae import Array, Assembly, assemble
 from heavebond.numbers.result import Probe, Result
@@ -84,8 +86,10 @@ class RecordComparison:
 
     @property
     def normalised(self) -> float:
-        """Root mean square of the channels' normalised errors: one number for the record."""
-        return float(np.sqrt(np.mean([c.normalised**2 for c in self.channels.values()])))
+        """Root mean square of the channels' normalised errors: one number for the record. A channel whose readings are all
+        the same has none; NaN where all are."""
+        found = [c.normalised for c in self.channels.values() if math.isfinite(c.normalised)]
+        return float(np.sqrt(np.mean(np.square(found)))) if found else math.nan
 
     @property
     def chi2(self) -> float:
@@ -162,6 +166,7 @@ def compare_record(experiment: Experiment, record: Record,
 
 
 def _notes(measured: Measured, channels: Mapping[str, Channel]) -> tuple[str, ...]:
+    slips = [f"{c.name} {said}" for c in channels.values() for said in _slips(c, measured.channels[c.name].output) if said]
     late = [c for c in channels.values() if c.late is not None and c.late.noticeable]
     sure = {c.name: c for c in late if c.late is not None and c.late.explains(c.noise)}
     notes = [f"{c.name}: {count(int(c.astray.sum()), 'more sample')} far from the model where those around are not, at "
@@ -173,7 +178,12 @@ def _notes(measured: Measured, channels: Mapping[str, Channel]) -> tuple[str, ..
     if other:
         notes.append(f"nearer if shifted in time: {other}; but more than a shift is wrong, and missing physics shifts "
                      "phases too: fit first")
-    return (*measured.notes, *notes)
+    return (*measured.notes, *slips, *notes)
+
+
+def _slips(channel: Channel, output: Output) -> tuple[str | None, ...]:
+    measured, model = channel.measured[channel.counts], channel.model[channel.counts]
+    return seems_in_another_unit(measured, model, channel.unit), seems_turned(measured, model, output.shown.text)
 
 
 def _late_note(channel: Channel, declared: float) -> str:

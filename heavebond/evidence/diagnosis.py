@@ -27,7 +27,7 @@ from heavebond.evidence.rivals import Alternative
 from heavebond.evidence.rung import Step, following, learnt, single, step
 from heavebond.evidence.separation import Separation, separate
 from heavebond.evidence.trial import Trial
-from heavebond.evidence.verdict import explained, misses, verdict, words
+from heavebond.evidence.verdict import explained, unexplained, verdict, words
 
 SEVERAL = "More than one effect may be missing: --auto looks for several that explain it together."
 
@@ -113,14 +113,16 @@ def diagnose(experiment: Experiment | str | Path, *, auto: bool = False, number:
     ladder += [f.rung for f in findings]
     now = _at(findings[-1].fit.experiment, findings[-1].fit) if findings else now
     shape = None
-    if misses(ladder, findings, steps):
+    if unexplained(ladder, findings, steps):
         say("learning a curve")
         shape = _shape(now, number, seconds)
         ladder += [shape.rung] if shape is not None else []
     said = verdict(base, ladder, findings, steps, shape)
     apart = _separation(findings, say) if said == "one_of" else None
     told = (*words(said, ladder, findings, steps, shape), *(apart.words if apart is not None else ()),
-            *([SEVERAL] if said == "shape" and findings and not auto else []))
+            *([SEVERAL] if said == "shape" and findings and not auto else []),
+            *([f"Tried were only effects of {'this class' if len(classes) == 1 else 'these classes'}: {listing(classes)}."]
+              if classes else []))
     return Diagnosis(experiment, said, told, tuple(ladder), tuple(findings), tuple(steps), shape, base,
                      _noise(ladder[0].comparison), clock.perf_counter() - began, apart)
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping as Dictionary
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from filecmp import cmp
 from pathlib import Path
 
 from heavebond.basis.errors import ModelError, Place, Problem, Problems, listing, suggest
@@ -151,7 +154,8 @@ def _load(path: Path, chain: tuple[Path, ...]) -> Experiment:
     root = source.root
     if "experiment" not in root.items:
         kind = next((k for k in ("model", "component", "study") if k in root.items), None)
-        hint = "This file describes a diagram; `heavebond run` runs it, its --save keeps the run." if kind == "model" else \
+        hint = "This file describes a diagram; `heavebond run` runs it. An experiment says which records lie beside it: " \
+            "`heavebond new FOLDER` makes one to begin with." if kind == "model" else \
             f"This file describes a {kind}." if kind else suggest("experiment", root.items)
         raise ModelError([Problem("not-an-experiment", f"{source.name} is no experiment: it has no `experiment:`",
                                   root.place, hint)])
@@ -218,6 +222,7 @@ class _Reader:
             for unknown in [n for n in record.origins if n not in experiment.outputs]:
                 problems.add("output-unknown", f"record '{record.name}' names the output '{unknown}', which is not there",
                              record.place, hint=suggest(unknown, experiment.outputs) or "Write it under `outputs:`.")
+        _check_apart(list(experiment.records.values()), problems)
         return experiment
 
     def _entries(self, node: Node | None, what: str) -> list[tuple[str, Scalar, Node]]:
@@ -366,3 +371,25 @@ class _Reader:
             except UnitProblem as problem:
                 self.problems.add(problem.code, f"{name}: {problem.message}", item.place, hint=problem.hint)
         return found
+
+
+def _check_apart(records: Sequence[Record], problems: Problems) -> None:
+    """A record that checks the fit must not be one that is fitted, under whatever name."""
+    for checking in (r for r in records if r.use == "validate"):
+        for fitted in (r for r in records if r.use == "fit" and r.origins == checking.origins):
+            if _together(fitted, checking) and _same_file(fitted.file, checking.file):
+                problems.add("records-same", f"record '{checking.name}' is to check the fit, but what it holds is fitted as "
+                             f"'{fitted.name}'", checking.place, hint="Give another record, or another part of the file by "
+                             f"`from:` and `to:`; or leave '{checking.name}' out: then stretches are held out of the fit.")
+
+
+def _together(one: Record, other: Record) -> bool:
+    """Whether the times between `from:` and `to:` overlap."""
+    begin, end = (max(r.begin if r.begin is not None else -math.inf for r in (one, other)),
+                  min(r.end if r.end is not None else math.inf for r in (one, other)))
+    return begin < end
+
+
+def _same_file(one: Path, other: Path) -> bool:
+    """Whether two files are one, or one is a copy of the other; what is not there is reported when it is read."""
+    return one.is_file() and other.is_file() and (one.resolve() == other.resolve() or cmp(one, other, shallow=False))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,9 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from heavebond.basis.errors import Problem, UsageError
+from heavebond.basis.presentation import readable
 from heavebond.basis.progress import Progress
 from heavebond.evidence.catalogue import Candidate
-from heavebond.evidence.comparison import Comparison, RecordComparison, compare
+from heavebond.evidence.comparison import Channel, Comparison, RecordComparison, compare
 from heavebond.evidence.experiment import Experiment, load_experiment
 from heavebond.evidence.fitting import Fit, Fitted
 from heavebond.evidence.trial import Trial
@@ -38,6 +40,21 @@ class Rung:
         """The figures, for machines."""
         return {"name": self.name, "error_fit": self.error_fit, "error_held_out": self.error_held_out,
                 "chi2_fit": self.chi2_fit, "chi2_held_out": self.chi2_held_out}
+
+
+@dataclass(frozen=True)
+class Miss:
+    """What a model misses in a channel: the rms error and the noise, both in the channel's unit."""
+
+    channel: str
+    unit: str
+    error: float
+    noise: float
+
+    @property
+    def words(self) -> str:
+        """`9549 Pa`."""
+        return readable(self.error, self.unit, 3)
 
 
 @dataclass(frozen=True)
@@ -80,15 +97,37 @@ def rung(name: str, comparison: Comparison) -> Rung:
     return Rung(name, _error(fitted), _error(checked), _chi2(fitted), _chi2(checked), comparison)
 
 
+def misses(rung: Rung) -> list[Miss]:
+    """What a model misses in each channel where nothing was fitted (where nothing was held out: where it was), all records
+    together."""
+    parts = [p for p in rung.comparison.parts if p.use != "fit"] or list(rung.comparison.parts)
+    found: dict[str, list[Channel]] = {}
+    for part in parts:
+        for name, channel in part.channels.items():
+            found.setdefault(name, []).append(channel)
+    return [Miss(name, channels[0].unit, *(
+        float(np.sqrt(np.average([v**2 for v in values], weights=[c.counts.sum() for c in channels])))
+        for values in ([c.error for c in channels], [c.noise for c in channels]))) for name, channels in found.items()]
+
+
+def meaning(fit: Fit, name: str) -> str:
+    """What the component says that a fitted parameter is; empty for an initial value or where it says nothing."""
+    leaves = next(iter(fit.after.records.values())).result.assembly.flat.expanded.leaves
+    path, _, own = name.rpartition(".")
+    declared = leaves[path].component.parameters.get(own) if path in leaves else None
+    return declared.doc if declared is not None else ""
+
+
 def _error(parts: Sequence[RecordComparison]) -> float:
-    return float(np.sqrt(np.mean([p.normalised**2 for p in parts]))) if parts else float("nan")
+    found = [p.normalised**2 for p in parts if math.isfinite(p.normalised)]
+    return math.sqrt(np.mean(found)) if found else math.nan
 
 
 def _chi2(parts: Sequence[RecordComparison]) -> float:
     """Of all samples together."""
     counts = [int(c.counts.sum()) for p in parts for c in p.channels.values()]
     values = [c.chi2 for p in parts for c in p.channels.values()]
-    return float(np.average(values, weights=counts)) if values else float("nan")
+    return float(np.average(values, weights=counts)) if values else math.nan
 
 
 def ladder(experiments: Sequence[Experiment | str | Path], *, progress: Progress | None = None) -> list[Rung]:

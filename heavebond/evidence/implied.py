@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from heavebond.basis.errors import SimulationError, StartError
 from heavebond.evidence.deviation import Beside, Deviation, Known, with_values
@@ -116,12 +117,13 @@ class Search:
         """The records whose likelihood counts."""
         return [s.record.name for s in self.sides if s.record.use == "fit"] or [self.sides[0].record.name]
 
-    def columns(self, record: str) -> list[int]:
+    def columns(self, record: str) -> NDArray[np.int64]:
         """Where the q of a record stand in the q of all: shared ones first, then those that each record has for itself."""
         shared = [k for k, known in enumerate(self.known) if not known.each]
         own = [k for k, known in enumerate(self.known) if known.each]
         first = len(shared) + len(own) * [s.record.name for s in self.sides].index(record)
-        return [shared.index(k) if k in shared else first + own.index(k) for k in range(len(self.known))]
+        return np.array([shared.index(k) if k in shared else first + own.index(k) for k in range(len(self.known))],
+                        dtype=np.int64)  # of nothing, where nothing is free
 
     @property
     def width(self) -> int:
@@ -202,7 +204,7 @@ class Search:
                 columns = self.columns(name)
                 constant += alone[name].constant
                 slope[:, columns] += alone[name].slope
-                curvature[:, np.array(columns)[:, None], columns] += alone[name].curvature
+                curvature[:, columns[:, None], columns] += alone[name].curvature
         total, q = self._integrated(constant, slope, curvature, -self.centre(systems))
         ends = np.cumsum([1, *(len(grid) for _, grid in grids)])
         ranked = []

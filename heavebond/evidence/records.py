@@ -19,6 +19,7 @@ from heavebond.basis.measurements import BRIDGED, Table, check_time, column, gap
 from heavebond.basis.presentation import count, number, readable
 from heavebond.basis.units import read_unit
 from heavebond.evidence.experiment import Experiment, Origin, Output, Record
+from heavebond.evidence.slips import declared_otherwise
 from heavebond.numbers.inputs import input_samples
 
 Array = NDArray[np.float64]
@@ -103,7 +104,8 @@ def measure(experiment: Experiment, record: Record) -> Measured:
     problems.raise_as(DataError)
     grid, indices = merged([window[:1], *(c.time - c.output.shift for c in found.values())], [*sampled, window])
     found = {name: replace(c, index=index) for (name, c), index in zip(found.items(), indices[1:], strict=True)}
-    notes = [f"{name}: {said}" for name, c in found.items() for said in _remarks(c)]
+    notes = [*_unit_slips(experiment, record, files),
+             *(f"{name}: {said}" for name, c in found.items() for said in _remarks(c))]
     if experiment.holds_out(record):
         found = _with_held_out(found, (float(grid[0]), float(grid[-1])))
         notes.append(_held_out_note(found))
@@ -121,6 +123,20 @@ class _Files:
         if (file, time) not in self._tables:
             self._tables[file, time] = read_table(file, place=place, beside=time)
         return self._tables[file, time]
+
+
+def _unit_slips(experiment: Experiment, record: Record, files: _Files) -> list[str]:
+    """Where a file gives another unit than the experiment, for the times and each channel, once each."""
+    asked = [(record.file, experiment.time_column, experiment.time_column, experiment.time_unit, record.place)]
+    for given in experiment.inputs_for(record).values():
+        asked.append((given.file, given.time_column or "", given.column, given.unit, given.place))
+    for name, output in experiment.outputs.items():
+        origin = experiment.origin_of(record, name)
+        assert origin.file is not None and origin.time_column is not None
+        asked += [(origin.file, origin.time_column, column, unit, output.place) for column, unit in (
+            (origin.time_column, origin.time_unit), (output.column, output.shown.unit))]
+    said = [declared_otherwise(files.table(file, time, place), column, unit) for file, time, column, unit, place in asked]
+    return list(dict.fromkeys(s for s in said if s))
 
 
 # -- what time is covered ------------------------------------------------------------------------------------------
@@ -212,14 +228,20 @@ def _noise(output: Output, y: Array, estimate: float) -> tuple[float, float]:
     step = step if step >= (output.noise or estimate) else 0.0
     noise = output.noise or max(estimate, step / math.sqrt(12))
     if noise <= 0:
+        still, give = not np.ptp(y), f"its noise: `noise: 1 {output.shown.unit}`."
         raise DataError([Problem("noise-unknown", f"the noise of column '{output.column}' cannot be estimated from the "
-                                 "record", output.place, f"Give it: `noise: 1 {output.shown.unit}`.")])
+                                 f"record{': all its readings are the same' if still else ''}", output.place,
+                                 f"Was the sensor connected? Else leave '{output.shown.name}' out, or give {give}" if still
+                                 else f"Give {give}")])
     return noise, step
 
 
 def _remarks(channel: Samples) -> list[str]:
     """What is noticed about a channel: gaps, steps, outliers."""
     said, t, unit = [], channel.time, channel.output.shown.unit
+    if not np.ptp(channel.measured):
+        said.append(f"all its {count(len(t), 'sample')} read {readable(float(channel.measured[0]), unit, 3)}: is it the "
+                    "right column, and was the sensor connected?")
     apart = gaps(t)
     if len(apart):
         k = int(apart[np.argmax(t[apart + 1] - t[apart])])

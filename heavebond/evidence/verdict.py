@@ -7,12 +7,13 @@ records do not tell.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 
 from heavebond.basis.errors import listing
-from heavebond.basis.presentation import number
+from heavebond.basis.presentation import number, readable
 from heavebond.evidence.catalogue import Candidate
-from heavebond.evidence.finding import Finding, Rung
+from heavebond.evidence.finding import Finding, Rung, misses
 from heavebond.evidence.fitting import Fit
 from heavebond.evidence.leftover import NEAR
 from heavebond.evidence.rung import Step
@@ -71,7 +72,7 @@ def _held(rung: Rung) -> float:
     return rung.chi2_held_out if rung.chi2_held_out == rung.chi2_held_out else rung.chi2_fit
 
 
-def misses(ladder: Sequence[Rung], findings: Sequence[Finding], steps: Sequence[Step]) -> bool:
+def unexplained(ladder: Sequence[Rung], findings: Sequence[Finding], steps: Sequence[Step]) -> bool:
     """Whether more than noise is left that no name explains: time for a curve without a name."""
     return bool(steps) and steps[0].left.significant and not steps[-1].partial and not explained(ladder, findings)
 
@@ -80,7 +81,7 @@ def verdict(base: Fit | None, ladder: Sequence[Rung], findings: Sequence[Finding
             shape: Finding | None) -> str:
     """One of the six words."""
     if not steps[0].left.significant:
-        if _still(ladder[0]) or steps[0].partial:
+        if _still(ladder[0]) or steps[0].partial or _astray(ladder):
             return "undetermined"
         return "parameters" if base is not None and _better(base) else "nothing"
     if findings and explained(ladder, findings) and not (steps[-1].partial and _held(findings[-1].rung) > NEAR):
@@ -94,6 +95,12 @@ def _still(rung: Rung) -> bool:
     """Whether no channel moves by more than a few times its noise."""
     return all(float(c.measured.std()) < STILL * c.noise for r in rung.comparison.records.values()
                for c in r.channels.values())
+
+
+def _astray(ladder: Sequence[Rung]) -> bool:
+    """Whether what was fitted shows no more than noise, but what was not does: too little was fitted to see more."""
+    best = min(ladder[:2], key=_held)
+    return _held(best) > NEAR * max(1.0, best.chi2_fit)
 
 
 def _better(base: Fit) -> bool:
@@ -131,9 +138,16 @@ def words(said: str, ladder: Sequence[Rung], findings: Sequence[Finding], steps:
 
 
 def _fall(first: Rung, last: Rung) -> str:
-    return f"The error on what was not fitted falls from {number(100 * first.error_held_out, 3)} % to " \
-           f"{number(100 * last.error_held_out, 3)} % of what was measured (chi-square per sample from " \
-           f"{number(first.chi2_held_out, 3)} to {number(last.chi2_held_out, 3)}; 1 is noise)."
+    """The error in the units of the channels beside their noise, since a share of what was measured may be small and many
+    times the noise."""
+    channels = "; ".join(f"{a.channel} {a.words} to {b.words} (noise {readable(b.noise, b.unit, 3)})" for a, b in
+                         zip(misses(first), misses(last), strict=True))
+    held = math.isfinite(last.chi2_held_out)
+    pairs = [(r.error_held_out, r.chi2_held_out) if held else (r.error_fit, r.chi2_fit) for r in (first, last)]
+    (error, chi2), (error_last, chi2_last) = pairs
+    return f"The error on what was {'not ' if held else ''}fitted falls: {channels}. That is {number(100 * error, 3)} % " \
+           f"to {number(100 * error_last, 3)} % of what was measured, chi-square per sample {number(chi2, 3)} to " \
+           f"{number(chi2_last, 3)}; 1 is noise."
 
 
 def _nothing(*_: object) -> str:
@@ -176,6 +190,10 @@ def _undetermined(ladder: Sequence[Rung], findings: Sequence[Finding], steps: Se
         near = " and ".join(f"{f.candidate.kind} {f.candidate.place}" for f in findings)
         return "Not told yet: the search was ended before every candidate was refitted." + (f" Best so far: {near}." if near
                                                                                            else "")
+    if not steps[0].left.significant and not _still(ladder[0]):
+        return "Not to be told from these records: what is left of those that are fitted is noise, but on those that are " \
+            f"not chi-square is {number(min(map(_held, ladder[:2])), 3)} a sample. What is missing does not show where the " \
+            "model is fitted; give a longer or livelier record `use: fit`."
     if not steps[0].left.significant:
         return "Not to be told from these records: no channel moves by more than a few times its noise."
     return "More than noise is left, but nothing in the catalogue lowers the error on what was not fitted."

@@ -14,11 +14,11 @@ import numpy as np
 
 from heavebond import __version__
 from heavebond.basis.errors import HeavebondError
-from heavebond.basis.presentation import count, number, path_text, readable_unit
+from heavebond.basis.presentation import count, number, path_text, readable, readable_unit
 from heavebond.basis.units import read_unit
 from heavebond.evidence.comparison import RecordComparison
 from heavebond.evidence.diagnosis import Diagnosis
-from heavebond.evidence.finding import Finding, Rung
+from heavebond.evidence.finding import Finding, Rung, meaning, misses
 from heavebond.evidence.fitting import Fit, Fitted
 from heavebond.evidence.misfit import Where
 from heavebond.evidence.writing import quantity
@@ -29,7 +29,17 @@ from heavebond.pictures.markup import Html, data_block, element, joined, page, t
 from heavebond.reports.report_charts import BLUE, Fall, ladder, swatch
 from heavebond.reports.report_separation import separating
 from heavebond.reports.report_series import Shown, key, packed, record_section, shown_rungs
-from heavebond.reports.report_tables import digits_of, in_one_unit, noise, parameters, ranking, records, tests, tried
+from heavebond.reports.report_tables import (
+    digits_of,
+    explained,
+    in_one_unit,
+    noise,
+    parameters,
+    ranking,
+    records,
+    tests,
+    tried,
+)
 from heavebond.reports.report_where import failing, learnt
 
 # What stands over the verdict, and whether it is good news, bad news or an open question.
@@ -40,6 +50,7 @@ KINDS = {
     "undetermined": ("Not to be told from these records", "open"),
 }
 FITTED, HELD_OUT = "#8fa3b5", BLUE
+HEADLINE = 3  # channels whose error stands at the top, those that are furthest above their noise
 Section = tuple[str, str, Html]
 
 
@@ -97,7 +108,8 @@ def _verdict(diagnosis: Diagnosis) -> Html:
 
 
 def _figures(diagnosis: Diagnosis) -> Html:
-    """The handful of numbers that one remembers."""
+    """The handful of numbers that one remembers: the error in the channels' own units beside their noise comes first, since
+    a share of what was measured may be small and many times the noise."""
     first, last = diagnosis.ladder[0], diagnosis.ladder[-1]
     held = math.isfinite(last.error_held_out)
     errors = [r.error_held_out if held else r.error_fit for r in (first, last)]
@@ -105,9 +117,14 @@ def _figures(diagnosis: Diagnosis) -> Html:
     on = "held out" if held else "fitted"
     tried_ = len({s.candidate.label for step in diagnosis.steps for s in step.scores})
     fitted_ = len({t.candidate.label for step in diagnosis.steps for t in step.trials})
+    pairs = list(zip(misses(first), misses(last), strict=True))
+    worst = sorted(pairs, key=lambda pair: -pair[0].error / pair[0].noise)[:HEADLINE]
+    channels = [_figure(f"{a.channel}: rms error, on records {on}", f"{a.words} → {b.words}",
+                        f" noise {readable(b.noise, b.unit, 3)}") for a, b in worst]
     return element(
-        "dl", _figure(f"error, on records {on}", " → ".join(f"{number(100 * e, 3)} %" for e in errors), ""),
-        _figure(f"chi-square per sample, on records {on}", " → ".join(number(c, 3) for c in chi2), " 1 is noise"),
+        "dl", *channels, _figure(f"error over noise, on records {on}", " → ".join(number(math.sqrt(c), 3) for c in chi2),
+                                 f" chi-square {' → '.join(number(c, 3) for c in chi2)} a sample; 1 is noise"),
+        _figure("error as a share of what was measured", " → ".join(f"{number(100 * e, 3)} %" for e in errors), f" {on}"),
         _figure("effects tried", str(tried_), f" of which fitted {fitted_}; {diagnosis.seconds:.0f} s"), class_="figures")
 
 
@@ -172,7 +189,8 @@ def _finding(k: int, finding: Finding) -> Html:
     candidate = finding.candidate
     asleep = candidate.attaches == "in"
     what = f"parameter of {candidate.component}:" if asleep else f"component {candidate.component}, in the diagram as"
-    rows = [(p.name, *_valued(p), f"at the {p.at_bound} end of its range" if p.at_bound else "") for p in finding.parameters]
+    rows = [(explained(p.name, meaning(finding.fit, p.name)), *_valued(p),
+             f"at the {p.at_bound} end of its range" if p.at_bound else "") for p in finding.parameters]
     parts = [element("h3", f"{k}. {candidate.kind[:1].upper()}{candidate.kind[1:]} {candidate.place}"),
              element("p", f"{candidate.says[:1].upper()}{candidate.says[1:]}; {what} ",
                      element("code", candidate.name), ".")]

@@ -9,6 +9,7 @@ from heavebond.basis.errors import listing
 from heavebond.basis.presentation import count, number, readable, readable_unit, unit_label
 from heavebond.basis.units import read_unit
 from heavebond.evidence.diagnosis import Diagnosis
+from heavebond.evidence.finding import meaning
 from heavebond.evidence.fitting import Fit, Fitted
 from heavebond.evidence.leftover import LEVELS, Leftover
 from heavebond.evidence.rung import EARNED, Step, indistinct, merit
@@ -53,7 +54,7 @@ def ranking(step: Step) -> Html:
     parts = [table(head, rows[:FIRST_ROWS], caption=caption, numbers=(0, 4, 5, 6, 7), marks=marks[:FIRST_ROWS], wide=True)]
     if len(rows) > FIRST_ROWS:
         rest = table(head, rows[FIRST_ROWS:], numbers=(0, 4, 5, 6, 7), marks=marks[FIRST_ROWS:], wide=True)
-        parts.append(_folded(f"{count(len(rows) - FIRST_ROWS, 'more refitted candidate')} that leave more", rest, None))
+        parts.append(_folded(f"{count(len(rows) - FIRST_ROWS, 'more refitted candidate')}, ranked below these", rest, None))
     return joined([*parts, _others(step)])
 
 
@@ -116,7 +117,7 @@ def parameters(fit: Fit, base: Fit | None) -> Html:
     """Values fitted with the last model of the ladder, and alone before anything was added (`base`), in their ranges; and
     what the records tell about them."""
     alone = {(p.name, p.record): p for p in base.parameters} if base is not None and base is not fit else {}
-    rows = [_parameter(p, alone.get((p.name, p.record)), bool(alone)) for p in fit.parameters]
+    rows = [_parameter(p, alone.get((p.name, p.record)), bool(alone), meaning(fit, p.name)) for p in fit.parameters]
     head = ["parameter", "data sheet", *(["fitted alone", "fitted with it"] if alone else ["fitted"]), "95 % interval",
             "range", "in its range"]
     made = table(head, rows, numbers=(1, 2, 3) if alone else (1, 2), wide=True)
@@ -124,8 +125,8 @@ def parameters(fit: Fit, base: Fit | None) -> Html:
     return joined([made, element("ul", *(element("li", w) for w in words))])
 
 
-def _parameter(p: Fitted, alone: Fitted | None, both: bool) -> list[str]:
-    """A row; of a number of the effect itself there is no value on a data sheet."""
+def _parameter(p: Fitted, alone: Fitted | None, both: bool, says: str) -> list[str]:
+    """A row, `says` what the parameter is; of a number of the effect itself there is no value on a data sheet."""
     sheet = alone.before if alone is not None else p.before
     digits = digits_of(p)
     value, low, high = in_one_unit(p.unit, p.value, (p.value, *p.interval), digits)
@@ -134,8 +135,13 @@ def _parameter(p: Fitted, alone: Fitted | None, both: bool) -> list[str]:
     picture = interval(p.low, p.high, p.interval, p.value, sheet if known else None, p.low > 0,
                        f"{p.name}: {value}, 95 % between {low} and {high}, range {least} to {most}")
     earlier = [_ended(in_one_unit(p.unit, p.value, (alone.value,))[0], alone) if alone is not None else "–"] if both else []
-    return [p.name + (f" ({p.record})" if p.record else ""), before if known else "–", *earlier, _ended(value, p),
-            f"{low} … {high}", f"{least} … {most}", picture]
+    name = explained(p.name + (f" ({p.record})" if p.record else ""), says)
+    return [name, before if known else "–", *earlier, _ended(value, p), f"{low} … {high}", f"{least} … {most}", picture]
+
+
+def explained(name: str, says: str) -> Html:
+    """A name with what it stands for below it."""
+    return joined([name, *([element("br"), element("span", says, class_="quiet small")] if says else [])])
 
 
 def _ended(value: str, p: Fitted) -> Html:

@@ -1,0 +1,79 @@
+"""Slips of an experiment that show in its records: a unit or a sign taken for another one.
+
+They are told and not mended: a file may be wrong about itself, and a model may be wrong by a factor.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heavebond.basis.measurements import Table
+from heavebond.basis.presentation import number
+from heavebond.basis.units import Unit, read_unit
+
+Array = NDArray[np.float64]
+# Units in which machines are measured, by kind; one of a kind is easily taken for another.
+USUAL = ("m", "mm", "cm", "um", "km", "Pa", "kPa", "MPa", "bar", "mbar", "psi", "N", "kN", "MN", "m/s", "mm/s", "km/h",
+         "m**3/s", "L/min", "L/s", "m**3/h", "kg", "g", "t", "kg/s", "g/s", "kg/h", "s", "ms", "min", "rad", "deg", "rad/s",
+         "rpm", "deg/s", "N*m", "kN*m", "W", "kW", "A", "mA", "V", "mV", "1", "%")
+FAR = 3.0  # times, from where on a factor may be that of a unit
+NEAR = 1.6  # times, up to which a unit explains a factor
+ALIKE = 0.7  # correlation with the model, from where on a factor means anything
+OPPOSITE = -0.9  # below it the sign does; a model out of tune is hardly so much against the record
+
+
+def declared_otherwise(table: Table, column: str, unit: str) -> str | None:
+    """What the file says of the unit of a column where that is not the `unit` of the experiment; None where they agree, or
+    where the file says nothing. A word behind an underscore counts only where it is a unit of the same kind."""
+    found = table.unit_of(column)
+    if found is None:
+        return None
+    text, said, sure = found
+    given = read_unit(unit)
+    same_kind = said.dimension == given.dimension
+    if same_kind and math.isclose(said.scale, given.scale, rel_tol=1e-6) and said.offset == given.offset:
+        return None
+    if not same_kind and not sure:
+        return None
+    return f"'{table.path.name}' gives '{column}' in {text}, the experiment says `unit: {unit}`: one of them is wrong"
+
+
+def seems_in_another_unit(measured: Array, model: Array, unit: str) -> str | None:
+    """A remark where the record (n,) moves as the model (n,) does, both read in `unit`, but is larger or smaller by what one
+    usual unit is to another. The spreads about the means are compared: an offset is another matter."""
+    factor, alike = _likeness(measured, model)
+    if alike < ALIKE or max(factor, 1 / factor) < FAR:
+        return None
+    given = read_unit(unit)
+    off = {text: abs(math.log(factor * other.scale / given.scale)) for text in USUAL if text != unit
+           for other in [read_unit(text)] if _same_kind(given, other)}
+    best = min(off, key=lambda text: off[text], default=unit)
+    if best == unit or off[best] > math.log(NEAR):
+        return None
+    size = f"{number(factor, 2)} times as large" if factor > 1 else f"{number(1 / factor, 2)} times smaller"
+    return f"moves as the model does, but is {size}: with `unit: {best}` in place of `unit: {unit}` they would be near"
+
+
+def seems_turned(measured: Array, model: Array, formula: str) -> str | None:
+    """A remark where the record (n,) is nearly the model (n,) with its sign changed; `formula` is what is compared."""
+    _, alike = _likeness(measured, model)
+    if alike > OPPOSITE:
+        return None
+    return f"moves against the model (correlation {number(alike, 3)}): if the sensor counts the other way, write " \
+        f"`is: -({formula})`"
+
+
+def _same_kind(one: Unit, other: Unit) -> bool:
+    return one.dimension == other.dimension and one.offset == other.offset == 0
+
+
+def _likeness(measured: Array, model: Array) -> tuple[float, float]:
+    """How much more the record moves than the model, and their correlation; (1, 0) where one of them does not move."""
+    y, m = measured - np.mean(measured), model - np.mean(model)
+    size, other = float(np.sqrt(y @ y)), float(np.sqrt(m @ m))
+    if min(size, other) <= 1e-12 * max(size, other, float(np.abs(model).max()) * math.sqrt(len(model))):
+        return 1.0, 0.0
+    return size / other, float(y @ m) / (size * other)
