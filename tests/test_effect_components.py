@@ -431,7 +431,7 @@ components:
   pump: {is: FlowSource, u: "=1 L/s + 0.5 L/s*sin(2*pi*time/2 s)"}
   oil: {is: Volume, V: 5 L, beta: 1 GPa}
   throttle: {is: LaminarLeakage, C: 4e-10 m**3/(s*Pa)}
-  more: {is: Volume, V: 3 L, beta: 1 GPa}
+  more: {is: Hose, C: 3e-12 m**3/Pa}
   outlet: {is: Orifice, q_r: 1 L/s, dp_r: 10 bar}
   tank: {is: PressureSource, p_0: 2 bar}
 nodes: {high: [pump.a, oil.a, throttle.a], low: [throttle.b, more.a, outlet.a], tank: [outlet.b, tank.a]}
@@ -487,7 +487,7 @@ OLD = {"Spring": (HANGING, "gas", "c: 5 kN/m"), "SpringDamper": (HANGING, "rope"
        "TorsionSpring": (SHAFT, "spring", "c: 100 N*m/rad"),
        "TorsionSpringDamper": (SHAFT, "mount", "c: 20 N*m/rad, d: 2 N*m*s/rad"),
        "LaminarLeakage": (CIRCUIT, "throttle", "C: 4e-10 m**3/(s*Pa)"), "PressureSource": (CIRCUIT, "tank", "p_0: 2 bar"),
-       "Receiver": (GAS, "vessel", "V: 10 L"),
+       "Receiver": (GAS, "vessel", "V: 10 L"), "Hose": (CIRCUIT, "more", "C: 3e-12 m**3/Pa"),
        "Orifice": (CIRCUIT, "outlet", "q_r: 1 L/s, dp_r: 10 bar")}
 # effects that have no value at which they are absent, at the end of their range where they hardly show
 NEARLY = {"SeriesCompliance": "c: 1e8 N/m", "ShaftCompliance": "c: 1e7 N*m/rad", "LineInertance": "I: 1e5 kg/m**4",

@@ -103,6 +103,8 @@ CASES = [
     Case("fluid", "vessel.p", 0.5, with_fluid(0.5), 1e-6, "two integrations"),
     Case("gas_accumulator", "line.p", 4, (150*BAR + P_A)*(GAS_0/(GAS_0 - 4*30*LPM))**1.4 - P_A, 2e-5,
          "the oil in the port takes 1e-5 of the flow, and p_t moves the gas by 1e-5"),
+    Case("gas_compliance", "line.p", 1, 51*BAR*(1 - 2*LPM/(1.25*51*BAR*1e-11))**-1.25 - BAR, 1e-4,
+         "what kappa_0 adds to kappa is 5e-5 of it"),
     Case("hose", "line.p", 1, 10*BAR + 0.6*LPM/2e-12, 1e-6, STEPS),
     Case("hydraulic_motor", "part.q", 1, D*W/0.95, 1e-9, ROUNDING),
     Case("hydraulic_motor", "part.s.tau", 1, -D*DP*0.92, 1e-9, ROUNDING),

@@ -120,7 +120,10 @@ def fit(experiment: Experiment | str | Path, *, starts: int = 1, segments: int =
     best = runs[int(np.argmin(costs))]
     if 2 * best.cost / problem.samples >= 0.5 * BROKEN**2:
         raise SimulationError([Problem("fit-broken", "the model could not be simulated anywhere near the start of the "
-                                       "fit", None, "Narrow the ranges under `free:`, or correct the diagram.")])
+                                       "fit", None, f"`heavebond compare {experiment.path.name}` tells where it stops. What "
+                                       "adds up its input (a cylinder without a spring behind a valve) runs away from a "
+                                       "record of that input: measure the reference and put the controller into the "
+                                       "diagram, or the end stops. Else narrow the ranges under `free:`, or correct it.")])
     say("comparing")
     return _finished(problem, best, costs)
 

@@ -124,7 +124,7 @@ def words(said: str, ladder: Sequence[Rung], findings: Sequence[Finding], steps:
     ended = {p.name for f in findings for p in f.parameters if p.at_bound}
     seen = {n.name for f in findings for n in f.candidate.numbers if n.sought is not None and n.sought.seen}
     if unmet := sorted(ended & seen):
-        lines.append(f"{listing(unmet)} ended at the end of what the records show: they hardly reach it, and do not tell it.")
+        lines.append(f"{listing(unmet)} ended at the end of what the records show: they hardly reach it.")
     if unsure := sorted(ended - seen):
         lines.append(f"{listing(unsure)} ended at the end of the range: the effect is there, but its value is not sure; "
                      "look for more of its kind.")
