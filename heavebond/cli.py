@@ -79,9 +79,13 @@ class Commands(click.Group):
             problems, code = [Problem("file", f"{error.filename or 'a file'}: {error.strerror or error}")], WRONG_USAGE
         except (click.Abort, KeyboardInterrupt):
             problems, code = [Problem("interrupted", "interrupted")], INTERRUPTED
-        except Exception as error:  # a fault of the program: the traceback is wanted, but a reader of JSON is told too
-            _write(given, command, AT_FAULT, [Problem("internal", f"{type(error).__name__}: {error}")], {})
-            raise
+        except Exception as error:
+            from heavebond.basis.interrupts import is_interrupt
+
+            if not is_interrupt(error):  # a fault of the program: the traceback is wanted, but a reader of JSON is told too
+                _write(given, command, AT_FAULT, [Problem("internal", f"{type(error).__name__}: {error}")], {})
+                raise
+            problems, code = [Problem("interrupted", "interrupted")], INTERRUPTED
         sys.exit(_end(given, command, code, problems, figures))
 
     def _run(self, given: list[str], prog_name: str | None) -> tuple[int, dict[str, object]]:

@@ -134,13 +134,16 @@ def check_time(table: Table, name: str) -> None:
     _report_infinite(table, name, problems)
     steps = np.diff(time[finite])
     where = finite[1:]
-    for wrong, code, saying in ((steps == 0, "record-time-repeated", "stands twice"),
-                                (steps < 0, "record-time-decreasing", "is less than the one before it")):
+    for wrong, code, saying, hint in (
+            (steps == 0, "record-time-repeated", "stands twice",
+             "A record has one row per instant: delete one of them, or write the times with more digits."),
+            (steps < 0, "record-time-decreasing", "is less than the one before it",
+             "Sort the rows by their time; where a second run begins here, make it a record of its own.")):
         rows = where[wrong].tolist()
         if rows:
             problems.add(code, f"the time {time[rows[0]]:.7g} in '{name}' {saying} ({table.lines_of(rows)})",
                          table.place(rows[0], name),
-                         hint="A record has one row per instant, in order; two runs are two records.")
+                         hint=hint)
     problems.raise_as(DataError)
 
 

@@ -50,8 +50,12 @@ def diagnose(experiment: str, auto: bool, classes: tuple[str, ...], seconds: flo
     targets = Targets.beside(given, folder)
     page = report_file or targets.report
     check_writable(page, (".html",))
-    with terminal.working("diagnosing") as progress:
-        found = diagnosed(given, auto=auto, number=processes, seconds=seconds, classes=classes, progress=progress)
+    try:
+        with terminal.working("diagnosing") as progress:
+            found = diagnosed(given, auto=auto, number=processes, seconds=seconds, classes=classes, progress=progress)
+    except KeyboardInterrupt:
+        click.echo("ended before the first candidate was scored: there is nothing to report yet", err=True)
+        raise
     _show(found)
     added = [*found.findings, *([found.shape] if found.shape is not None else [])]
     files = write_findings(given, added, targets)
@@ -60,6 +64,9 @@ def diagnose(experiment: str, auto: bool, classes: tuple[str, ...], seconds: flo
     console = terminal.output()
     for path in (*files, *proposed, page):
         console.print(f"wrote {path}", soft_wrap=True)
+    if any(step.partial for step in found.steps):
+        console.print("the search was ended early: the same command searches anew, --only CLASS narrows it, --seconds "
+                      "gives it more time", soft_wrap=True)
     if files:
         console.print(f"go on: heavebond compare {files[-1]}; heavebond diagnose {files[-1]}", soft_wrap=True)
     elif found.verdict == "parameters":

@@ -40,7 +40,7 @@ def fit(experiment: str, starts: int, segments: int, robust: bool, profiled: tup
     from heavebond.evidence.experiment import load_experiment
     from heavebond.evidence.fitting import fit as fitted
     from heavebond.evidence.fitting import profile
-    from heavebond.evidence.writing import fitted_diagram, write
+    from heavebond.evidence.writing import fitted_diagram, quantity, write
 
     check_picture(output)
     if written is not None:
@@ -57,8 +57,8 @@ def fit(experiment: str, starts: int, segments: int, robust: bool, profiled: tup
     for words in found.identifiability.words:
         console.print(words, soft_wrap=True)
     for name, (low, high) in profiles.items():
-        console.print(f"{name}: {_shown(found, name, low)} .. {_shown(found, name, high)} by profile likelihood",
-                      soft_wrap=True)
+        unit = found.experiment.free[name].range.unit
+        console.print(f"{name}: {quantity(low, unit)} .. {quantity(high, unit)} by profile likelihood", soft_wrap=True)
     at_bounds = [p.name for p in found.parameters if p.at_bound]
     if at_bounds:
         console.print(f"{', '.join(at_bounds)} ended at the end of the range: often a sign that an effect is missing.",
@@ -79,23 +79,20 @@ def fit(experiment: str, starts: int, segments: int, robust: bool, profiled: tup
 
 def parameters(found: Fit) -> object:
     """The fitted parameters with their intervals, as a table."""
+    from heavebond.basis.presentation import number
     from heavebond.commands import terminal
 
     rows = []
     for p in found.parameters:
         name = p.name + (f" ({p.record})" if p.record else "")
-        shown = [_shown(found, p.name, v) for v in (p.before, p.value)]
-        interval = " .. ".join(_shown(found, p.name, v) for v in p.interval)
-        whole = f"{_shown(found, p.name, p.low)} .. {_shown(found, p.name, p.high)}"
-        rows.append((name, *shown, interval, whole + (f", at its {p.at_bound} end" if p.at_bound else "")))
+        unit = found.experiment.free[p.name].range.unit
+        before, value, low, high, least, most = (number(unit.from_si(v), digits) for v, digits in (
+            (p.before, 6), (p.value, p.digits), *((v, p.digits) for v in p.interval), (p.low, 6), (p.high, 6)))
+        of = "" if unit.text in ("1", "") else f" {unit.text}"
+        rows.append((name, f"{before}{of}", f"{value}{of}", f"{low} .. {high}{of}",
+                     f"{least} .. {most}{of}" + (f", at its {p.at_bound} end" if p.at_bound else "")))
     return terminal.table(f"{found.experiment.name}: {found.samples} samples, chi-square {found.chi2:.4g} a sample",
                           HEAD, rows)
-
-
-def _shown(found: Fit, name: str, value: float) -> str:
-    from heavebond.evidence.writing import quantity
-
-    return quantity(value, found.experiment.free[name].range.unit)
 
 
 def _records(found: Fit) -> object:

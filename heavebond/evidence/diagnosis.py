@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from heavebond.basis.errors import HeavebondError, Problem, UsageError, listing, suggest
+from heavebond.basis.interrupts import finishing
 from heavebond.basis.progress import Progress
 from heavebond.basis.threads import single_threaded
 from heavebond.evidence.catalogue import Candidate, candidates
@@ -60,7 +61,8 @@ class Diagnosis:
     def as_dict(self) -> dict[str, object]:
         """Everything for machines."""
         return {
-            "verdict": self.verdict, "words": list(self.words), "steps": [f.as_dict() for f in self.findings],
+            "verdict": self.verdict, "words": list(self.words), "partial": any(step.partial for step in self.steps),
+            "steps": [f.as_dict() for f in self.findings],
             "shape": self.shape and self.shape.as_dict(), "ladder": [r.as_dict() for r in self.ladder],
             "ranking": [_ranked(s) for s in self.steps],
             "noise": {name: {"value": value, "unit": unit, "given": given}
@@ -109,7 +111,8 @@ def diagnose(experiment: Experiment | str | Path, *, auto: bool = False, number:
     way, last = climb(now, stepping, say, MOST if auto else 1)
     # the last step made may be that of the last effect itself
     steps = [*(added.step for added in (way[:-1] if way and last.chosen is way[-1].chosen else way)), last]
-    findings = _confirmed(way, ladder, say)
+    with finishing(say):
+        findings = _confirmed(way, ladder, say)
     ladder += [f.rung for f in findings]
     now = _at(findings[-1].fit.experiment, findings[-1].fit) if findings else now
     shape = None
@@ -194,6 +197,14 @@ def attempt(experiment: Experiment | str | Path, component: str, places: Sequenc
 def _named(found: Sequence[Candidate], component: str, places: Sequence[str]) -> Candidate:
     """The one candidate that is meant; UsageError with those that could be."""
     kinds = [c for c in found if component in (c.component, c.name)]
+    if not kinds and any(c.kind == component for c in found):
+        alike = [c for c in found if c.kind == component]
+        here = dict.fromkeys(c.component for c in alike if _at_all(places, {*c.where, *c.change.nodes}))
+        raise UsageError([Problem("try-class", f"'{component}' is a class of effects, not one of them", None,
+                                  f"Try {listing(here, 8)}." if here else "`heavebond candidates` lists where it fits.")])
+    if len(set(places)) < len(places):
+        raise UsageError([Problem("try-place", f"'{places[0]}' is named twice; an effect between two nodes needs two", None,
+                                  "Write --between and the names of two different nodes.")])
     if not kinds:
         names = dict.fromkeys([*(c.component for c in found), *(c.name for c in found if c.attaches == "in")])
         raise UsageError([Problem("try-unknown", f"no effect '{component}' fits anywhere in this diagram", None,
@@ -249,7 +260,8 @@ def _finding(added: Added) -> Finding:
 def _shape(experiment: Experiment, number: int | None, seconds: float) -> Finding | None:
     """The learnt curve that leaves least, where one earns its place."""
     made = learnt(experiment, number=number, seconds=seconds)
-    return _finding(Added(made, made.cluster)) if made.chosen is not None else None
+    with finishing(lambda text: None):
+        return _finding(Added(made, made.cluster)) if made.chosen is not None else None
 
 
 def _noise(comparison: Comparison) -> dict[str, tuple[float, str, bool]]:

@@ -14,6 +14,7 @@ the ends of ranges (C. Voglis, I. E. Lagaris, WSEAS 2004).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -52,6 +53,12 @@ class Fitted:
     interval: tuple[float, float]
     at_bound: str
     record: str = ""
+
+    @property
+    def digits(self) -> int:
+        """As many digits as tell the ends of the interval apart."""
+        width = abs(self.interval[1] - self.interval[0])
+        return 5 if width == 0 or self.value == 0 else min(9, max(4, math.ceil(math.log10(abs(self.value) / width)) + 2))
 
 
 @dataclass(frozen=True)

@@ -192,8 +192,8 @@ def _undetermined(ladder: Sequence[Rung], findings: Sequence[Finding], steps: Se
                                                                                            else "")
     if not steps[0].left.significant and not _still(ladder[0]):
         return "Not to be told from these records: what is left of those that are fitted is noise, but on those that are " \
-            f"not chi-square is {number(min(map(_held, ladder[:2])), 3)} a sample. What is missing does not show where the " \
-            "model is fitted; give a longer or livelier record `use: fit`."
+            f"not chi-square is {number(min(map(_held, ladder[:2])), 3)} a sample. What is missing does not show where " \
+            "the model is fitted; give a longer or livelier record `use: fit`."
     if not steps[0].left.significant:
         return "Not to be told from these records: no channel moves by more than a few times its noise."
     return "More than noise is left, but nothing in the catalogue lowers the error on what was not fitted."

@@ -30,7 +30,6 @@ from heavebond.reports.report_charts import BLUE, Fall, ladder, swatch
 from heavebond.reports.report_separation import separating
 from heavebond.reports.report_series import Shown, key, packed, record_section, shown_rungs
 from heavebond.reports.report_tables import (
-    digits_of,
     explained,
     in_one_unit,
     noise,
@@ -216,7 +215,7 @@ def _diagram(finding: Finding) -> str:
 
 def _valued(p: Fitted) -> tuple[str, str]:
     """A value and its interval in one unit."""
-    value, low, high = in_one_unit(p.unit, p.value, (p.value, *p.interval), digits_of(p))
+    value, low, high = in_one_unit(p.unit, p.value, (p.value, *p.interval), p.digits)
     return value, f"{low} … {high}"
 
 

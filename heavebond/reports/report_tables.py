@@ -128,8 +128,7 @@ def parameters(fit: Fit, base: Fit | None) -> Html:
 def _parameter(p: Fitted, alone: Fitted | None, both: bool, says: str) -> list[str]:
     """A row, `says` what the parameter is; of a number of the effect itself there is no value on a data sheet."""
     sheet = alone.before if alone is not None else p.before
-    digits = digits_of(p)
-    value, low, high = in_one_unit(p.unit, p.value, (p.value, *p.interval), digits)
+    value, low, high = in_one_unit(p.unit, p.value, (p.value, *p.interval), p.digits)
     least, most, before = in_one_unit(p.unit, p.value, (p.low, p.high, sheet))
     known = alone is not None or not both
     picture = interval(p.low, p.high, p.interval, p.value, sheet if known else None, p.low > 0,
@@ -149,12 +148,6 @@ def _ended(value: str, p: Fitted) -> Html:
     if not p.at_bound:
         return joined([value])
     return joined([value, element("br"), element("span", f"at the {p.at_bound} end", class_="tag bad")])
-
-
-def digits_of(p: Fitted) -> int:
-    """As many digits as tell the ends of an interval apart."""
-    width = abs(p.interval[1] - p.interval[0])
-    return 5 if width == 0 or p.value == 0 else min(9, max(4, math.ceil(math.log10(abs(p.value) / width)) + 2))
 
 
 def in_one_unit(unit: str, size: float, values: Sequence[float], digits: int = 5) -> list[str]:

@@ -1,0 +1,118 @@
+"""Units and signs that were mistaken, parts that check what they fit, sensors that stand still: each is told."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from heavebond.basis.errors import ModelError
+from heavebond.basis.measurements import read_table
+from heavebond.evidence.comparison import compare
+from heavebond.evidence.experiment import load_experiment
+from heavebond.evidence.slips import declared_otherwise, seems_in_another_unit, seems_turned
+
+MOTION = np.sin(np.linspace(0, 20, 400)) + 0.3 * np.sin(np.linspace(0, 47, 400))
+
+RIG = """\
+model: rig
+components:
+  foot:   {is: PositionSource, u: 0 m}
+  spring: {is: Spring, c: 1 kN/m}
+  damper: {is: Damper, d: 100 N*s/m}
+  load:   {is: Mass, m: 10 kg}
+nodes:
+  foot: [foot.a, spring.a, damper.a]
+  load: [spring.b, damper.b, load.a]
+initial: {load.x: 0 m, load.v: 0 m/s}
+simulate: {until: 4 s, every: 20 ms}
+"""
+BESIDE = """\
+experiment: rig
+model: rig.yaml
+records:
+  one: {file: one.csv, use: fit}
+  two: {file: two.csv, use: validate}
+time: {column: t, unit: s}
+inputs:
+  foot.u: {column: foot, unit: mm, between: spline}
+outputs:
+  load.x: {column: load, unit: mm, noise: 0.1 mm}
+"""
+
+
+def written(folder: Path, text: str = BESIDE, load: np.ndarray | None = None) -> Path:
+    t = np.arange(0, 4.01, 0.02)
+    foot = 20 * np.sin(2 * np.pi * t) * (1 - np.exp(-t))
+    (folder / "rig.yaml").write_text(RIG)
+    for k, name in enumerate(("one", "two"), 1):
+        measured = k * foot if load is None else load
+        rows = "\n".join(f"{a:.2f},{k * b:.4f},{c:.4f}" for a, b, c in zip(t, foot, measured, strict=True))
+        (folder / f"{name}.csv").write_text("t,foot,load\n" + rows + "\n")
+    path = folder / "beside.yaml"
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize(("column", "unit", "told"), [
+    ("pull [kN]", "N", "in kN, the experiment says `unit: N`"), ("pull [kN]", "kN", ""), ("pull [kN]", "bar", "in kN"),
+    ("p_Pa", "bar", "in Pa"), ("p_Pa", "Pa", ""), ("crown_m", "kg", ""), ("T (°C)", "K", "in °C"), ("free", "m", ""),
+])
+def test_a_file_that_gives_another_unit(tmp_path: Path, column: str, unit: str, told: str) -> None:
+    path = tmp_path / "one.csv"
+    path.write_text(f"t,{column}\n0,1\n1,2\n")
+    said = declared_otherwise(read_table(path), column, unit)
+    assert told in said if told and said else (said or "") == told
+
+
+def test_a_row_of_units_counts_too(tmp_path: Path) -> None:
+    path = tmp_path / "one.csv"
+    path.write_text("t;pull\ns;kN\n0;1\n1;2\n")
+    table = read_table(path)
+    assert declared_otherwise(table, "t", "s") is None and "in s" in (declared_otherwise(table, "t", "ms") or "")
+    assert "'one.csv' gives 'pull' in kN" in (declared_otherwise(table, "pull", "N") or "")
+
+
+@pytest.mark.parametrize(("factor", "unit", "best"), [
+    (1e-3, "mm", "m"), (1e3, "kN", "N"), (14.0, "bar", "psi"), (0.07, "psi", "bar"), (1.5, "mm", ""), (30.0, "N*s/m", "")])
+def test_a_factor_that_is_one_between_units(factor: float, unit: str, best: str) -> None:
+    """A model that is wrong by half does not hide it; a factor that no unit explains says nothing."""
+    wrong = MOTION + 0.4 * np.cos(np.linspace(0, 31, 400))
+    for measured, model in ((factor * MOTION, MOTION), (5 + factor * MOTION, wrong)):
+        said = seems_in_another_unit(measured, model, unit)
+        assert f"with `unit: {best}` in place of `unit: {unit}`" in (said or "") if best else said is None
+    assert seems_in_another_unit(np.full(400, 3.0), MOTION, unit) is None
+    assert seems_in_another_unit(factor * np.random.default_rng(0).standard_normal(400), MOTION, unit) is None
+
+
+def test_a_sign_that_is_turned() -> None:
+    assert "write `is: -(a.x - b.x)`" in (seems_turned(3 - 0.9 * MOTION, MOTION, "a.x - b.x") or "")
+    assert seems_turned(MOTION, MOTION, "a.x") is None and seems_turned(np.full(400, 0.1), MOTION, "a.x") is None
+
+
+def test_compare_tells_them(tmp_path: Path) -> None:
+    in_metres = BESIDE.replace("unit: mm, noise: 0.1 mm", "unit: m, noise: 0.1 m")
+    notes = compare(written(tmp_path, in_metres)).records["one"].notes
+    assert any("with `unit: mm` in place of `unit: m`" in note for note in notes)
+    notes = compare(written(tmp_path, BESIDE.replace("load.x: {", "load.x: {is: -load.x, "))).records["one"].notes
+    assert any("write `is: -(-load.x)`" in note for note in notes)
+
+
+def test_a_sensor_that_stands_still(tmp_path: Path) -> None:
+    found = compare(written(tmp_path, load=np.full(201, 0.1))).records["one"]
+    assert np.isnan(found.normalised) and np.isnan(found.channels["load.x"].fit)
+    assert not found.channels["load.x"].outlier.any()
+    assert [note for note in found.notes if "all its 201 samples read 0.1 mm: is it the right column" in note]
+
+
+@pytest.mark.parametrize(("change", "refused"), [
+    ("file: one.csv, use: validate", True), ("file: copy.csv, use: validate", True),
+    ("file: one.csv, use: validate, from: 2 s", True), ("file: one.csv, use: validate, from: 3 s", False)])
+def test_what_is_fitted_does_not_check_the_fit(tmp_path: Path, change: str, refused: bool) -> None:
+    text = BESIDE.replace("one: {file: one.csv, use: fit", "one: {file: one.csv, use: fit, to: 3 s")
+    path = written(tmp_path, text.replace("file: two.csv, use: validate", change))
+    (tmp_path / "copy.csv").write_bytes((tmp_path / "one.csv").read_bytes())
+    if not refused:
+        assert len(load_experiment(path).records) == 2
+        return
+    with pytest.raises(ModelError, match="record 'two' is to check the fit, but what it holds is fitted as 'one'"):
+        load_experiment(path)
