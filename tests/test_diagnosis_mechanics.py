@@ -12,7 +12,7 @@ from heavebond.evidence.catalogue import candidates
 from heavebond.evidence.comparison import compare
 from heavebond.evidence.experiment import load_experiment
 from heavebond.evidence.rung import fitted_base
-from heavebond.evidence.scoring import scored
+from heavebond.evidence.scoring import Base, scored, searched
 from heavebond.evidence.trial import Trial, tried
 from heavebond.numbers.dae import Array
 
@@ -153,3 +153,30 @@ def test_hysteresis_of_the_published_benchmark_is_fitted_to_the_noise(tmp_path: 
     # gamma and delta over alpha: the loop is open over 1/8 m
     assert np.isclose(found.values["hardening_hysteresis.x_l"], 1 / 8, rtol=0.1)
     assert np.isclose(found.values["hardening_hysteresis.h"], -1.1 / 0.8, rtol=0.1)
+
+
+def test_what_the_integrator_errs_by_is_no_missing_effect(tmp_path: Path) -> None:
+    """A shaft that turns thirty thousand times its noise: at the tolerances with which a search begins, its angle drifts by
+    more than the noise."""
+    path = recorded(tmp_path, DRUM, TURNED.replace("0.3 deg", "0.01 deg"), lambda _, x, torque: [
+        x[1], (torque - 1.15 * x[1]) / 0.92], 2, {"train": 11.0, "check": 9.0}, 0.01, 180 / np.pi)
+    problem = searched(load_experiment(path))
+    assert Base.at(problem, problem.start).rough
+    base = fitted_base(problem.experiment)
+    assert not base.rough
+    assert base.cost < 1.2 * SAMPLES  # 800 samples: 1 +- 0.05 each
+    scores = [score for c in candidates(problem.experiment) for score in scored(base, c)
+              if c.label in ("Unbalance on shaft", "CubicTorsionSpring between frame and shaft")]
+    assert scores and max(score.gain for score in scores) < 20  # 4.5 standard deviations
+
+
+def test_a_cubic_spring_is_sought_where_the_spring_moves(tmp_path: Path) -> None:
+    def truth(_: float, x: Array, force: float) -> list[float]:
+        return [x[1], (force - 600 * x[0] - 22 * x[1] - 6e4 * x[0]**3) / 3]
+
+    path = recorded(tmp_path, OSCILLATOR, PULLED, truth, 2, {"train": 55.0, "check": 45.0}, 0.2, 1e3)
+    found = refitted(path, "CubicSpring between wall and load")
+    assert found.chi2_fit < 1.2 and found.chi2_held_out < 1.2  # 1 +- 0.05
+    assert np.isclose(found.values["cubic_spring.c_3"], 6e4, rtol=0.1)
+    sought = found.experiment.free["cubic_spring.l0"].range
+    assert -0.5 < sought.low < -0.05 and 0.05 < sought.high < 0.5  # it swings by some 0.1 m

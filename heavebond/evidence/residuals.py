@@ -79,11 +79,12 @@ class Run:
         self.simulator: Simulator = kind(self.assembly, times=self.found.grid, tolerances=tolerances, sensitivities=names,
                               like=None if like is None else like.simulator)
 
-    def again(self, names: list[str], values: Mapping[str, float], kind: type[Simulator]) -> Run:
+    def again(self, names: list[str], values: Mapping[str, float], kind: type[Simulator],
+              tolerances: Tolerances | None = None) -> Run:
         """The same diagram on the same record with these values from the start, other sensitivities, another simulator."""
         other = copy(self)
         other.names, other.assembly = names, self.assembly.with_parameters(values)
-        other.simulator = kind(other.assembly, times=self.found.grid, tolerances=self.simulator.tolerances,
+        other.simulator = kind(other.assembly, times=self.found.grid, tolerances=tolerances or self.simulator.tolerances,
                                sensitivities=names, like=self.simulator)
         return other
 

@@ -17,7 +17,8 @@ from heavebond.evidence.catalogue import Candidate, candidates
 from heavebond.evidence.experiment import Experiment
 from heavebond.evidence.leftover import NEAR, Leftover, leftover
 from heavebond.evidence.places import nodes_of
-from heavebond.evidence.scoring import Base, Score, searched
+from heavebond.evidence.residuals import Residuals
+from heavebond.evidence.scoring import TIMES, Base, Score, finer, searched
 from heavebond.evidence.trial import Trial, bic, held_out
 from heavebond.evidence.workers import Workers
 from heavebond.numbers.dae import Array
@@ -158,9 +159,17 @@ def _lender(trial: Trial, others: Iterable[Trial]) -> Trial | None:
 
 
 def fitted_base(experiment: Experiment) -> Base:
-    """The experiment with what is free fitted, from the diagram's values."""
+    """The experiment with what is free fitted, from the diagram's values, with runs that err by little beside the noise."""
     problem = searched(experiment)
-    inner = problem.start
+    base = _fitted(problem, problem.start)
+    for _ in range(TIMES):
+        if not base.rough:
+            break
+        base = _fitted(finer(base.problem), base.inner)
+    return base
+
+
+def _fitted(problem: Residuals, inner: Array) -> Base:
     if len(inner):
         inner = np.asarray(problem.minimise(inner, False, lambda text: None, tolerance=1e-6).x)
     return Base.at(problem, inner)

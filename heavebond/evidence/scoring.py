@@ -34,8 +34,10 @@ from heavebond.numbers.result import Probe
 from heavebond.numbers.simulation import Simulator, Tolerances
 from heavebond.text.symbols import kinked
 
-# A search needs no more: at these the run errs by less than a tenth of the noise, which every refit would absorb.
+# A search needs no more where the runs then err by less than this share of the noise (rms): what they err by, candidates
+# would explain. Where a record moves so far above its noise that they err by more, each is made that much finer, so often.
 SEARCH = Tolerances(1e-5, 1e-7)
+ERRS, FINER, TIMES = 0.05, 0.1, 2
 # Of a direction less than this share is left when what is free has taken its part: the candidate acts as the free
 # parameters do, and no record can tell them apart.
 SAME = 1e-3
@@ -88,18 +90,26 @@ class Score:
         return self.size > 0 and self.share > SAME
 
 
-def searched(experiment: Experiment) -> Residuals:
+def searched(experiment: Experiment, tolerances: Tolerances | None = None) -> Residuals:
     """The least squares problem of an experiment with runs for a search."""
     fitted = [r for r in experiment.records.values() if r.use == "fit"]
-    return Residuals(experiment, runs=[Run(experiment, record, list(experiment.free), SEARCH, kind=QuickSimulator)
-                                       for record in fitted])
+    return Residuals(experiment, runs=[Run(experiment, record, list(experiment.free), tolerances or SEARCH,
+                                           kind=QuickSimulator) for record in fitted])
+
+
+def finer(problem: Residuals) -> Residuals:
+    """The same problem with runs that err by less."""
+    now = problem.runs[0].simulator.tolerances
+    then = replace(now, rtol=FINER * now.rtol, atol=FINER * now.atol)
+    return Residuals(problem.experiment, runs=[run.again(run.names, {}, QuickSimulator, then) for run in problem.runs])
 
 
 def exact_runs(experiment: Experiment, fitted: Sequence[Run], like: Mapping[str, Run] | None = None) -> dict[str, Run]:
     """Runs of all records by IDAS; those fitted as given, of the others those of another diagram (`like`) may be there."""
     own = {run.record.name: run.again([], {}, Simulator) for run in fitted}
     like = like or {}
-    return {name: own.get(name) or Run(experiment, record, [], SEARCH, like=like.get(name))
+    tolerances = fitted[0].simulator.tolerances
+    return {name: own.get(name) or Run(experiment, record, [], tolerances, like=like.get(name))
             for name, record in experiment.records.items()}
 
 
@@ -129,7 +139,7 @@ class Base:
 
     def runs(self, changed: Experiment, names: Sequence[str]) -> list[Run]:
         """The fitted records with another diagram, whose parameters `names` are to be moved."""
-        return [Run(changed, run.record, list(names), SEARCH, kind=QuickSimulator, like=run) for run in self.problem.runs]
+        return [Run(changed, run.record, list(names), run.simulator.tolerances, kind=QuickSimulator, like=run) for run in self.problem.runs]
 
     @cached_property
     def cost(self) -> float:
@@ -146,6 +156,11 @@ class Base:
     def moving(self) -> NDArray[np.int64]:
         """The free parameters (indices) that are not held by an end of their range: one that is can take nothing more."""
         return np.flatnonzero(~self.problem.at_end(self.inner))
+
+    @property
+    def rough(self) -> bool:
+        """Whether the runs of the search err by more than is small beside the noise."""
+        return self.error > ERRS * len(self.r) ** 0.5
 
     def split(self, s: Array) -> tuple[Array, Array]:
         """s without what the free parameters take of it, and the step of theirs that takes it: (n,), (m,)."""

@@ -43,6 +43,7 @@ INSIDE = 0.4  # share of its range at which an amplitude begins besides, where t
 CLOSE = 1e-8  # changes of the sum of squares at which a refit that is compared closely ends
 MOST_SHAPES = 3  # choices of the shapes from which a refit begins
 FURTHER = 16  # more of them for laws of several shapes, of which the best are taken
+LARGER = (0.7, 3.0, 12.0)  # amplitudes to be looked at besides, in units of what would move the channels by their misfit
 # Another start than the best is followed to its end where its sum of squares is so many times that of the best by then: from
 # a point that is not the same, and from one that may still win.
 ANOTHER = (1.001, 3.0)
@@ -189,25 +190,19 @@ class _Refit:
             for share in STARTS:
                 numbers = {name: between(low, high, share) for name, (low, high) in self.ranges.items()}
                 plans += [_Plan(numbers, inside)]
-        return [*plans, *self._further(plans[0], vanishing)]
+        return [*plans, *self._larger(), *self._further(plans[0], vanishing)]
 
     def _further(self, first: _Plan, vanishing: Sequence[str]) -> list[_Plan]:
-        """For a law with shapes more choices of them, spread over their ranges, and of its size, to be looked at: about what
-        the score asks for, and about what would do as much as the whole misfit, in either direction where both are allowed
-        (far from the optimum the tangent tells neither size nor sign)."""
+        """For a law of several shapes more choices of them, spread over their ranges, and of its size, to be looked at."""
         from scipy.stats import qmc
 
         shapes = [name for name in self.ranges if name not in vanishing]
-        if not shapes:
+        if len(shapes) < 2:
             return []
         plans = []
-        sides = (1, -1) if any(below(n) for n in self.candidate.vanishing) else (1,)
-        whole = [self._whole(first, side) for side in sides]
-        sizes = [*([first.numbers] * FURTHER if len(shapes) > 1 else []), *whole * (FURTHER // 4)]
-        spread = qmc.Halton(1 + len(shapes), scramble=False).random(1 + len(sizes))[1:]
-        for begin, (size, *shares) in zip(sizes, spread, strict=True):
+        for size, *shares in qmc.Halton(1 + len(shapes), scramble=False).random(1 + FURTHER)[1:]:
             factor = 4 ** (size - 0.5)
-            numbers = {name: value * factor if name in vanishing else value for name, value in begin.items()}
+            numbers = {name: value * factor if name in vanishing else value for name, value in first.numbers.items()}
             numbers.update({name: between(*self.ranges[name], share) for name, share in zip(shapes, shares, strict=True)})
             for high, low in self.candidate.orders:
                 if {high, low} <= set(shapes) and numbers[high] < numbers[low]:
@@ -215,13 +210,17 @@ class _Refit:
             plans.append(_Plan(numbers, first.base))
         return plans
 
-    def _whole(self, plan: _Plan, side: int) -> dict[str, float]:
-        """A plan's numbers with amplitudes that do as much as the whole misfit, on the other `side` (-1) where they may be
-        there."""
-        scales = {n.name: max([self._scale(g) for g in self.guesses if n.name in g.along], default=0.0)
-                  for n in self.candidate.vanishing}
-        return {**plan.numbers, **{n.name: n.neutral + (side if below(n) else 1) * scales[n.name]
-                                   for n in self.candidate.vanishing}}
+    def _larger(self) -> list[_Plan]:
+        """Amplitudes that do as much as the whole misfit, as far as the tangent tells, and several times that, either way
+        round where both are allowed. Far from the optimum it tells neither size nor sign: a machine that has swung many
+        times out of step with the record swings no further out of it."""
+        sides = (1, -1) if any(below(n) for n in self.candidate.vanishing) else (1,)
+        best = sorted(self.guesses, key=lambda g: -g.gain)
+        shapes = list({tuple(g.shapes.values()): g.shapes for g in best}.values())[:MOST_SHAPES]
+        scales = {n: max((self._scale(g) for g in best if n.name in g.along), default=0.0) for n in self.candidate.vanishing}
+        return [_Plan({**at, **{n.name: n.neutral + (side if below(n) else 1) * size * scale for n, scale in scales.items()}},
+                      self.base.problem.start)
+                for at in shapes for side in sides for size in LARGER] if scales else []
 
     def _freed(self, changed: Experiment, known: set[str]) -> Experiment:
         """The experiment with the candidate's numbers free as well, and inside their ranges."""
@@ -305,7 +304,7 @@ class _Refit:
         self.problem = Residuals(replace(experiment, free=free), runs=self.problem.runs)
 
     def _out_of_the_way(self, inner: Array) -> Array:
-        """With limits that the fitted samples hardly feel (a stop that is not reached, or by one sample of noise) at that end
+        """With limits that the fitted samples hardly feel (a stop that is not reached, or by one sample) at that end
         of their range, or near it, where they are not felt either: other records go further."""
         cost = self._cost(inner)
         felt = UNFELT * cost / self.base.r.size
@@ -323,7 +322,7 @@ class _Refit:
         """The best starts a few steps; the best of them, and another that is near it, to the end."""
         starts = [self._start(plan) for plan in self.plans]
         costs = [self._cost(start) for start in starts]
-        most = 3 if len(starts) > FURTHER // 2 else 2
+        most = 3 if len(starts) > FURTHER else 2
         chosen = [starts[k] for k in np.argsort(costs) if np.isfinite(costs[k])][:most]
         if not chosen or process_time() - self.began > SECONDS:
             return None

@@ -13,6 +13,7 @@ from heavebond.evidence.experiment import Experiment
 from heavebond.evidence.scoring import Base, Score, scored, searched
 from heavebond.evidence.trial import Trial, polished, tried
 from heavebond.numbers.dae import Array
+from heavebond.numbers.simulation import Tolerances
 
 T = TypeVar("T")
 _base: Base | None = None  # of this worker process
@@ -30,7 +31,8 @@ class Workers:
         if self.number > 1:
             # forked workers have the base model already; where there is no fork they make it
             self.processes = Processes(self.number, _kept, (self.base,)) if forks() else \
-                Processes(self.number, _made, (self.base.problem.experiment, self.base.inner))
+                Processes(self.number, _made, (self.base.problem.experiment, self.base.inner,
+                                              self.base.problem.runs[0].simulator.tolerances))
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -66,8 +68,8 @@ def _kept(base: Base) -> None:
     _base = base
 
 
-def _made(experiment: Experiment, inner: Array) -> None:
-    _kept(Base.at(searched(experiment), inner))
+def _made(experiment: Experiment, inner: Array, tolerances: Tolerances) -> None:
+    _kept(Base.at(searched(experiment, tolerances), inner))
 
 
 def _score(candidate: Candidate) -> list[Score]:
