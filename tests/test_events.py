@@ -17,6 +17,7 @@ from heavebond.studies.adjoint import Adjoint
 from heavebond.studies.energy import audit
 from heavebond.studies.gradient_check import check_gradients, costs_of
 from heavebond.studies.objective import Objective, Task, ranges
+from heavebond.studies.portable import portable
 from heavebond.text.expression import parse_formula
 
 TIGHT = Tolerances(1e-12, 1e-14, along=1.0)
@@ -428,7 +429,7 @@ components:
 nodes: {high: [pump.a, valve.a], low: [valve.b, tank.a], open: [step.y, valve.u]}
 simulate: {until: 2 s}
 """, folder)
-    with pytest.raises(hb.SimulationError, match=r"after 'step\.switch' at t = 1 s no high\.p satisfies"):
+    with pytest.raises(hb.SimulationError, match=r"nothing decides high\.p after 'step\.switch' at t = 1 s: open is 0"):
         hb.simulate(assembly)
 
 
@@ -460,3 +461,62 @@ def test_what_cannot_go_through_events_says_so(folder: Path) -> None:
         hb.simulate(assembly, parameters={"step.switched": 1})
     with pytest.raises(hb.SimulationError, match=r"'hold\.sample' would happen every -1 s"):
         hb.simulate(built(SAMPLED, folder), parameters={"T": -1})
+
+
+# -- comparisons of the time -------------------------------------------------------------------------------------------
+PUSHED = """
+model: pushed
+parameters: {{T: {T}}}
+components:
+  cart: {{is: Mass, m: 2 kg}}
+  drag: {{is: Damper, d: 3 N*s/m}}
+  wall: {{is: Fixed}}
+  push: {{is: ForceSource, u: "={push}"}}
+nodes: {{load: [cart.a, push.a, drag.b], wall: [wall.a, drag.a]}}
+initial: {{{start}}}
+simulate: {{until: 2 s, every: 0.1 s}}
+"""
+
+
+def pushed(folder: Path, push: str, T: str = "0.33 s", start: str = "load.v: 0 m/s") -> hb.Assembly:
+    return built(PUSHED.format(push=push, T=T, start=start), folder)
+
+
+@pytest.mark.parametrize("push", [
+    "if_else(time < T, 0 N, 5 N)", "if_else(T <= time, 5 N, 0 N)", "if_else(1 - time/T > 0, 0 N, 5 N)",
+    "if_else(not time >= T or time < 0.1 s, 0 N, 5 N)", "5 N*if_else(time > T and time < 100*T, 1, 0)"])
+def test_a_comparison_of_the_time_is_a_time_event(push: str, folder: Path) -> None:
+    """v = F/d*(1 - exp(-d/m*(t - T))) from T on, and its derivative by T; the solver knows no tolerance of an instant."""
+    run = hb.simulate(pushed(folder, push), sensitivities=["T"])
+    assert 0.33 in [time for time, _ in run.events]
+    late = np.maximum(run.time - 0.33, 0.0)
+    assert run["load.v"] == pytest.approx(5/3*(1 - np.exp(-1.5*late)), abs=2e-7)  # the solver's own error, at rtol 1e-8
+    by_T = np.where(run.time < 0.33, 0.0, -2.5*np.exp(-1.5*late))
+    assert run.sensitivity("load.v", "T") == pytest.approx(by_T, abs=1e-6)
+
+
+def test_an_instant_that_depends_on_a_parameter_moves_with_it(folder: Path) -> None:
+    assembly = pushed(folder, "if_else(2*time < T, 0 N, 5 N)")
+    assert hb.simulate(assembly, parameters={"T": 1.5}).events == [(0.75, "push.clock_1")]
+
+
+def test_a_condition_of_the_time_that_holds_from_the_start_on_holds_for_a_steady_start(folder: Path) -> None:
+    for push in ("if_else(time < T, 0 N, 6 N)", "if_else(time*(1 - 1) < -T, 0 N, 6 N)"):
+        run = hb.simulate(pushed(folder, push, T="0 s", start="start: steady"))
+        assert run["load.v"] == pytest.approx(np.full(21, 2.0), abs=1e-9)
+
+
+def test_what_moves_is_no_condition_of_the_time_alone(folder: Path) -> None:
+    assembly = pushed(folder, "if_else(time + load.v/(1 m/s)*1 s < T, 0 N, 5 N)")
+    assert not assembly.flat.events
+
+
+def test_runs_from_midway_and_exports_go_with_conditions_of_the_time(folder: Path) -> None:
+    assembly = pushed(folder, "if_else(time < T, 0 N, 5 N)")
+    midway = Simulator(assembly, times=np.linspace(1.0, 2.0, 11), free_start=True)
+    run = midway.run_from(np.array([0.5]))
+    assert run["load.v"] == pytest.approx(5/3 + (0.5 - 5/3)*np.exp(-1.5*(run.time - 1)), abs=2e-7)
+    assert run.sensitivity("load.v", "load.v") == pytest.approx(np.exp(-1.5*(run.time - 1)), abs=1e-6)
+    exported = portable(assembly.model)
+    rates = [float(exported.equations(t, [0.0], [], exported.assembly.p, [])[0]) for t in (0.32, 0.34)]
+    assert rates == [0.0, 2.5]

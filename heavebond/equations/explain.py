@@ -136,10 +136,11 @@ def lost(flat: Flat, found: Sequence[Loss], when: str = "") -> list[Problem]:
     return [_Lost(flat, _together(same)).problem(when) for same in joined.values()]
 
 
-def undecided(flat: Flat, found: Sequence[Loss], names: Sequence[str], t: float) -> SimulationError:
-    """The error for a run at a time from which on nothing decides its algebraic unknowns `names`, by what lost its rank."""
-    return SimulationError(lost(flat, found, f"at t = {t:.6g} s") or [Problem(
-        "loop-singular", f"nothing decides {listing(names, 4)} at t = {t:.6g} s", None,
+def undecided(flat: Flat, found: Sequence[Loss], names: Sequence[str], when: str) -> SimulationError:
+    """The error for a run where (`at t = 2 s`) nothing decides its algebraic unknowns `names` any more, by what lost its
+    rank."""
+    return SimulationError(lost(flat, found, when) or [Problem(
+        "loop-singular", f"nothing decides {listing(names, 4)} {when}", None,
         "A closed valve, a dead centre or an open contact does this. Add what decides it there.")])
 
 

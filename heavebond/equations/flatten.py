@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import inf
 
 import casadi as ca
@@ -11,6 +11,7 @@ import casadi as ca
 from heavebond.basis.errors import ModelError, Place, Problems
 from heavebond.basis.units import DIMENSIONLESS, ONE, Dimension, Unit, declared_unit, dimension_text, read_unit
 from heavebond.equations.asked import check_asked
+from heavebond.equations.clock import timed
 from heavebond.equations.connect import Group, Network, connect, drivers, signal_unit
 from heavebond.equations.expand import Bound, Expanded, Leaf, expand
 from heavebond.equations.happening import FlatEvent, Held, held_bounds, leaf_events, with_held
@@ -117,6 +118,20 @@ def flatten(model: Model, also: Iterable[str] = (), widths: float = 1.0) -> Flat
     return _Builder(expanded, network, make_parameters(expanded, network, order)).build(tuple(also))
 
 
+def unclocked(flat: Flat) -> Flat:
+    """The same with comparisons of the time in its equations as they are written, for programs that know no events."""
+    own = [event for event in flat.events if event.by_clock]
+    if not own:
+        return flat
+    symbols, passed = stack(flat.constants[e.name] for e in own), stack(e.first <= flat.time for e in own)
+    gone, last = {name for e in own for name in (e.name, f"initial.{e.name}")}, -len(own)  # they were put in as the last
+    return replace(flat, parameters=flat.parameters[:last], p=flat.p[:last], held=flat.held[:last],
+                   residuals=tuple(ca.substitute(list(flat.residuals), [symbols], [passed])),
+                   events=tuple(event for event in flat.events if not event.by_clock),
+                   constants={name: s for name, s in flat.constants.items() if name not in gone},
+                   units={name: u for name, u in flat.units.items() if name not in gone})
+
+
 class _Builder:
     def __init__(self, expanded: Expanded, network: Network, parameters: Parameters):
         self.expanded, self.network, self.parameters = expanded, network, parameters
@@ -155,14 +170,23 @@ class _Builder:
         self._leaf_equations()
         self._given_inputs()
         self.problems.raise_as(ModelError)
+        self._clocks()
         bounds = {s.element_hash(): (u.low, u.high) for s, u in zip(self.levels[0], self.unknowns, strict=True)}
         bounds.update(parameter_bounds(self.expanded, self.parameters))
         bounds.update(held_bounds(self.expanded, self.constants))
+        bounds.update({self.constants[e.name].element_hash(): (0.0, 1.0) for e in self.events if e.by_clock})
         return Flat(self.expanded, tuple(self.unknowns), tuple(tuple(level) for level in self.levels),
                     self.parameters.independent, self.parameters.p, self.time, self.rate, tuple(self.inputs),
                     tuple(self.equations), tuple(self.residuals), tuple(self.entries), self.names, self.constants,
                     self.parameters.units, tuple(self.energetics), bounds, self.held, tuple(self.events), self.bonds,
                     self.block_bonds)
+
+    def _clocks(self) -> None:
+        """What equations ask of the time becomes what is held between events."""
+        found = timed(self.residuals, ((e.owner, e.text, e.place) for e in self.equations), self.time, self.parameters,
+                      self.held)
+        self.residuals, self.parameters, self.constants = found.residuals, found.parameters, found.parameters.expressions
+        self.held, self.events = found.held, [*self.events, *found.events]
 
     def _numbers_of_a_run(self) -> None:
         """Initial values (`initial.crown.x`) and the scales of measured inputs (`scale.heave.u`, 1) as parameters, so

@@ -45,7 +45,8 @@ class FlatReset:
 @dataclass(frozen=True)
 class FlatEvent:
     """An event: as `indicator` passes zero upwards (None: a time event), at the instant `first`, or from there on once a
-    `period` (None: once). `text` is how it is written: `condition: gap > 0`."""
+    `period` (None: once). `text` is how it is written: `condition: gap > 0`. One that is `by_clock` stands for a comparison
+    of the time with parameters in an equation (see `clock`), and has its text."""
 
     name: str
     text: str
@@ -54,6 +55,7 @@ class FlatEvent:
     first: ca.SX
     period: ca.SX | None
     resets: tuple[FlatReset, ...]
+    by_clock: bool = False
 
 
 def with_held(parameters: Parameters, expanded: Expanded, unit_of: Callable[[Leaf, Unit], Unit], problems: Problems

@@ -72,7 +72,8 @@ def check_decided(result: Result, at: NDArray[np.intp], slopes: ca.Function) -> 
             here = [a[:, k] for a in given]
             t = float(here[0][0])
             point = assembly.point(t, here[1], here[2], here[3], here[4])
-            raise explain.undecided(assembly.flat, losses(assembly.reduced.system, point), assembly.algebraic_names, t)
+            found = losses(assembly.reduced.system, point)
+            raise explain.undecided(assembly.flat, found, assembly.algebraic_names, f"at t = {t:.6g} s")
 
 
 def _state_before(simulator: Simulator, assembly: Assembly, first: Start, stopped: float) -> Point | None:

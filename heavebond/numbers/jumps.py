@@ -120,12 +120,12 @@ class EventEquations:
         _, indicators, values = self._along(*columns, dt, dx, dz, dp)
         return np.array(indicators).reshape(-1, n), np.array(values).reshape(-1, n)
 
-    def _undecided(self, columns: Sequence[Array], by_z: Array) -> SimulationError:
+    def _undecided(self, columns: Sequence[Array], by_z: Array, when: str = "at") -> SimulationError:
         """What to say where d(algebraic equations)/dz (N, n_z, n_z) is singular at the first of N points."""
         k = int(np.argmin(np.abs(np.linalg.slogdet(by_z)[0])))
         t, x, z, p, u, _ = (column[:, k] for column in columns)
         found = losses(self.assembly.reduced.system, self.assembly.point(float(t[0]), x, z, p, u))
-        return undecided(self.assembly.flat, found, self.assembly.algebraic_names, float(t[0]))
+        return undecided(self.assembly.flat, found, self.assembly.algebraic_names, f"{when} t = {t[0]:.6g} s")
 
     def _at_one(self, point: Point, dt: Array, dx: Array, dp: Array) -> tuple[Array, Array]:
         """As `_directed`, for m directions (dt (m,), dx (n_x, m), dp (n_p, m)) at one point."""
@@ -167,24 +167,24 @@ class EventEquations:
             return point
         given = np.concatenate([[point.t], point.x, point.p, point.u, [point.rate]])
         found = replace(point, z=np.array(self._loops(point.z, given)).ravel())
+        what = " and ".join(f"'{self.events[i].name}'" for i in fired)
         if not np.isfinite(found.z).all():
-            self._check_solvable(point)
+            self._check_solvable(point, f"after {what} at")
         residual = np.abs(np.array(self._alg(*found.values())).ravel())
         gradient = np.abs(np.array(self._by_z(*found.values()))).max(axis=1) * self.assembly.z_nominal.max()
         if not np.all(residual <= 1e-6 * gradient):
-            what = " and ".join(f"'{self.events[i].name}'" for i in fired)
             raise SimulationError([Problem(
                 "event-inconsistent", f"after {what} at t = {point.t:.6g} s no {listing(self.assembly.algebraic_names, 4)} "
                 "satisfies the equations", self.events[fired[0]].place, "A valve that shuts a volume-free line does this, "
                 "or a state that was set to a value that a constraint forbids.")])
         return found
 
-    def _check_solvable(self, point: Point) -> None:
+    def _check_solvable(self, point: Point, when: str) -> None:
         """SimulationError with what is undecided where the equations lose their rank at a point."""
         columns = [np.reshape(a, (-1, 1)) for a in point.values()]
         by_z = np.array(self._by_z(*point.values()))
         if np.linalg.slogdet(by_z)[0] == 0:
-            raise self._undecided(columns, by_z[None])
+            raise self._undecided(columns, by_z[None], when)
 
     def rates(self, point: Point, factors: Array) -> tuple[Array, Array]:
         """x' (n_x,) and the rates of the integrals (n_q,)."""

@@ -148,7 +148,7 @@ class Simulator:
         """One run from given states x (n_x,) in SI instead of the diagram's start; after the parameters, the
         sensitivities are with respect to these states (needs `free_start`)."""
         assembly = self.assembly.with_parameters(parameters) if parameters else self.assembly
-        if assembly.flat.events:
+        if not all(event.by_clock for event in assembly.flat.events):
             raise UsageError([Problem("events-midway", "a run cannot begin midway where a diagram has events: what is held "
                                       "there is not known", None, "Run it from its start.")])
         n_x, n_z = len(assembly.x_nominal), len(assembly.z_nominal)

@@ -17,9 +17,11 @@ import numpy as np
 
 from heavebond.basis.errors import ModelError, Place, Problem, UsageError, listing, suggest
 from heavebond.basis.units import Unit, declared_unit, dimension_text, read_unit, times, unit
+from heavebond.equations.flatten import unclocked
+from heavebond.equations.reduce import reduce
 from heavebond.language.definition import FileInput
 from heavebond.language.model import Model, Setting
-from heavebond.numbers.dae import Array, Assembly, assemble
+from heavebond.numbers.dae import Array, Assembly, assemble, build
 from heavebond.numbers.initialise import Start, start
 from heavebond.numbers.inputs import pieced
 from heavebond.numbers.result import signal_expression
@@ -74,6 +76,8 @@ def portable(model: Model, inputs: Iterable[str] = (), prefix: str = "") -> Port
     wanted = list(dict.fromkeys(inputs))
     assembly = assemble(model)
     assembly, column = _opened(assembly, wanted) if wanted else (assembly, _measured(assembly))
+    if any(event.by_clock for event in assembly.flat.events):
+        assembly = build(reduce(unclocked(assembly.flat)))
     if assembly.flat.events:
         names = listing([event.name for event in assembly.flat.events], 3)
         raise ModelError([Problem("export-events", f"a diagram with events cannot be exported: {names}",

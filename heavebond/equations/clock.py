@@ -1,0 +1,122 @@
+"""Comparisons of the time with what is known beforehand, `time < t_open`, as events at that instant.
+
+A condition g(t, p) > 0 whose g = c(p) + s(p) t is a straight line in time changes once, at T = -c/s. In an equation it is
+replaced by a held variable that is 0 before T and 1 after it, so that no step of the integrator reaches across T, and what
+T does to the motion is known (see `numbers.jumps`). At T itself what comes after it holds, be it `<` or `<=`.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import casadi as ca
+
+from heavebond.basis.errors import Place
+from heavebond.basis.units import DIMENSIONLESS
+from heavebond.equations.happening import FlatEvent, FlatReset, Held
+from heavebond.equations.parameters import FlatParameter, Parameters
+from heavebond.text.instructions import BINARY
+from heavebond.text.symbols import split, stack
+
+NEVER = 1e300  # an instant that no run reaches
+TWO = set(BINARY.tolist())
+
+
+@dataclass(frozen=True)
+class Passing:
+    """An instant at which a condition of the time changes; `symbol` stands for a held variable that is 1 from then on."""
+
+    symbol: ca.SX
+    instant: ca.SX
+
+
+def clocked(residual: ca.SX, time: ca.SX, constants: set[int]) -> tuple[ca.SX, list[Passing]]:
+    """A scalar residual without comparisons of the time with constants (the hashes of their symbols), and the instants at
+    which these change."""
+    symbols = ca.symvar(residual)
+    if time.element_hash() not in {s.element_hash() for s in symbols}:
+        return residual, []
+    walk = _Walk(time, constants)
+    rebuilt = walk.rebuilt(ca.Function("residual", [stack(symbols)], [residual]), symbols)
+    return (rebuilt, walk.found) if walk.found else (residual, [])
+
+
+@dataclass(frozen=True)
+class Timed:
+    """Residuals with what they took from the time held, the parameters with the begins of that, and when it changes."""
+
+    residuals: list[ca.SX]
+    parameters: Parameters
+    held: tuple[Held, ...]
+    events: tuple[FlatEvent, ...]
+
+
+def timed(residuals: Iterable[ca.SX], told: Iterable[tuple[str, str, Place]], time: ca.SX, parameters: Parameters,
+          held: tuple[Held, ...]) -> Timed:
+    """All residuals clocked; `told` are owner, text and place of their equations, `held` what is held already."""
+    constants = {s.element_hash() for k, s in enumerate(split(parameters.p)) if k not in {h.index for h in held}}
+    own, events, symbols, done = list[Held](), list[FlatEvent](), list[ca.SX](), list[ca.SX]()
+    numbers, begin, known = Counter[str](), parameters.p.numel(), {*parameters.expressions}
+    for residual, (owner, text, place) in zip(residuals, told, strict=True):
+        rebuilt, passings = clocked(residual, time, constants)
+        done.append(rebuilt)
+        for passing in passings:
+            numbers[owner] += 1
+            name, index = f"{owner}.clock_{numbers[owner]}", begin + len(own)
+            own.append(Held(name, index, DIMENSIONLESS, place, "1 once the time has passed an instant"))
+            symbols.append(passing.symbol)
+            reset = FlatReset(name, None, index, ca.SX(1), place)
+            events.append(FlatEvent(name, text, place, None, passing.instant, None, (reset,), by_clock=True))
+    assert known.isdisjoint(h.name for h in own)
+    if not own:
+        return Timed(done, parameters, held, ())
+    joined = parameters.joined(FlatParameter(f"initial.{h.name}", 0.0, h.unit, h.place) for h in own)
+    places = split(joined.p)[begin:]
+    joined = replace(joined, expressions={**joined.expressions, **{h.name: p for h, p in zip(own, places, strict=True)}},
+                     units={**joined.units, **{h.name: h.unit for h in own}})
+    return Timed(ca.substitute(done, [stack(symbols)], [stack(places)]), joined, (*held, *own), tuple(events))
+
+
+class _Walk:
+    def __init__(self, time: ca.SX, constants: set[int]):
+        self.time, self.constants = time, constants
+        self.found: list[Passing] = []
+
+    def rebuilt(self, function: ca.Function, symbols: list[ca.SX]) -> ca.SX:
+        """The expression of a function again, comparisons replaced on the way."""
+        work: dict[int, ca.SX] = {}
+        result = ca.SX(0)
+        for k in range(function.n_instructions()):
+            op, inputs, outputs = (function.instruction_id(k), function.instruction_input(k),
+                                   function.instruction_output(k))
+            if op == ca.OP_OUTPUT:
+                result = work[inputs[0]]
+            elif op == ca.OP_INPUT:
+                work[outputs[0]] = symbols[inputs[1]]
+            elif op == ca.OP_CONST:
+                work[outputs[0]] = ca.SX(function.instruction_constant(k))
+            else:
+                work[outputs[0]] = self._operated(op, *(work[i] for i in inputs))
+        return result
+
+    def _operated(self, op: int, a: ca.SX, b: ca.SX | None = None) -> ca.SX:
+        if b is not None and op in (ca.OP_LT, ca.OP_LE) and (found := self._held(b - a)) is not None:
+            return found
+        return ca.SX.binary(op, a, b) if op in TWO and b is not None else ca.SX.unary(op, a)
+
+    def _held(self, above: ca.SX) -> ca.SX | None:
+        """The condition `above` > 0 in terms of held variables; None where more than the time and constants is in it, or
+        the time in another way than in a straight line."""
+        slope = ca.jacobian(above, self.time)
+        names = {s.element_hash() for s in ca.symvar(above)} - {self.time.element_hash()}
+        if slope.nnz() == 0 or not names <= self.constants or ca.depends_on(slope, self.time):
+            return None
+        first = ca.substitute(above, self.time, ca.SX(0))
+        instant = ca.if_else(slope == 0, NEVER, -first / slope)
+        symbol = ca.SX.sym("passed")
+        self.found.append(Passing(symbol, instant))
+        after = ca.if_else(instant <= 0, 1, symbol)  # a start is found with what holds at 0 s
+        return ca.if_else(slope > 0, after, ca.if_else(slope < 0, ca.logic_not(after), first > 0))
+
