@@ -76,6 +76,18 @@ CoulombFriction does not fit at platform, crwn [try-place]
 CoulombFriction does not fit at gas.c [try-place]
   It fits between platform and crown, between seabed and crown, between platform and seabed.
 """),
+    (("try", "passive_rig/friction", "dry friction", "--between", "platform", "crown"), """\
+'dry friction' is a class of effects, not one of them [try-class]
+  Try CoulombFriction, DahlFriction, DirectionalFriction, LuGreFriction, StribeckFriction.
+"""),
+    (("try", "passive_rig/friction", "choked flow"), """\
+no effect 'choked flow' fits anywhere in this diagram [try-unknown]
+  `heavebond candidates` lists what does.
+"""),
+    (("try", "passive_rig/friction", "CoulombFriction", "--between", "crown", "crown"), """\
+'crown' is named twice; an effect between two nodes needs two [try-place]
+  Write --between and the names of two different nodes.
+"""),
     (("diagnose", "passive_rig/friction", "--only", "dry fricton"), """\
 no effect of class 'dry fricton' fits in this diagram [class-unknown]
   Did you mean 'dry friction'?

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import factorial
 from pathlib import Path
 
 import numpy as np
@@ -356,11 +357,12 @@ def test_signals(part: str, law: Callable[[np.ndarray], np.ndarray]) -> None:
 
 
 def test_delay_and_lag() -> None:
-    for T in (0.05, 0.2):
-        found = passed(f"Delay, T: {T} s")
-        settled = found.time > 10*T
-        error = (2*np.pi*T)**5/720   # of the phase, in rad
-        assert found["out"][settled] == pytest.approx(2*np.sin(2*np.pi*(found.time[settled] - T)), abs=2*error + 1e-4)
+    for T, pairs in ((0.05, 1), (0.2, 1), (0.2, 2), (0.6, 2), (0.6, 3), (1.0, 3), (1.4, 4)):
+        found = passed(f"Delay, T: {T} s, m: {pairs}")
+        settled = found.time > 3     # what the start excites has faded by exp(-3 t/T) at least
+        n = 2*pairs                  # order; what follows is the error of the phase, in rad
+        error = factorial(n)**2/(factorial(2*n)*factorial(2*n + 1))*(2*np.pi*T)**(2*n + 1)
+        assert found["out"][settled] == pytest.approx(2*np.sin(2*np.pi*(found.time[settled] - T)), abs=2*error + 2e-4)
     found = passed("FirstOrderLag, T_1: 0.1 s")
     settled = found.time > 2
     w = 2*np.pi*0.1

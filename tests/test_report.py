@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 from browser import Tab, browser
 
-from heavebond.basis.presentation import number
+from heavebond.basis.presentation import number, readable
 from heavebond.evidence.diagnosis import Diagnosis, diagnose
+from heavebond.evidence.finding import meaning, misses, restrictions
 from heavebond.evidence.misfit import Where, where
 from heavebond.evidence.separation import Alternative, separate
 from heavebond.pictures.markup import data_block, element, escaped
@@ -99,6 +100,20 @@ def test_verdict_ladder_and_ranking_are_told(found: Diagnosis, page: str) -> Non
     for title in ("The machine", "Records and models", "The falling error", "Where the diagram fails", "Parameters",
                   "What is left", "What was tried", "How to go on"):
         assert title in text
+
+
+def test_errors_stand_in_channel_units_beside_the_noise(found: Diagnosis, page: str) -> None:
+    """A share of what was measured may be small and many times the noise: the top of the page says both."""
+    text = Tree(page).text
+    for before, after in zip(misses(found.ladder[0]), misses(found.ladder[-1]), strict=True):
+        channels = [part.channels[before.channel] for part in found.ladder[0].comparison.parts if part.use != "fit"]
+        assert before.error == pytest.approx(np.sqrt(np.mean([c.error**2 for c in channels])), rel=0.1)
+        noise = readable(after.noise, after.unit, 3)
+        assert f"{before.channel}: rms error, on records held out {before.words} → {after.words} noise {noise}" in text
+        assert f"{before.channel} {before.words} to {after.words} (noise {noise})" in found.words[1]
+    for parameter in found.findings[0].parameters:
+        assert f"{parameter.name} {meaning(found.findings[0].fit, parameter.name)}" in text
+    assert f"Limits of this law: {restrictions(found.findings[0])}" in text
 
 
 def test_sections_that_have_nothing_to_say_are_left_out(found: Diagnosis) -> None:

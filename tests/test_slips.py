@@ -1,14 +1,17 @@
 """Units and signs that were mistaken, parts that check what they fit, sensors that stand still: each is told."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from heavebond.basis.errors import ModelError
 from heavebond.basis.measurements import read_table
+from heavebond.evidence import verdict
 from heavebond.evidence.comparison import compare
 from heavebond.evidence.experiment import load_experiment
+from heavebond.evidence.finding import Rung
 from heavebond.evidence.slips import declared_otherwise, seems_in_another_unit, seems_turned
 
 MOTION = np.sin(np.linspace(0, 20, 400)) + 0.3 * np.sin(np.linspace(0, 47, 400))
@@ -116,3 +119,16 @@ def test_what_is_fitted_does_not_check_the_fit(tmp_path: Path, change: str, refu
         return
     with pytest.raises(ModelError, match="record 'two' is to check the fit, but what it holds is fitted as 'one'"):
         load_experiment(path)
+
+
+def test_noise_where_it_is_fitted_and_misfit_where_not_is_not_nothing() -> None:
+    """Four fitted samples show nothing; that the model is right is not said while the other record misses by 75 times."""
+    channel = SimpleNamespace(measured=MOTION, noise=0.01)
+    comparison = SimpleNamespace(records={"one": SimpleNamespace(channels={"x": channel})})
+    step = SimpleNamespace(left=SimpleNamespace(significant=False), partial=False, at_end=())
+    for held_out, said in ((5687.0, "undetermined"), (1.4, "nothing")):
+        ladder = [Rung("rig", 1.1, 0.4, 1.1, held_out, comparison)]  # type: ignore[arg-type]
+        assert verdict.verdict(None, ladder, [], [step], None) == said  # type: ignore[list-item]
+    (told,) = verdict.words("undetermined", [Rung("rig", 1.1, 0.4, 1.1, 5687.0, comparison)],  # type: ignore[arg-type]
+                            [], [step], None)  # type: ignore[list-item]
+    assert "chi-square is 5687 a sample" in told and "`use: fit`" in told

@@ -24,6 +24,7 @@ from heavebond.evidence.comparison import assemble_for
 from heavebond.evidence.experiment import Experiment
 from heavebond.language.definition import Component, Effect, FileInput, Parameter, Sought
 from heavebond.language.effects import check_replacing
+from heavebond.language.lists import whole_number, written_out
 from heavebond.numbers.dae import Assembly
 from heavebond.text.expression import parse_formula
 
@@ -339,7 +340,9 @@ def _at_rest(component: Component, name: str) -> dict[str, str]:
     input's unit are its value. (A guess: what is no state follows from the equations.)"""
     into, out = _signal_ports(component)
     unit = component.signals[into].unit.dimension
-    states = [out, *(v.name for v in component.variables.values() if v.unit.dimension == unit)]
+    whole = {p.name: number for p in component.parameters.values() if p.integer and p.default is not None
+             for number in [whole_number(p.default.expr, {})] if number is not None}
+    states = [out, *(v.name for v in written_out(component, whole).variables.values() if v.unit.dimension == unit)]
     return {f"{name}.{state}": f"~ ={name}.{into}" for state in states}
 
 

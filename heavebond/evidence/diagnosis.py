@@ -199,9 +199,9 @@ def _named(found: Sequence[Candidate], component: str, places: Sequence[str]) ->
     kinds = [c for c in found if component in (c.component, c.name)]
     if not kinds and any(c.kind == component for c in found):
         alike = [c for c in found if c.kind == component]
-        here = dict.fromkeys(c.component for c in alike if _at_all(places, {*c.where, *c.change.nodes}))
+        laws = dict.fromkeys(c.component for c in alike if _at_all(places, {*c.where, *c.change.nodes}))
         raise UsageError([Problem("try-class", f"'{component}' is a class of effects, not one of them", None,
-                                  f"Try {listing(here, 8)}." if here else "`heavebond candidates` lists where it fits.")])
+                                  f"Try {listing(laws, 8)}." if laws else "`heavebond candidates` lists where it fits.")])
     if len(set(places)) < len(places):
         raise UsageError([Problem("try-place", f"'{places[0]}' is named twice; an effect between two nodes needs two", None,
                                   "Write --between and the names of two different nodes.")])

@@ -17,6 +17,7 @@ from heavebond.evidence.comparison import Channel, Comparison, RecordComparison,
 from heavebond.evidence.experiment import Experiment, load_experiment
 from heavebond.evidence.fitting import Fit, Fitted
 from heavebond.evidence.trial import Trial
+from heavebond.language.definition import Component
 
 
 @dataclass(frozen=True)
@@ -112,10 +113,23 @@ def misses(rung: Rung) -> list[Miss]:
 
 def meaning(fit: Fit, name: str) -> str:
     """What the component says that a fitted parameter is; empty for an initial value or where it says nothing."""
-    leaves = next(iter(fit.after.records.values())).result.assembly.flat.expanded.leaves
     path, _, own = name.rpartition(".")
-    declared = leaves[path].component.parameters.get(own) if path in leaves else None
+    component = _component(fit, path)
+    declared = component.parameters.get(own) if component is not None else None
     return declared.doc if declared is not None else ""
+
+
+def restrictions(finding: Finding) -> str:
+    """For what the law of a finding holds, in the words of its component; empty where that says nothing."""
+    candidate = finding.candidate
+    component = _component(finding.fit, candidate.where[0] if candidate.attaches == "in" else candidate.name)
+    return component.restrictions if component is not None else ""
+
+
+def _component(fit: Fit, path: str) -> Component | None:
+    """The component at a path of the fitted diagram."""
+    leaves = next(iter(fit.after.records.values())).result.assembly.flat.expanded.leaves
+    return leaves[path].component if path in leaves else None
 
 
 def _error(parts: Sequence[RecordComparison]) -> float:

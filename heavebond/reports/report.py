@@ -18,7 +18,7 @@ from heavebond.basis.presentation import count, number, path_text, readable, rea
 from heavebond.basis.units import read_unit
 from heavebond.evidence.comparison import RecordComparison
 from heavebond.evidence.diagnosis import Diagnosis
-from heavebond.evidence.finding import Finding, Rung, meaning, misses
+from heavebond.evidence.finding import Finding, Rung, meaning, misses, restrictions
 from heavebond.evidence.fitting import Fit, Fitted
 from heavebond.evidence.misfit import Where
 from heavebond.evidence.writing import quantity
@@ -195,6 +195,8 @@ def _finding(k: int, finding: Finding) -> Html:
                      element("code", candidate.name), ".")]
     if rows:
         parts.append(table(("number", "value", "95 % interval", ""), rows))
+    if limits := restrictions(finding):
+        parts.append(element("p", f"Limits of this law: {limits}", class_="small"))
     parts.append(element("details", element("summary", "as a diagram"), element("pre", element("code", _diagram(finding)))))
     others = finding.alternatives[1:]
     if others:
