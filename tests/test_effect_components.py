@@ -140,6 +140,15 @@ def test_hysteresis_unloads_as_a_spring() -> None:
     assert slow["law.F"].max() == pytest.approx(F.max(), rel=1e-4)
 
 
+def test_play_may_take_the_damper_along() -> None:
+    """Inside the gap nothing acts, beyond it spring and damper do: from e_t on, the whole damper."""
+    found = moved("SpringDamperWithPlay, gap: 5 mm, c: 10 kN/m, d: 200 N*s/m, loose: 1, e_t: 0.1 mm")
+    x, v, F = found["hand.x"], 0.02*2*np.pi*np.cos(2*np.pi*found.time), found["law.F"]
+    assert np.abs(F[np.abs(x) < 5e-3]).max() < 1e-9
+    far = np.abs(x) > 5.1e-3
+    assert F[far] == pytest.approx((1e4*(x - 5e-3*np.sign(x)) + 200*v)[far], abs=0.05)
+
+
 def test_hysteresis_that_hardens_unloads_steeper() -> None:
     """Along a turn dF/dx = c_h + (1 - h)*F/x_l, before it c_h - (1 + h)*F/x_l; a closed loop takes energy."""
     found = moved("HardeningHysteresis, c_h: 10 kN/m, x_l: 10 mm, h: -1.4")

@@ -139,7 +139,8 @@ class Base:
 
     def runs(self, changed: Experiment, names: Sequence[str]) -> list[Run]:
         """The fitted records with another diagram, whose parameters `names` are to be moved."""
-        return [Run(changed, run.record, list(names), run.simulator.tolerances, kind=QuickSimulator, like=run) for run in self.problem.runs]
+        return [Run(changed, run.record, list(names), run.simulator.tolerances, kind=QuickSimulator, like=run)
+                for run in self.problem.runs]
 
     @cached_property
     def cost(self) -> float:
@@ -160,7 +161,7 @@ class Base:
     @property
     def rough(self) -> bool:
         """Whether the runs of the search err by more than is small beside the noise."""
-        return self.error > ERRS * len(self.r) ** 0.5
+        return self.error > ERRS * float(np.sqrt(len(self.r)))
 
     def split(self, s: Array) -> tuple[Array, Array]:
         """s without what the free parameters take of it, and the step of theirs that takes it: (n,), (m,)."""

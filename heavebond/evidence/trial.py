@@ -217,9 +217,11 @@ class _Refit:
         sides = (1, -1) if any(below(n) for n in self.candidate.vanishing) else (1,)
         best = sorted(self.guesses, key=lambda g: -g.gain)
         shapes = list({tuple(g.shapes.values()): g.shapes for g in best}.values())[:MOST_SHAPES]
-        scales = {n: max((self._scale(g) for g in best if n.name in g.along), default=0.0) for n in self.candidate.vanishing}
-        return [_Plan({**at, **{n.name: n.neutral + (side if below(n) else 1) * size * scale for n, scale in scales.items()}},
-                      self.base.problem.start)
+        scales = {n: max((self._scale(g) for g in best if n.name in g.along), default=0.0)
+                  for n in self.candidate.vanishing}
+        inside = np.clip(self.base.inner, self.base.problem.low, self.base.problem.high)
+        return [_Plan({**at, **{n.name: n.neutral + (side if below(n) else 1) * size * scale
+                                for n, scale in scales.items()}}, inside)
                 for at in shapes for side in sides for size in LARGER] if scales else []
 
     def _freed(self, changed: Experiment, known: set[str]) -> Experiment:
