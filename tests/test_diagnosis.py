@@ -12,8 +12,10 @@ import pytest
 from benchmarks.diagnosis.making import Hidden
 from benchmarks.diagnosis.rigs import RIGS
 from benchmarks.diagnosis.truths import TRUTHS
-from heavebond.evidence import rung
+from heavebond.evidence import leftover, rung, verdict
+from heavebond.evidence.comparison import compare
 from heavebond.evidence.diagnosis import Diagnosis, diagnose
+from heavebond.evidence.finding import rung as rung_of
 from heavebond.evidence.fitting import fit
 
 KEYS = {"verdict", "words", "steps", "ladder", "ranking", "noise", "seconds"}
@@ -64,8 +66,24 @@ def test_a_law_that_could_bend_further_but_does_not_is_no_rival(tmp_path: Path) 
     made = rung.step(machine.case([4.0]).experiment, number=1, classes=["series compliance", "backlash"])
     assert {t.candidate.kind for t in made.trials} == {"series compliance", "backlash"}
     assert {t.candidate.kind for t in made.cluster} == {"series compliance"}
+    # another end that leaves more elsewhere, yet no more than noise, stays; one that leaves more does not
+    best, other = made.cluster
+    noise = 1 + leftover.SIGMAS * (2 / best.samples_held_out) ** 0.5
+    for left, alike in ((noise - 1e-3, True), (noise + 0.1, False)):
+        again = rung.choosing(replace(made, trials=(best, replace(other, chi2_held_out=left, slack=0.0))), best)
+        assert (len(again.cluster) == 2) is alike
     stiffness = fit(rung.following(made)).parameters[-1]  # 1e6 N/m, sought from 1e4 to 1e10: near neither end
     assert stiffness.name == "series_compliance.c" and not stiffness.at_bound
+
+
+def test_a_channel_of_noise_alone_is_no_error(tmp_path: Path) -> None:
+    # a record in which one channel hardly moves: no model leaves less than all of what was measured there
+    case = Hidden(replace(RIGS["receiver"], seconds=30), [KNOWN["receiver", "leak in"]], "test", tmp_path).case([4e-10])
+    still = {name: replace(output, noise=1e9) for name, output in case.experiment.outputs.items()}
+    bad, good = rung_of("", compare(case.experiment)), rung_of("", compare(replace(case.experiment, outputs=still)))
+    assert bad.error_held_out == good.error_held_out
+    assert verdict._above_noise(bad) == pytest.approx(bad.error_held_out, rel=0.1)
+    assert verdict._above_noise(good) == 0
 
 
 def test_what_the_catalogue_lacks_is_a_shape(tmp_path: Path) -> None:

@@ -20,9 +20,10 @@ from dataclasses import dataclass, replace
 from heavebond.basis.progress import Progress
 from heavebond.evidence.catalogue import Candidate, candidates
 from heavebond.evidence.experiment import Experiment
+from heavebond.evidence.leftover import is_noise
 from heavebond.evidence.rung import Step, choosing, following, leaders, merit, single
 from heavebond.evidence.trial import Trial
-from heavebond.evidence.verdict import is_noise, worth_it
+from heavebond.evidence.verdict import worth_it
 
 MOST = 5  # effects
 WAYS = 3  # ladders that are followed side by side,

@@ -23,6 +23,7 @@ LEVELS = {"score": 0.01, "size": 0.005, "memory": 0.005}
 DRAWS = 20_000  # of the largest chance score: p values down to a few in ten thousand
 LAGS = 20
 NEAR = 1.5  # chi-square per sample up to which what is left is near the noise
+SIGMAS = 3.0  # standard deviations of that figure on what was not fitted, up to which what is left is noise
 
 
 @dataclass(frozen=True)
@@ -45,6 +46,12 @@ def leftover(base: Base, scores: Sequence[Score]) -> Leftover:
     told = [s for s in scores if s.told_apart]
     p_score, z = _largest(told)
     return Leftover(p_score, _size(base) if base.problem.experiment.noise_given else 1.0, _memory(base), z)
+
+
+def is_noise(fitted: float, held_out: float, samples: int) -> bool:
+    """Whether these chi-squares a sample are no more than given noise can be: on `samples` that were not fitted by chance
+    alone, and near it on those that were fitted."""
+    return fitted <= NEAR and samples > 0 and held_out <= 1 + SIGMAS * (2 / samples) ** 0.5
 
 
 def _largest(scores: Sequence[Score]) -> tuple[float, float]:

@@ -15,7 +15,7 @@ import numpy as np
 from heavebond.basis.progress import Progress
 from heavebond.evidence.catalogue import Candidate, candidates
 from heavebond.evidence.experiment import Experiment
-from heavebond.evidence.leftover import NEAR, Leftover, leftover
+from heavebond.evidence.leftover import NEAR, Leftover, is_noise, leftover
 from heavebond.evidence.places import nodes_of
 from heavebond.evidence.residuals import Residuals
 from heavebond.evidence.scoring import TIMES, Base, Score, finer, searched
@@ -294,9 +294,17 @@ def _judged(base: Base, held: tuple[float, int], left: Leftover, scores: Sequenc
 def choosing(made: Step, trial: Trial) -> Step:
     """The step with one of its trials chosen, and what the records cannot tell from it."""
     margin = indistinct(trial, made.merit)
-    near = [t for t in _earned(made) if t is trial or min(m(t) - m(trial) for m in (merit, _joint)) < margin]
+    near = [t for t in _earned(made)
+            if t is trial or min(m(t) - m(trial) for m in (merit, _joint)) < margin or _as_good(t, trial)]
     close = [t for t in near if t is not trial and not any(_needless(t, simpler) for simpler in near)]
     return replace(made, chosen=trial, cluster=(trial, *close, *_twins_of([trial, *close], made.twins, made.scores)))
+
+
+def _as_good(trial: Trial, best: Trial) -> bool:
+    """Whether the same law at another place fits as well and leaves noise too: what it then leaves more on other records
+    comes of numbers that the fit leaves open (play on the one or the other side of a cylinder)."""
+    return trial.candidate.component == best.candidate.component and trial.experiment.noise_given \
+        and trial.cost - best.cost < EARNED and is_noise(trial.chi2_fit, trial.chi2_held_out, trial.samples_held_out)
 
 
 def _needless(trial: Trial, simpler: Trial) -> bool:

@@ -15,10 +15,9 @@ from heavebond.basis.presentation import number, readable
 from heavebond.evidence.catalogue import Candidate
 from heavebond.evidence.finding import Finding, Rung, misses
 from heavebond.evidence.fitting import Fit
-from heavebond.evidence.leftover import NEAR
+from heavebond.evidence.leftover import NEAR, is_noise
 from heavebond.evidence.rung import Step
 
-SIGMAS = 3.0  # standard deviations of that figure, up to which what is left is noise
 # Shares of chi-square above the noise that a name must take away where the noise is not reached: near it, and far from it.
 # Where the noise is given it is a yardstick, and flexible laws at a wrong place take away more than nine tenths of a large
 # misfit: 0.85 of the error itself is asked for, 1 - (1 - 0.85)**2 of its square. Noise that is estimated leaves out what no
@@ -52,7 +51,7 @@ def explained(ladder: Sequence[Rung], findings: Sequence[Finding]) -> bool:
         return True
     # of several effects each mends what another does wrong: together they can come near the noise with wrong names
     near, gone = max(_held(last), last.chi2_fit) <= NEAR, min(held, _gone(min(r.chi2_fit for r in first), last.chi2_fit))
-    if len(findings) > 1 or last.error_held_out > LARGE:
+    if len(findings) > 1 or _above_noise(last) > LARGE:
         return False
     return gone >= (NEARLY if near else GONE)
 
@@ -62,10 +61,12 @@ def _gone(first: float, last: float) -> float:
     return (first - last) / (first - 1) if first > 1 else 0.0
 
 
-def is_noise(fitted: float, held_out: float, samples: int) -> bool:
-    """Whether these chi-squares a sample are no more than given noise can be: on `samples` that were not fitted by chance
-    alone, and near it on those that were fitted."""
-    return fitted <= NEAR and samples > 0 and held_out <= 1 + SIGMAS * (2 / samples) ** 0.5
+def _above_noise(rung: Rung) -> float:
+    """The error on what was not fitted as a share of what was measured, both as root mean squares over all channels, without
+    what noise alone would leave: a channel that hardly moves is all noise, and no model could be nearer to it."""
+    channels = [c for part in rung.comparison.parts if part.use != "fit" for c in part.channels.values()]
+    shares = [c.normalised**2 * max(0.0, 1 - 1 / c.chi2) if c.chi2 else 0.0 for c in channels if math.isfinite(c.normalised)]
+    return math.sqrt(sum(shares) / len(shares)) if shares else 0.0
 
 
 def _held(rung: Rung) -> float:
