@@ -26,7 +26,7 @@ CLOSER = 4
 WRONG = 1e-6
 # a diagram at rest has but the rounding of its numbers, in J
 NOTHING = 1e-9
-# of what an equation moves by if the integrated unknowns are off by all of themselves: their rounding, which no solver beats
+# share by which states, algebraic unknowns and parameters are rounded, and with them what is computed from them
 ROUNDING = 64 * float(np.finfo(float).eps)
 # of the usual size of an unknown, added to its terms; of its rates, which are differences of large forces by small masses
 SMALL, SMALL_RATE = 1e-3, 0.1
@@ -81,9 +81,8 @@ def _judged(text: str) -> tuple[str, str]:
 
 def violation(result: Result) -> tuple[float, str]:
     """How far the equations of the diagram, as written, are from holding along a run: the largest residual over the sum of
-    the sizes of its terms (each unknown's share), and the text of that equation. Rates come from the reduced model. What the
-    rounding of the states and algebraic unknowns does to a residual is taken off: a contact of 500 kN holds 0.2 g in place
-    to 1e-5 m/s**2 and no better."""
+    the sizes of its terms (each unknown's share), and the text of that equation. Rates come from the reduced model. What
+    rounding does to a residual is taken off: a contact of 500 kN holds 0.2 g in place to 1e-5 m/s**2 and no better."""
     assembly, flat = result.assembly, result.assembly.flat
     known = {s.element_hash() for s in split(assembly.reduced.symbols)}
     known |= {s.element_hash() for a in assembly.arguments for s in split(a)}
@@ -95,13 +94,13 @@ def violation(result: Result) -> tuple[float, str]:
     usual = {s.element_hash(): (SMALL_RATE if order else SMALL) * u.nominal for order, level in enumerate(flat.levels)
              for s, u in zip(level, flat.unknowns, strict=True)}
     terms = stack([ca.fabs(s) + usual.get(s.element_hash(), 0.0) for s in symbols])
-    sizes = ca.fabs(ca.jacobian(residuals, stack(symbols))) @ terms if symbols else ca.SX(len(rows), 1)
-    residuals, sizes = assembly.express(residuals), assembly.express(sizes)
-    inner = stack([assembly.arguments[1], assembly.arguments[2]])
-    rounded = ROUNDING * ca.fabs(ca.jacobian(residuals, inner)) @ ca.fabs(inner)
-    both = ca.Function("both", list(assembly.arguments), [residuals, sizes, rounded])
-    off, terms, least = (np.array(v) for v in both.map(len(result.time))(*columns(result)))
-    share = _share(np.maximum(np.abs(off) - np.where(np.isfinite(least), least, 0.0), 0.0), terms)
+    slopes = ca.fabs(ca.jacobian(residuals, stack(symbols))) if symbols else ca.SX(len(rows), 0)
+    inner, values = stack(assembly.arguments[1:4]), assembly.express(stack(symbols))  # x, z, p
+    rounded = ROUNDING * assembly.express(slopes) @ (ca.fabs(ca.jacobian(values, inner)) @ ca.fabs(inner))
+    both = ca.Function("both", list(assembly.arguments),
+                       [assembly.express(residuals), assembly.express(slopes @ terms), rounded])
+    off, sizes, least = (np.array(v) for v in both.map(len(result.time))(*columns(result)))
+    share = _share(np.maximum(np.abs(off) - np.where(np.isfinite(least), least, 0.0), 0.0), sizes)
     k = int(np.argmax(share.max(axis=1)))
     return float(share.max()), flat.equations[rows[k]].text
 

@@ -6,10 +6,12 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 
 from heavebond.analysis.disturbance import disturbed, quiet
 from heavebond.basis.errors import Problem, UsageError
+from heavebond.basis.units import read_unit
 from heavebond.equations.flatten import flatten
 from heavebond.equations.reduce import reduce
 from heavebond.language.model import Initial, Model
@@ -22,6 +24,7 @@ from heavebond.studies.linearisation import start_point
 
 MOST_STEPS = 20
 STEADY = "steady"
+SPEEDS = tuple(read_unit(text).dimension for text in ("m/s", "rad/s"))
 
 
 class OperatingPoints:
@@ -61,6 +64,35 @@ class OperatingPoints:
             return start_point(start(assembly, 0.0, u, self.equations), u)
         u = _held_still(u)
         return _still(assembly, self.equations, start_point(start(assembly, 0.0, u, self.equations), u))
+
+
+def stuck(assembly: Assembly, point: Point) -> list[str]:
+    """A sentence for each friction that is linearised in its transition around rest, and what to type for one that slides.
+
+    A smoothed friction F(v) of width v_t has the slope F/v_t at rest, as a damper far stiffer than any in the machine.
+    Looked for are components that may be an effect, with amplitudes that are not zero, and with a width in the unit of one
+    of their own variables which is below it.
+    """
+    flat = assembly.flat
+    values = np.array(assembly.values(*point.values())).ravel()
+    number = dict(zip(assembly.parameter_names, point.p, strict=True))
+    lines = []
+    for path, leaf in flat.expanded.leaves.items():
+        component = leaf.component
+        widths = [(f"{path}.{q.name}", q.unit.dimension) for q in component.parameters.values()
+                  if q.width and q.unit.dimension in SPEEDS]
+        speeds = {flat.unknowns[j].unit.dimension: values[j] for name in component.unknowns
+                  if (j := flat.names.get(f"{path}.{name}")) is not None}
+        forces = [f"{path}.{name}" for name in (component.effect.amplitude if component.effect else ())
+                  if number.get(f"{path}.{name}", 1.0)]
+        slow = [name for name, unit in widths if unit in speeds and name in flat.constants
+                and abs(speeds[unit]) < float(ca.Function("w", [flat.p], [flat.constants[name]])(point.p))]
+        if slow and forces:
+            units = (component.parameters[name.rpartition(".")[2]].unit.text for name in forces)
+            put = " ".join(f"--set {name}='0 {unit}'" for name, unit in zip(forces, units, strict=True))
+            lines.append(f"{path} is stuck there (slower than its {slow[0].rpartition('.')[2]}) and linearised as a damper "
+                         f"that holds all. For the machine that slides: {put}, or a moment of motion by --at.")
+    return lines
 
 
 def _steady(model: Model) -> Model:

@@ -11,6 +11,7 @@ from heavebond.commands.arguments import blamed_on_settings, json_option, set_op
 if TYPE_CHECKING:
     from heavebond.numbers.dae import Assembly
     from heavebond.numbers.initialise import Start
+    from heavebond.numbers.start_equations import Point
 
 
 @click.command(short_help="Check a diagram; tell its states, loops, index and start.")
@@ -28,16 +29,17 @@ def check(model: str, listed: bool, settings: tuple[str, ...]) -> dict[str, obje
     from heavebond.language.model import load
     from heavebond.numbers.dae import assemble
     from heavebond.reports.summary import summary
+    from heavebond.studies.validity import beyond_at, told
 
     with blamed_on_settings(settings):
         with working("assembling"):
             assembly = assemble(with_settings(load(model), settings))
-        failure, first = None, None
+        failure, begun, first = None, None, None
         try:
-            first = _start(assembly)
+            begun, first = _start(assembly)
         except StartError as error:  # the structure is worth seeing all the same
             failure = error
-        found = summary(assembly, first)
+        found = summary(assembly, begun)
         console = output()
         for line in found.text(console.width).splitlines():
             console.print(line, style="bold" if line[:1].strip() else None, soft_wrap=True)
@@ -47,7 +49,10 @@ def check(model: str, listed: bool, settings: tuple[str, ...]) -> dict[str, obje
         if failure:
             console.print()
             raise failure
-    return found.as_dict()
+        passed = beyond_at(assembly, first) if first is not None else []
+        for line in told(passed):
+            console.print(line, style="yellow", soft_wrap=True)
+    return {**found.as_dict(), "warnings": [b.as_dict() for b in passed]}
 
 
 def _names(assembly: Assembly) -> object:
@@ -62,15 +67,20 @@ def _names(assembly: Assembly) -> object:
     return table("Names", ("name", "unit", "value", "what"), rows, text=4)
 
 
-def _start(assembly: Assembly) -> Start:
+def _start(assembly: Assembly) -> tuple[Start, Point]:
+    """The start, and the same as a point with the inputs there."""
+    import numpy as np
+
     from heavebond.numbers.initialise import start
     from heavebond.numbers.inputs import pieced
     from heavebond.numbers.simulation import grid
+    from heavebond.studies.linearisation import start_point
 
     if not assembly.flat.inputs:
-        return start(assembly)
-    import numpy as np
-
+        begun = start(assembly)
+        return begun, start_point(begun, np.zeros(0))
     # a record must cover the whole run, which is said here and not first by `run`
     times = grid(assembly.model, None, None)
-    return start(assembly, 0.0, pieced(assembly.flat, 0.0, float(times[-1])).at(np.zeros(1))[:, 0])
+    u = pieced(assembly.flat, 0.0, float(times[-1])).at(np.zeros(1))[:, 0]
+    begun = start(assembly, 0.0, u)
+    return begun, start_point(begun, u)

@@ -79,6 +79,7 @@ def linear(model: str, inputs: tuple[str, ...], outputs: tuple[str, ...], loop: 
         if over is not None:
             return _locus(diagram, over, when, output)
         from heavebond.analysis.linear_system import StateSpaces
+        from heavebond.analysis.operating import stuck
         from heavebond.basis.presentation import count
 
         made = StateSpaces(diagram, chosen, wanted, when)
@@ -87,6 +88,9 @@ def linear(model: str, inputs: tuple[str, ...], outputs: tuple[str, ...], loop: 
     console = terminal.output()
     console.print(f"{diagram.name} {made.points.words}: {count(len(system.states), 'state')}, "
                   f"{'stable' if system.stable else 'not stable'}", soft_wrap=True)
+    told["stuck"] = notes = stuck(made.points.assembly, made.points.at())
+    for note in notes:
+        console.print(note, style="yellow", soft_wrap=True)
     if loop is not None:
         channels, span, found = _cut(system, frequencies)
         told |= _margins_told(found)

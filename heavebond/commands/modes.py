@@ -37,7 +37,7 @@ def modes(model: str, at: str | None, steady: bool, settings: tuple[str, ...]) -
     A friction law is linearised as it is at rest, where it holds everything: --set its forces to 0 for the modes in motion,
     or take a moment of motion by --at.
     """
-    from heavebond.analysis.operating import OperatingPoints
+    from heavebond.analysis.operating import OperatingPoints, stuck
     from heavebond.basis.presentation import count
     from heavebond.commands import terminal
     from heavebond.language.model import load
@@ -59,9 +59,13 @@ def modes(model: str, at: str | None, steady: bool, settings: tuple[str, ...]) -
     if growing:
         console.print(f"{growing} modes grow" if growing > 1 else "1 mode grows",
                       f"{operating.words}: it is not stable there")
+    notes = stuck(assembly, point)
+    for note in notes:
+        console.print(note, style="yellow", soft_wrap=True)
     if shares and shares[0].left_out:
         console.print(f"not counted (described by mass and temperature): {', '.join(shares[0].left_out)}", soft_wrap=True)
     return {"model": assembly.model.name, "at": operating.words, "operating_point": _point_told(assembly, point),
+            "stuck": notes,
             "modes": [_told(mode, share) for mode, share in zip(found, shares, strict=True)]}
 
 

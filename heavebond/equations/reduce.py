@@ -321,23 +321,24 @@ class _Solver:
         self.loops.append(Loop(owners, names, len(left)))
 
     def _weak(self, rows: Sequence[int], inside: set[int]) -> list[tuple[int, int]]:
-        """The entries (row, column) of a loop that are not divided by: what follows from larger ones of the same unit would
-        be a billion times as large as their unknowns, and its rounding all that is left where it cancels."""
-        flat, groups = self.system.flat, dict[tuple[object, ...], list[tuple[int, int, int]]]()
-        for r in rows:
-            for c, kind in self.entries[r]:
-                if kind <= PARAMETER and c in inside:
-                    j, order = self.unknown[c]
-                    groups.setdefault((r, order, flat.unknowns[j].unit.dimension), []).append((r, c, kind))
-        several = [group for group in groups.values() if len(group) > 1 and any(kind != UNIT for _, _, kind in group)]
+        """The entries (row, column) of a loop that are not divided by: what follows would be a billion times as large as
+        what it follows from, and its rounding all that is left where it cancels. Compared are unknowns of one unit in an
+        equation (the arms of a lever), and an unknown in equations for others of one unit (the masses on a node)."""
+        entries = [(r, c, kind) for r in rows for c, kind in self.entries[r] if kind <= PARAMETER and c in inside]
+        units = [(self.unknown[c][1], self.system.flat.unknowns[self.unknown[c][0]].unit.dimension) for _, c, _ in entries]
+        alone = {(r, c): unit for (r, c, kind), unit in zip(entries, units, strict=True) if kind == UNIT}
+        groups: dict[tuple[object, ...], list[int]] = {}
+        for k, ((r, c, kind), unit) in enumerate(zip(entries, units, strict=True)):
+            groups.setdefault((r, *unit), []).append(k)
+            for other in {u for (row, column), u in alone.items() if row == r and column != c} if kind != UNIT else ():
+                groups.setdefault((c, "beside", *other), []).append(k)
+        several = [group for group in groups.values() if len(group) > 1 and any(entries[k][2] != UNIT for k in group)]
         if not several:
             return []
-        pairs = [(r, c) for group in several for r, c, _ in group]
-        slopes = stack([ca.jacobian(self.system.residual[self.rows[r]], self._symbol(c)) for r, c in pairs])
-        values = np.abs(np.array(ca.Function("slopes", [flat.p], [slopes])(self.system.p_values)).ravel())
-        most = np.repeat([part.max() for part in np.split(values, np.cumsum([len(group) for group in several])[:-1])],
-                         [len(group) for group in several])
-        return [pair for pair, small in zip(pairs, values < WEAK * most, strict=True) if small]
+        slopes = stack([ca.jacobian(self.system.residual[self.rows[r]], self._symbol(c)) for r, c, _ in entries])
+        sizes = np.abs(np.array(ca.Function("slopes", [self.system.flat.p], [slopes])(self.system.p_values)).ravel())
+        weak = {k for group in several for k in group if sizes[k] < WEAK * sizes[group].max()}
+        return [entries[k][:2] for k in sorted(weak)]
 
     def _symbol(self, c: int) -> ca.SX:
         return self.system.symbol(self.unknown[c])

@@ -13,7 +13,8 @@ from heavebond.text.expression import Compare, Equation, Expr, Name
 @dataclass(frozen=True)
 class Member:
     """One variable of a port: its unit, the size that it commonly has (for scaling), what it never falls below, and the
-    guess where a start is searched and nothing else is known."""
+    guess where a start is searched and nothing else is known. Below `physical` its laws mean nothing; `beyond` says what
+    that is and what to do."""
 
     name: str
     unit: Unit
@@ -21,6 +22,8 @@ class Member:
     doc: str = ""
     low: float | None = None
     start: float | None = None
+    physical: float | None = None
+    beyond: str = ""
 
 
 @dataclass(frozen=True)

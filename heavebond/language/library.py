@@ -142,8 +142,9 @@ def _domain(name: str, node: Mapping, problems: Problems) -> Domain:
         if entry is None:
             continue
         unit = _unit(entry.items.get("unit"), problems) or DIMENSIONLESS
-        low, nominal, start = (_figure(entry, name, problems) for name in ("min", "nominal", "start"))
-        members[key] = Member(key, unit, nominal or 1.0, reading.text(entry.items.get("doc"), "doc", problems), low, start)
+        low, nominal, start, physical = (_figure(entry, name, problems) for name in ("min", "nominal", "start", "physical"))
+        doc, beyond = (reading.text(entry.items.get(name), name, problems) for name in ("doc", "beyond"))
+        members[key] = Member(key, unit, nominal or 1.0, doc, low, start, physical, beyond)
 
     def listed(key: str) -> tuple[str, ...]:
         return tuple(s.text for s in reading.words(node.items.get(key), key, problems))
