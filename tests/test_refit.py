@@ -59,7 +59,8 @@ def test_a_close_comparison_goes_beyond_an_end_that_nobody_declared(tmp_path: Pa
 def test_a_limit_that_the_records_do_not_reach_is_said_to_be_that(tmp_path: Path) -> None:
     """A sensor that ends below the largest pressure says nothing of a lower end."""
     truth = next(t for t in TRUTHS["receiver"] if t.name == "leak in")
-    experiment = Hidden(replace(RIGS["receiver"], seconds=20.0), [truth], "test", tmp_path, 1.0, 0.0).case([1e-14]).experiment
+    machine = Hidden(replace(RIGS["receiver"], seconds=20.0), [truth], "test", tmp_path, 1.0, 0.0)
+    experiment = machine.case([1e-14]).experiment
     tables = {record.file: pd.read_csv(record.file) for record in experiment.records.values()}
     least, most = (max(getattr(t.iloc[:, -1], end)() for t in tables.values()) for end in ("min", "max"))
     for file, table in tables.items():
