@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from benchmarks.diagnosis.making import Hidden
@@ -13,6 +14,7 @@ from benchmarks.diagnosis.rigs import RIGS
 from benchmarks.diagnosis.truths import TRUTHS
 from heavebond.evidence import trial
 from heavebond.evidence.catalogue import candidates
+from heavebond.evidence.diagnosis import diagnose
 from heavebond.evidence.rung import fitted_base
 from heavebond.evidence.scoring import scored
 from heavebond.evidence.trial import polished, tried
@@ -33,6 +35,43 @@ def test_an_amplitude_is_sought_beyond_what_the_tangent_tells(tmp_path: Path, mo
     assert found.values["valve.leakage"] == pytest.approx(1e-11, rel=0.1)
     assert found.chi2_fit < 1.1  # 1503 samples: 1 +- 0.04
     assert found.experiment.free["valve.leakage"].range.high > 1e-11  # what is written to the new experiment
+
+
+def test_a_close_comparison_goes_beyond_an_end_that_nobody_declared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A refit that has not arrived ends inside of a range which its valley leaves."""
+    truth = next(t for t in TRUTHS["receiver"] if t.name == "leak in")
+    machine = Hidden(replace(RIGS["receiver"], seconds=20.0), [truth], "test", tmp_path, 1.0, 0.0)
+    base = fitted_base(machine.case([4e-10]).experiment)
+    leak = next(c for c in candidates(base.problem.experiment) if c.label == truth.label)
+    guesses, number = scored(base, leak), leak.numbers[0].name
+    monkeypatch.setattr(trial, "WIDE", 2.0)  # the leak is four times what would move the channels by the misfit
+    with monkeypatch.context() as at_once:
+        at_once.setattr(trial, "WIDENED", 0)
+        narrow = tried(base, leak, guesses)
+    assert narrow is not None
+    end = narrow.experiment.free[number].range.high
+    assert narrow.values[number] == pytest.approx(end, rel=2e-3)  # it stands at the end (see `AT_END`)
+    found = polished(base, narrow, guesses)
+    assert found.values[number] > 1.5 * end
+    assert found.cost < 0.9 * narrow.cost
+
+
+def test_a_limit_that_the_records_do_not_reach_is_said_to_be_that(tmp_path: Path) -> None:
+    """A sensor that ends below the largest pressure says nothing of a lower end."""
+    truth = next(t for t in TRUTHS["receiver"] if t.name == "leak in")
+    machine = Hidden(replace(RIGS["receiver"], seconds=20.0), [truth], "test", tmp_path, 1.0, 0.0)
+    experiment = machine.case([1e-14]).experiment
+    tables = {record.file: pd.read_csv(record.file) for record in experiment.records.values()}
+    least, most = (max(getattr(t.iloc[:, -1], end)() for t in tables.values()) for end in ("min", "max"))
+    for file, table in tables.items():
+        table.iloc[:, -1] = table.iloc[:, -1].clip(upper=0.4 * least + 0.6 * most)
+        table.to_csv(file, index=False)
+    found = diagnose(experiment, classes=["saturation"], number=1)
+    assert found.verdict == "effect"
+    low, high = sorted(found.findings[0].parameters, key=lambda p: p.value)
+    assert low.at_bound and not high.at_bound
+    assert any(low.name in line and "hardly reach" in line for line in found.words)
+    assert not any("look for more of its kind" in line for line in found.words)
 
 
 def test_an_amplitude_that_no_score_moves_stays_neutral(tmp_path: Path) -> None:
