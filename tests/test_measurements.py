@@ -123,6 +123,7 @@ def test_decimal_comma_between_commas(tmp_path: Path) -> None:
     ("# t,z\n0,1\n1,2\n", "record-header", 2, "Remove the # in front of the names."),
     ("t,,z\n0,1,2\n", "record-header", 1, "column 2 has no name"),
     ("t,z\nbegin,middle\n0,1\n", "record-units-row", 2, "Put a # in front of this line"),
+    ("rig\nt;z\n0;1,5\n1;2,5\n", "record-header", 1, "in front of every line above the row of names"),
     ("t  z\n0 1\n1 2\n", "record-separator", 1, "commas, semicolons or tabs"),
 ])
 def test_not_a_table(tmp_path: Path, text: str, code: str, line: int, advice: str) -> None:
@@ -189,7 +190,7 @@ def test_repeated_and_decreasing_times(tmp_path: Path) -> None:
     assert where(caught.value) == [("record-time-repeated", 4, 1), ("record-time-decreasing", 7, 1)]
     assert "the time 1 in 't' stands twice (line 4)" in str(caught.value)
     assert "the time 0 in 't' is less than the one before it (line 7)" in str(caught.value)
-    assert "two runs are two records" in str(caught.value)
+    assert "make it a record of its own" in str(caught.value) and "one row per instant" in str(caught.value)
 
 
 def test_rows_without_time_or_value(tmp_path: Path) -> None:

@@ -166,6 +166,9 @@ def _check_header(sheet: _Sheet, problems: Problems) -> None:
     if words > 1 and sheet.rows and all(len(cells[0].split()) == words for _, cells in sheet.rows):
         problems.add("record-separator", "the columns seem to be separated by spaces", sheet.place(line, 0),
                      hint="Separate them by commas, semicolons or tabs.")
+    elif len(names) == 1 and (found := _columns_below(sheet)):
+        problems.add("record-header", f"the first row has one column, those below have {found}", sheet.place(line, 0),
+                     hint="Put a # in front of every line above the row of names.")
     for k, name in enumerate(names):
         if not name:
             problems.add("record-header", f"column {k + 1} has no name", sheet.place(line, k),
@@ -174,6 +177,16 @@ def _check_header(sheet: _Sheet, problems: Problems) -> None:
             problems.add("record-column-twice",
                          f"two columns are called '{name}' (columns {names.index(name) + 1} and {k + 1})",
                          sheet.place(line, k), hint="Give each column a name of its own.")
+
+
+def _columns_below(sheet: _Sheet) -> str:
+    """What separates the last rows where the first one has no such thing, in words: a title stands above the names then."""
+    lines = [sheet.lines[line - 1] for line, _ in sheet.rows[-3:]]
+    for separator, name in SEPARATORS.items():
+        counts = {line.count(separator) for line in lines}
+        if len(counts) == 1 and 0 not in counts:
+            return f"{counts.pop() + 1}, separated by {name}"
+    return ""
 
 
 def _without_units_row(sheet: _Sheet, problems: Problems) -> tuple[Cells, list[str]]:
