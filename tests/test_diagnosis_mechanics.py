@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from heavebond.evidence.catalogue import candidates
 from heavebond.evidence.comparison import compare
 from heavebond.evidence.experiment import load_experiment
-from heavebond.evidence.rung import fitted_base
+from heavebond.evidence.rung import _planned, fitted_base
 from heavebond.evidence.scoring import Base, scored, searched
 from heavebond.evidence.trial import Trial, tried
 from heavebond.numbers.dae import Array
@@ -180,3 +180,15 @@ def test_a_cubic_spring_is_sought_where_the_spring_moves(tmp_path: Path) -> None
     assert np.isclose(found.values["cubic_spring.c_3"], 6e4, rtol=0.1)
     sought = found.experiment.free["cubic_spring.l0"].range
     assert -0.5 < sought.low < -0.05 and 0.05 < sought.high < 0.5  # it swings by some 0.1 m
+
+
+def test_every_class_has_its_turn_before_any_has_a_second_one(tmp_path: Path) -> None:
+    """A search may be ended early."""
+    path = recorded(tmp_path, OSCILLATOR, PULLED, lambda _, x, force: [x[1], (force - 700 * x[0] - 30 * x[1]) / 3], 2,
+                    {"train": 50.0, "check": 30.0}, 0.2, 1e3)
+    base = fitted_base(load_experiment(path))
+    wanted = ("dry friction", "quadratic damping", "constant force")
+    found = [c for c in candidates(base.problem.experiment) if c.kind in wanted and c.component != "LuGreFriction"]
+    jobs, *_ = _planned([score for c in found for score in scored(base, c)], {})
+    kinds = [c.kind for c, _ in jobs]
+    assert set(kinds[:3]) == set(wanted) and kinds.count("dry friction") > 1

@@ -7,6 +7,7 @@ take the one that leaves least on what was not fitted, if it earns its place the
 from __future__ import annotations
 
 import time as clock
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -234,7 +235,18 @@ def _planned(scores: Sequence[Score], as_one: Mapping[str, str]
     for k, group in enumerate(kept):
         promising = families[_family(group[0])] >= PROMISING * largest and group[0].gain >= AT_LEAST * largest
         (leading if k < REFITS or promising else rest).append((group[0].candidate, group))
-    return leading, rest, twins
+    return _in_turn(leading), _in_turn(rest), twins
+
+
+def _in_turn(jobs: Sequence[Job]) -> list[Job]:
+    """The first of each class, then the second, ...: where time is short every class has had its turn, however many laws
+    and places another one has that promise a little more."""
+    before: Counter[str] = Counter()
+    turns = []
+    for candidate, _ in jobs:
+        turns.append(before[candidate.kind])
+        before[candidate.kind] += 1
+    return [job for _, job in sorted(zip(turns, jobs, strict=True), key=lambda pair: pair[0])]
 
 
 def _unexplained(trials: Sequence[Trial]) -> bool:
