@@ -79,7 +79,8 @@ def timed(residuals: Iterable[ca.SX], told: Iterable[tuple[str, str, Place]], ti
     places = split(joined.p)[begin:]
     joined = replace(joined, expressions={**joined.expressions, **{h.name: p for h, p in zip(own, places, strict=True)}},
                      units={**joined.units, **{h.name: h.unit for h in own}})
-    return Timed(ca.substitute(done, [stack(symbols)], [stack(places)]), frozenset(smooth), joined, (*held, *own), tuple(events))
+    done = ca.substitute(done, [stack(symbols)], [stack(places)])
+    return Timed(done, frozenset(smooth), joined, (*held, *own), tuple(events))
 
 
 class _Walk:
