@@ -37,8 +37,11 @@ REFUSED = (
     "rigid_inertias_with_other_speeds", "steady_state_of_two_closed_chambers", "steady_and_a_place_as_well",
     "steady_load_that_nothing_holds", "solve_without_a_condition", "solve_beyond_the_bounds", "value_on_what_a_source_holds",
     "joined_volumes_at_other_pressures", "gas_that_begins_at_zero", "gauge_pressure_for_an_absolute_one",
-    # events
-    "step_into_a_position_source",
+    "coils_in_line_with_other_currents", "flow_forced_through_shut_valves", "controller_that_cannot_hold_its_load",
+    "cylinder_that_begins_at_zero_volume", "check_valves_in_line_both_shut", "motions_at_both_ends_of_a_gear",
+    "force_divided_by_the_time",
+    # events, and what should be one
+    "step_into_a_position_source", "coil_on_a_current_that_steps", "capacitor_on_a_voltage_that_steps", "sign_of_a_speed",
 )
 
 
@@ -85,6 +88,9 @@ ENDS: dict[str, Callable[[], dict[str, float]]] = {
     "spring_jerked_at_its_end": lambda: {"body.x": 0.02 * (1 - np.cos(np.sqrt(1000 / 3) * 0.5))},
     "capacitors_that_divide_a_voltage": lambda: {"middle.v": 2 + 3 / 4 * 10},
     "cylinder_that_pushes_nothing": lambda: {"rod.v": 10 * LPM / 20e-4, "A.p": 0.0},
+    "lever_of_no_arm": lambda: {"a.x": 0.1 * np.cos(10.0), "b.v": 0.0},
+    "pump_that_stands_in_a_circuit": lambda: {"m.p": 0.0, "o2.q": 0.0},
+    "motion_in_pieces": lambda: {"load.x": 0.25, "mass.a.f": 20.0},
     # a ripple of 20 A tanh(T/4 tau) that is reached with the time constant of the coil
     "inverter_of_10_khz": lambda: {"coil.i": -20 * np.tanh(0.1 / 4) * (1 - np.exp(-20))},
 }

@@ -21,6 +21,7 @@ from heavebond.text.instructions import BINARY
 from heavebond.text.symbols import split, stack
 
 NEVER = 1e300  # an instant that no run reaches
+KINKS = {ca.OP_FABS, ca.OP_SIGN, ca.OP_FMIN, ca.OP_FMAX, ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_IF_ELSE_ZERO}
 TWO = set(BINARY.tolist())
 
 
@@ -32,22 +33,24 @@ class Passing:
     instant: ca.SX
 
 
-def clocked(residual: ca.SX, time: ca.SX, constants: set[int]) -> tuple[ca.SX, list[Passing]]:
-    """A scalar residual without comparisons of the time with constants (the hashes of their symbols), and the instants at
-    which these change."""
+def clocked(residual: ca.SX, time: ca.SX, constants: set[int]) -> tuple[ca.SX, list[Passing], bool]:
+    """A scalar residual without comparisons of the time with constants (the hashes of their symbols), the instants at
+    which these change, and whether it still has a kink in something that moves."""
     symbols = ca.symvar(residual)
     if time.element_hash() not in {s.element_hash() for s in symbols}:
-        return residual, []
+        return residual, [], True
     walk = _Walk(time, constants)
     rebuilt = walk.rebuilt(ca.Function("residual", [stack(symbols)], [residual]), symbols)
-    return (rebuilt, walk.found) if walk.found else (residual, [])
+    return (rebuilt, walk.found, walk.kinked) if walk.found else (residual, [], True)
 
 
 @dataclass(frozen=True)
 class Timed:
-    """Residuals with what they took from the time held, the parameters with the begins of that, and when it changes."""
+    """Residuals with what they took from the time held, the parameters with the begins of that, and when it changes;
+    `smooth` are the numbers of residuals that have no kink between these instants."""
 
     residuals: list[ca.SX]
+    smooth: frozenset[int]
     parameters: Parameters
     held: tuple[Held, ...]
     events: tuple[FlatEvent, ...]
@@ -58,10 +61,11 @@ def timed(residuals: Iterable[ca.SX], told: Iterable[tuple[str, str, Place]], ti
     """All residuals clocked; `told` are owner, text and place of their equations, `held` what is held already."""
     constants = {s.element_hash() for k, s in enumerate(split(parameters.p)) if k not in {h.index for h in held}}
     own, events, symbols, done = list[Held](), list[FlatEvent](), list[ca.SX](), list[ca.SX]()
-    numbers, begin, known = Counter[str](), parameters.p.numel(), {*parameters.expressions}
-    for residual, (owner, text, place) in zip(residuals, told, strict=True):
-        rebuilt, passings = clocked(residual, time, constants)
+    numbers, begin, smooth = Counter[str](), parameters.p.numel(), set[int]()
+    for k, (residual, (owner, text, place)) in enumerate(zip(residuals, told, strict=True)):
+        rebuilt, passings, kinked = clocked(residual, time, constants)
         done.append(rebuilt)
+        smooth |= set() if kinked else {k}
         for passing in passings:
             numbers[owner] += 1
             name, index = f"{owner}.clock_{numbers[owner]}", begin + len(own)
@@ -69,19 +73,19 @@ def timed(residuals: Iterable[ca.SX], told: Iterable[tuple[str, str, Place]], ti
             symbols.append(passing.symbol)
             reset = FlatReset(name, None, index, ca.SX(1), place)
             events.append(FlatEvent(name, text, place, None, passing.instant, None, (reset,), by_clock=True))
-    assert known.isdisjoint(h.name for h in own)
     if not own:
-        return Timed(done, parameters, held, ())
+        return Timed(done, frozenset(), parameters, held, ())
     joined = parameters.joined(FlatParameter(f"initial.{h.name}", 0.0, h.unit, h.place) for h in own)
     places = split(joined.p)[begin:]
     joined = replace(joined, expressions={**joined.expressions, **{h.name: p for h, p in zip(own, places, strict=True)}},
                      units={**joined.units, **{h.name: h.unit for h in own}})
-    return Timed(ca.substitute(done, [stack(symbols)], [stack(places)]), joined, (*held, *own), tuple(events))
+    done = ca.substitute(done, [stack(symbols)], [stack(places)])
+    return Timed(done, frozenset(smooth), joined, (*held, *own), tuple(events))
 
 
 class _Walk:
     def __init__(self, time: ca.SX, constants: set[int]):
-        self.time, self.constants = time, constants
+        self.time, self.constants, self.kinked = time, {*constants}, False
         self.found: list[Passing] = []
 
     def rebuilt(self, function: ca.Function, symbols: list[ca.SX]) -> ca.SX:
@@ -104,6 +108,10 @@ class _Walk:
     def _operated(self, op: int, a: ca.SX, b: ca.SX | None = None) -> ca.SX:
         if b is not None and op in (ca.OP_LT, ca.OP_LE) and (found := self._held(b - a)) is not None:
             return found
+        # what `if_else` puts out is smooth where its condition does not change
+        deciding = a if op == ca.OP_IF_ELSE_ZERO or b is None else ca.vertcat(a, b)
+        if op in KINKS and not {s.element_hash() for s in ca.symvar(deciding)} <= self.constants:
+            self.kinked = True
         return ca.SX.binary(op, a, b) if op in TWO and b is not None else ca.SX.unary(op, a)
 
     def _held(self, above: ca.SX) -> ca.SX | None:
@@ -116,6 +124,7 @@ class _Walk:
         first = ca.substitute(above, self.time, ca.SX(0))
         instant = ca.if_else(slope == 0, NEVER, -first / slope)
         symbol = ca.SX.sym("passed")
+        self.constants.add(symbol.element_hash())
         self.found.append(Passing(symbol, instant))
         after = ca.if_else(instant <= 0, 1, symbol)  # a start is found with what holds at 0 s
         return ca.if_else(slope > 0, after, ca.if_else(slope < 0, ca.logic_not(after), first > 0))

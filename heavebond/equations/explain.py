@@ -305,5 +305,5 @@ def kinked(flat: Flat, indices: Sequence[int]) -> ModelError:
             "kink-differentiated", f"'{equation.owner}': this equation must be differentiated in time, but "
             f"{equation.kink} has a kink", place,
             "It holds positions or other states together, so its rate is needed. Use a smooth function instead (tanh, "
-            "smooth_sign),\nor let the parts meet through a spring."))
+            "smooth_sign),\nor put between what gives way: a spring, a resistance, a lag behind a signal."))
     return ModelError(problems)

@@ -187,6 +187,7 @@ class _Builder:
                       self.held)
         self.residuals, self.parameters, self.constants = found.residuals, found.parameters, found.parameters.expressions
         self.held, self.events = found.held, [*self.events, *found.events]
+        self.equations = [replace(e, kink=None) if k in found.smooth else e for k, e in enumerate(self.equations)]
 
     def _numbers_of_a_run(self) -> None:
         """Initial values (`initial.crown.x`) and the scales of measured inputs (`scale.heave.u`, 1) as parameters, so

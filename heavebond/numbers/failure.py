@@ -126,8 +126,8 @@ def _cause(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array)
     fastest = names or assembly.algebraic_names
     verb = "changes" if len(fastest) == 1 else "change"
     return (f"{listing(fastest, 2)} {verb} fastest: a kink or jump there that the solver cannot step over. Smooth it "
-            "(a transition velocity or pressure), let it happen as an event (a Step for a jump in time, "
-            "`when:` in a component), or loosen the tolerances.", notes)
+            "(smooth_sign(v, v_t) for sign(v), signed_sqrt for a root), let it happen as an event (a Step for a jump in "
+            "time, a DryFriction for a sign, `when:` in a component), or loosen the tolerances.", notes)
 
 
 def _lost(assembly: Assembly, at: dict[int, float], t: float) -> Problem | None:

@@ -155,8 +155,8 @@ class EventEquations:
             names = listing((unknowns[k].name for k in jumped), 4)
             raise SimulationError([Problem(
                 "event-impulse", f"at t = {after.t:.6g} s {what} makes {names} jump, whose rate other equations need",
-                unknowns[jumped[0]].place, "That takes an infinite force, torque or flow. Let it change in a finite time: a "
-                "Ramp, a PolynomialMotion, or a SecondOrderLag behind what jumps.", tuple(
+                unknowns[jumped[0]].place, "That takes an infinite force, flow, voltage or current. Let it change in a "
+                "finite time: a Ramp, a PolynomialMotion, or a SecondOrderLag behind what jumps.", tuple(
                     f"{unknowns[k].name}: {readable(first[k], unknowns[k].unit.text)} before, "
                     f"{readable(then[k], unknowns[k].unit.text)} after" for k in jumped[:4]))])
 

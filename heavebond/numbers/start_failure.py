@@ -19,6 +19,7 @@ from heavebond.numbers.start_equations import Point, StartEquations, StartRow, S
 AT = "at the start"
 # gradients that depend on each other up to this share, and residuals that then disagree by more than this
 DEPENDENT, DISAGREE = 1e-8, 1e-6
+JUST_AFTER = 1e-3  # s
 # what a hint names at most
 MOST_NAMED = 6
 
@@ -63,6 +64,8 @@ def failure(equations: StartEquations, point: Point, residual: Array, system: St
         return StartError([Problem("start-bound", "no consistent initial values were found within the bounds", place,
                                    "Ask for something else, or let another parameter follow under `solve:`.",
                                    (*ends, *notes))])
+    if bad and all(rows[k].steady for k in bad):
+        return StartError([_no_rest(equations, point, [rows[k] for k in bad])])
     return StartError([Problem("start-failed", "no consistent initial values were found", place,
                                "Give guesses for the variables in these equations, for example "
                                f"`initial: {{{_example(equations.assembly)}}}`.", tuple(notes))])
@@ -82,7 +85,11 @@ def _cure(assembly: Assembly, point: Point, finite: Callable[[Point], bool]) -> 
     if numbers and finite(replace(point, p=together)):
         return f"Some of {listing((assembly.parameter_names[k] for k in numbers), MOST_NAMED)} may not be 0: give them " \
             "other values.", flat.parameters[numbers[0]].place
-    begun = [k for k in states if finite(replace(point, x=_moved(point.x, k, assembly.x_nominal[k])))] or states
+    begun = [k for k in states if finite(replace(point, x=_moved(point.x, k, assembly.x_nominal[k])))]
+    if not begun and finite(replace(point, t=point.t + JUST_AFTER)):
+        return "It has one just after the start: something is divided by the time, or the root or logarithm taken of what " \
+            "the time makes 0. Write it such that it has a value at the start, too.", None
+    begun = begun or states
     if not begun:
         return f"Give guesses, for example `initial: {{{_example(assembly)}}}`, away from where it has none.", None
     unknowns = [flat.unknowns[assembly.reduced.states[k][0]] for k in begun]
