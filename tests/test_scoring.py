@@ -15,7 +15,7 @@ from heavebond.evidence.scoring import Base, scored, searched
 from heavebond.language import keeping
 from heavebond.language.model import load
 from heavebond.numbers.dae import Array, assemble
-from heavebond.numbers.simulation import Tolerances
+from heavebond.numbers.simulation import Simulator, Tolerances
 
 EFFECT = "PneumaticValve in inlet (b_cr)"
 OTHERS = ("PneumaticLine between receiver and inlet.b", "SensorGain in the channel receiver.p")
@@ -186,6 +186,19 @@ def test_the_unit_of_an_amplitude_does_not_decide_whether_it_is_seen(tmp_path: P
     # what moves no channel has the derivative zero, whatever its unit: the pressure behind a source
     found = scored(base, _candidate(problem, "LaminarLeakage between supply and return"))
     assert {s.size for s in found} == {0.0}
+
+
+def test_a_tangent_is_no_error_of_algebraic_unknowns(tmp_path: Path) -> None:
+    """A supply that droops is an algebraic loop with the valve; a unit of its resistance does next to nothing."""
+    problem = _shut(tmp_path)
+    base = Base.at(problem, problem.start)
+    candidate = _candidate(problem, "DroopingSource in place of pump")
+    score = scored(base, candidate)[0]
+    name, = score.along
+    run, = base.runs(candidate.change.on_experiment(problem.experiment), [])
+    exact = run.again([name], {name: 1e8}, Simulator)  # the size of 1e8 is what error control sees
+    tangent = exact.residuals({name: 0.0})[1][0]
+    assert score.size == pytest.approx(float(np.linalg.norm(tangent)), rel=0.02)
 
 
 def test_diagrams_that_are_tried_once_are_not_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -49,6 +49,9 @@ SEEN, TURNED = 5.0, 0.995
 # What is sought where the motion of the base model goes is sought this share of its span beyond: the machine and other
 # records move further, and a limit that is not reached must not stand where they do.
 BEYOND = 0.5
+# The size of an amplitude for error control: it moves the channels by this share of the misfit. It is sought in so many runs
+# at most, until one changes it by less than a factor.
+SIZED, RUNS, STAYS = 1e-2, 6, 3.0
 # A difference of two runs of the search is nothing where it is below so many times the error of one: the two err alike or
 # apart, up to twice as much.
 ROUGH = 2.0
@@ -191,6 +194,7 @@ def scored(base: Base, candidate: Candidate) -> list[Score]:
     for shapes in points:
         try:
             if candidate.vanishes:
+                runs = _sized(base, candidate, runs, shapes)
                 found += [score for first in _at_zero(base, candidate, runs, shapes)
                           for score in _on_sides(base, first, runs, kink)]
             else:
@@ -200,9 +204,31 @@ def scored(base: Base, candidate: Candidate) -> list[Score]:
     return found
 
 
+def _neutral(candidate: Candidate) -> dict[str, float]:
+    """The amplitudes where the effect is absent."""
+    return {n.name: n.neutral for n in candidate.vanishing}
+
+
+def _sized(base: Base, candidate: Candidate, runs: list[Run], shapes: Mapping[str, float]) -> list[Run]:
+    """Runs whose error control knows how large amplitudes are. It takes one that is zero for one unit; what 1 Pa*s/m3 of a
+    resistance does is less than Newton's method leaves of algebraic unknowns, and the tangent would be that."""
+    zero = {n.name: n for n in candidate.vanishing if n.neutral == 0}
+    sizes = dict.fromkeys(zero, 1.0)
+    for _ in range(RUNS if any(len(run.assembly.z_nominal) for run in runs) else 0):
+        moved = _moved(base, runs, {**_neutral(candidate), **shapes})
+        lengths = {name: float(np.linalg.norm(moved[name])) for name in zero}
+        steps = {name: SIZED * float(np.linalg.norm(base.r)) / length for name, length in lengths.items() if length > 0}
+        steps = {name: min(step, zero[name].high or np.inf) for name, step in steps.items()}
+        if all(step < STAYS * sizes[name] for name, step in steps.items()):
+            break
+        sizes |= steps
+        runs = [run.again(run.names, sizes, QuickSimulator) for run in runs]
+    return runs
+
+
 def _at_zero(base: Base, candidate: Candidate, runs: Sequence[Run], shapes: Mapping[str, float]) -> list[Score]:
     """The scores at amplitude zero: amplitudes of one unit move together."""
-    moved = _moved(base, runs, shapes)
+    moved = _moved(base, runs, {**_neutral(candidate), **shapes})
     together: dict[Dimension, list[str]] = {}
     for number in candidate.vanishing:
         together.setdefault(number.unit.dimension, []).append(number.name)
@@ -246,7 +272,7 @@ def _turned(one: Score, other: Score) -> bool:
 def _beside(base: Base, at_zero: Score, runs: Sequence[Run], step: float) -> Score:
     """The score from the tangent at an amplitude."""
     side = 1 if step > 0 else -1
-    there = {**at_zero.shapes, **{n.name: n.neutral + step for n in _along(at_zero)}}
+    there = {**_neutral(at_zero.candidate), **at_zero.shapes, **{n.name: n.neutral + step for n in _along(at_zero)}}
     moved = _moved(base, runs, there)
     s = side * np.sum([moved[name] for name in at_zero.along], axis=0)
     found = _scored(base, at_zero.candidate, at_zero.shapes, s)
