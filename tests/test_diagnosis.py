@@ -112,7 +112,7 @@ def test_too_little_motion_tells_nothing(tmp_path: Path) -> None:
 
 def test_a_search_that_is_ended_early_does_not_blame_the_catalogue() -> None:
     def say(text: str) -> None:
-        if "refitting 1 " in text:
+        if "refitting 2 " in text:
             raise KeyboardInterrupt  # as Ctrl-C does; in the background a process may ignore the signal itself
 
     said = diagnose("receiver_rig/choked", classes=["sensor gain", "line resistance"], number=1, progress=say)

@@ -55,6 +55,11 @@ class Fitted:
     record: str = ""
 
     @property
+    def open(self) -> bool:
+        """Whether the interval is the whole range: the records say nothing of it."""
+        return bool(np.allclose(self.interval, (self.low, self.high), rtol=1e-9, atol=0.0))
+
+    @property
     def digits(self) -> int:
         """As many digits as tell the ends of the interval apart."""
         width = abs(self.interval[1] - self.interval[0])
