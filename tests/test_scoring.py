@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from heavebond.evidence import scoring
+from heavebond.evidence import rung, scoring
 from heavebond.evidence.catalogue import Candidate, candidates
 from heavebond.evidence.experiment import load_experiment
 from heavebond.evidence.residuals import Residuals
-from heavebond.evidence.scoring import Base, scored, searched
+from heavebond.evidence.scoring import Base, Score, scored, searched
 from heavebond.language import keeping
 from heavebond.language.model import load
 from heavebond.numbers.dae import Array, assemble
@@ -210,3 +210,12 @@ def test_diagrams_that_are_tried_once_are_not_kept(tmp_path: Path, monkeypatch: 
     assert set(tmp_path.iterdir()) == before
     assemble(model)
     assert set(tmp_path.iterdir()) > before
+
+
+def test_laws_with_other_shapes_are_not_the_same_machine() -> None:
+    direction = np.array([1.0, 0.0])
+    candidate = next(iter(candidates(load_experiment("receiver_rig/choked"))))
+    plain = Score(candidate, {}, 9.0, 1.0, np.zeros(0), 1.0, 1.0, direction)
+    for shapes, alike in (({}, True), ({"s_0": 1.0, "s_1": 2.0}, False)):
+        other = Score(candidate, shapes, 9.0, 1.0, np.zeros(0), 1.0, 1.0, direction)
+        assert rung._same([plain], [other], {}) is alike

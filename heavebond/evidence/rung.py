@@ -275,8 +275,9 @@ def _same(one: Sequence[Score], other: Sequence[Score], as_one: Mapping[str, str
 
 def _alike(one: Score, other: Score, share: float, cosine: float) -> bool:
     """Whether two scores are the same to this share, and their directions to this cosine."""
+    shapes, others = _shapes(one)[0], _shapes(other)[0]
     # one of them may be allowed in the other direction only
-    return np.allclose(_shapes(one)[0], _shapes(other)[0], rtol=share) and \
+    return len(shapes) == len(others) and np.allclose(shapes, others, rtol=share) and \
         abs(one.gain - other.gain) <= share * max(one.gain, other.gain) and \
         abs(float(one.direction @ other.direction)) > cosine
 
