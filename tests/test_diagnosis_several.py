@@ -58,9 +58,10 @@ def test_no_name_where_the_model_still_misses_by_much_of_what_was_measured() -> 
 
 
 def _rung(fitted: float, held: float, error: float = 0.02) -> Any:
-    comparison = SimpleNamespace(experiment=SimpleNamespace(noise_given=True))
-    return SimpleNamespace(chi2_fit=fitted, chi2_held_out=held, samples_held_out=SAMPLES, comparison=comparison,
-                           error_held_out=error)
+    channels = {"x": SimpleNamespace(normalised=error, chi2=held)}
+    comparison = SimpleNamespace(experiment=SimpleNamespace(noise_given=True),
+                                 parts=[SimpleNamespace(use="validate", channels=channels)])
+    return SimpleNamespace(chi2_fit=fitted, chi2_held_out=held, samples_held_out=SAMPLES, comparison=comparison)
 
 
 # -- ladders of a made-up catalogue: chi-square by the effects in the diagram ----------------------------------------------
@@ -78,7 +79,7 @@ def climbed(monkeypatch: pytest.MonkeyPatch, table: Table, *, given: bool = True
 
     def trial(effects: str, new: str) -> Trial:
         chi2 = left(effects + new)
-        candidate = SimpleNamespace(label=new, kind=new, where=(), change=SimpleNamespace(moved={}))
+        candidate = SimpleNamespace(label=new, component=new, kind=new, where=(), change=SimpleNamespace(moved={}))
         return Trial(candidate, experiment(effects + new), {}, chi2 * SAMPLES, chi2, chi2, SAMPLES,  # type: ignore[arg-type]
                      SAMPLES, len(effects) + 1, (), 0.0, 0)
 
