@@ -616,7 +616,7 @@ KINDS = {"dry friction", "pressure-dependent friction", "viscous damping", "quad
          "entrained air", "cavitation", "supply droop", "relief valve", "tank overflow", "valve overlap", "choked flow",
          "polytropic exponent", "heat exchange", "heat loss", "heat capacity", "sensor offset", "sensor gain", "lag",
          "delay", "saturation", "dead band", "rate limit", "unknown law", "mechanical loss",
-         "external leakage", "wire taken up", "unbalance"}
+         "external leakage", "wire taken up", "unbalance", "gas spring"}
 
 
 def test_kinds_are_called_by_the_same_words() -> None:

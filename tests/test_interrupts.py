@@ -3,6 +3,7 @@
 import os
 import signal
 import threading
+from collections.abc import Iterator
 
 import pytest
 
@@ -12,6 +13,22 @@ from heavebond.basis.interrupts import finishing, is_interrupt
 def interrupt() -> None:
     os.kill(os.getpid(), signal.SIGINT)
     signal.sigtimedwait((), 0.01)  # the handler runs before the next statement
+
+
+@pytest.fixture(autouse=True)
+def heard() -> Iterator[None]:
+    """Ctrl-C as Python hears it; a shell has it ignored by what it begins in the background, these tests perhaps too."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+def test_where_it_is_ignored_it_stays_so() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    said: list[str] = []
+    with finishing(said.append):
+        interrupt()
+    assert not said and signal.getsignal(signal.SIGINT) == signal.SIG_IGN
 
 
 def test_the_first_is_answered_and_the_second_obeyed() -> None:

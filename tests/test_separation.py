@@ -181,7 +181,9 @@ def test_a_diagnosis_that_ends_with_two_names_proposes_an_experiment(tmp_path: P
     found = diagnose(base, number=1, classes=("viscous damping", "quadratic damping"))
     assert found.verdict == "one_of"
     assert found.separation is not None and found.separation.decides
-    assert found.separation.words == found.words[-len(found.separation.words):]
+    *told, tried = found.words
+    assert found.separation.words == tuple(told[-len(found.separation.words):])
+    assert tried == "Tried were only effects of these classes: viscous damping and quadratic damping."
     said = json.loads(json.dumps(found.as_dict()))["separation"]
     assert said["proposal"]["input"] == "base.u" and said["decides"]
     assert {len(c.values) for c in found.separation.channels.values()} == {len(found.separation.alternatives)}

@@ -14,9 +14,9 @@ from heavebond.basis.progress import Progress
 @contextmanager
 def finishing(say: Progress) -> Iterator[None]:
     """Within it the first Ctrl-C is only answered (by `say`) and not obeyed, so that a search that took minutes is not lost
-    in the seconds in which its result is worked out; the second one is obeyed. Outside the main thread nothing changes:
-    signals do not come there."""
-    if threading.current_thread() is not threading.main_thread():
+    in the seconds in which its result is worked out; the second one is obeyed. Outside the main thread nothing changes, as
+    signals do not come there, nor where they are ignored, as in jobs that a shell has put into the background."""
+    if threading.current_thread() is not threading.main_thread() or signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
         yield
         return
 
