@@ -183,7 +183,7 @@ def test_a_diagnosis_that_ends_with_two_names_proposes_an_experiment(tmp_path: P
     assert found.separation is not None and found.separation.decides
     *told, tried = found.words
     assert found.separation.words == tuple(told[-len(found.separation.words):])
-    assert tried == "Tried were only effects of these classes: viscous damping and quadratic damping."
+    assert tried == "Tried were only effects of these classes: viscous damping, quadratic damping."
     said = json.loads(json.dumps(found.as_dict()))["separation"]
     assert said["proposal"]["input"] == "base.u" and said["decides"]
     assert {len(c.values) for c in found.separation.channels.values()} == {len(found.separation.alternatives)}
