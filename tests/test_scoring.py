@@ -22,10 +22,9 @@ OTHERS = ("PneumaticLine between receiver and inlet.b", "SensorGain in the chann
 
 
 @pytest.fixture
-def problem(monkeypatch: pytest.MonkeyPatch) -> Residuals:
+def problem() -> Residuals:
     """The receiver at tolerances that leave nothing of the integrator's error beside differences and a small effect."""
-    monkeypatch.setattr(scoring, "SEARCH", Tolerances(1e-8, 1e-10))
-    return searched(load_experiment("receiver_rig/choked"))
+    return searched(load_experiment("receiver_rig/choked"), Tolerances(1e-8, 1e-10))
 
 
 def _candidate(problem: Residuals, label: str) -> Candidate:

@@ -324,9 +324,8 @@ def _needless(trial: Trial, simpler: Trial) -> bool:
     """Whether a law with fewer numbers at the same place leaves no more than this one, but for chance: play whose gap has
     closed in the fit is the compliance beside it. That no law is exact is no excuse for one that could bend further."""
     fit = (simpler.cost - trial.cost) / max(1.0, trial.chi2_fit)
-    held = (simpler.chi2_held_out - trial.chi2_held_out) * trial.samples_held_out / max(1.0, trial.chi2_held_out)
     return set(trial.candidate.where) == set(simpler.candidate.where) and trial.unknowns > simpler.unknowns \
-        and fit < EARNED and not held > EARNED  # (NaN without samples held out)
+        and fit < EARNED and not _fallen(simpler.chi2_held_out, trial) > EARNED  # (NaN without samples held out)
 
 
 def leaders(made: Step, most: int) -> list[Step]:
@@ -381,12 +380,13 @@ def _merit(cost: float, samples: int, unknowns: int, chi2: float, held: int) -> 
 
 def _earned(made: Step) -> list[Trial]:
     """The trials whose merit and chi-square on what was not fitted both fall by more than chance allows, best first."""
-    def falls(trial: Trial) -> bool:
-        scale = max(1.0, trial.chi2_held_out)
-        fallen = (made.chi2_held_out - trial.chi2_held_out) * made.samples_held_out / scale
-        return not made.samples_held_out or fallen > EARNED
+    return [t for t in made.trials if merit(t) < made.merit - EARNED
+            and (not made.samples_held_out or _fallen(made.chi2_held_out, t) > EARNED)]
 
-    return [t for t in made.trials if merit(t) < made.merit - EARNED and falls(t)]
+
+def _fallen(before: float, trial: Trial) -> float:
+    """How far chi-square of all that was not fitted is below what is `before` per sample, in units of what is left."""
+    return (before - trial.chi2_held_out) * trial.samples_held_out / max(1.0, trial.chi2_held_out)
 
 
 def indistinct(best: Trial, before: float) -> float:

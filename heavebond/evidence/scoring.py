@@ -93,11 +93,11 @@ class Score:
         return self.size > 0 and self.share > SAME
 
 
-def searched(experiment: Experiment, tolerances: Tolerances | None = None) -> Residuals:
+def searched(experiment: Experiment, tolerances: Tolerances = SEARCH) -> Residuals:
     """The least squares problem of an experiment with runs for a search."""
     fitted = [r for r in experiment.records.values() if r.use == "fit"]
-    return Residuals(experiment, runs=[Run(experiment, record, list(experiment.free), tolerances or SEARCH,
-                                           kind=QuickSimulator) for record in fitted])
+    return Residuals(experiment, runs=[Run(experiment, record, list(experiment.free), tolerances, kind=QuickSimulator)
+                                       for record in fitted])
 
 
 def finer(problem: Residuals) -> Residuals:
@@ -194,8 +194,8 @@ def scored(base: Base, candidate: Candidate) -> list[Score]:
     for shapes in points:
         try:
             if candidate.vanishes:
-                runs = _sized(base, candidate, runs, shapes)
-                found += [score for first in _at_zero(base, candidate, runs, shapes)
+                runs, moved = _tangents(base, candidate, runs, shapes)
+                found += [score for first in _at_zero(base, candidate, moved, shapes)
                           for score in _on_sides(base, first, runs, kink)]
             else:
                 found.append(_scored(base, candidate, shapes, _difference(base, runs, shapes), ROUGH * base.error))
@@ -209,13 +209,16 @@ def _neutral(candidate: Candidate) -> dict[str, float]:
     return {n.name: n.neutral for n in candidate.vanishing}
 
 
-def _sized(base: Base, candidate: Candidate, runs: list[Run], shapes: Mapping[str, float]) -> list[Run]:
-    """Runs whose error control knows how large amplitudes are. It takes one that is zero for one unit; what 1 Pa*s/m3 of a
-    resistance does is less than Newton's method leaves of algebraic unknowns, and the tangent would be that."""
+def _tangents(base: Base, candidate: Candidate, runs: list[Run], shapes: Mapping[str, float]
+              ) -> tuple[list[Run], dict[str, Array]]:
+    """d r / d a (n,) for each amplitude at zero, and runs whose error control knows how large amplitudes are. It takes one
+    that is zero for one unit; what 1 Pa*s/m3 of a resistance does is less than Newton's method leaves of algebraic unknowns,
+    and the tangent would be that."""
+    there = {**_neutral(candidate), **shapes}
+    moved = _moved(base, runs, there)
     zero = {n.name: n for n in candidate.vanishing if n.neutral == 0}
     sizes = dict.fromkeys(zero, 1.0)
     for _ in range(RUNS if any(len(run.assembly.z_nominal) for run in runs) else 0):
-        moved = _moved(base, runs, {**_neutral(candidate), **shapes})
         lengths = {name: float(np.linalg.norm(moved[name])) for name in zero}
         steps = {name: SIZED * float(np.linalg.norm(base.r)) / length for name, length in lengths.items() if length > 0}
         steps = {name: min(step, zero[name].high or np.inf) for name, step in steps.items()}
@@ -223,12 +226,12 @@ def _sized(base: Base, candidate: Candidate, runs: list[Run], shapes: Mapping[st
             break
         sizes |= steps
         runs = [run.again(run.names, sizes, QuickSimulator) for run in runs]
-    return runs
+        moved = _moved(base, runs, there)
+    return runs, moved
 
 
-def _at_zero(base: Base, candidate: Candidate, runs: Sequence[Run], shapes: Mapping[str, float]) -> list[Score]:
-    """The scores at amplitude zero: amplitudes of one unit move together."""
-    moved = _moved(base, runs, {**_neutral(candidate), **shapes})
+def _at_zero(base: Base, candidate: Candidate, moved: Mapping[str, Array], shapes: Mapping[str, float]) -> list[Score]:
+    """The scores at amplitude zero, where d r / d a is `moved`: amplitudes of one unit move together."""
     together: dict[Dimension, list[str]] = {}
     for number in candidate.vanishing:
         together.setdefault(number.unit.dimension, []).append(number.name)
@@ -239,6 +242,11 @@ def _at_zero(base: Base, candidate: Candidate, runs: Sequence[Run], shapes: Mapp
 def below(number: Sized) -> bool:
     """Whether it is an amplitude that may be less than neutral."""
     return number.amplitude and (number.low is None or number.low < number.neutral)
+
+
+def sides(amplitudes: Sequence[Sized]) -> tuple[int, ...]:
+    """The sides of neutral (1, -1) on which they may be, together."""
+    return (1, -1) if any(map(below, amplitudes)) else (1,)
 
 
 def _kinked(base: Base, candidate: Candidate) -> bool:
@@ -256,9 +264,8 @@ def _on_sides(base: Base, at_zero: Score, runs: Sequence[Run], kink: bool) -> li
     if at_zero.size == 0 or not amplitudes or not (kink or at_zero.told_apart):
         return [at_zero]
     step = BESIDE * float(np.linalg.norm(base.r)) / at_zero.size if kink else SEEN / (at_zero.size * at_zero.share)
-    sides = (1, -1) if any(below(n) for n in amplitudes) else (1,)
     found = []
-    for side in sides:
+    for side in sides(amplitudes):
         with suppress(HeavebondError):  # so much cannot be simulated, or is more than there may be
             found.append(_beside(base, at_zero, runs, side * step))
     return found if kink else [at_zero, *(s for s in found if _turned(s, at_zero))]
@@ -288,9 +295,10 @@ def _settled(candidate: Candidate, runs: Sequence[Run], base: Base) -> Candidate
     """The candidate with the numbers that are held at what the motion says (`middle s`) set to it, and no longer sought."""
     held = {n.name: n for n in candidate.numbers if n.sought is not None and n.sought.held}
     values = {}
+    seen = _seen(list(held.values()), runs, base)
     for name, number in held.items():
         assert number.sought is not None
-        low, high = _seen(name, number.sought.seen, runs, base)
+        low, high = seen[name]
         said = {"middle": (low + high) / 2, "half": (high - low) / 2, "peak": max(abs(low), abs(high))}
         values[name] = quantity(said[number.sought.held], number.unit)
     if not held:
@@ -359,13 +367,14 @@ def shape_ranges(candidate: Candidate, runs: Sequence[Run], base: Base, beyond: 
     """Where each shape is sought; `seen s` by the motion of s in the base model, and a share `beyond` of its span
     further."""
     found = {}
+    seen = _seen(candidate.numbers, runs, base)
     for number in candidate.numbers:
         if number.sought is None:
             continue
         if number.sought.range is not None:
             low, high = number.sought.range.low, number.sought.range.high
         else:
-            low, high = _seen(number.name, number.sought.seen, runs, base)
+            low, high = seen[number.name]
             low, high = low - beyond * (high - low), high + beyond * (high - low)
         low = max(low, number.low) if number.low is not None else low
         high = min(high, number.high) if number.high is not None else high
@@ -374,11 +383,15 @@ def shape_ranges(candidate: Candidate, runs: Sequence[Run], base: Base, beyond: 
     return found
 
 
-def _seen(name: str, variable: str, runs: Sequence[Run], base: Base) -> tuple[float, float]:
-    ends = []
-    for run in runs:
-        course = Probe(run.assembly, [f"{name.rpartition('.')[0]}.{variable}"], si=True).values(
-            run.simulator.run(_values(base, run, {})))
-        ends += [float(course.min()), float(course.max())]
-    return min(ends), max(ends)
-
+def _seen(numbers: Sequence[Sized], runs: Sequence[Run], base: Base) -> dict[str, tuple[float, float]]:
+    """For each number that is sought or held by the motion of a variable, between what values that moves in the base
+    model."""
+    variables = {n.name: f"{n.name.rpartition('.')[0]}.{n.sought.seen}" for n in numbers
+                 if n.sought is not None and n.sought.range is None}
+    if not variables:
+        return {}
+    names = list(dict.fromkeys(variables.values()))
+    courses = np.hstack([Probe(run.assembly, names, si=True).values(run.simulator.run(_values(base, run, {})))
+                         for run in runs])
+    ends = {name: (float(course.min()), float(course.max())) for name, course in zip(names, courses, strict=True)}
+    return {name: ends[variable] for name, variable in variables.items()}

@@ -20,7 +20,7 @@ from heavebond.evidence.catalogue import Candidate
 from heavebond.evidence.experiment import Experiment, Free
 from heavebond.evidence.fitting import own_start
 from heavebond.evidence.residuals import AT_END, BROKEN, Residuals, Run
-from heavebond.evidence.scoring import BEYOND, Base, Score, below, between, exact_runs, shape_ranges
+from heavebond.evidence.scoring import BEYOND, Base, Score, below, between, exact_runs, shape_ranges, sides
 from heavebond.numbers.dae import Array
 from heavebond.numbers.quick import QuickSimulator
 
@@ -214,7 +214,6 @@ class _Refit:
         """Amplitudes that do as much as the whole misfit, as far as the tangent tells, and several times that, either way
         round where both are allowed. Far from the optimum it tells neither size nor sign: a machine that has swung many
         times out of step with the record swings no further out of it."""
-        sides = (1, -1) if any(below(n) for n in self.candidate.vanishing) else (1,)
         best = sorted(self.guesses, key=lambda g: -g.gain)
         shapes = list({tuple(g.shapes.values()): g.shapes for g in best}.values())[:MOST_SHAPES]
         scales = {n: max((self._scale(g) for g in best if n.name in g.along), default=0.0)
@@ -222,7 +221,7 @@ class _Refit:
         inside = np.clip(self.base.inner, self.base.problem.low, self.base.problem.high)
         return [_Plan({**at, **{n.name: n.neutral + (side if below(n) else 1) * size * scale
                                 for n, scale in scales.items()}}, inside)
-                for at in shapes for side in sides for size in LARGER] if scales else []
+                for at in shapes for side in sides(self.candidate.vanishing) for size in LARGER] if scales else []
 
     def _freed(self, changed: Experiment, known: set[str]) -> Experiment:
         """The experiment with the candidate's numbers free as well, and inside their ranges."""
