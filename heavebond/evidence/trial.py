@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from time import process_time
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -19,13 +19,10 @@ from heavebond.basis.units import Range
 from heavebond.evidence.catalogue import Candidate
 from heavebond.evidence.experiment import Experiment, Free
 from heavebond.evidence.fitting import own_start
-from heavebond.evidence.residuals import AT_END, BROKEN, Residuals, Run
+from heavebond.evidence.residuals import AT_END, BROKEN, Descent, Residuals, Run
 from heavebond.evidence.scoring import BEYOND, Base, Score, below, between, exact_runs, shape_ranges, sides
 from heavebond.numbers.dae import Array
 from heavebond.numbers.quick import QuickSimulator
-
-if TYPE_CHECKING:
-    from scipy.optimize import OptimizeResult
 
 FIRST, LAST = 8, 40  # least squares steps: to compare starts, and to end
 # A refit is not followed to its end where its first steps leave all but this share of a chi-square per sample above LARGE.
@@ -262,12 +259,12 @@ class _Refit:
         if inner is None:
             return None
         return self._out_of_the_way(self._further_out(
-            inner, lambda start: np.asarray(self.descend(start, progress, LAST, 1e-5).x)))
+            inner, lambda start: self.descend(start, progress, LAST, 1e-5).x))
 
     def arrive(self, start: Array, progress: Progress) -> Array:
         """From near an optimum to it."""
         def arrived(start: Array) -> Array:
-            return np.asarray(self.problem.minimise(start, False, progress, most=LAST, tolerance=CLOSE).x)
+            return self.problem.minimise(start, False, progress, most=LAST, tolerance=CLOSE).x
 
         return self._further_out(arrived(start), arrived)
 
@@ -328,17 +325,17 @@ class _Refit:
         if not chosen or process_time() - self.began > SECONDS:
             return None
         begun = [self.descend(start, progress, FIRST, 1e-4) for start in chosen]
-        if all(2 * float(e.cost) > self.base.cost for e in begun) and (beside := self._beside()) is not None:
+        if all(2 * e.cost > self.base.cost for e in begun) and (beside := self._beside()) is not None:
             begun.append(self.descend(beside, progress, FIRST, 1e-4))
-        first, *others = sorted(begun, key=lambda e: float(e.cost))
-        if self._hopeless(2 * float(first.cost)) or process_time() - self.began > SECONDS:
-            return np.asarray(first.x)
+        first, *others = sorted(begun, key=lambda e: e.cost)
+        if self._hopeless(2 * first.cost) or process_time() - self.began > SECONDS:
+            return first.x
         ends = [first, *(e for e in others if ANOTHER[0] < e.cost / first.cost < ANOTHER[1])][:2]
-        ends = [self.descend(e.x, progress, LAST, 1e-5) if e.status == 0 else e for e in ends]  # 0: it would go on
-        best = min(ends, key=lambda e: float(e.cost))
+        ends = [self.descend(e.x, progress, LAST, 1e-5) if e.unfinished else e for e in ends]
+        best = min(ends, key=lambda e: e.cost)
         if self.problem.at_end(best.x).any():  # the reflective method may stop there though other unknowns could move on
-            best = min(best, self.descend(best.x, progress, LAST, 1e-5, "dogbox"), key=lambda e: float(e.cost))
-        return np.asarray(best.x)
+            best = min(best, self.descend(best.x, progress, LAST, 1e-5, "dogbox"), key=lambda e: e.cost)
+        return best.x
 
     def _beside(self) -> Array | None:
         """A start next to the base model, from where a refit cannot end above it; None where the effect has no zero."""
@@ -355,9 +352,9 @@ class _Refit:
         return float(r @ r) > LARGE * len(r) and cost > (1 - NOTHING) * float(r @ r)
 
     def descend(self, start: Array, progress: Progress, most: int, tolerance: float,
-                method: Literal["trf", "dogbox"] = "trf") -> OptimizeResult:
+                method: Literal["trf", "dogbox"] = "trf") -> Descent:
         """A few steps that find their way from afar."""
-        return self.problem.descend(start, False, progress, most=most, tolerance=tolerance, method=method)
+        return self.problem.descend(start, False, progress, most=most, tolerance=tolerance, method=method, hurried=True)
 
     def judged(self, inner: Array) -> Trial:
         """The figures at the end, from runs of IDAS."""
