@@ -5,7 +5,7 @@ See `heavebond.evidence.fitting` for the sum that is minimised.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -31,9 +31,6 @@ BROKEN = 1e4
 AT_END = 1e-3
 # Runs of which the results are kept: a descent begins where another one ended, a few runs ago.
 KEPT = 8
-# A descent that need not arrive ends where so many runs in a row have not lowered the sum of squares by this share: it has
-# arrived as far as the errors of its runs let it see, or creeps.
-IDLE, LITTLE = 4, 1e-3
 
 
 @dataclass(frozen=True)
@@ -274,14 +271,16 @@ class Residuals:
         return replace(best, history=(*first.history, *last.history))
 
     def descend(self, start: Array, robust: bool, progress: Progress, fixed: tuple[int, ...] = (), *, most: int,
-                tolerance: float, method: Literal["trf", "dogbox"], hurried: bool = False) -> Descent:
-        """One of the two methods of `minimise` alone; a `hurried` one ends where it hardly falls any more (`IDLE`)."""
+                tolerance: float, method: Literal["trf", "dogbox"],
+                enough: Callable[[Sequence[float], Array], bool] = lambda costs, best: False) -> Descent:
+        """One of the two methods of `minimise` alone; it ends besides where `enough`, which is given the sum of squares of
+        each run so far and the unknowns of the best, says so."""
         from scipy.optimize import least_squares
 
         moving = [k for k in range(len(self.columns)) if k not in fixed]
         span = self.high - self.low
         costs: list[float] = []
-        best = start
+        best = start[moving]
 
         def whole(y: Array) -> Array:
             inner = start.copy()
@@ -301,8 +300,8 @@ class Residuals:
             costs.append(float(residuals @ residuals))
             best = y.copy() if costs[-1] == min(costs) else best
             progress(f"chi-square per sample {min(costs) / self.samples:.4g} after {len(costs)} runs")
-            if hurried and len(costs) > IDLE and min(costs[:-IDLE]) - min(costs) < LITTLE * min(costs):
-                raise _Idle
+            if enough(costs, whole(best)):
+                raise _Enough
             return residuals
 
         def jacobian(y: Array) -> Array:
@@ -314,13 +313,13 @@ class Residuals:
                                   bounds=(self.low[moving], self.high[moving]), loss="soft_l1" if robust else "linear",
                                   xtol=tolerance, ftol=tolerance, gtol=1e-8, max_nfev=most)
             ended = found.x, float(found.cost), str(found.message), found.status == 0
-        except _Idle:
-            ended = best, min(costs) / 2, "The sum of squares hardly falls any more.", False
+        except _Enough:
+            ended = best, min(costs) / 2, "The search needs no more.", False
         return Descent(self.allowed(whole(ended[0])), ended[1], tuple(accumulate(costs, min)), *ended[2:])
 
 
-class _Idle(Exception):
-    """A descent hardly falls any more."""
+class _Enough(Exception):
+    """A descent need not go on."""
 
 
 def condensed(residuals: Array, jacobian: Array) -> tuple[Array, Array]:
