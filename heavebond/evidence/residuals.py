@@ -278,20 +278,20 @@ class Residuals:
         from scipy.optimize import least_squares
 
         moving = [k for k in range(len(self.columns)) if k not in fixed]
-        span = self.high - self.low
+        low, span = self.low[moving], (self.high - self.low)[moving]
         costs: list[float] = []
-        best = start[moving]
+        best = np.zeros(len(moving))
 
         def whole(y: Array) -> Array:
             inner = start.copy()
-            inner[moving] = y
+            inner[moving] = low + (y - 1) * span
             return inner
 
         @lru_cache(maxsize=1)
         def both(y: bytes) -> tuple[Array, Array]:
             inner = whole(np.frombuffer(y))
             data, prior = self.evaluate(inner), self.priors(inner)
-            found = np.concatenate([data[0], prior[0]]), np.vstack([data[1], prior[1]])[:, moving]
+            found = np.concatenate([data[0], prior[0]]), np.vstack([data[1], prior[1]])[:, moving] * span
             return found if robust else condensed(*found)
 
         def values(y: Array) -> Array:
@@ -307,11 +307,12 @@ class Residuals:
         def jacobian(y: Array) -> Array:
             return both(y.tobytes())[1]
 
-        inside = np.clip(start, self.low + 1e-6 * span, self.high - 1e-6 * span)[moving]
+        # the minimiser measures steps by the length of its unknowns: each is 1 to 2 over its range, as volts and pascals are
+        # not of one size
+        inside = np.clip(1 + (start[moving] - low) / span, 1 + 1e-6, 2 - 1e-6)
         try:
-            found = least_squares(values, inside, jac=jacobian, x_scale=span[moving], method=method,
-                                  bounds=(self.low[moving], self.high[moving]), loss="soft_l1" if robust else "linear",
-                                  xtol=tolerance, ftol=tolerance, gtol=1e-8, max_nfev=most)
+            found = least_squares(values, inside, jac=jacobian, bounds=(1.0, 2.0), method=method, max_nfev=most,
+                                  loss="soft_l1" if robust else "linear", xtol=tolerance, ftol=tolerance, gtol=1e-8)
             ended = found.x, float(found.cost), str(found.message), found.status == 0
         except _Enough:
             ended = best, min(costs) / 2, "The search needs no more.", False
