@@ -29,9 +29,9 @@ from heavebond.evidence.catalogue import Candidate, Sized, quantity
 from heavebond.evidence.experiment import Experiment
 from heavebond.evidence.residuals import Residuals, Run
 from heavebond.numbers.dae import Array
-from heavebond.numbers.quick import QuickSimulator
+from heavebond.numbers.quick import QuickSimulator, Unexplained
 from heavebond.numbers.result import Probe
-from heavebond.numbers.simulation import Simulator, Tolerances
+from heavebond.numbers.simulation import Tolerances
 from heavebond.text.symbols import kinked
 
 # A search needs no more where the runs then err by less than this share of the noise (rms): what they err by, candidates
@@ -109,10 +109,10 @@ def finer(problem: Residuals) -> Residuals:
 
 def exact_runs(experiment: Experiment, fitted: Sequence[Run], like: Mapping[str, Run] | None = None) -> dict[str, Run]:
     """Runs of all records by IDAS; those fitted as given, of the others those of another diagram (`like`) may be there."""
-    own = {run.record.name: run.again([], {}, Simulator) for run in fitted}
+    own = {run.record.name: run.again([], {}, Unexplained) for run in fitted}
     like = like or {}
     tolerances = fitted[0].simulator.tolerances
-    return {name: own.get(name) or Run(experiment, record, [], tolerances, like=like.get(name))
+    return {name: own.get(name) or Run(experiment, record, [], tolerances, kind=Unexplained, like=like.get(name))
             for name, record in experiment.records.items()}
 
 
