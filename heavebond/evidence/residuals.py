@@ -21,7 +21,7 @@ from heavebond.basis.units import read_unit
 from heavebond.evidence.comparison import TOLERANCES, assemble_for
 from heavebond.evidence.experiment import Experiment, Free, Record
 from heavebond.evidence.records import Measured, measure
-from heavebond.numbers.dae import Array
+from heavebond.numbers.dae import Array, Assembly
 from heavebond.numbers.result import Probe
 from heavebond.numbers.simulation import Simulator, Tolerances
 
@@ -79,12 +79,13 @@ class Run:
     """
 
     def __init__(self, experiment: Experiment, record: Record, names: list[str], tolerances: Tolerances = TOLERANCES, *,
-                 kind: type[Simulator] = Simulator, like: Run | None = None):
+                 kind: type[Simulator] = Simulator, like: Run | None = None, assembly: Assembly | None = None):
         """`kind` of simulator to use; `like` is a run of the same record with another diagram: the record is not read again,
-        and this diagram, one of many that are tried, is not kept in the cache."""
+        and this diagram, one of many that are tried, is not kept in the cache. `assembly` is this diagram, where there is
+        one."""
         self.record, self.names = record, names
         self.found: Measured = like.found if like is not None else measure(experiment, record)
-        self.assembly = assemble_for(experiment, record, keep=like is None)
+        self.assembly: Assembly = assembly or assemble_for(experiment, record, keep=like is None)
         self.probe = Probe(self.assembly, [o.shown.text for o in experiment.outputs.values()], si=True)
         units = [read_unit(o.shown.unit) for o in experiment.outputs.values()]
         self.scale = np.array([u.scale for u in units])

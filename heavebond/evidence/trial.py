@@ -152,8 +152,8 @@ class _Refit:
 
     def __init__(self, base: Base, candidate: Candidate, guesses: Sequence[Score]):
         self.base, self.candidate, self.guesses, self.began = base, candidate, guesses, process_time()
-        changed = candidate.change.on_experiment(base.problem.experiment)
-        self.runs = base.runs(changed, [])
+        changed = base.diagram(candidate.change).experiment
+        self.runs = base.runs(candidate.change, [])
         self.ranges = {**shape_ranges(candidate, self.runs, base, BEYOND), **self._amplitudes()}
         self.plans = self._plans()
         freed = self._freed(changed, set(self.runs[0].assembly.parameter_values))
