@@ -9,7 +9,8 @@ from heavebond.basis.units import is_generic
 from heavebond.language import laws
 from heavebond.language.definition import Body, Component, End, FileInput, Instance, Parameter, Port, SignalPort, Value, Wire
 from heavebond.language.lists import lengths, short, whole_number, written_out
-from heavebond.language.model import Model, Setting
+from heavebond.language.model import Model
+from heavebond.language.sections import Setting
 from heavebond.language.values import bounds_text, check_bounds, check_dimension
 from heavebond.text.expression import Number
 

@@ -13,7 +13,7 @@ from heavebond.basis.buffered import Buffered
 from heavebond.basis.errors import Place
 from heavebond.equations.reduce import Pivot
 from heavebond.equations.states import Guess
-from heavebond.language.model import Condition
+from heavebond.language.sections import Condition
 from heavebond.numbers.dae import Array, Assembly
 from heavebond.text.expression import Call, Expr, Name, children, parse_formula
 from heavebond.text.instructions import CORNERS
