@@ -112,6 +112,7 @@ class Experiment:
             found[path] = given if given.file != Path() else replace(given, file=record.file)
             if given.time_column is None:
                 found[path] = replace(found[path], time_column=self.time_column, time_unit=self.time_unit)
+            found[path] = replace(found[path], zero=(record.file, self.time_column))
         return found
 
     def origin_of(self, record: Record, name: str) -> Origin:
