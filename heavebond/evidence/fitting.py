@@ -15,7 +15,7 @@ the ends of ranges (C. Voglis, I. E. Lagaris, WSEAS 2004).
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -38,7 +38,8 @@ NORMAL_95 = 1.959963984540054
 @dataclass(frozen=True)
 class Fitted:
     """One parameter: its value, its 95 % interval (Gauss-Newton, cut at the range), its range; all in SI. `at_bound`
-    tells whether it ended at the `low` or `high` end of its range, else it is empty."""
+    tells whether it ended at the `low` or `high` end of its range, else it is empty. `unreached` says of a limit (an end
+    stop, a saturation) that the fitted records do not reach how far they go: it lies beyond, and no more is known."""
 
     name: str
     unit: str
@@ -49,11 +50,38 @@ class Fitted:
     interval: tuple[float, float]
     at_bound: str
     record: str = ""
+    unreached: float | None = None
 
     @property
-    def open(self) -> bool:
-        """Whether the interval is the whole range: the records say nothing of it."""
-        return bool(np.allclose(self.interval, (self.low, self.high), rtol=1e-9, atol=0.0))
+    def told(self) -> tuple[float | None, float | None]:
+        """The ends of the interval as far as the records tell them: None on a side that only the range ends, and on both
+        where the value itself is at an end of its range."""
+        if self.unreached is not None:
+            return (self.unreached, None) if self.value >= self.unreached else (None, self.unreached)
+        near = 1e-9 * (self.high - self.low)
+        low, high = self.interval
+        return (None, None) if self.at_bound else (low if low - self.low > near else None,
+                                                   high if self.high - high > near else None)
+
+    @property
+    def ended(self) -> str:
+        """The end of its range at which the records drove it; empty for a limit that stands there because nothing reaches
+        it."""
+        return self.at_bound if self.unreached is None else ""
+
+    def known(self, written: Callable[[float], str], unit: str = "", dots: str = "..") -> str:
+        """What the records tell in words: `1 .. 2 m`, `above 1 m`, `not seen`; `-` at an end of the range. `written` makes
+        a number of a value in SI."""
+        low, high = (None if end is None else written(end) for end in self.told)
+        said = f"{low} {dots} {high}{unit}" if low is not None and high is not None else \
+            f"above {low}{unit}" if low is not None else f"below {high}{unit}" if high is not None else \
+            "-" if self.at_bound else "not seen"
+        return said if self.unreached is None else f"{said}, not reached"
+
+    def as_dict(self) -> dict[str, object]:
+        """The figures, for machines."""
+        return {"value": self.value, "unit": self.unit, "interval": list(self.told), "range": [self.low, self.high],
+                "at_bound": self.ended, "unreached": self.unreached is not None}
 
     @property
     def digits(self) -> int:
@@ -92,9 +120,8 @@ class Fit:
     def as_dict(self) -> dict[str, object]:
         """Everything for machines."""
         return {
-            "parameters": {p.name + (f" ({p.record})" if p.record else ""): {
-                "value": p.value, "unit": p.unit, "interval": list(p.interval), "range": [p.low, p.high],
-                "at_bound": p.at_bound, "before": p.before} for p in self.parameters},
+            "parameters": {p.name + (f" ({p.record})" if p.record else ""): {**p.as_dict(), "before": p.before}
+                           for p in self.parameters},
             "correlation": self.correlation.tolist(), "identifiability": list(self.identifiability.words),
             "chi2_per_sample": self.chi2, "samples": self.samples, "cost_of_each_start": list(self.cost),
             "history": list(self.history), "evaluations": self.evaluations, "message": self.message,
