@@ -14,7 +14,7 @@ from benchmarks.diagnosis.making import Hidden
 from benchmarks.diagnosis.rigs import RIGS
 from benchmarks.diagnosis.truths import TRUTHS
 from heavebond.cli import main
-from heavebond.evidence import leftover, rung, verdict
+from heavebond.evidence import leftover, refits, rung, verdict
 from heavebond.evidence.comparison import compare
 from heavebond.evidence.diagnosis import Diagnosis, diagnose
 from heavebond.evidence.finding import rung as rung_of
@@ -122,8 +122,8 @@ def test_what_the_catalogue_lacks_is_a_shape(tmp_path: Path) -> None:
 
 def test_where_the_largest_scores_mislead_everything_is_refitted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # no score is trusted at all: what is refitted first is nothing
-    monkeypatch.setattr(rung, "REFITS", 0)
-    monkeypatch.setattr(rung, "PROMISING", 2.0)
+    monkeypatch.setattr(refits, "REFITS", 0)
+    monkeypatch.setattr(refits, "PROMISING", 2.0)
     said = found(tmp_path, "receiver", [("leak in", 4e-10)], ["leakage", "line resistance"])
     assert said.verdict == "effect"
     assert len(said.steps[0].trials) > 1

@@ -18,7 +18,6 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -29,12 +28,9 @@ from heavebond.evidence.comparison import Comparison, RecordComparison, compare_
 from heavebond.evidence.experiment import Experiment, Free, Record, load_experiment
 from heavebond.evidence.identifiability import Identifiability, identifiability
 from heavebond.evidence.records import measure
-from heavebond.evidence.residuals import AT_END, BROKEN, Column, Residuals
+from heavebond.evidence.residuals import AT_END, BROKEN, Column, Descent, Residuals
 from heavebond.evidence.shooting import Shooting
 from heavebond.numbers.dae import Array
-
-if TYPE_CHECKING:
-    from scipy.optimize import OptimizeResult
 
 NORMAL_95 = 1.959963984540054
 
@@ -155,7 +151,7 @@ def fit(experiment: Experiment | str | Path, *, starts: int = 1, segments: int =
         tell = numbered(say, "start", number, starts)
         run = problem.minimise(_shot(problem, start, segments, tell), robust, tell)
         runs.append(run)
-        costs.append(float(2 * run.cost))
+        costs.append(2 * run.cost)
     best = runs[int(np.argmin(costs))]
     if 2 * best.cost / problem.samples >= 0.5 * BROKEN**2:
         raise SimulationError([Problem("fit-broken", "the model could not be simulated anywhere near the start of the "
@@ -171,7 +167,7 @@ def _shot(problem: Residuals, start: Array, segments: int, progress: Progress) -
     return Shooting(problem, segments).solve(start, progress) if segments > 1 else start
 
 
-def _finished(problem: Residuals, best: OptimizeResult, costs: list[float]) -> Fit:
+def _finished(problem: Residuals, best: Descent, costs: list[float]) -> Fit:
     """The fit with its intervals, correlations, verdict on identifiability and comparisons."""
     residuals, jacobian = problem.evaluate(best.x)
     _, prior_jacobian = problem.priors(best.x)
@@ -191,7 +187,7 @@ def _finished(problem: Residuals, best: OptimizeResult, costs: list[float]) -> F
     relative = jacobian * np.array([1.0 if c.logarithmic else s for c, s in zip(problem.columns, spans, strict=True)])
     verdict = identifiability(relative / np.sqrt(inflation), labels, [c.logarithmic for c in problem.columns])
     return Fit(problem.experiment, parameters, correlation, verdict, chi2, len(residuals), tuple(costs),
-               tuple(best["history"]), problem.evaluations, str(best.message), _compared(problem, problem.start),
+               best.history, problem.evaluations, best.message, _compared(problem, problem.start),
                _compared(problem, best.x))
 
 
@@ -266,7 +262,7 @@ def profile(result: Fit, name: str, *, progress: Progress | None = None) -> tupl
         start[k] = value
         if progress:
             progress(f"{name} at {problem.columns[k].outer(value):.5g}")
-        return float(2 * problem.minimise(start, False, lambda text: None, (k,)).cost - bottom - limit)
+        return 2 * problem.minimise(start, False, lambda text: None, (k,)).cost - bottom - limit
 
     ends = []
     for end in (problem.low[k], problem.high[k]):
