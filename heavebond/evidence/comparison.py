@@ -257,7 +257,8 @@ def _check_free(assembly: Assembly, experiment: Experiment, problems: Problems) 
             continue
         unit = units[name]
         if unit.dimension != free.range.unit.dimension:
-            problems.add("unit-wrong", f"the range of {name} is in {free.range.unit.text}; {unit.text} is needed", place)
+            problems.add("unit-wrong", f"the range of {name} is in {free.range.unit.text}; {unit.text} is needed", place,
+                         hint=f"Write it in {unit.text} or in a multiple of it.")
 
 
 def _channel(name: str, found: Samples, simulated: Array, counts: Mask, astray: Mask, late: Lateness | None) -> Channel:
