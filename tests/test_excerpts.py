@@ -29,7 +29,7 @@ def quiet_first(compared: Comparison, share: float) -> Comparison:
 
 def test_short_records_are_searched_whole(compared: Comparison) -> None:
     assert excerpts.excerpt(EXPERIMENT, compared) is EXPERIMENT
-    assert excerpts.remark(EXPERIMENT, EXPERIMENT, compared) is None
+    assert excerpts.cut(EXPERIMENT, EXPERIMENT) == ""
 
 
 def test_the_beginning_is_cut_and_the_whole_comes_back(compared: Comparison) -> None:
@@ -38,11 +38,11 @@ def test_the_beginning_is_cut_and_the_whole_comes_back(compared: Comparison) -> 
     grid = compared.records["train"].result.time
     assert part.records["train"].end == pytest.approx(grid[points//4])
     assert part.records["train"].begin is None
-    # a record that only checks is cut to four times as much, which here is all of it
-    assert part.records["validate"].end is None
+    # of a record that only checks twice as much is looked at, and more as its beginning is quiet
+    checked = part.records["validate"].end
+    assert checked is not None and grid[2*(points//4)] < checked < grid[-1]
     assert excerpts.as_long_as(EXPERIMENT, part) == EXPERIMENT
-    told = excerpts.remark(part, EXPERIMENT, compared)
-    assert told is not None and f"{points//4 + 1} of {points} points in time" in told
+    assert excerpts.cut(part, EXPERIMENT).startswith("train up to 20 s, validate up to ")
 
 
 def test_a_quiet_beginning_makes_the_excerpt_longer(compared: Comparison) -> None:
@@ -60,7 +60,7 @@ def test_what_does_not_show_at_the_beginning_is_sought_in_all() -> None:
     found = hb.diagnose(EXPERIMENT, classes=["choked flow"], samples=300, number=1)
     assert found.findings[0].kinds == ("choked flow",)
     assert found.steps[0].samples == found.findings[0].fit.samples == 2001
-    assert "points in time" not in found.words[-1]
+    assert not any("beginning" in line for line in found.words)
 
 
 RIG = """
@@ -101,4 +101,5 @@ def test_what_is_found_on_an_excerpt_is_fitted_to_all(tmp_path: Path) -> None:
     assert found.findings[0].parameters[0].value == pytest.approx(-2, abs=0.01)
     assert found.findings[0].fit.experiment.records["one"].end is None
     assert (found.steps[0].samples, found.findings[0].fit.samples) == (400, 1000)
-    assert "one up to 11.98 s; 600 of 1501 points in time" in found.words[-1]
+    assert "looked at their beginning (one up to 11.98 s), and what" in found.words[-1]
+    assert found.searched.records["one"].end == pytest.approx(11.98)

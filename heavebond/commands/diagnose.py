@@ -27,7 +27,7 @@ RANKED = 12  # candidates that are shown
               help="Begin no refit after so long in a step.")
 @click.option("--processes", type=click.IntRange(1), help="Processes that search side by side [default: all processors].")
 @click.option("--samples", type=click.IntRange(100), metavar="N", help="Search on the beginning of what is fitted, so many "
-              "points in time [default: all, or 10000 of more than 30000].")
+              "points in time [default: all, or 5000 of more than 30000].")
 @click.option("--folder", metavar="FOLDER", type=click.Path(path_type=Path, file_okay=False),
               help="Where the files go [default: beside EXPERIMENT].")
 @click.option("--report", "report_file", metavar="FILE", type=click.Path(path_type=Path),
@@ -85,7 +85,7 @@ def _where(found: Diagnosis) -> Where | None:
 
     try:
         with terminal.working("looking where it fails"):
-            return where(found.experiment, values=found.fitted)
+            return where(found.searched, values=found.fitted)
     except (HeavebondError, KeyboardInterrupt):
         return None
 

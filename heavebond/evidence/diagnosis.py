@@ -21,7 +21,7 @@ from heavebond.basis.threads import single_threaded
 from heavebond.evidence.catalogue import Candidate, candidates
 from heavebond.evidence.climbing import MOST, Added, Way, climb
 from heavebond.evidence.comparison import Comparison, compare
-from heavebond.evidence.excerpts import as_long_as, excerpt, remark
+from heavebond.evidence.excerpts import as_long_as, cut, excerpt
 from heavebond.evidence.experiment import Experiment, load_experiment
 from heavebond.evidence.finding import Finding, Rung, rung
 from heavebond.evidence.fitting import Fit, fit
@@ -39,7 +39,7 @@ class Diagnosis:
     """What was found. `ladder` begins with the diagram as it stands and the same with its free parameters fitted;
     `findings` and `steps` go together, but for a last step that found nothing. `shape` is the learnt curve that lowers the
     error most where no name can be given; `separation` the experiment that would tell alternatives apart. `verdict` is one
-    of those of `heavebond.evidence.verdict`, `words` says it."""
+    of those of `heavebond.evidence.verdict`, `words` says it; `searched` is the experiment on what the search looked at."""
 
     experiment: Experiment
     verdict: str
@@ -51,7 +51,8 @@ class Diagnosis:
     fitted: Fit | None
     noise: dict[str, tuple[float, str, bool]]
     seconds: float
-    separation: Separation | None = None
+    separation: Separation | None
+    searched: Experiment
 
     @property
     def last(self) -> Experiment:
@@ -129,15 +130,17 @@ def diagnose(experiment: Experiment | str | Path, *, auto: bool = False, number:
     apart = _separation(findings, say) if said == "one_of" else None
     told = (*words(said, ladder, findings, steps, shape), *(apart.words if apart is not None else ()),
             *([SEVERAL] if said == "shape" and findings and not auto else []),
-            *_limits(classes, remark(part, experiment, ladder[0].comparison)))
+            *_limits(classes, cut(part, experiment)))
     return Diagnosis(experiment, said, told, tuple(ladder), tuple(findings), tuple(steps), shape, base,
-                     _noise(ladder[0].comparison), clock.perf_counter() - began, apart)
+                     _noise(ladder[0].comparison), clock.perf_counter() - began, apart, part)
 
 
-def _limits(classes: Sequence[str], looked: str | None) -> list[str]:
+def _limits(classes: Sequence[str], looked: str) -> list[str]:
     """What was left out of the search."""
     only = f"Tried were only effects of {'this class' if len(classes) == 1 else 'these classes'}: {listing(classes)}."
-    return [*([only] if classes else []), *([looked] if looked is not None else [])]
+    part = f"The records are long: the search looked at their beginning ({looked}), and what it found was fitted to all " \
+        "of them. `--samples` sets how much, `from:` and `to:` at a record which part."
+    return [*([only] if classes else []), *([part] if looked else [])]
 
 
 def _confirmed(way: Way, ladder: Sequence[Rung], given: Experiment, say: Progress) -> list[Finding]:

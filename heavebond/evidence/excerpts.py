@@ -15,8 +15,9 @@ from heavebond.evidence.comparison import Comparison, RecordComparison
 from heavebond.evidence.experiment import Experiment
 
 LONG = 30_000  # points in time of all fitted records together, from where on a search looks at a part of them,
-EXCERPT = 10_000  # and how many of them, at least, that part has
-FURTHER = 4  # times as many at most: where the beginning is quiet, and in records that only check (which are run less often)
+EXCERPT = 5_000  # and how many of them, at least, that part has
+FURTHER = 4  # times as many at most where the beginning is quiet,
+CHECKING = 2  # times as many of records that only check, which are run less often
 LIVELY = 0.3  # share of a record's mean square misfit that its excerpt must have not to be called quiet
 
 
@@ -31,7 +32,7 @@ def excerpt(experiment: Experiment, compared: Comparison, samples: int | None = 
     most = max(1, (samples or EXCERPT) // len(fitted))
     records = dict(experiment.records)
     for found in compared.records.values():
-        end = _end(found, most if found.use == "fit" else FURTHER * most, most * FURTHER)
+        end = _end(found, most if found.use == "fit" else CHECKING * most)
         if end is not None:
             records[found.name] = replace(records[found.name], end=end)
     return replace(experiment, records=records)
@@ -43,20 +44,13 @@ def as_long_as(other: Experiment, experiment: Experiment) -> Experiment:
     return replace(experiment, records=records)
 
 
-def remark(part: Experiment, given: Experiment, compared: Comparison) -> str | None:
-    """What a reader must know of the excerpt; None where there is none."""
-    ends = {name: r.end for name, r in part.records.items() if r.use == "fit" and r.end != given.records[name].end}
-    if not ends:
-        return None
-    times = {name: r.result.time for name, r in compared.records.items() if r.use == "fit"}
-    looked = sum(int(np.sum(time <= (ends.get(name) or np.inf))) for name, time in times.items())
-    upto = ", ".join(f"{name} up to {number(end, 5)} s" for name, end in ends.items() if end is not None)
-    return f"The search looked at the beginning of what is fitted ({upto}; {looked} of {sum(map(len, times.values()))} " \
-        "points in time), and what it found was fitted to all of it. `--samples` sets how many, `from:` and `to:` at a " \
-        "record which part."
+def cut(part: Experiment, given: Experiment) -> str:
+    """Which records of an excerpt end earlier than given, and when: `train up to 16.38 s`; empty where none does."""
+    ends = {name: r.end for name, r in part.records.items() if r.end != given.records[name].end}
+    return ", ".join(f"{name} up to {number(end, 5)} s" for name, end in ends.items() if end is not None)
 
 
-def _end(record: RecordComparison, most: int, further: int) -> float | None:
+def _end(record: RecordComparison, most: int) -> float | None:
     """When the excerpt of a record ends; None where it is the whole."""
     grid = record.result.time
     if len(grid) <= most:
@@ -68,5 +62,5 @@ def _end(record: RecordComparison, most: int, further: int) -> float | None:
     time, mean = time[order], np.cumsum(wrong) / np.arange(1, len(wrong) + 1)
     enough = (time >= grid[most - 1]) & (mean >= LIVELY * mean[-1])
     last = float(time[np.argmax(enough)]) if enough.any() else float(grid[-1])
-    end = min(last, float(grid[min(further, len(grid)) - 1]))
+    end = min(last, float(grid[min(FURTHER * most, len(grid)) - 1]))
     return end if end < grid[-1] else None
