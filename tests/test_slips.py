@@ -150,6 +150,20 @@ def test_noise_where_it_is_fitted_and_misfit_where_not_is_not_nothing() -> None:
     assert "chi-square is 5687 a sample" in told and "`use: fit`" in told
 
 
+def test_an_estimated_noise_that_cannot_be_right_is_told() -> None:
+    """Of three channels one leaves twice its estimate (a filtered sensor), one half of it, one has its noise given."""
+    channels = {name: SimpleNamespace(unit="N", error=error, noise=0.02, counts=np.ones(100, bool))
+                for name, error in (("filtered", 0.04), ("quick", 0.01), ("given", 0.04))}
+    outputs = {name: SimpleNamespace(noise=0.02 if name == "given" else None) for name in channels}
+    comparison = SimpleNamespace(parts=(SimpleNamespace(use="validate", channels=channels),),
+                                 experiment=SimpleNamespace(outputs=outputs))
+    step = SimpleNamespace(left=SimpleNamespace(significant=True), partial=False, at_end=())
+    told = verdict.words("undetermined", [Rung("rig", 1.1, 0.4, 9.0, 9.0, comparison)],  # type: ignore[arg-type]
+                         [], [step], None)  # type: ignore[list-item]
+    assert "`noise: 0.04 N` at filtered: then" in told[1] and "given" not in told[1]
+    assert "noise is left in quick, which" in told[2]
+
+
 def test_a_record_without_sign_is_told() -> None:
     told = seems_without_sign(np.abs(MOTION) - 0.02, 0.8 * MOTION, "drum.w")
     assert told is not None and "`is: abs(drum.w)`" in told
