@@ -8,9 +8,10 @@ from pathlib import Path
 import pytest
 
 from heavebond.basis.errors import ModelError
+from heavebond.language.component_file import parse_component
 from heavebond.language.definition import Component
 from heavebond.language.laws import check
-from heavebond.language.library import bundled, library, parse_component
+from heavebond.language.library import bundled, library
 from heavebond.language.power import TOLERANCE, PowerReport, check_power
 from heavebond.text.expression import Call, Name, children
 from heavebond.text.source import read

@@ -8,17 +8,43 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 
 from benchmarks.diagnosis.making import Hidden
 from benchmarks.diagnosis.rigs import RIGS
 from benchmarks.diagnosis.truths import TRUTHS
-from heavebond.evidence import leftover, rung, verdict
+from heavebond.cli import main
+from heavebond.evidence import leftover, refits, rung, verdict
 from heavebond.evidence.comparison import compare
 from heavebond.evidence.diagnosis import Diagnosis, diagnose
 from heavebond.evidence.finding import rung as rung_of
-from heavebond.evidence.fitting import fit
+from heavebond.evidence.fitting import Fitted, fit
+from heavebond.evidence.separation import Extra
+from heavebond.language.model import load
+from heavebond.numbers.simulation import simulate
 
-KEYS = {"verdict", "words", "steps", "ladder", "ranking", "noise", "seconds"}
+NAMES = {"parameters", "noise", "limits"}  # what holds entries by names that are not keys
+PAGE = Path(__file__).parents[1] / "docs" / "diagnosis.md"
+RIG = """
+model: rig
+components:
+  foot:   {is: PositionSource, u: "=40 mm*sin(2*pi*time/1.7 s) + 25 mm*sin(2*pi*time/0.9 s)"}
+  spring: {is: Spring, c: 60 N/m}
+  damper: {is: Damper, d: 3 N*s/m}
+  rail:   {is: Fixed}
+  cart:   {is: Mass, m: 2.5 kg}
+nodes: {base: [foot.a, spring.a], load: [spring.b, damper.b, cart.a], rail: [rail.a, damper.a]}
+initial: {load.x: 0 m, load.v: 0 m/s}
+"""
+MEASURED = """
+experiment: the cart on its rail
+model: rig.yaml
+records: {monday: {file: monday.csv, use: fit}}
+time: {column: "time [s]", unit: s}
+inputs: {foot.u: {column: "foot.u [m]", unit: m, between: spline}}
+outputs: {load.x: {column: "load.x [m]", unit: m, noise: 0.5 mm}}
+free: {spring.c: 60 N/m +- 10 %}
+"""
 KNOWN = {(rig, truth.name): truth for rig, truths in TRUTHS.items() for truth in truths}
 
 
@@ -96,8 +122,8 @@ def test_what_the_catalogue_lacks_is_a_shape(tmp_path: Path) -> None:
 
 def test_where_the_largest_scores_mislead_everything_is_refitted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # no score is trusted at all: what is refitted first is nothing
-    monkeypatch.setattr(rung, "REFITS", 0)
-    monkeypatch.setattr(rung, "PROMISING", 2.0)
+    monkeypatch.setattr(refits, "REFITS", 0)
+    monkeypatch.setattr(refits, "PROMISING", 2.0)
     said = found(tmp_path, "receiver", [("leak in", 4e-10)], ["leakage", "line resistance"])
     assert said.verdict == "effect"
     assert len(said.steps[0].trials) > 1
@@ -121,13 +147,79 @@ def test_a_search_that_is_ended_early_does_not_blame_the_catalogue() -> None:
     assert len(said.findings) == 1
 
 
-def test_every_verdict_has_the_same_keys(tmp_path: Path) -> None:
-    for name, hidden in (("still", []), ("leaking", [("leak in", 4e-10)])):
+STOPPED = """
+model: stopped
+extends: rig.yaml
+components:
+  stop: {is: EndStop, x_min: -200 mm, x_max: 40 mm, c: 5 kN/m, d: 20 N*s/m}
+nodes: {load: [+stop.b], rail: [+stop.a]}
+"""
+
+
+def test_a_stop_that_is_not_reached_is_told_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The cart meets the far stop only: of the near one the record tells how far the cart goes, and no more."""
+    monkeypatch.chdir(tmp_path)
+    rig = {"rig.yaml": RIG, "machine.yaml": STOPPED, "measured.yaml": MEASURED}
+    for name, text in rig.items():
+        Path(name).write_text(text)
+    run = simulate(load("machine.yaml"), until="12 s", every="40 ms")
+    run.save("monday.csv", ["foot.u", "load.x"])
+    tried = CliRunner().invoke(main, ["try", "measured.yaml", "EndStop", "--between", "load", "rail", "--json", "j"])
+    near, far = (json.loads(Path("j").read_text())["step"]["parameters"][f"end_stop.{n}"] for n in ("x_min", "x_max"))
+    least = float(run["load.x"].min())
+    assert near["unreached"] and near["interval"] == [None, pytest.approx(least, rel=1e-3)]
+    assert near["value"] < least and near["at_bound"] == ""
+    assert not far["unreached"] and far["interval"][0] < 0.04 < far["interval"][1]
+    assert f"below {1000 * least:.4g} mm, not reached" in tried.stdout
+
+
+@pytest.mark.parametrize(("interval", "at_bound", "unreached", "said"), [
+    ((1.0, 2.0), "", None, "1 .. 2 m"), ((0.0, 2.0), "", None, "below 2 m"), ((1.0, 5.0), "", None, "above 1 m"),
+    ((0.0, 5.0), "", None, "not seen"), ((4.0, 5.0), "high", None, "-"),
+    ((0.0, 5.0), "high", 1.2, "above 1.2 m, not reached"), ((0.0, 5.0), "", 1.8, "below 1.8 m, not reached"),
+])
+def test_an_end_of_an_interval_is_told_where_the_record_tells_it(
+        interval: tuple[float, float], at_bound: str, unreached: float | None, said: str) -> None:
+    p = Fitted("x", "m", 1.0, 1.5, 0.0, 5.0, interval, at_bound, unreached=unreached)
+    assert p.known(lambda v: f"{v:g}", " m") == said
+
+
+def keys(told: object) -> set[str]:
+    """All keys of a JSON text, but for the names of parameters, channels and inputs."""
+    if isinstance(told, dict):
+        inner = [v for k, v in told.items() if k not in NAMES] + [v for k in NAMES & told.keys() for v in told[k].values()]
+        return set(told) | keys(inner)
+    return set().union(*map(keys, told)) if isinstance(told, list) else set()
+
+
+def documented() -> set[str]:
+    """The keys in the table of the page."""
+    rows = PAGE.read_text(encoding="utf-8").partition("| key | stands in |")[2].partition("\n\n")[0].splitlines()[2:]
+    listed = [row.split("`")[1] for row in rows]
+    assert len(set(listed)) == len(listed)
+    return set(listed)
+
+
+def test_the_page_lists_the_keys_of_every_verdict(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the command writes has these keys and no others, and on the table there is none that never comes."""
+    top: list[set[str]] = []
+    all_keys: set[str] = set()
+    for name, hidden, classes in (("still", [], ["leakage"]),
+                                  ("leaking", [("leak in", 4e-10)], ["leakage", "sensor offset"])):
         folder = tmp_path / name
         folder.mkdir()
-        told = found(folder, "receiver", hidden, ["leakage"]).as_dict()
-        assert told.keys() >= KEYS
-        assert json.loads(json.dumps(told))["verdict"] == told["verdict"]
+        said = found(folder, "receiver", hidden, classes)
+        # whether another channel would decide is a matter of the machine: the keys of one that would
+        apart = said.separation and replace(said.separation, extra=Extra("valve.m", "kg/s", 1e-6, 20.0))
+        told = json.loads(json.dumps(replace(said, separation=apart).as_dict()))
+        top.append(set(told))
+        all_keys |= keys(told)
+    assert top[0] == top[1]
+    monkeypatch.chdir(tmp_path)
+    CliRunner().invoke(main, ["diagnose", "receiver_rig/choked", "--only", "sensor gain", "--processes", "1", "--json", "j"])
+    written = json.loads((tmp_path / "j").read_text())
+    assert written["ok"] and top[0] <= set(written)
+    assert all_keys | keys(written) == documented()
 
 
 @pytest.mark.slow

@@ -11,9 +11,10 @@ from scipy.integrate import solve_ivp
 from heavebond.evidence.catalogue import candidates
 from heavebond.evidence.comparison import compare
 from heavebond.evidence.experiment import load_experiment
-from heavebond.evidence.rung import _planned, fitted_base
+from heavebond.evidence.refits import planned
+from heavebond.evidence.rung import fitted_base
 from heavebond.evidence.scoring import Base, scored, searched
-from heavebond.evidence.trial import Trial, tried
+from heavebond.evidence.trial import Trial, begun, followed
 from heavebond.numbers.dae import Array
 
 STEP, SAMPLES = 0.02, 800
@@ -74,9 +75,10 @@ def refitted(path: Path, label: str) -> Trial:
     """One candidate after its refit."""
     base = fitted_base(load_experiment(path))
     candidate = next(c for c in candidates(base.problem.experiment) if c.label == label)
-    found = tried(base, candidate, scored(base, candidate))
-    assert found is not None
-    return found
+    guesses = scored(base, candidate)
+    first = begun(base, candidate, guesses)
+    assert first is not None
+    return followed(base, first, guesses)
 
 
 def test_a_stop_that_no_record_of_the_fit_reaches_stands_nowhere_else(tmp_path: Path) -> None:
@@ -189,6 +191,6 @@ def test_every_class_has_its_turn_before_any_has_a_second_one(tmp_path: Path) ->
     base = fitted_base(load_experiment(path))
     wanted = ("dry friction", "quadratic damping", "constant force")
     found = [c for c in candidates(base.problem.experiment) if c.kind in wanted and c.component != "LuGreFriction"]
-    jobs, *_ = _planned([score for c in found for score in scored(base, c)], {})
+    jobs, *_ = planned([score for c in found for score in scored(base, c)], {})
     kinds = [c.kind for c, _ in jobs]
     assert set(kinds[:3]) == set(wanted) and kinds.count("dry friction") > 1

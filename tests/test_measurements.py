@@ -172,7 +172,7 @@ def test_unknown_column_and_text_column(tmp_path: Path) -> None:
     assert text.startswith("rig.yaml:7: 'train.csv' has no column 'heav_m'")
     assert "Did you mean 'heave_m'?" in text and "clock, time_s, heave_m" in text
     with pytest.raises(DataError, match=r"'clock' of 'train\.csv' holds text or dates(.|\n)*train\.csv:2"
-                                        r"(.|\n)*seconds since the start"):
+                                        r"(.|\n)*dates are read as the times"):
         column(table, "clock")
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pytest
@@ -14,7 +15,9 @@ from matplotlib.image import imread
 from matplotlib.transforms import Bbox
 
 import heavebond as hb
-from heavebond.pictures.plot import COLOURS, DENSE, plot_comparison, plot_runs, plot_signals, save
+from heavebond.evidence.comparison import Comparison
+from heavebond.evidence.finding import Rung
+from heavebond.pictures.plot import COLOURS, DENSE, plot_comparison, plot_ladder, plot_runs, plot_signals, save
 
 SLIDER = """
 model: slider
@@ -209,3 +212,17 @@ def test_what_cannot_be_saved_is_said(result: hb.Result, tmp_path: Path) -> None
         save(figure, tmp_path / "p.bmp")
     with pytest.raises(hb.UsageError, match="cannot be written"):
         save(figure, tmp_path / "nowhere" / "p.png")
+
+
+@pytest.mark.parametrize(("least", "scale"), [(0.3, "linear"), (0.004, "log")])
+def test_the_ladder_shows_each_error_beside_the_noise_of_its_own_samples(least: float, scale: str) -> None:
+    """Errors and noise: an error of `least` at chi-square 4 is twice the noise; one that is not fitted is four times it."""
+    comparison = cast(Comparison, None)
+    rungs = [Rung("before", 0.5, 0.4, 100.0, 90.0, comparison), Rung("after", least, 0.5 * least, 4.0, 16.0, comparison)]
+    axes = plot_ladder(rungs).axes[0]
+    lines = {str(line.get_label()): np.asarray(line.get_xdata(), dtype=float) for line in axes.lines}
+    assert lines["fitted"] == pytest.approx([50, 100 * least]) and lines["not fitted"] == pytest.approx([40, 50 * least])
+    assert lines["noise alone, fitted"] == pytest.approx([50 * least] * 2)
+    assert lines["noise alone, not fitted"] == pytest.approx([12.5 * least] * 2)
+    assert axes.get_xscale() == scale
+    assert {text.get_text() for text in axes.texts} == {"50 %", "40 %", f"{100 * least:.3g} %", f"{50 * least:.3g} %"}

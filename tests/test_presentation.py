@@ -42,7 +42,7 @@ def test_unit_label(unit: str, label: str) -> None:
 
 @pytest.mark.parametrize(("unit", "word"), [
     ("kN", "force"), ("bar", "pressure"), ("mm", "position"), ("L/min", "volume flow"), ("rad/s", "angular velocity"),
-    ("deg", "angle"), ("1", ""), ("nonsense", ""),
+    ("deg", "angle"), ("kg/s", "mass flow"), ("N*s/m", "damping"), ("1", ""), ("nonsense", ""),
 ])
 def test_quantity(unit: str, word: str) -> None:
     assert quantity(unit) == word

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,11 +14,17 @@ from benchmarks.diagnosis.making import Hidden
 from benchmarks.diagnosis.rigs import RIGS
 from benchmarks.diagnosis.truths import TRUTHS
 from heavebond.evidence import trial
-from heavebond.evidence.catalogue import candidates
+from heavebond.evidence.catalogue import Candidate, candidates
 from heavebond.evidence.diagnosis import diagnose
 from heavebond.evidence.rung import fitted_base
-from heavebond.evidence.scoring import scored
-from heavebond.evidence.trial import polished, tried
+from heavebond.evidence.scoring import Base, Score, scored
+from heavebond.evidence.trial import Trial, begun, followed, polished
+
+
+def refitted(base: Base, candidate: Candidate, guesses: Sequence[Score]) -> Trial | None:
+    """A whole refit."""
+    found = begun(base, candidate, guesses)
+    return None if found is None else followed(base, found, guesses)
 
 
 def test_an_amplitude_is_sought_beyond_what_the_tangent_tells(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -30,7 +37,7 @@ def test_an_amplitude_is_sought_beyond_what_the_tangent_tells(tmp_path: Path, mo
     leak = next(c for c in candidates(base.problem.experiment) if c.label == truth.label)
     guesses = scored(base, leak)
     assert trial._Refit(base, leak, guesses).ranges["valve.leakage"][1] < 0.5e-11
-    found = tried(base, leak, guesses)
+    found = refitted(base, leak, guesses)
     assert found is not None
     assert found.values["valve.leakage"] == pytest.approx(1e-11, rel=0.1)
     assert found.chi2_fit < 1.1  # 1503 samples: 1 +- 0.04
@@ -47,7 +54,7 @@ def test_a_close_comparison_goes_beyond_an_end_that_nobody_declared(tmp_path: Pa
     monkeypatch.setattr(trial, "WIDE", 2.0)  # the leak is four times what would move the channels by the misfit
     with monkeypatch.context() as at_once:
         at_once.setattr(trial, "WIDENED", 0)
-        narrow = tried(base, leak, guesses)
+        narrow = refitted(base, leak, guesses)
     assert narrow is not None
     end = narrow.experiment.free[number].range.high
     assert narrow.values[number] == pytest.approx(end, rel=2e-3)  # it stands at the end (see `AT_END`)
@@ -81,7 +88,7 @@ def test_an_amplitude_that_no_score_moves_stays_neutral(tmp_path: Path) -> None:
     base = fitted_base(machine.plain)
     stop = next(c for c in candidates(machine.plain) if c.label == truth.label)
     guesses = [s for s in scored(base, stop) if s.along == ("end_stop.c",)]
-    found = tried(base, stop, guesses)
+    found = refitted(base, stop, guesses)
     assert found is not None
     assert "end_stop.c" in found.values and "end_stop.d" not in found.experiment.free
     beside = trial._Refit(base, stop, guesses)._beside()
@@ -97,7 +104,7 @@ def test_slack_is_what_a_fit_to_all_samples_takes_away(tmp_path: Path) -> None:
     base = fitted_base(replace(machine.plain, records=short))
     both = fitted_base(replace(machine.plain, records={n: replace(r, use="fit") for n, r in short.items()}))
     leak = next(c for c in candidates(base.problem.experiment) if c.label == truth.label)
-    found, joint = (tried(at, leak, scored(at, leak)) for at in (base, both))
+    found, joint = (refitted(at, leak, scored(at, leak)) for at in (base, both))
     assert found is not None and joint is not None
     found = polished(base, found, scored(base, leak))
     apart, together = (t.cost + t.chi2_held_out * t.samples_held_out for t in (found, joint))

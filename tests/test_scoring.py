@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from heavebond.evidence import rung, scoring
+from heavebond.evidence import refits, scoring
 from heavebond.evidence.catalogue import Candidate, candidates
 from heavebond.evidence.experiment import load_experiment
 from heavebond.evidence.residuals import Residuals
@@ -217,4 +217,4 @@ def test_laws_with_other_shapes_are_not_the_same_machine() -> None:
     plain = Score(candidate, {}, 9.0, 1.0, np.zeros(0), 1.0, 1.0, direction)
     for shapes, alike in (({}, True), ({"s_0": 1.0, "s_1": 2.0}, False)):
         other = Score(candidate, shapes, 9.0, 1.0, np.zeros(0), 1.0, 1.0, direction)
-        assert rung._same([plain], [other], {}) is alike
+        assert refits._same([plain], [other], {}) is alike

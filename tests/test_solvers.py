@@ -13,7 +13,7 @@ from diagrams import BALL, FLOOR
 
 import heavebond as hb
 from heavebond import cli
-from heavebond.language.model import SOLVERS
+from heavebond.language.sections import SOLVERS
 
 MODELS = Path(__file__).parents[1] / "models"
 # Diagrams whose friction turns over within a fraction of a mm/s: a difference of 1e-8 moves the instant at which the load

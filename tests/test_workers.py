@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import signal
 import time as clock
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -12,7 +13,8 @@ import pytest
 from heavebond.evidence.catalogue import Candidate, candidates
 from heavebond.evidence.experiment import load_experiment
 from heavebond.evidence.rung import fitted_base, step
-from heavebond.evidence.scoring import Base
+from heavebond.evidence.scoring import Base, Score
+from heavebond.evidence.trial import Trial
 from heavebond.evidence.workers import Workers
 
 CHOSEN = ("PneumaticValve in inlet (b_cr)", "SensorGain in the channel receiver.p", "DeadBand before inlet.u")
@@ -28,27 +30,32 @@ def chosen(base: Base) -> list[Candidate]:
     return [c for c in candidates(base.problem.experiment) if c.label in CHOSEN]
 
 
+def refitted(workers: Workers, jobs: Sequence[tuple[Candidate, Sequence[Score]]]) -> dict[str, Trial]:
+    """Whole refits, by label."""
+    found = {c.label: trial for c, trial in workers.begin(jobs) if trial is not None}
+    return {c.label: trial for c, trial in workers.follow([(found[c.label], guesses) for c, guesses in jobs])}
+
+
 def test_two_processes_find_what_one_finds(base: Base, chosen: list[Candidate]) -> None:
     found = []
     for number in (1, 2):
         with Workers(base, number) as workers:
             scores = {c.label: got for c, got in workers.score(chosen)}
-            trials = {c.label: trial for c, trial in workers.refit([(c, scores[c.label]) for c in chosen])}
+            trials = refitted(workers, [(c, scores[c.label]) for c in chosen])
         found.append((scores, trials))
     (one, alone), (two, beside) = found
     assert set(one) == set(two) == set(alone) == set(beside) == set(CHOSEN)
     for label in CHOSEN:
         assert [s.z for s in one[label]] == pytest.approx([s.z for s in two[label]], rel=1e-9)
         first, second = alone[label], beside[label]
-        assert first is not None and second is not None
         assert first.cost == pytest.approx(second.cost, rel=1e-9)
         assert first.values == pytest.approx(second.values, rel=1e-9)
 
 
 def test_the_truth_wins(base: Base, chosen: list[Candidate]) -> None:
     with Workers(base, 1) as workers:
-        trials = [trial for _, trial in workers.refit([(c, []) for c in chosen]) if trial is not None]
-    best = min(trials, key=lambda t: t.chi2_held_out)
+        trials = refitted(workers, [(c, []) for c in chosen])
+    best = min(trials.values(), key=lambda t: t.chi2_held_out)
     assert best.candidate.label == CHOSEN[0]
     assert best.chi2_held_out < 1.1 and np.isfinite(best.bic)
 

@@ -14,7 +14,8 @@ from heavebond.basis.errors import Problem, UsageError
 from heavebond.basis.units import read_unit
 from heavebond.equations.flatten import flatten
 from heavebond.equations.reduce import reduce
-from heavebond.language.model import Initial, Model
+from heavebond.language.model import Model
+from heavebond.language.sections import Initial
 from heavebond.numbers.dae import Array, Assembly, build
 from heavebond.numbers.initialise import start
 from heavebond.numbers.result import columns

@@ -26,7 +26,7 @@ from heavebond.basis.errors import ModelError
 from heavebond.basis.units import unit
 from heavebond.language.definition import ATTACHES, Component
 from heavebond.language.library import Library
-from heavebond.language.model import SOLVERS, STARTS
+from heavebond.language.sections import SOLVERS, STARTS
 from heavebond.language.view import COLOURS, PAIRS, WIDE
 from heavebond.language.view import KINDS as SHAPES
 from heavebond.language.when import KINDS

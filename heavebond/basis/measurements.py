@@ -9,14 +9,19 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from heavebond.basis.clock_times import Clock, ClockProblem, read_clock
 from heavebond.basis.errors import DataError, Place, Problem, Problems, UsageError, listing, suggest
 from heavebond.basis.matlab import read_matlab
 from heavebond.basis.text_tables import SHOWN, add_few, cell_place, read_text_columns, text_lines, unit_in_file
 from heavebond.basis.units import Unit
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
@@ -36,7 +41,7 @@ class Table:
     `header` names all columns; `columns` holds those that are numbers, (n,) each, NaN where a cell is empty.
     `lines` (n,) is the line of each row in the file, or its row number where the file has no lines (Parquet, MAT;
     `text` is None then). `aside` says of names that are no columns why, and what to do; `units` is a row of units below
-    the names.
+    the names; `words` holds the cells (n,) of columns of text, `clocks` those that are moments (see `timed`).
     """
 
     path: Path
@@ -47,6 +52,8 @@ class Table:
     separator: str = ","
     aside: dict[str, tuple[str, str]] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
+    words: dict[str, list[str]] = field(default_factory=dict)
+    clocks: dict[str, Clock] = field(default_factory=dict)
 
     def place(self, row: int, name: str) -> Place:
         """Where the cell of column `name` in `row` (from 0) stands."""
@@ -75,7 +82,7 @@ class Table:
     def keep(self, mask: NDArray[np.bool_]) -> Table:
         """The same record with only the rows where `mask` (n,) is true."""
         columns = {name: values[mask] for name, values in self.columns.items()}
-        return replace(self, lines=self.lines[mask], columns=columns)
+        return replace(self, lines=self.lines[mask], columns=columns, words={}, clocks={})
 
 
 def read_table(path: Path | str, *, place: Place | None = None, beside: str | None = None) -> Table:
@@ -91,7 +98,8 @@ def read_table(path: Path | str, *, place: Place | None = None, beside: str | No
     suffix = path.suffix.lower()
     if suffix in TEXT_SUFFIXES:
         text = read_text_columns(path)
-        return Table(path, text.header, text.lines, text.columns, text.text, text.separator, units=text.units)
+        return Table(path, text.header, text.lines, text.columns, text.text, text.separator, units=text.units,
+                     words=text.words)
     if suffix in PARQUET_SUFFIXES:
         return _read_parquet(path)
     if suffix in MATLAB_SUFFIXES:
@@ -116,7 +124,42 @@ def column(table: Table, name: str, place: Place | None = None) -> Array:
     notes = () if table.text is None else (f"for example {table.path}:{table.lines[0]}",)
     raise DataError([Problem(
         "record-column-text", f"column '{name}' of '{file}' holds text or dates, not numbers", place,
-        "A date becomes a number as seconds since the start.", notes)])
+        "Name another column; dates are read as the times of a record only.", notes)])
+
+
+def timed(table: Table, name: str, *, unit: str = "s", zero: tuple[Path, str] | None = None, place: Place | None = None
+          ) -> Table:
+    """The table with its column `name` as times: numbers as they stand, those of a clock (see `clock_times`) as seconds
+    since its first row, or since that of another file's column (`zero`). DataError where a clock cannot be read, or where
+    `unit`, in which the times are asked for, is not s."""
+    clock = _clock(table, name)
+    if clock is None:
+        return table
+    if unit != "s":
+        raise DataError([Problem("record-clock-unit", f"'{name}' of '{table.path.name}' holds times of a clock, which are "
+                                 f"counted in s, not in {unit}", place, "Write `unit: s`.")])
+    since = clock.first
+    if zero is not None and zero != (table.path, name):
+        other = read_table(zero[0], beside=zero[1])
+        begin = _clock(other, zero[1])
+        if begin is None or begin.dated != clock.dated:
+            what = "dates" if clock.dated else "times of day"
+            raise DataError([Problem("record-clocks", f"'{name}' of '{table.path.name}' holds {what}, '{zero[1]}' of "
+                                     f"'{other.path.name}' does not: they cannot be put on one clock", place,
+                                     "Export both in the same form, or as seconds from the same moment.")])
+        since = begin.first
+    return replace(table, columns={**table.columns, name: clock.seconds(since)})
+
+
+def _clock(table: Table, name: str) -> Clock | None:
+    """The moments of a column; None where it is no column of text."""
+    if name not in table.words:
+        return table.clocks.get(name)
+    try:
+        return read_clock(table.words[name])
+    except ClockProblem as problem:
+        raise DataError([Problem("record-clock", f"the times in '{name}' cannot be read: {problem.message}",
+                                 table.place(problem.row, name), problem.hint)]) from problem
 
 
 def check_time(table: Table, name: str) -> None:
@@ -238,13 +281,24 @@ def _read_parquet(path: Path) -> Table:
     except (ValueError, OSError) as error:
         raise DataError([Problem("record-parquet", f"'{path}' is not a Parquet file that can be read", None,
                                  "", (str(error).splitlines()[0],))]) from error
-    if frame.index.name is not None:
+    if frame.index.name is not None or isinstance(frame.index, (pd.DatetimeIndex, pd.TimedeltaIndex)):
         frame = frame.reset_index()
     if not len(frame):
         raise DataError([Problem("record-empty", f"'{path}' has no rows")])
     numbers = {str(name): frame[name].to_numpy(dtype=np.float64, na_value=np.nan) for name in frame.columns
                if pd.api.types.is_numeric_dtype(frame[name])}
-    return Table(path, tuple(map(str, frame.columns)), np.arange(1, len(frame) + 1), numbers)
+    clocks = {str(name): Clock(_nanoseconds(frame[name]), frame[name].dtype.kind == "M") for name in frame.columns
+              if frame[name].dtype.kind in "mM"}
+    words = {str(name): [str(cell) for cell in frame[name].fillna("")] for name in frame.columns
+             if pd.api.types.is_string_dtype(frame[name]) and str(name) not in numbers}
+    return Table(path, tuple(map(str, frame.columns)), np.arange(1, len(frame) + 1), numbers, words=words, clocks=clocks)
+
+
+def _nanoseconds(values: pd.Series[pd.Timestamp]) -> Rows:
+    """Dates or lengths of time as ns, whatever zone and resolution they have."""
+    if getattr(values.dt, "tz", None) is not None:
+        values = values.dt.tz_convert(None)
+    return np.asarray(values.to_numpy().astype(f"{values.dtype.kind}8[ns]").astype(np.int64))
 
 
 def _read_matlab(path: Path, place: Place | None, beside: str | None) -> Table:

@@ -47,7 +47,8 @@ def quantity(unit: str) -> str:
         return ""
     if read.counts == "angle":
         return "angular velocity" if read.dimension else "angle"
-    return QUANTITIES.get(dimension_text(read.dimension), "")
+    # kg/s is N*s/m by its dimension, and yet a flow as it is written
+    return QUANTITIES.get(unit) or QUANTITIES.get(dimension_text(read.dimension), "")
 
 
 def readable_unit(unit: str, size: float) -> str:

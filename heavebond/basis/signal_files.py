@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from heavebond.basis.errors import DataError, UsageError
-from heavebond.basis.measurements import check_time, column, read_table, samples
+from heavebond.basis.measurements import check_time, column, read_table, samples, timed
 from heavebond.basis.saved import read_run
 from heavebond.basis.spectra import Course, evenly
 from heavebond.basis.units import UnitProblem, read_unit
@@ -39,6 +39,7 @@ def read_courses(path: Path, names: Sequence[str], *, time: str | None = None, b
 def _of_record(path: Path, names: Sequence[str], time: str | None, begin: float, end: float) -> list[Course]:
     table = read_table(path, beside=time)
     time = time or table.header[0]
+    table = timed(table, time)
     check_time(table, time)
     found = []
     for name in names:

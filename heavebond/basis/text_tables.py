@@ -37,7 +37,7 @@ _WORDS = {"-": "1", "–": "1", "sec": "s", "Sek": "s", "Nm": "N*m", "l/min": "L
 @dataclass(frozen=True, eq=False)
 class TextColumns:
     """A file of text as columns: `header` names all; `columns` holds those that are numbers (n,); `lines` (n,) is the
-    line of each row; `units` what a row of units below the names says of each."""
+    line of each row; `units` what a row of units below the names says of each; `words` the cells (n,) of the others."""
 
     header: tuple[str, ...]
     lines: NDArray[np.int64]
@@ -45,6 +45,7 @@ class TextColumns:
     text: str
     separator: str
     units: dict[str, str] = field(default_factory=dict)
+    words: dict[str, list[str]] = field(default_factory=dict)
 
 
 def read_text_columns(path: Path) -> TextColumns:
@@ -64,8 +65,9 @@ def read_text_columns(path: Path) -> TextColumns:
     problems.raise_as(DataError)
     names = tuple(sheet.header[1])
     numbers = {name: values for name, (values, _) in zip(names, found, strict=True) if values is not None}
+    words = {name: [cells[k] for _, cells in rows] for k, name in enumerate(names) if name not in numbers}
     lines = np.array([line for line, _ in rows], dtype=np.int64)
-    return TextColumns(names, lines, numbers, text, sheet.separator, dict(zip(names, units, strict=False)))
+    return TextColumns(names, lines, numbers, text, sheet.separator, dict(zip(names, units, strict=False)), words)
 
 
 def unit_in_file(text: str) -> Unit | None:

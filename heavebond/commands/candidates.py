@@ -35,8 +35,7 @@ def candidates(experiment: str) -> dict[str, object]:
     console.print(f"{len(found)} candidates of {len({c.kind for c in found})} classes. Try one by hand: heavebond try "
                   f"{experiment} EFFECT, with --at PLACE or --between NODE NODE where it fits at several places.",
                   soft_wrap=True)
-    return {"candidates": [{"component": c.component, "class": c.kind, "place": c.place, "where": list(c.where),
-                            "says": c.says, "numbers": [n.name for n in c.numbers]} for c in found]}
+    return {"candidates": [{**c.as_dict(), "says": c.says, "numbers": [n.name for n in c.numbers]} for c in found]}
 
 
 def typed(candidate: Candidate) -> str:

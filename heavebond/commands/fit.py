@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,6 +13,8 @@ import click
 from heavebond.commands.arguments import check_picture, check_writable, json_option, picture_option
 
 if TYPE_CHECKING:
+    from heavebond.basis.units import Unit
+    from heavebond.evidence.experiment import Experiment
     from heavebond.evidence.fitting import Fit
 
 HEAD = ("parameter", "before", "fitted", "95 % interval", "range")
@@ -46,8 +51,9 @@ def fit(experiment: str, starts: int, segments: int, robust: bool, profiled: tup
     if written is not None:
         check_writable(written, (".yaml",))
     with terminal.working("fitting") as progress:
-        found = fitted(load_experiment(experiment), starts=starts, segments=segments, robust=robust,
-                       progress=progress)
+        given = load_experiment(experiment)
+        _check_free(given, profiled)
+        found = fitted(given, starts=starts, segments=segments, robust=robust, progress=progress)
         profiles = {name: profile(found, name, progress=progress) for name in profiled}
     console = terminal.output()
     console.print(parameters(found))
@@ -56,9 +62,11 @@ def fit(experiment: str, starts: int, segments: int, robust: bool, profiled: tup
         console.print(line)
     for words in found.identifiability.words:
         console.print(words, soft_wrap=True)
-    for name, (low, high) in profiles.items():
-        unit = found.experiment.free[name].range.unit
-        console.print(f"{name}: {quantity(low, unit)} .. {quantity(high, unit)} by profile likelihood", soft_wrap=True)
+    told = {name: replace(next(p for p in found.parameters if p.name == name), interval=ends, at_bound="")
+            for name, ends in profiles.items()}
+    for name, p in told.items():
+        said = p.known(partial(quantity, unit=found.experiment.free[name].range.unit))
+        console.print(f"{name}: {said} by profile likelihood", soft_wrap=True)
     at_bounds = [p.name for p in found.parameters if p.at_bound]
     if at_bounds:
         console.print(f"{', '.join(at_bounds)} ended at the end of the range: often a sign that an effect is missing.",
@@ -74,7 +82,17 @@ def fit(experiment: str, starts: int, segments: int, robust: bool, profiled: tup
     for path in files:
         console.print(f"wrote {path}", soft_wrap=True)
     return {"experiment": found.experiment.name, **found.as_dict(),
-            "profiles": {name: list(ends) for name, ends in profiles.items()}, "files": list(map(str, files))}
+            "profiles": {name: list(p.told) for name, p in told.items()}, "files": list(map(str, files))}
+
+
+def _check_free(given: Experiment, names: Sequence[str]) -> None:
+    """UsageError for a name that is not free: found before the fit and not after it."""
+    from heavebond.basis.errors import Problem, UsageError, listing, suggest
+
+    for name in names:
+        if name not in given.free:
+            raise UsageError([Problem("free-unknown", f"--profile {name}: that is not free", None,
+                                      suggest(name, given.free) or f"Free are {listing(given.free, 40)}.")])
 
 
 def parameters(found: Fit) -> object:
@@ -86,17 +104,24 @@ def parameters(found: Fit) -> object:
     for p in found.parameters:
         name = p.name + (f" ({p.record})" if p.record else "")
         unit = found.experiment.free[p.name].range.unit
-        before, value, low, high, least, most = (number(unit.from_si(v), digits) for v, digits in (
-            (p.before, 6), (p.value, p.digits), *((v, p.digits) for v in p.interval), (p.low, 6), (p.high, 6)))
+        before, value, least, most = (number(unit.from_si(v), digits) for v, digits in (
+            (p.before, 6), (p.value, p.digits), (p.low, 6), (p.high, 6)))
         of = "" if unit.text in ("1", "") else f" {unit.text}"
-        rows.append((name, f"{before}{of}", f"{value}{of}", f"{low} .. {high}{of}",
+        rows.append((name, f"{before}{of}", f"{value}{of}", p.known(partial(_in, unit, p.digits), of),
                      f"{least} .. {most}{of}" + (f", at its {p.at_bound} end" if p.at_bound else "")))
     return terminal.table(f"{found.experiment.name}: {found.samples} samples, chi-square {found.chi2:.4g} a sample",
                           HEAD, rows)
 
 
+def _in(unit: Unit, digits: int, value: float) -> str:
+    """A value in SI as a number in a unit."""
+    from heavebond.basis.presentation import number
+
+    return number(unit.from_si(value), digits)
+
+
 def _records(found: Fit) -> object:
-    from heavebond.basis.presentation import readable
+    from heavebond.basis.presentation import number, readable
     from heavebond.commands import terminal
 
     rows = []
@@ -105,6 +130,6 @@ def _records(found: Fit) -> object:
             before = before_fit.channels[channel.name]
             rows.append((f"{part.name} ({part.use})" if k == 0 else "", channel.name,
                          readable(before.error, channel.unit, 3), readable(channel.error, channel.unit, 3),
-                         readable(channel.noise, channel.unit, 3), f"{channel.chi2:.3g}"))
+                         readable(channel.noise, channel.unit, 3), number(channel.chi2, 3)))
     return terminal.table("", ("record", "channel", "error before", "after", "noise", "chi-square a sample"), rows,
                           text=2)

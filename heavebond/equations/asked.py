@@ -8,7 +8,8 @@ from typing import Protocol
 from heavebond.basis.errors import Problems, listing, suggest
 from heavebond.basis.units import ONE, Dimension, Unit, dimension_text, read_unit
 from heavebond.language import reading
-from heavebond.language.model import Condition, Model, Shown
+from heavebond.language.model import Model
+from heavebond.language.sections import Condition, Shown
 from heavebond.language.values import add_formula_problem, check_dimension
 from heavebond.text.dimensions import TRUTH
 from heavebond.text.expression import Expr, ExpressionProblem, Name, names, parse_formula

@@ -17,11 +17,10 @@ from heavebond.basis.errors import Place
 from heavebond.basis.units import DIMENSIONLESS
 from heavebond.equations.happening import FlatEvent, FlatReset, Held
 from heavebond.equations.parameters import FlatParameter, Parameters
-from heavebond.text.instructions import BINARY
+from heavebond.text.instructions import BINARY, CORNERS
 from heavebond.text.symbols import split, stack
 
 NEVER = 1e300  # an instant that no run reaches
-KINKS = {ca.OP_FABS, ca.OP_SIGN, ca.OP_FMIN, ca.OP_FMAX, ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_IF_ELSE_ZERO}
 TWO = set(BINARY.tolist())
 
 
@@ -56,10 +55,13 @@ class Timed:
     events: tuple[FlatEvent, ...]
 
 
-def timed(residuals: Iterable[ca.SX], told: Iterable[tuple[str, str, Place]], time: ca.SX, parameters: Parameters,
+def timed(residuals: list[ca.SX], told: Iterable[tuple[str, str, Place]], time: ca.SX, parameters: Parameters,
           held: tuple[Held, ...]) -> Timed:
     """All residuals clocked; `told` are owner, text and place of their equations, `held` what is held already."""
-    constants = {s.element_hash() for k, s in enumerate(split(parameters.p)) if k not in {h.index for h in held}}
+    if not ca.depends_on(stack(residuals), time):  # as in nearly every diagram
+        return Timed(residuals, frozenset(), parameters, held, ())
+    moving = {h.index for h in held}
+    constants = {s.element_hash() for k, s in enumerate(split(parameters.p)) if k not in moving}
     own, events, symbols, done = list[Held](), list[FlatEvent](), list[ca.SX](), list[ca.SX]()
     numbers, begin, smooth = Counter[str](), parameters.p.numel(), set[int]()
     for k, (residual, (owner, text, place)) in enumerate(zip(residuals, told, strict=True)):
@@ -110,7 +112,7 @@ class _Walk:
             return found
         # what `if_else` puts out is smooth where its condition does not change
         deciding = a if op == ca.OP_IF_ELSE_ZERO or b is None else ca.vertcat(a, b)
-        if op in KINKS and not {s.element_hash() for s in ca.symvar(deciding)} <= self.constants:
+        if op in CORNERS and not {s.element_hash() for s in ca.symvar(deciding)} <= self.constants:
             self.kinked = True
         return ca.SX.binary(op, a, b) if op in TWO and b is not None else ca.SX.unary(op, a)
 

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from heavebond.basis.errors import HeavebondError, ModelError, Place, Problems, listing, nearest, suggest
 from heavebond.basis.units import is_generic
+from heavebond.equations.repetition import MOST_OF_A_KIND, repeated
 from heavebond.language import laws
-from heavebond.language.definition import Body, Component, End, FileInput, Instance, Parameter, Port, SignalPort, Value, Wire
+from heavebond.language.definition import Body, Component, End, FileInput, Instance, Parameter, Port, SignalPort, Value
 from heavebond.language.lists import lengths, short, whole_number, written_out
-from heavebond.language.model import Model, Setting
+from heavebond.language.model import Model
+from heavebond.language.sections import Setting
 from heavebond.language.values import bounds_text, check_bounds, check_dimension
 from heavebond.text.expression import Number
 
 DEEPEST_BLOCK = 20
-MOST_OF_A_KIND = 10_000
 
 
 @dataclass(frozen=True)
@@ -162,7 +163,8 @@ class _Opener:
     # -- one level -------------------------------------------------------------------------------------------------
     def _body(self, body: Body, prefix: str, owner: Component | None, integers: dict[str, int],
               kinds: tuple[str, ...]) -> None:
-        body = self._repeated(body, prefix, integers, kinds)
+        numbers = integers if prefix else {**self._top_integers(), **integers}
+        body = repeated(body, numbers, lambda instance: self._component(instance, kinds), self.problems)
         self._name_clashes(body, owner)
         known: dict[str, Component] = {}
         for instance in body.instances.values():
@@ -426,52 +428,6 @@ class _Opener:
                     self.problems.add("port-unconnected", f"{listing([repr(m) for m in missing], 4)} "
                                       f"{'is' if len(missing) == 1 else 'are'} on no node", leaf.place,
                                       hint="Join each to a node (in quotes inside a list), or lower the number of ports.")
-
-    # -- many of a kind --------------------------------------------------------------------------------------------
-    def _in_line(self, instance: Instance, kinds: tuple[str, ...]) -> bool:
-        """Whether a part is to be repeated, and has the two ports that this takes."""
-        component = self._component(instance, kinds) if instance.repeat else None
-        if component is None or instance.repeat is None:
-            return False
-        single = [name for name in ("a", "b") if (port := component.ports.get(name)) is not None and port.count is None]
-        if len(single) < 2:
-            self.problems.add("repeat-ports", f"'{instance.name}' ({component.name}) cannot be repeated in line: that takes "
-                              "two single ports called a and b", instance.repeat.place, hint="Write each of them by itself.")
-        return len(single) == 2
-
-    def _repeated(self, body: Body, prefix: str, integers: dict[str, int], kinds: tuple[str, ...]) -> Body:
-        if not any(i.repeat for i in body.instances.values()):
-            return body
-        numbers = {**self._top_integers(), **integers} if not prefix else integers
-        instances: dict[str, Instance] = {}
-        wires = dict(body.wires)
-        ends: dict[str, str] = {}
-        for instance in body.instances.values():
-            if instance.repeat is None or not self._in_line(instance, kinds):
-                instances[instance.name] = instance
-                continue
-            count = whole_number(instance.repeat.expr, numbers)
-            if count is None or count < 1:
-                self.problems.add("not-an-integer", f"repeat must be a whole number above 0, "
-                                  f"'{instance.repeat.text}' is none", instance.repeat.place,
-                                  hint="Write for example `repeat: 10`, or a parameter: `repeat: =n`.")
-                count = 1
-            if count > MOST_OF_A_KIND:
-                self.problems.add("not-an-integer", f"repeat: {count} is too many", instance.repeat.place,
-                                  hint=f"The most is {MOST_OF_A_KIND}.")
-                count = 1
-            for k in range(1, count + 1):
-                part = replace(instance, name=f"{instance.name}_{k}", repeat=None)
-                instances[part.name] = part
-                if k < count:
-                    link = f"{instance.name}_{k}_{k + 1}"
-                    wires[link] = Wire(link, (End(f"{instance.name}_{k}.b", instance.place),
-                                              End(f"{instance.name}_{k + 1}.a", instance.place)), instance.place)
-            ends[f"{instance.name}.a"] = f"{instance.name}_1.a"
-            ends[f"{instance.name}.b"] = f"{instance.name}_{count}.b"
-        wires = {n: replace(w, ends=tuple(replace(e, path=ends.get(e.path, e.path)) for e in w.ends))
-                 for n, w in wires.items()}
-        return Body(instances, wires)
 
     def _top_integers(self) -> dict[str, int]:
         found: dict[str, int] = {}

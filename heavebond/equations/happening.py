@@ -13,7 +13,7 @@ from heavebond.basis.units import Unit
 from heavebond.equations.expand import Expanded, Leaf
 from heavebond.equations.parameters import FlatParameter, Parameters
 from heavebond.language.definition import Value, Variable
-from heavebond.language.model import Condition
+from heavebond.language.sections import Condition
 from heavebond.language.template import Template, held_interval
 from heavebond.text.expression import constant
 from heavebond.text.incidence import Interval

@@ -326,11 +326,14 @@ class _Solver:
         equation (the arms of a lever), and an unknown in equations for others of one unit (the masses on a node)."""
         entries = [(r, c, kind) for r in rows for c, kind in self.entries[r] if kind <= PARAMETER and c in inside]
         units = [(self.unknown[c][1], self.system.flat.unknowns[self.unknown[c][0]].unit.dimension) for _, c, _ in entries]
-        alone = {(r, c): unit for (r, c, kind), unit in zip(entries, units, strict=True) if kind == UNIT}
+        alone: dict[int, set[tuple[object, ...]]] = {}
+        for (r, _, kind), unit in zip(entries, units, strict=True):
+            if kind == UNIT:
+                alone.setdefault(r, set()).add(unit)
         groups: dict[tuple[object, ...], list[int]] = {}
         for k, ((r, c, kind), unit) in enumerate(zip(entries, units, strict=True)):
             groups.setdefault((r, *unit), []).append(k)
-            for other in {u for (row, column), u in alone.items() if row == r and column != c} if kind != UNIT else ():
+            for other in alone.get(r, ()) if kind != UNIT else ():
                 groups.setdefault((c, "beside", *other), []).append(k)
         several = [group for group in groups.values() if len(group) > 1 and any(entries[k][2] != UNIT for k in group)]
         if not several:

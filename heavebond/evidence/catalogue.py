@@ -65,6 +65,11 @@ class Candidate:
         """`CoulombFriction between platform and crown`."""
         return f"{self.component} {self.place}"
 
+    def as_dict(self) -> dict[str, object]:
+        """What it is and where, for machines."""
+        return {"candidate": self.label, "component": self.component, "class": self.kind, "place": self.place,
+                "where": list(self.where)}
+
     @property
     def vanishing(self) -> tuple[Sized, ...]:
         """The amplitudes that are neutral where the effect is absent."""

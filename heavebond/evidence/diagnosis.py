@@ -23,7 +23,7 @@ from heavebond.evidence.climbing import MOST, Added, Way, climb
 from heavebond.evidence.comparison import Comparison, compare
 from heavebond.evidence.excerpts import as_long_as, cut, excerpt
 from heavebond.evidence.experiment import Experiment, load_experiment
-from heavebond.evidence.finding import Finding, Rung, rung
+from heavebond.evidence.finding import Finding, Rung, rung, with_limits
 from heavebond.evidence.fitting import Fit, fit
 from heavebond.evidence.rivals import Alternative
 from heavebond.evidence.rung import Step, following, learnt, single, step
@@ -73,19 +73,15 @@ class Diagnosis:
 
 
 def _ranked(step: Step) -> list[dict[str, object]]:
-    """All candidates of a step, the refitted ones first."""
-    gains = {s.candidate.label: s.gain for s in step.scores}
-    best = step.trials[0].bic if step.trials else 0.0
+    """All candidates of a step, the refitted ones first, in the order of their rank."""
     cluster = {t.candidate.label for t in step.cluster}
-    rows: list[dict[str, object]] = [
-        {"candidate": t.candidate.component, "class": t.candidate.kind, "place": t.candidate.place, "score": t.score,
-         "error_held_out": float(np.sqrt(t.chi2_held_out)), "chi2_fit": t.chi2_fit, "chi2_held_out": t.chi2_held_out,
-         "bic_difference": t.bic - best, "cluster": t.candidate.label in cluster, "at_end": list(t.at_end),
-         "same_as": list(step.twins.get(t.candidate.label, ()))} for t in step.trials]
-    refitted = {t.candidate.label for t in step.trials}
-    return [*rows, *({"candidate": s.candidate.component, "class": s.candidate.kind, "place": s.candidate.place,
-                      "score": gains[s.candidate.label], "cluster": False, "seen": s.told_apart}
-                     for s in step.scores if s.candidate.label not in refitted)]
+    rows = [{**t.candidate.as_dict(), "score": t.score, "chi2_fit": t.chi2_fit, "chi2_held_out": t.chi2_held_out,
+             "error_over_noise_held_out": float(np.sqrt(t.chi2_held_out)), "bic_difference": t.bic - step.bic,
+             "cluster": t.candidate.label in cluster, "at_end": list(t.at_end),
+             "same_as": list(step.twins.get(t.candidate.label, ()))} for t in step.trials]
+    others = [s for s in step.scores if all(t.candidate.label != s.candidate.label for t in step.trials)]
+    return [*rows, *({**s.candidate.as_dict(), "score": s.gain, "cluster": s.candidate.label in cluster,
+                      "seen": s.told_apart} for s in others)]
 
 
 @single_threaded
@@ -264,7 +260,7 @@ def _at(experiment: Experiment, fitted: Fit | None) -> Experiment:
 
 def _finding(added: Added, given: Experiment) -> Finding:
     """The chosen effect with intervals and figures from full runs on the whole of the records."""
-    found = fit(as_long_as(given, following(added.step)))
+    found = with_limits(added.candidate, fit(as_long_as(given, following(added.step))))
     own = {n.name for n in added.candidate.numbers}
     return Finding(added.candidate, tuple(p for p in found.parameters if p.name in own),
                    rung(f"+ {added.candidate.label}", found.after), found, added.alternatives)

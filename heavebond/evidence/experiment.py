@@ -13,18 +13,8 @@ from heavebond.basis.errors import ModelError, Place, Problem, Problems, listing
 from heavebond.basis.units import Range, UnitProblem, parse_range, unit
 from heavebond.language import reading
 from heavebond.language.definition import FileInput
-from heavebond.language.model import (
-    Condition,
-    Model,
-    Setting,
-    Shown,
-    beside,
-    find,
-    load_beside,
-    read_conditions,
-    read_settings,
-    shown_as,
-)
+from heavebond.language.model import Model, beside, find, load_beside
+from heavebond.language.sections import Condition, Setting, Shown, read_conditions, read_settings, shown_as
 from heavebond.text.expression import constant, parse_formula
 from heavebond.text.source import Mapping, Node, Scalar, Source, read
 
@@ -122,6 +112,7 @@ class Experiment:
             found[path] = given if given.file != Path() else replace(given, file=record.file)
             if given.time_column is None:
                 found[path] = replace(found[path], time_column=self.time_column, time_unit=self.time_unit)
+            found[path] = replace(found[path], zero=(record.file, self.time_column))
         return found
 
     def origin_of(self, record: Record, name: str) -> Origin:

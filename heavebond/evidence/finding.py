@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,8 @@ from heavebond.evidence.experiment import Experiment, load_experiment
 from heavebond.evidence.fitting import Fit, Fitted
 from heavebond.evidence.trial import Trial
 from heavebond.language.definition import Component
+from heavebond.numbers.dae import Array
+from heavebond.numbers.result import Probe
 
 
 @dataclass(frozen=True)
@@ -81,14 +83,11 @@ class Finding:
 
     def as_dict(self) -> dict[str, object]:
         """The figures, for machines."""
-        return {"component": self.candidate.component, "class": self.candidate.kind, "place": self.candidate.place,
-                "where": list(self.candidate.where), "name": self.candidate.name,
-                "parameters": {p.name: {"value": p.value, "unit": p.unit, "interval": list(p.interval)}
-                               for p in self.parameters},
+        return {**self.candidate.as_dict(), "part": self.candidate.name,
+                "parameters": {p.name: p.as_dict() for p in self.parameters},
                 "error_fit": self.rung.error_fit, "error_held_out": self.rung.error_held_out,
                 "chi2_fit": self.rung.chi2_fit, "chi2_held_out": self.rung.chi2_held_out,
-                "one_of": [{"component": t.candidate.component, "class": t.candidate.kind, "place": t.candidate.place}
-                           for t in self.alternatives]}
+                "one_of": [t.candidate.as_dict() for t in self.alternatives]}
 
 
 def rung(name: str, comparison: Comparison) -> Rung:
@@ -109,6 +108,25 @@ def misses(rung: Rung) -> list[Miss]:
     return [Miss(name, channels[0].unit, *(
         float(np.sqrt(np.average([v**2 for v in values], weights=[c.counts.sum() for c in channels])))
         for values in ([c.error for c in channels], [c.noise for c in channels]))) for name, channels in found.items()]
+
+
+def with_limits(candidate: Candidate, fit: Fit) -> Fit:
+    """The fit with those numbers of an effect marked that are limits (sought where a variable of the part moves) and that
+    the variable does not reach on the fitted records: beyond its largest or smallest value there, with nothing that bounds
+    them on that side."""
+    limits = {n.name: f"{n.name.rpartition('.')[0]}.{n.sought.seen}" for n in candidate.numbers
+              if n.sought is not None and n.sought.range is None and not n.sought.held}
+    runs = [record.result for record in fit.after.records.values() if record.use == "fit"]
+    return replace(fit, parameters=tuple(
+        _limited(p, np.hstack([Probe(run.assembly, [limits[p.name]], si=True).values(run)[0] for run in runs]))
+        if p.name in limits else p for p in fit.parameters))
+
+
+def _limited(p: Fitted, course: Array) -> Fitted:
+    low, high = p.told
+    least, most = float(course.min()), float(course.max())
+    reach = most if p.value >= most and high is None else least if p.value <= least and low is None else None
+    return replace(p, unreached=reach)
 
 
 def meaning(fit: Fit, name: str) -> str:

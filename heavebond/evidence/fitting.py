@@ -15,10 +15,9 @@ the ends of ranges (C. Voglis, I. E. Lagaris, WSEAS 2004).
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -29,12 +28,9 @@ from heavebond.evidence.comparison import Comparison, RecordComparison, compare_
 from heavebond.evidence.experiment import Experiment, Free, Record, load_experiment
 from heavebond.evidence.identifiability import Identifiability, identifiability
 from heavebond.evidence.records import measure
-from heavebond.evidence.residuals import AT_END, BROKEN, Column, Residuals
+from heavebond.evidence.residuals import AT_END, BROKEN, Column, Descent, Residuals
 from heavebond.evidence.shooting import Shooting
 from heavebond.numbers.dae import Array
-
-if TYPE_CHECKING:
-    from scipy.optimize import OptimizeResult
 
 NORMAL_95 = 1.959963984540054
 
@@ -42,7 +38,8 @@ NORMAL_95 = 1.959963984540054
 @dataclass(frozen=True)
 class Fitted:
     """One parameter: its value, its 95 % interval (Gauss-Newton, cut at the range), its range; all in SI. `at_bound`
-    tells whether it ended at the `low` or `high` end of its range, else it is empty."""
+    tells whether it ended at the `low` or `high` end of its range, else it is empty. `unreached` says of a limit (an end
+    stop, a saturation) that the fitted records do not reach how far they go: it lies beyond, and no more is known."""
 
     name: str
     unit: str
@@ -53,11 +50,38 @@ class Fitted:
     interval: tuple[float, float]
     at_bound: str
     record: str = ""
+    unreached: float | None = None
 
     @property
-    def open(self) -> bool:
-        """Whether the interval is the whole range: the records say nothing of it."""
-        return bool(np.allclose(self.interval, (self.low, self.high), rtol=1e-9, atol=0.0))
+    def told(self) -> tuple[float | None, float | None]:
+        """The ends of the interval as far as the records tell them: None on a side that only the range ends, and on both
+        where the value itself is at an end of its range."""
+        if self.unreached is not None:
+            return (self.unreached, None) if self.value >= self.unreached else (None, self.unreached)
+        near = 1e-9 * (self.high - self.low)
+        low, high = self.interval
+        return (None, None) if self.at_bound else (low if low - self.low > near else None,
+                                                   high if self.high - high > near else None)
+
+    @property
+    def ended(self) -> str:
+        """The end of its range at which the records drove it; empty for a limit that stands there because nothing reaches
+        it."""
+        return self.at_bound if self.unreached is None else ""
+
+    def known(self, written: Callable[[float], str], unit: str = "", dots: str = "..") -> str:
+        """What the records tell in words: `1 .. 2 m`, `above 1 m`, `not seen`; `-` at an end of the range. `written` makes
+        a number of a value in SI."""
+        low, high = (None if end is None else written(end) for end in self.told)
+        said = f"{low} {dots} {high}{unit}" if low is not None and high is not None else \
+            f"above {low}{unit}" if low is not None else f"below {high}{unit}" if high is not None else \
+            "-" if self.at_bound else "not seen"
+        return said if self.unreached is None else f"{said}, not reached"
+
+    def as_dict(self) -> dict[str, object]:
+        """The figures, for machines."""
+        return {"value": self.value, "unit": self.unit, "interval": list(self.told), "range": [self.low, self.high],
+                "at_bound": self.ended, "unreached": self.unreached is not None}
 
     @property
     def digits(self) -> int:
@@ -96,9 +120,8 @@ class Fit:
     def as_dict(self) -> dict[str, object]:
         """Everything for machines."""
         return {
-            "parameters": {p.name + (f" ({p.record})" if p.record else ""): {
-                "value": p.value, "unit": p.unit, "interval": list(p.interval), "range": [p.low, p.high],
-                "at_bound": p.at_bound, "before": p.before} for p in self.parameters},
+            "parameters": {p.name + (f" ({p.record})" if p.record else ""): {**p.as_dict(), "before": p.before}
+                           for p in self.parameters},
             "correlation": self.correlation.tolist(), "identifiability": list(self.identifiability.words),
             "chi2_per_sample": self.chi2, "samples": self.samples, "cost_of_each_start": list(self.cost),
             "history": list(self.history), "evaluations": self.evaluations, "message": self.message,
@@ -128,7 +151,7 @@ def fit(experiment: Experiment | str | Path, *, starts: int = 1, segments: int =
         tell = numbered(say, "start", number, starts)
         run = problem.minimise(_shot(problem, start, segments, tell), robust, tell)
         runs.append(run)
-        costs.append(float(2 * run.cost))
+        costs.append(2 * run.cost)
     best = runs[int(np.argmin(costs))]
     if 2 * best.cost / problem.samples >= 0.5 * BROKEN**2:
         raise SimulationError([Problem("fit-broken", "the model could not be simulated anywhere near the start of the "
@@ -144,7 +167,7 @@ def _shot(problem: Residuals, start: Array, segments: int, progress: Progress) -
     return Shooting(problem, segments).solve(start, progress) if segments > 1 else start
 
 
-def _finished(problem: Residuals, best: OptimizeResult, costs: list[float]) -> Fit:
+def _finished(problem: Residuals, best: Descent, costs: list[float]) -> Fit:
     """The fit with its intervals, correlations, verdict on identifiability and comparisons."""
     residuals, jacobian = problem.evaluate(best.x)
     _, prior_jacobian = problem.priors(best.x)
@@ -164,7 +187,7 @@ def _finished(problem: Residuals, best: OptimizeResult, costs: list[float]) -> F
     relative = jacobian * np.array([1.0 if c.logarithmic else s for c, s in zip(problem.columns, spans, strict=True)])
     verdict = identifiability(relative / np.sqrt(inflation), labels, [c.logarithmic for c in problem.columns])
     return Fit(problem.experiment, parameters, correlation, verdict, chi2, len(residuals), tuple(costs),
-               tuple(best["history"]), problem.evaluations, str(best.message), _compared(problem, problem.start),
+               best.history, problem.evaluations, best.message, _compared(problem, problem.start),
                _compared(problem, best.x))
 
 
@@ -239,7 +262,7 @@ def profile(result: Fit, name: str, *, progress: Progress | None = None) -> tupl
         start[k] = value
         if progress:
             progress(f"{name} at {problem.columns[k].outer(value):.5g}")
-        return float(2 * problem.minimise(start, False, lambda text: None, (k,)).cost - bottom - limit)
+        return 2 * problem.minimise(start, False, lambda text: None, (k,)).cost - bottom - limit
 
     ends = []
     for end in (problem.low[k], problem.high[k]):

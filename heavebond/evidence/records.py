@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from heavebond.basis import metrics, screening
 from heavebond.basis.errors import DataError, HeavebondError, Place, Problem, Problems, listing
-from heavebond.basis.measurements import BRIDGED, Table, check_time, column, gaps, read_table, samples
+from heavebond.basis.measurements import BRIDGED, Table, check_time, column, gaps, read_table, samples, timed
 from heavebond.basis.presentation import count, number, readable
 from heavebond.basis.units import read_unit
 from heavebond.evidence.experiment import Experiment, Origin, Output, Record
@@ -93,7 +93,7 @@ def measure(experiment: Experiment, record: Record) -> Measured:
     Raises DataError with all that is wrong: files, columns, times, channels without or with too few samples, gaps in
     inputs, noise that is not given and cannot be estimated.
     """
-    problems, files = Problems(), _Files()
+    problems, files = Problems(), _Files((record.file, experiment.time_column))
     window, sampled = _window(experiment, record, files, problems)
     found: dict[str, Samples] = {}
     for name, output in experiment.outputs.items():
@@ -113,15 +113,18 @@ def measure(experiment: Experiment, record: Record) -> Measured:
 
 
 class _Files:
-    """The files of a record, each read once for every time column that is asked of it."""
+    """The files of a record, each read once for every time column that is asked of it; times of clocks count from the first
+    row of the record's own file (`zero`)."""
 
-    def __init__(self) -> None:
+    def __init__(self, zero: tuple[Path, str]) -> None:
         self._tables: dict[tuple[Path, str], Table] = {}
+        self._zero = zero
 
-    def table(self, file: Path, time: str, place: Place) -> Table:
-        """The file at a place of the experiment; its channels beside the time column."""
+    def table(self, file: Path, time: str, place: Place, unit: str = "s") -> Table:
+        """The file at a place of the experiment; its channels beside the time column, which is asked for in a unit."""
         if (file, time) not in self._tables:
-            self._tables[file, time] = read_table(file, place=place, beside=time)
+            table = read_table(file, place=place, beside=time)
+            self._tables[file, time] = timed(table, time, unit=unit, zero=self._zero, place=place)
         return self._tables[file, time]
 
 
@@ -143,7 +146,7 @@ def _unit_slips(experiment: Experiment, record: Record, files: _Files) -> list[s
 def _window(experiment: Experiment, record: Record, files: _Files, problems: Problems) -> tuple[Array, list[Array]]:
     """The times (n,) of the record's own rows between `from` and `to`, from where to where all inputs are known (the run
     goes from the first to the last), and the times at which each input was sampled."""
-    table = _cut(experiment, record, files.table(record.file, experiment.time_column, record.place))
+    table = _cut(experiment, record, files.table(record.file, experiment.time_column, record.place, experiment.time_unit))
     time = table.columns[experiment.time_column] * read_unit(experiment.time_unit).scale
     time = time[np.isfinite(time)]
     begin, end = float(time[0]), float(time[-1])
@@ -151,7 +154,8 @@ def _window(experiment: Experiment, record: Record, files: _Files, problems: Pro
     for path, given in experiment.inputs_for(record).items():
         try:
             assert given.time_column is not None
-            sampled, _ = input_samples(given, begin, end, table=files.table(given.file, given.time_column, given.place))
+            table = files.table(given.file, given.time_column, given.place, given.time_unit)
+            sampled, _ = input_samples(given, begin, end, table=table)
         except HeavebondError as error:
             problems.extend(error)
             continue
@@ -190,7 +194,7 @@ def _cut(experiment: Experiment, record: Record, table: Table) -> Table:
 # -- a channel -----------------------------------------------------------------------------------------------------
 def _channel(origin: Origin, record: Record, output: Output, files: _Files, window: Array) -> Samples:
     assert origin.file is not None and origin.time_column is not None
-    table = files.table(origin.file, origin.time_column, output.place)
+    table = files.table(origin.file, origin.time_column, output.place, origin.time_unit)
     column(table, output.column, output.place)
     scale = read_unit(origin.time_unit).scale
     time = column(table, origin.time_column, output.place) * scale

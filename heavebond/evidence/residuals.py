@@ -5,10 +5,12 @@ See `heavebond.evidence.fitting` for the sum that is minimised.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import accumulate
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,13 +25,12 @@ from heavebond.numbers.dae import Array
 from heavebond.numbers.result import Probe
 from heavebond.numbers.simulation import Simulator, Tolerances
 
-if TYPE_CHECKING:
-    from scipy.optimize import OptimizeResult
-
 # A run that breaks down counts as this many standard deviations at every sample: far worse than any run that ends.
 BROKEN = 1e4
 # A parameter within this share of its range from an end of it stands there.
 AT_END = 1e-3
+# Runs of which the results are kept: a descent begins where another one ended, a few runs ago.
+KEPT = 8
 
 
 @dataclass(frozen=True)
@@ -54,6 +55,18 @@ class Column:
     def slope(self, value: float) -> float:
         """d outer / d inner."""
         return float(np.exp(value)) if self.logarithmic else 1.0
+
+
+@dataclass(frozen=True)
+class Descent:
+    """Where a descent ended: the inner unknowns x, half the sum of squares (of robust losses, half theirs), the smallest sum
+    after each run, why it ended, and whether it would have gone on."""
+
+    x: Array
+    cost: float
+    history: tuple[float, ...]
+    message: str
+    unfinished: bool = False
 
 
 class Run:
@@ -129,7 +142,7 @@ class Residuals:
         self.high = np.array([c.inner(c.free.range.high) for c in self.columns])
         self.orders = self._orders()
         self.evaluations = 0
-        self._last: tuple[bytes, Array, Array] | None = None
+        self._known: dict[bytes, tuple[Array, Array]] = {}
         self._check_start()
 
     def _orders(self) -> list[tuple[int, int]]:
@@ -196,8 +209,8 @@ class Residuals:
     def evaluate(self, inner: Array) -> tuple[Array, Array]:
         """Residuals (n,) of the data and Jacobian (n, columns) in inner unknowns, without priors."""
         key = inner.tobytes()
-        if self._last is not None and self._last[0] == key:
-            return self._last[1], self._last[2]
+        if key in self._known:
+            return self._known[key]
         asked, inner = inner, self.allowed(inner)
         parts, blocks = [], []
         for run in self.runs:
@@ -215,8 +228,10 @@ class Residuals:
                 ratio = self.columns[low].slope(inner[low]) / self.columns[high].slope(inner[high])
                 # its own column stays: the way up from there is open
                 jacobian[:, low] += jacobian[:, high] * ratio
-        self._last = (key, np.concatenate(parts), jacobian)
-        return self._last[1], self._last[2]
+        if len(self._known) == KEPT:
+            del self._known[next(iter(self._known))]
+        self._known[key] = np.concatenate(parts), jacobian
+        return self._known[key]
 
     def _one(self, run: Run, inner: Array) -> tuple[Array, Array]:
         """A record's residuals; a run that breaks down is a large residual, not an end."""
@@ -243,7 +258,7 @@ class Residuals:
         return np.array(rows), np.array(gradients).reshape(len(rows), len(self.columns))
 
     def minimise(self, start: Array, robust: bool, progress: Progress, fixed: tuple[int, ...] = (), *, most: int = 60,
-                 tolerance: float = 1e-8) -> OptimizeResult:
+                 tolerance: float = 1e-8) -> Descent:
         """Least squares from `start`; the columns in `fixed` stay where they are. It ends after `most` runs (twice), or
         where a step changes the sum of squares or the unknowns by less than `tolerance`.
 
@@ -252,45 +267,60 @@ class Residuals:
         """
         first = self.descend(start, robust, progress, fixed, most=most, tolerance=tolerance, method="trf")
         last = self.descend(first.x, robust, progress, fixed, most=most, tolerance=tolerance, method="dogbox")
-        last["history"] = [*first["history"], *last["history"]]
-        return last if last.cost <= first.cost else first
+        best = last if last.cost <= first.cost else first
+        return replace(best, history=(*first.history, *last.history))
 
     def descend(self, start: Array, robust: bool, progress: Progress, fixed: tuple[int, ...] = (), *, most: int,
-                tolerance: float, method: Literal["trf", "dogbox"]) -> OptimizeResult:
-        """One of the two methods of `minimise` alone."""
+                tolerance: float, method: Literal["trf", "dogbox"],
+                enough: Callable[[Sequence[float], Array], bool] = lambda costs, best: False) -> Descent:
+        """One of the two methods of `minimise` alone; it ends besides where `enough`, which is given the sum of squares of
+        each run so far and the unknowns of the best, says so."""
         from scipy.optimize import least_squares
 
         moving = [k for k in range(len(self.columns)) if k not in fixed]
-        span = self.high - self.low
-        history: list[float] = []
+        low, span = self.low[moving], (self.high - self.low)[moving]
+        costs: list[float] = []
+        best = np.zeros(len(moving))
 
         def whole(y: Array) -> Array:
             inner = start.copy()
-            inner[moving] = y
+            inner[moving] = low + (y - 1) * span
             return inner
 
-        def both(y: Array) -> tuple[Array, Array]:
-            inner = whole(y)
+        @lru_cache(maxsize=1)
+        def both(y: bytes) -> tuple[Array, Array]:
+            inner = whole(np.frombuffer(y))
             data, prior = self.evaluate(inner), self.priors(inner)
-            found = np.concatenate([data[0], prior[0]]), np.vstack([data[1], prior[1]])[:, moving]
+            found = np.concatenate([data[0], prior[0]]), np.vstack([data[1], prior[1]])[:, moving] * span
             return found if robust else condensed(*found)
 
         def values(y: Array) -> Array:
-            residuals = both(y)[0]
-            history.append(min([float(residuals @ residuals), *history[-1:]]))
-            progress(f"chi-square per sample {history[-1] / self.samples:.4g} after {len(history)} runs")
+            nonlocal best
+            residuals = both(y.tobytes())[0]
+            costs.append(float(residuals @ residuals))
+            best = y.copy() if costs[-1] == min(costs) else best
+            progress(f"chi-square per sample {min(costs) / self.samples:.4g} after {len(costs)} runs")
+            if enough(costs, whole(best)):
+                raise _Enough
             return residuals
 
         def jacobian(y: Array) -> Array:
-            return both(y)[1]
+            return both(y.tobytes())[1]
 
-        inside = np.clip(start, self.low + 1e-6 * span, self.high - 1e-6 * span)[moving]
-        found = least_squares(values, inside, jac=jacobian, bounds=(self.low[moving], self.high[moving]),
-                              x_scale=span[moving], method=method, loss="soft_l1" if robust else "linear",
-                              xtol=tolerance, ftol=tolerance, gtol=1e-8, max_nfev=most)
-        found.x = self.allowed(whole(found.x))
-        found["history"] = history
-        return found
+        # the minimiser measures steps by the length of its unknowns: each is 1 to 2 over its range, as volts and pascals are
+        # not of one size
+        inside = np.clip(1 + (start[moving] - low) / span, 1 + 1e-6, 2 - 1e-6)
+        try:
+            found = least_squares(values, inside, jac=jacobian, bounds=(1.0, 2.0), method=method, max_nfev=most,
+                                  loss="soft_l1" if robust else "linear", xtol=tolerance, ftol=tolerance, gtol=1e-8)
+            ended = found.x, float(found.cost), str(found.message), found.status == 0
+        except _Enough:
+            ended = best, min(costs) / 2, "The search needs no more.", False
+        return Descent(self.allowed(whole(ended[0])), ended[1], tuple(accumulate(costs, min)), *ended[2:])
+
+
+class _Enough(Exception):
+    """A descent need not go on."""
 
 
 def condensed(residuals: Array, jacobian: Array) -> tuple[Array, Array]:

@@ -7,7 +7,6 @@ take the one that leaves least on what was not fitted, if it earns its place the
 from __future__ import annotations
 
 import time as clock
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -17,8 +16,9 @@ from heavebond.basis.errors import SimulationError
 from heavebond.basis.progress import Progress
 from heavebond.evidence.catalogue import Candidate, candidates
 from heavebond.evidence.experiment import Experiment
-from heavebond.evidence.leftover import NEAR, Leftover, is_noise, leftover
+from heavebond.evidence.leftover import Leftover, is_noise, leftover
 from heavebond.evidence.places import nodes_of
+from heavebond.evidence.refits import Refits, planned
 from heavebond.evidence.residuals import Residuals
 from heavebond.evidence.scoring import TIMES, Base, Score, finer, searched
 from heavebond.evidence.trial import Trial, bic, held_out
@@ -26,24 +26,16 @@ from heavebond.evidence.workers import Workers
 from heavebond.numbers.dae import Array
 
 UNKNOWN = "unknown law"  # the class of learnt curves: a shape, no name
-REFITS = 24  # at least so many candidates are refitted, those with the largest scores
-PROMISING = 0.1  # and where one of a class at a place has a gain of this share of the largest, all there
-AT_LEAST = 0.01  # that have this share of it
 NEARLY = 0.1  # share of what the best takes away that a rival may leave, where the noise is not given,
 RIVALS = 0.25  # share of what the best misses the noise by that a rival may miss more
 CLOSELY = 6  # trials at most are followed to the very end before they are compared,
 CLOSE = 0.05  # those within this share of the logarithm of chi-square of the best
-TWINS = 1 - 5e-8  # candidates whose directions agree to this are the same machine,
-ALIKE = 1e-3  # their gains and shapes to this share,
-JOINED = 0.02  # and to this one where they are the same law at nodes that move as one,
-AS_ONE = 1e-6  # which is to this share of the largest value
+AS_ONE = 1e-6  # nodes move as one that differ by less than this share of the largest value
 STEADY = 0.01  # what varies by less than this share of its size is steady
 SECONDS = 300.0  # after which no refit is begun
 # A candidate earns its place where chi-square on what was not fitted falls by this, in units of what is left: normal
 # deviations of some 3 squared would come by chance once in a thousand tries.
 EARNED = 12.0
-
-Job = tuple[Candidate, list[Score]]  # to be refitted
 
 
 @dataclass(frozen=True)
@@ -109,10 +101,10 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
     held, n_held = held_out(base.problem, base.inner, base.exact)
     courses = _courses(base)
     found = [c for c in found if always or _says_more(c, base, courses)]
-    trials: list[Trial] = []
     scores: list[Score] = []
-    partial = False
+    partial, twins = False, dict[str, tuple[str, ...]]()
     with Workers(base, number) as workers:
+        refits = Refits(workers, say)
         try:
             for k, (candidate, got) in enumerate(workers.score(found), 1):
                 say(f"scoring {k} of {len(found)}: {candidate.label}")
@@ -121,36 +113,30 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
             place = {c.label: k for k, c in enumerate(found)}
             scores.sort(key=lambda s: place[s.candidate.label])
             left = leftover(base, scores)
-            leading, rest, twins = _planned(scores, _as_one(courses)) if left.significant or always else ([], [], {})
-            for jobs in (leading, rest):
-                if jobs is rest and not (thorough and _unexplained(trials)):
-                    break
-                done = 0
-                for done, (candidate, trial) in enumerate(workers.refit(jobs, began + seconds), 1):
-                    trials += [trial] if trial is not None else []
-                    say(f"refitting {done} of {len(jobs)}{' others' if jobs is rest else ''}: {candidate.label}"
-                        + (f" leaves {trial.chi2_held_out:.4g}" if trial else " cannot be simulated"))
-                partial |= jobs is leading and done < len(jobs)
-            say("comparing the best closely")
-            trials = _polished(workers, trials, {c.label: g for c, g in (*leading, *rest)})
+            if left.significant or always:
+                leading, rest, twins = planned(scores, _as_one(courses))
+                partial = not refits.make(leading, rest if thorough else [], began + seconds)
+                say("comparing the best closely")
+                refits.trials |= _polished(workers, list(refits.trials.values()), {c.label: g for c, g in (*leading, *rest)})
         except KeyboardInterrupt:
             partial, left, twins = True, leftover(base, scores), {}
+    trials = list(refits.trials.values())
     return _judged(base, (held, n_held), left, scores, trials, twins, partial, clock.perf_counter() - began)
 
 
-def _polished(workers: Workers, trials: Sequence[Trial], guesses: Mapping[str, Sequence[Score]]) -> list[Trial]:
-    """The trials, those that are near the best followed to the end of their valleys: near on all samples or on those that
-    were fitted, as one that has not arrived may miss the others by much."""
+def _polished(workers: Workers, trials: Sequence[Trial], guesses: Mapping[str, Sequence[Score]]
+              ) -> dict[str, Trial]:
+    """The trials that are near the best, followed to the end of their valleys: near on all samples or on those that were
+    fitted, as one that has not arrived may miss the others by much."""
     order = sorted(trials, key=merit)
     if not order:
-        return []
+        return {}
     margin = indistinct(order[0], merit(order[0])) + CLOSE * (order[0].samples + order[0].samples_held_out)
     lowest = min(t.bic for t in order)
     near = [t for t in order if merit(t) - merit(order[0]) < margin or t.bic - lowest < margin][:CLOSELY]
     better = {c.label: t for c, t in workers.polish([(t, guesses[t.candidate.label], None) for t in near])}
     lent = [(t, guesses[t.candidate.label], lender) for t in better.values() if (lender := _lender(t, better.values()))]
-    better |= {c.label: t for c, t in workers.polish(lent)}
-    return [better.get(t.candidate.label, t) for t in order]
+    return better | {c.label: t for c, t in workers.polish(lent)}
 
 
 def _lender(trial: Trial, others: Iterable[Trial]) -> Trial | None:
@@ -176,7 +162,7 @@ def fitted_base(experiment: Experiment) -> Base:
 
 def _fitted(problem: Residuals, inner: Array) -> Base:
     if len(inner):
-        inner = np.asarray(problem.minimise(inner, False, lambda text: None, tolerance=1e-6).x)
+        inner = problem.minimise(inner, False, lambda text: None, tolerance=1e-6).x
     return Base.at(problem, inner)
 
 
@@ -206,94 +192,6 @@ def _says_more(candidate: Candidate, base: Base, courses: Mapping[str, tuple[str
         return True
     others = [courses[node][1] for node in candidate.change.nodes if node not in candidate.where and node in courses]
     return all(float(np.ptp(course)) > STEADY * float(np.abs(course).max()) for course in others)
-
-
-def _planned(scores: Sequence[Score], as_one: Mapping[str, str]
-             ) -> tuple[list[Job], list[Job], dict[str, tuple[str, ...]]]:
-    """What is refitted first, what after that, and which candidates are the same as one of them. After a strong misfit a
-    score names class and place rather than the law: all laws of one class at one place come together, the largest gain of
-    any of them first."""
-    families: dict[object, float] = {}
-    for score in scores:
-        families[_family(score)] = max(score.gain, families.get(_family(score), 0.0))
-    by_label: dict[str, list[Score]] = {}
-    for score in sorted(scores, key=lambda s: (-families[_family(s)], -s.gain)):
-        if score.told_apart:
-            by_label.setdefault(score.candidate.label, []).append(score)
-    place = {label: k for k, label in enumerate(dict.fromkeys(s.candidate.label for s in scores))}
-    kept: list[list[Score]] = []
-    twins: dict[str, tuple[str, ...]] = {}
-    for label, group in by_label.items():
-        k = next((k for k, other in enumerate(kept) if _same(other, group, as_one)), None)
-        if k is None:
-            kept.append(group)
-            continue
-        # of the same machine twice the one stands that comes first in the catalogue: a part's own dormant effect
-        other = kept[k][0].candidate.label
-        first, second = sorted((other, label), key=place.__getitem__)
-        kept[k] = group if first == label else kept[k]
-        twins[first] = (*twins.pop(other, ()), second)
-    largest = kept[0][0].gain if kept else 0.0
-    leading: list[Job] = []
-    rest: list[Job] = []
-    for k, group in enumerate(kept):
-        promising = families[_family(group[0])] >= PROMISING * largest and group[0].gain >= AT_LEAST * largest
-        (leading if k < REFITS or promising else rest).append((group[0].candidate, group))
-    return _in_turn(leading), _in_turn(rest), twins
-
-
-def _in_turn(jobs: Sequence[Job]) -> list[Job]:
-    """The first of each class, then the second, ...: where time is short every class has had its turn, however many laws
-    and places another one has that promise a little more."""
-    before: Counter[str] = Counter()
-    turns = []
-    for candidate, _ in jobs:
-        turns.append(before[candidate.kind])
-        before[candidate.kind] += 1
-    return [job for _, job in sorted(zip(turns, jobs, strict=True), key=lambda pair: pair[0])]
-
-
-def _unexplained(trials: Sequence[Trial]) -> bool:
-    """Whether none of them comes near the noise: then the score, which is local, may have misled. A free parameter that the
-    missing effect has moved far away turns the sign of the tangent."""
-    return all(max(t.chi2_fit, t.chi2_held_out if t.samples_held_out else 0.0) > NEAR for t in trials)
-
-
-def _family(score: Score) -> tuple[str, frozenset[str]]:
-    """Class and place."""
-    return score.candidate.kind, frozenset(score.candidate.where)
-
-
-def _same(one: Sequence[Score], other: Sequence[Score], as_one: Mapping[str, str]) -> bool:
-    """Whether two candidates move all channels in the same proportion at all shapes: one law at places that act alike.
-    Where its nodes move as one it is the same machine, and only what a channel measures inside of what joins them could tell
-    them apart; steps over kinks make some directions rough, so that there the clearest decides."""
-    a, b = one[0].candidate, other[0].candidate
-    if a.vanishes != b.vanishes or len(one) != len(other) or len(a.numbers) != len(b.numbers):
-        return False
-    pairs = list(zip(sorted(one, key=_shapes), sorted(other, key=_shapes), strict=True))
-    if a.component == b.component and _nodes(a, as_one) == _nodes(b, as_one):
-        return _alike(*max(pairs, key=lambda pair: min(s.gain for s in pair)), JOINED, 1 - JOINED)
-    return all(_alike(s, t, ALIKE, TWINS) for s, t in pairs)
-
-
-def _alike(one: Score, other: Score, share: float, cosine: float) -> bool:
-    """Whether two scores are the same to this share, and their directions to this cosine."""
-    shapes, others = _shapes(one)[0], _shapes(other)[0]
-    # one of them may be allowed in the other direction only
-    return len(shapes) == len(others) and np.allclose(shapes, others, rtol=share) and \
-        abs(one.gain - other.gain) <= share * max(one.gain, other.gain) and \
-        abs(float(one.direction @ other.direction)) > cosine
-
-
-def _nodes(candidate: Candidate, as_one: Mapping[str, str]) -> list[str]:
-    """The nodes that a candidate is put on, those that move as one by one name."""
-    return [as_one.get(node, node) for node in candidate.change.nodes]
-
-
-def _shapes(score: Score) -> tuple[list[float], int, int]:
-    """The choice of shapes and amplitudes and the side at which it was taken."""
-    return list(score.shapes.values()), len(score.along), score.side
 
 
 def _judged(base: Base, held: tuple[float, int], left: Leftover, scores: Sequence[Score], trials: Sequence[Trial],

@@ -137,14 +137,19 @@ class Separation:
             "alternatives": list(self.alternatives), "decides": self.decides, "needed": self.needed,
             "limits": {name: {"low": given.low, "high": given.high, "rate": given.rate if np.isfinite(given.rate) else None,
                               "unit": unit} for name, (given, unit) in self.limits.items()},
-            "proposal": best and {
-                "input": best.proposal.input, "shape": best.proposal.shape, "amplitude": best.proposal.amplitude,
-                "level": best.proposal.level, "frequency": best.proposal.frequency, "seconds": float(self.time[-1])},
-            "pairs": [vars(p) for p in best.pairs] if best else [],
-            "tried": [{"input": t.proposal.input, "shape": t.proposal.shape, "frequency": t.proposal.frequency,
-                       "amplitude": t.proposal.amplitude, "chi2": t.smallest, "decided": t.decided,
-                       "refitted": t.refitted} for t in self.tried],
-            "extra": extra and vars(extra), "words": list(self.words)}
+            "proposal": best and {**_formed(best.proposal), "level": best.proposal.level, "length": float(self.time[-1])},
+            "pairs": [{"one": p.one, "other": p.other, "rise": p.chi2, "channel": p.channel, "at": p.at, "apart": p.size,
+                       "sure": p.sure} for p in best.pairs] if best else [],
+            "tried": [{**_formed(t.proposal), "rise": t.smallest, "decided": t.decided, "closely": t.refitted}
+                      for t in self.tried],
+            "extra": extra and {"variable": extra.name, "unit": extra.unit, "noise_taken": extra.noise, "rise": extra.chi2},
+            "words": list(self.words)}
+
+
+def _formed(proposal: Proposal) -> dict[str, object]:
+    """What an input is, for machines."""
+    return {"input": proposal.input, "form": proposal.shape, "amplitude": proposal.amplitude,
+            "frequency": proposal.frequency}
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ that the score asks for, and at the data sheet, for the choices of the shape par
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from time import process_time
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -19,15 +19,19 @@ from heavebond.basis.units import Range
 from heavebond.evidence.catalogue import Candidate
 from heavebond.evidence.experiment import Experiment, Free
 from heavebond.evidence.fitting import own_start
-from heavebond.evidence.residuals import AT_END, BROKEN, Residuals, Run
+from heavebond.evidence.residuals import AT_END, BROKEN, Descent, Residuals, Run
 from heavebond.evidence.scoring import BEYOND, Base, Score, below, between, exact_runs, shape_ranges, sides
 from heavebond.numbers.dae import Array
 from heavebond.numbers.quick import QuickSimulator
 
-if TYPE_CHECKING:
-    from scipy.optimize import OptimizeResult
-
-FIRST, LAST = 8, 40  # least squares steps: to compare starts, and to end
+FIRST, LAST = 8, 40  # runs of a descent: to compare starts, and to end
+# A descent ends where so many runs in a row have not lowered the sum of squares by this share: it has arrived as far as the
+# errors of its runs let it see, or creeps. What comes near the best is followed to the very end later.
+IDLE, LITTLE = 4, 1e-3
+# After so many runs a start is given up that stands where another one stood by then: within this share of each range, and of
+# the sum of squares.
+MIDWAY, MEETS = 4, 0.03
+STEEP = 0.5  # share to which the last two steps must have brought the sum of squares where it still falls
 # A refit is not followed to its end where its first steps leave all but this share of a chi-square per sample above LARGE.
 NOTHING, LARGE = 0.02, 10.0
 SECONDS = 60.0  # of this process, after which a refit that has not come far is not followed further
@@ -55,7 +59,8 @@ class Trial:
     per sample on the fitted and the held-out records, the number of unknowns, which of the free parameters ended at an end
     of their range, and the experiment with the candidate in it. `score` is the gain that its score had promised. By `slack`
     the sum of squares on what was held out would fall, more than that of the fit would rise, if all numbers moved as the fit
-    lets them (of the trials that are compared closely; see `_Refit.slack`)."""
+    lets them (of the trials that are compared closely; see `_Refit.slack`). `begun` are the first steps, from several
+    starts, of a refit that may be followed further, the best first."""
 
     candidate: Candidate
     experiment: Experiment
@@ -70,6 +75,12 @@ class Trial:
     score: float
     evaluations: int
     slack: float = 0.0
+    begun: tuple[Descent, ...] = field(default=(), repr=False, compare=False)
+
+    @property
+    def falls(self) -> bool:
+        """Whether one of its descents was still falling steeply."""
+        return any(d.unfinished and d.history[-1] < STEEP * d.history[-3] for d in self.begun)
 
     @property
     def bic(self) -> float:
@@ -82,14 +93,25 @@ def bic(cost: float, samples: int, unknowns: int) -> float:
     return float(samples * np.log(max(cost, 1e-300) / samples) + unknowns * np.log(samples))
 
 
-def tried(base: Base, candidate: Candidate, guesses: Sequence[Score] = (), progress: Progress | None = None) -> Trial | None:
-    """The candidate refitted; None where the diagram with it cannot be simulated."""
+def begun(base: Base, candidate: Candidate, guesses: Sequence[Score] = (), progress: Progress | None = None) -> Trial | None:
+    """The first steps of a refit, from the best of several starts; None where the diagram with it cannot be simulated."""
     try:
         refit = _Refit(base, candidate, guesses)
-        inner = refit.best(progress or (lambda text: None))
-        return None if inner is None else refit.judged(inner)
+        found = refit.begin(progress or (lambda text: None))
+        return replace(refit.judged(found[0].x), begun=tuple(found) if refit.hopeful(found[0]) else ()) if found else None
     except HeavebondError:
         return None
+
+
+def followed(base: Base, trial: Trial, guesses: Sequence[Score] = (), progress: Progress | None = None) -> Trial:
+    """A refit that was begun, followed until it hardly falls any more."""
+    if not trial.begun:
+        return trial
+    try:
+        refit = _Refit(base, trial.candidate, guesses)
+        return refit.judged(refit.follow(trial.begun, progress or (lambda text: None)))
+    except HeavebondError:
+        return replace(trial, begun=())
 
 
 def polished(base: Base, trial: Trial, guesses: Sequence[Score] = (), lender: Trial | None = None,
@@ -256,18 +278,10 @@ class _Refit:
             return np.inf
         return float(r @ r) if np.all(np.isfinite(r)) else np.inf
 
-    def best(self, progress: Progress) -> Array | None:
-        """The best fit."""
-        inner = self._best(progress)
-        if inner is None:
-            return None
-        return self._out_of_the_way(self._further_out(
-            inner, lambda start: np.asarray(self.descend(start, progress, LAST, 1e-5).x)))
-
     def arrive(self, start: Array, progress: Progress) -> Array:
         """From near an optimum to it."""
         def arrived(start: Array) -> Array:
-            return np.asarray(self.problem.minimise(start, False, progress, most=LAST, tolerance=CLOSE).x)
+            return self.problem.minimise(start, False, progress, most=LAST, tolerance=CLOSE).x
 
         return self._further_out(arrived(start), arrived)
 
@@ -319,26 +333,35 @@ class _Refit:
                     break
         return inner
 
-    def _best(self, progress: Progress) -> Array | None:
-        """The best starts a few steps; the best of them, and another that is near it, to the end."""
+    def begin(self, progress: Progress) -> list[Descent]:
+        """The first steps from the best starts, that which leaves least first; none where no start can be simulated."""
         starts = [self._start(plan) for plan in self.plans]
         costs = [self._cost(start) for start in starts]
         most = 3 if len(starts) > FURTHER else 2
         chosen = [starts[k] for k in np.argsort(costs) if np.isfinite(costs[k])][:most]
         if not chosen or process_time() - self.began > SECONDS:
-            return None
-        begun = [self.descend(start, progress, FIRST, 1e-4) for start in chosen]
-        if all(2 * float(e.cost) > self.base.cost for e in begun) and (beside := self._beside()) is not None:
-            begun.append(self.descend(beside, progress, FIRST, 1e-4))
-        first, *others = sorted(begun, key=lambda e: float(e.cost))
-        if self._hopeless(2 * float(first.cost)) or process_time() - self.began > SECONDS:
-            return np.asarray(first.x)
+            return []
+        midway: list[tuple[float, Array]] = []
+        found = [self.descend(start, progress, FIRST, 1e-4, midway=midway) for start in chosen]
+        if all(2 * e.cost > self.base.cost for e in found) and (beside := self._beside()) is not None:
+            found.append(self.descend(beside, progress, FIRST, 1e-4))
+        return sorted(found, key=lambda e: e.cost)
+
+    def follow(self, begun: Sequence[Descent], progress: Progress) -> Array:
+        """The best of what was begun, and another that is near it, to the end."""
+        first, *others = begun
         ends = [first, *(e for e in others if ANOTHER[0] < e.cost / first.cost < ANOTHER[1])][:2]
-        ends = [self.descend(e.x, progress, LAST, 1e-5) if e.status == 0 else e for e in ends]  # 0: it would go on
-        best = min(ends, key=lambda e: float(e.cost))
+        ends = [self.descend(e.x, progress, LAST, 1e-5) if e.unfinished else e for e in ends]
+        best = min(ends, key=lambda e: e.cost)
         if self.problem.at_end(best.x).any():  # the reflective method may stop there though other unknowns could move on
-            best = min(best, self.descend(best.x, progress, LAST, 1e-5, "dogbox"), key=lambda e: float(e.cost))
-        return np.asarray(best.x)
+            best = min(best, self.descend(best.x, progress, LAST, 1e-5, "dogbox"), key=lambda e: e.cost)
+        return self._out_of_the_way(self._further_out(best.x, lambda start: self.descend(start, progress, LAST, 1e-5).x))
+
+    def hopeful(self, first: Descent) -> bool:
+        """Whether its first steps have taken anything of a large misfit away, and did not take too long."""
+        r = self.base.r
+        return process_time() - self.began <= SECONDS and \
+            not (float(r @ r) > LARGE * len(r) and 2 * first.cost > (1 - NOTHING) * float(r @ r))
 
     def _beside(self) -> Array | None:
         """A start next to the base model, from where a refit cannot end above it; None where the effect has no zero."""
@@ -349,15 +372,24 @@ class _Refit:
         inside = np.clip(self.base.inner, self.base.problem.low, self.base.problem.high)
         return self._start(_Plan({**first, **small}, inside))
 
-    def _hopeless(self, cost: float) -> bool:
-        """Whether steps from several starts have taken next to nothing of a large misfit away."""
-        r = self.base.r
-        return float(r @ r) > LARGE * len(r) and cost > (1 - NOTHING) * float(r @ r)
-
     def descend(self, start: Array, progress: Progress, most: int, tolerance: float,
-                method: Literal["trf", "dogbox"] = "trf") -> OptimizeResult:
-        """A few steps that find their way from afar."""
-        return self.problem.descend(start, False, progress, most=most, tolerance=tolerance, method=method)
+                method: Literal["trf", "dogbox"] = "trf", midway: list[tuple[float, Array]] | None = None) -> Descent:
+        """Steps that find their way from afar, until they hardly bring anything more, or meet those from another start:
+        `midway` is where these stood after a few of theirs, to which this one is added."""
+        problem = self.problem
+
+        def meets(cost: float, inner: Array, other: tuple[float, Array]) -> bool:
+            away = np.abs(inner - other[1]) / (problem.high - problem.low)
+            return abs(cost - other[0]) < MEETS * other[0] and float(away.max()) < MEETS
+
+        def enough(costs: Sequence[float], best: Array) -> bool:
+            if midway is not None and len(costs) == MIDWAY:
+                if any(meets(min(costs), best, other) for other in midway):
+                    return True
+                midway.append((min(costs), best))
+            return len(costs) > IDLE and min(costs[:-IDLE]) - min(costs) < LITTLE * min(costs)
+
+        return problem.descend(start, False, progress, most=most, tolerance=tolerance, method=method, enough=enough)
 
     def judged(self, inner: Array) -> Trial:
         """The figures at the end, from runs of IDAS."""

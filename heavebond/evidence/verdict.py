@@ -123,10 +123,13 @@ def words(said: str, ladder: Sequence[Rung], findings: Sequence[Finding], steps:
     if steps[0].at_end and findings and not steps[-1].at_end:
         lines.append(f"Without it {listing(steps[0].at_end)} went to the end of the range, a sign that physics is missing; "
                      "with it they come back inside.")
-    seen = {n.name for f in findings for n in f.candidate.numbers if n.sought is not None and n.sought.seen}
-    if unmet := [p.name for f in findings for p in f.parameters if p.name in seen and (p.at_bound or p.open)]:
-        lines.append(f"{listing(unmet)} may be anywhere beyond what the records show: they hardly reach it.")
-    if unsure := [p.name for f in findings for p in f.parameters if p.at_bound and p.name not in seen]:
+    found = [p for f in findings for p in f.parameters]
+    for p in found:
+        if p.unreached is not None:
+            side = "above" if p.value >= p.unreached else "below"
+            lines.append(f"{p.name} is not reached in the records that were fitted: all they tell is that it lies {side} "
+                         f"{readable(p.unreached, p.unit, 3)}.")
+    if unsure := [p.name for p in found if p.ended]:
         lines.append(f"{listing(unsure)} ended at the end of the range: the effect is there, but its value is not sure; "
                      "look for more of its kind.")
     if said in ("effect", "one_of") and len(steps) == len(findings):

@@ -11,7 +11,7 @@ from heavebond.basis.processes import Processes, as_done, forks, heed, processor
 from heavebond.evidence.catalogue import Candidate
 from heavebond.evidence.experiment import Experiment
 from heavebond.evidence.scoring import Base, Score, scored, searched
-from heavebond.evidence.trial import Trial, polished, tried
+from heavebond.evidence.trial import Trial, begun, followed, polished
 from heavebond.numbers.dae import Array
 from heavebond.numbers.simulation import Tolerances
 
@@ -43,10 +43,15 @@ class Workers:
         """The scores of each candidate, in the order in which they are done; those not begun at `until` are left out."""
         return self._each(_score, scored, [(c,) for c in candidates], candidates, until)
 
-    def refit(self, jobs: Sequence[tuple[Candidate, Sequence[Score]]], until: float = float("inf")
+    def begin(self, jobs: Sequence[tuple[Candidate, Sequence[Score]]], until: float = float("inf")
               ) -> Iterator[tuple[Candidate, Trial | None]]:
-        """The refit of each candidate, in the order in which they are done; those not begun at `until` are left out."""
-        return self._each(_refit, tried, jobs, [c for c, _ in jobs], until)
+        """The first steps of each refit, in the order in which they are done; those not begun at `until` are left out."""
+        return self._each(_begin, begun, jobs, [c for c, _ in jobs], until)
+
+    def follow(self, jobs: Sequence[tuple[Trial, Sequence[Score]]], until: float = float("inf")
+               ) -> Iterator[tuple[Candidate, Trial]]:
+        """Each refit that was begun followed, in the same way."""
+        return self._each(_follow, followed, jobs, [t.candidate for t, _ in jobs], until)
 
     def polish(self, jobs: Sequence[tuple[Trial, Sequence[Score], Trial | None]]) -> Iterator[tuple[Candidate, Trial]]:
         """Each trial followed to the end of its valley, or of that to which another one leads."""
@@ -77,9 +82,14 @@ def _score(candidate: Candidate) -> list[Score]:
     return scored(_base, candidate)
 
 
-def _refit(candidate: Candidate, guesses: Sequence[Score]) -> Trial | None:
+def _begin(candidate: Candidate, guesses: Sequence[Score]) -> Trial | None:
     assert _base is not None
-    return tried(_base, candidate, guesses, heed)
+    return begun(_base, candidate, guesses, heed)
+
+
+def _follow(trial: Trial, guesses: Sequence[Score]) -> Trial:
+    assert _base is not None
+    return followed(_base, trial, guesses, heed)
 
 
 def _polish(trial: Trial, guesses: Sequence[Score], lender: Trial | None) -> Trial:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from heavebond.basis.errors import Problem, UsageError
@@ -45,10 +46,9 @@ def fitted_values(fit: Fit) -> tuple[Change, dict[str, str]]:
     for p in fit.parameters:
         if not p.record:
             unit = fit.experiment.free[p.name].range.unit
-            low, high = (quantity(end, unit) for end in p.interval)
             values[p.name] = quantity(p.value, unit)
-            notes[p.name.removeprefix("initial.")] = f"{low} .. {high}" + (
-                f"; at the {p.at_bound} end of its range" if p.at_bound else "")
+            notes[p.name.removeprefix("initial.")] = f"at the {p.at_bound} end of its range" if p.at_bound else \
+                p.known(partial(quantity, unit=unit))
     return Change().with_values(values), notes
 
 

@@ -87,7 +87,8 @@ class Value:
 class FileInput:
     """A signal given by a column of a measured file; `between` is spline, linear or hold.
 
-    `file` is `Path()` where the experiment's record is meant. `bridge`: gaps may be gone across.
+    `file` is `Path()` where the experiment's record is meant. `bridge`: gaps may be gone across. `zero` is the file and its
+    column of times from whose first row times of a clock count, where that is another one's.
     """
 
     file: Path
@@ -98,6 +99,7 @@ class FileInput:
     time_column: str | None = None
     time_unit: str = "s"
     bridge: bool = False
+    zero: tuple[Path, str] | None = None
 
 
 @dataclass(frozen=True)

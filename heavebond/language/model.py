@@ -8,62 +8,27 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from heavebond.basis.errors import ModelError, Place, Problem, Problems, UsageError, listing, suggest
-from heavebond.basis.units import Dimension, declared_unit
 from heavebond.language import reading
 from heavebond.language.definition import Body, End, FileInput, Instance, Value, Wire
 from heavebond.language.keeping import Kind, kept_diagram, values_in
 from heavebond.language.library import Library, bundled, library, shown_path
-from heavebond.language.values import add_formula_problem, check_dimension
+from heavebond.language.sections import (
+    Condition,
+    Initial,
+    Setting,
+    Shown,
+    read_initial,
+    read_plan,
+    read_settings,
+    read_show,
+)
 from heavebond.language.view import Seen, read_view
-from heavebond.text.dimensions import dimension
-from heavebond.text.expression import Expr, ExpressionProblem, Name, Number, constant, parse_formula
-from heavebond.text.source import Mapping, Node, Scalar, Sequence, Source, parse, read
+from heavebond.text.expression import Number
+from heavebond.text.source import Node, Scalar, Source, parse, read
 
 MODEL_KEYS = ("model", "summary", "extends", "parameters", "components", "nodes", "set", "remove", "initial", "show",
               "simulate", "view", "source", "notes")
 LONGEST_CHAIN = 50
-SECOND = declared_unit("s")
-STARTS = ("steady", "rest")
-SOLVERS = ("idas", "cvodes", "rosenbrock", "auto")
-
-
-@dataclass(frozen=True)
-class Condition:
-    """A value asked for at the start; a guess may move."""
-
-    name: str
-    value: Value
-    guess: bool
-    place: Place
-
-
-@dataclass(frozen=True)
-class Initial:
-    """What is asked of the start: a mode (steady, rest or none), conditions and guesses, parameters to solve for."""
-
-    mode: str | None = None
-    conditions: dict[str, Condition] = field(default_factory=dict)
-    solve: dict[str, Place] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class Shown:
-    """A named output: a formula of the diagram's variables and the unit in which it is shown."""
-
-    name: str
-    expr: Expr
-    text: str
-    unit: str
-    place: Place
-
-
-@dataclass(frozen=True)
-class Setting:
-    """A value set on a dotted path (`cmc.gas.p_0`)."""
-
-    path: str
-    value: Value | FileInput
-    place: Place
 
 
 @dataclass(frozen=True)
@@ -293,14 +258,14 @@ def _changed(base: Model, source: Source, problems: Problems) -> Model:
                  for n, w in wires.items()}
         wires = {n: w for n, w in wires.items() if w.ends}
     parameters = {**base.parameters, **_values(root.items.get("parameters"), "parameters", problems)}
-    plan = _simulate(root.items.get("simulate"), problems)
+    plan = read_plan(root.items.get("simulate"), problems)
     return replace(
         base, name=reading.text(root.items["model"], "model", problems), path=source.path,
         summary=reading.text(root.items.get("summary"), "summary", problems) or base.summary,
         parameters=parameters, body=Body(instances, wires),
         settings={**base.settings, **read_settings(root.items.get("set"), source, problems)},
-        initial=_initial(root.items.get("initial"), base.initial, problems),
-        show={**base.show, **_show(root.items.get("show"), problems)},
+        initial=read_initial(root.items.get("initial"), base.initial, problems),
+        show={**base.show, **read_show(root.items.get("show"), problems)},
         until=plan.until or base.until, every=plan.every or base.every, solver=plan.solver or base.solver,
         view={**base.view, **read_view(root.items.get("view"), problems)},
         files=(*base.files, source.path))
@@ -351,145 +316,6 @@ def _change_ends(ends: list[End], end: End, node: str, problems: Problems) -> No
         ends.append(End(end.path.removeprefix("+"), end.place))
 
 
-def read_settings(node: Node | None, source: Source, problems: Problems) -> dict[str, Setting]:
-    """`set:` of a diagram or a record."""
-    entries = reading.mapping(node, "set", problems)
-    found = {}
-    for path, item in (entries.items if entries else {}).items():
-        if isinstance(item, Mapping) and "values" in item.items and entries:
-            found.update({k: Setting(k, v, entries.keys[path].place)
-                          for k, v in reading.column_values(item, path, source, problems).items()})
-        elif isinstance(item, Mapping):
-            record = reading.file_input(item, source, problems)
-            if record is not None and entries:
-                found[path] = Setting(path, record, entries.keys[path].place)
-        elif isinstance(item, Sequence) and entries:
-            place = entries.keys[path].place
-            found.update({k: Setting(k, v, place) for k, v in reading.elements(item, path, path, problems).items()})
-        elif (value := reading.value(item, path, problems)) is not None and entries:
-            found[path] = Setting(path, value, entries.keys[path].place)
-    return found
-
-
-def _initial(node: Node | None, base: Initial, problems: Problems) -> Initial:
-    entries = reading.mapping(node, "initial", problems)
-    if entries is None:
-        return base
-    mode, conditions, solve = base.mode, dict(base.conditions), dict(base.solve)
-    for name, item in entries.items.items():
-        key = entries.keys[name]
-        if name == "start":
-            mode = reading.text(item, "start", problems)
-            if mode not in STARTS:
-                problems.add("start-unknown", f"'{mode}' is no way to start", item.place,
-                             hint=suggest(mode, STARTS) or "Write `start: steady` or `start: rest`.")
-        elif name == "solve":
-            solve = {word.text: word.place for word in reading.words(item, "solve", problems)}
-        elif (condition := _condition(name, item, key, problems)) is not None:
-            conditions[name] = condition
-    return Initial(mode, conditions, solve)
-
-
-def read_conditions(node: Node | None, problems: Problems) -> dict[str, Condition]:
-    """`initial:` of a record: conditions and guesses only."""
-    entries = reading.mapping(node, "initial", problems)
-    found = {}
-    for name, item in (entries.items if entries else {}).items():
-        condition = _condition(name, item, entries.keys[name], problems) if entries else None
-        if condition is not None:
-            found[name] = condition
-    return found
-
-
-def _condition(name: str, item: Node, key: Scalar, problems: Problems) -> Condition | None:
-    if isinstance(item, Scalar) and item.text.lstrip().startswith("~"):
-        content = item.text.strip().removeprefix("~").lstrip()
-        skipped = len(item.text) - len(content)
-        inner = replace(item, text=content, place=item.place.moved(skipped, len(content)))
-        value = reading.value(inner, name, problems)
-        return Condition(name, value, True, key.place) if value else None
-    value = reading.value(item, name, problems)
-    return Condition(name, value, False, key.place) if value else None
-
-
-def _show(node: Node | None, problems: Problems) -> dict[str, Shown]:
-    entries = reading.mapping(node, "show", problems)
-    found = {}
-    for name, item in (entries.items if entries else {}).items():
-        key = entries.keys[name] if entries else None
-        shown = shown_as(name, item, key, problems) if key else None
-        if shown is not None:
-            found[name] = shown
-    return found
-
-
-def shown_as(name: str, item: Node, key: Scalar, problems: Problems, extra: tuple[str, ...] = ()) -> Shown | None:
-    """`pull: {is: spring.F, unit: kN}`; without `is` the key itself is the formula."""
-    entry = reading.mapping(item, f"'{name}'", problems)
-    if entry is None:
-        return None
-    reading.known_keys(entry, ("is", "unit", *extra), f"'{name}'", problems, required=("unit",))
-    unit = entry.items.get("unit")
-    if isinstance(unit, Scalar):
-        reading.unit_text(unit, problems)
-    formula = entry.items.get("is")
-    written = formula if isinstance(formula, Scalar) else key
-    content, place = written.text, written.place.moved(1 if written.quoted else 0, len(written.text))
-    content, place = (content[1:], place.moved(1, len(content) - 1)) if content.startswith("=") else (content, place)
-    tree = reading.parsed(parse_formula, content, place, problems)
-    if tree is None:
-        return None
-    return Shown(name, tree, content, reading.text(unit, "unit", problems, "1"), place)
-
-
-@dataclass(frozen=True)
-class _Plan:
-    """What `simulate:` says."""
-
-    until: Value | None = None
-    every: Value | None = None
-    solver: Scalar | None = None
-
-
-def _simulate(node: Node | None, problems: Problems) -> _Plan:
-    entries = reading.mapping(node, "simulate", problems)
-    if entries is None:
-        return _Plan()
-    reading.known_keys(entries, ("until", "every", "solver"), "simulate", problems)
-    times = {name: reading.value(item, name, problems) for name, item in entries.items.items()
-             if name in ("until", "every")}
-    for name, value in times.items():
-        if value is not None:
-            _check_time(name, value, problems)
-    solver = entries.items.get("solver")
-    name = reading.text(solver, "solver", problems)
-    if solver is not None and name and name not in SOLVERS:
-        problems.add("solver-unknown", f"'{name}' is no solver", solver.place,
-                     hint=suggest(name, SOLVERS) or f"There are {listing(SOLVERS)}.")
-    return _Plan(times.get("until"), times.get("every"), solver if isinstance(solver, Scalar) else None)
-
-
-def _no_name(name: Name) -> Dimension:
-    raise ExpressionProblem("not-a-quantity", f"'{name.text}' is no number", name.column, name.length)
-
-
-def _check_time(name: str, value: Value, problems: Problems) -> None:
-    """`until` and `every` are known before any parameter is: plain times above 0."""
-    number = constant(value.expr)
-    if value.formula or number is None:
-        problems.add("not-a-quantity", f"{name}: '{value.text}' is not a plain time", value.place,
-                     hint="Write for example `60 s` or `8 * 12 s`.")
-        return
-    before = len(problems.found)
-    try:
-        check_dimension(name, value, dimension(value.expr, _no_name), SECOND, problems)
-    except ExpressionProblem as problem:
-        add_formula_problem(problem, value, problems)
-    if number <= 0 and len(problems.found) == before:
-        problems.add("time-not-positive", f"{name}: '{value.text}' is not above 0", value.place,
-                     hint="Write for example `60 s`.")
-
-
 KEPT = Kind(Model, "diagram", values_in(
-    "language.definition", "basis.errors", "text.expression", "language.library", "language.model", "text.source",
-    "basis.units", "language.view"))
+    "language.definition", "basis.errors", "text.expression", "language.library", "language.model", "language.sections",
+    "text.source", "basis.units", "language.view"))

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from heavebond.basis.errors import HeavebondError, Place, Problems, nearest, suggest
-from heavebond.basis.units import UnitProblem, check_unit, parse_quantity, read_unit
+from heavebond.basis.units import Unit, UnitProblem, check_unit, generic_unit, parse_quantity, read_unit
 from heavebond.language.definition import Body, End, FileInput, Formula, Instance, Value, Wire
 from heavebond.text.expression import KEYWORDS, Equation, Expr, ExpressionProblem, Number, constant, names, parse_formula
 from heavebond.text.source import Mapping, Node, Scalar, Sequence, Source
@@ -213,6 +213,17 @@ def unit_text(node: Scalar, problems: Problems) -> str | None:
         problems.add(problem.code, problem.message, node.place, hint=problem.hint)
         return None
     return node.text
+
+
+def unit(node: Node | None, problems: Problems) -> Unit | None:
+    """A declared unit; None, and a problem, where it cannot be read."""
+    if not isinstance(node, Scalar):
+        return None
+    try:
+        return generic_unit(node.text)
+    except UnitProblem as problem:
+        problems.add(problem.code, problem.message, node.place, hint=problem.hint)
+        return None
 
 
 def formula_of(node: Node, what: str, problems: Problems) -> Formula | None:

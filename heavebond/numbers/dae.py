@@ -28,8 +28,9 @@ from heavebond.text.symbols import split, stack
 Array = NDArray[np.float64]
 KEPT = Kind(Reduced, "reduced", values_in(
     "language.definition", "basis.errors", "equations.expand", "text.expression", "equations.flatten",
-    "equations.happening", "language.library", "language.model", "equations.parameters", "equations.rank",
-    "equations.reduce", "equations.resolver", "text.source", "equations.states", "basis.units", "language.view"))
+    "equations.happening", "language.library", "language.model", "language.sections", "equations.parameters",
+    "equations.rank", "equations.reduce", "equations.resolver", "text.source", "equations.states", "basis.units",
+    "language.view"))
 # how often a signal may be differentiated
 DERIVATIVES = {"hold": 0, "linear": 1, "spline": 3}
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from heavebond.basis.errors import DataError, Problem, Problems
-from heavebond.basis.measurements import Table, check_gaps, check_time, column, read_table, samples
+from heavebond.basis.measurements import Table, check_gaps, check_time, column, read_table, samples, timed
 from heavebond.basis.signals import Pieces, align, pieces
 from heavebond.basis.units import read_unit
 from heavebond.equations.flatten import Flat, KnownInput
@@ -70,6 +70,7 @@ def input_samples(given: FileInput, begin: float = -np.inf, end: float = np.inf,
     `check_gaps`) that may not be bridged."""
     table = table or read_table(given.file, place=given.place, beside=given.time_column)
     name = given.time_column or table.header[0]
+    table = timed(table, name, unit=given.time_unit, zero=given.zero, place=given.place)
     check_time(table, name)
     rows = samples(table, name, given.column, given.place, least=2)
     scale = read_unit(given.time_unit).scale

@@ -122,7 +122,7 @@ class Simulator:
         own, others = ([(k.source, k.unit.text) for k in s.assembly.flat.inputs] for s in (self, like))
         return own == others and self.time[0] == like.time[0] and self.time[-1] == like.time[-1]
 
-    def _integrator(self) -> Integrator | ca.Function:
+    def _integrator(self) -> Integrator:
         """From the first stop to the others."""
         return integrator(self.solver.name, self.integrand, self.stops, self.tolerances)
 

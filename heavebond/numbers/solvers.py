@@ -19,7 +19,7 @@ import casadi as ca
 
 from heavebond.basis.buffered import Buffered
 from heavebond.basis.errors import Place, Problem, UsageError, listing, suggest
-from heavebond.language.model import SOLVERS
+from heavebond.language.sections import SOLVERS
 from heavebond.numbers.dae import Array, Assembly, Integrand
 from heavebond.numbers.idas import MOST_STEPS, Idas, Tolerances, integrator_options
 

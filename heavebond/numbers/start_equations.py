@@ -13,16 +13,14 @@ from heavebond.basis.buffered import Buffered
 from heavebond.basis.errors import Place
 from heavebond.equations.reduce import Pivot
 from heavebond.equations.states import Guess
-from heavebond.language.model import Condition
+from heavebond.language.sections import Condition
 from heavebond.numbers.dae import Array, Assembly
 from heavebond.text.expression import Call, Expr, Name, children, parse_formula
+from heavebond.text.instructions import CORNERS
 from heavebond.text.symbols import split, stack
 
 # functions whose second argument is the width over which they turn
 REGULARISED = ("smooth_sign", "signed_sqrt")
-# what jumps or turns at a point, though its second derivative is zero everywhere else
-CORNERS = {ca.OP_FMIN, ca.OP_FMAX, ca.OP_FABS, ca.OP_FMOD, ca.OP_REMAINDER, ca.OP_COPYSIGN, ca.OP_SIGN, ca.OP_FLOOR,
-           ca.OP_CEIL, ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_IF_ELSE_ZERO}
 
 
 @dataclass(frozen=True)

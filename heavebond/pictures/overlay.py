@@ -100,10 +100,11 @@ def _undescribed(path: Path) -> UsageError:
 
 def _of_table(path: Path, columns: list[Column]) -> SavedRun:
     """The named columns of a record; its first column is the time in s, or a column called `time` in --column."""
-    from heavebond.basis.measurements import check_time, column, read_table
+    from heavebond.basis.measurements import check_time, column, read_table, timed
 
     table = read_table(path)
     clock = next((c for c in columns if c.signal == SECONDS[0]), Column(SECONDS[0], table.header[0], SECONDS[1]))
+    table = timed(table, clock.name, unit=clock.unit)
     check_time(table, clock.name)
     time = column(table, clock.name) * read_unit(clock.unit).scale
     kept = np.isfinite(time)

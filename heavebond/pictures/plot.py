@@ -12,6 +12,7 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
+from matplotlib.ticker import LogLocator, NullLocator
 from numpy.typing import NDArray
 
 from heavebond.basis.errors import Problem, UsageError, listing, suggest
@@ -41,7 +42,7 @@ DENSE = 500  # from so many samples on a record is drawn as a line, since its do
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
 DASHES = ("-", (0, (5, 2)), (0, (1, 1.2)), (0, (5, 1.5, 1, 1.5)))
 RECORD, MODEL, BAND = "#8c8c8c", COLOURS[1], "#bcd9ea"
-WIDE = 30  # from such a ratio of the largest to the least on, bars are drawn on a logarithmic axis
+WIDE = 30  # from such a ratio of the largest to the least on, errors are drawn on a logarithmic axis
 STILL = 1e-9  # a span below this is rounding, not motion
 BAND_WIDTH = 2  # the band holds 95 % of white noise
 
@@ -225,38 +226,46 @@ def plot_influence(found: Rankings, *, bars: int = 12, courses: int = 4, title: 
 
 def plot_ladder(rungs: Sequence[Rung], *, title: str = "The error on the ladder") -> Figure:
     """The falling error: root mean square over that of what was measured, on the fitted samples and on those that were not,
-    and where noise alone would be (measured error divided by the root of chi-square per sample)."""
+    each beside what noise alone would leave there (the last model's error divided by the root of chi-square per sample)."""
     figure = Figure(figsize=(WIDTH, 2.2 + 0.62 * len(rungs)), dpi=DPI)
     axes = figure.add_subplot()
     figure_title(figure, title)
-    places = np.arange(len(rungs))[::-1]
-    for offset, colour, label, errors in (
-            (0.19, COLOURS[0], "fitted", [r.error_fit for r in rungs]),
-            (-0.19, COLOURS[1], "not fitted", [r.error_held_out for r in rungs])):
+    places, last = np.arange(len(rungs))[::-1], rungs[-1]
+    drawn: list[float] = []
+    for offset, colour, mark, label, errors, chi2 in (
+            (0.15, COLOURS[0], "o", "fitted", [r.error_fit for r in rungs], last.chi2_fit),
+            (-0.15, COLOURS[1], "s", "not fitted", [r.error_held_out for r in rungs], last.chi2_held_out)):
         values = 100 * np.array(errors)
-        axes.barh(places + offset, values, height=0.36, color=colour, label=label)
+        if not np.isfinite(values).any():
+            continue
+        axes.plot(values, places + offset, color=colour, marker=mark, linewidth=1.0, label=label)
         for place, value in zip(places + offset, values, strict=True):
-            if np.isfinite(value):
-                axes.annotate(f"{number(float(value), 3)} %", (value, place), (4, 0), textcoords="offset points",
-                              va="center", fontsize=9)
-    last = rungs[-1]
-    noise = 100 * last.error_held_out / math.sqrt(last.chi2_held_out) if last.chi2_held_out > 0 else math.nan
-    if np.isfinite(noise):
-        axes.axvline(noise, color=RECORD, linestyle=DASHES[1], label="noise")
-    largest = float(np.nanmax([100 * max(r.error_fit, r.error_held_out if np.isfinite(r.error_held_out) else 0.0)
-                               for r in rungs]))
-    smallest = float(np.nanmin([100 * r.error_fit for r in rungs]))
-    if largest > WIDE * smallest > 0:
-        axes.set_xscale("log")
-        axes.set_xlim(min(smallest, noise if np.isfinite(noise) else smallest) / 2, 3 * largest)
-    else:
-        axes.set_xlim(0, 1.12 * largest)
+            axes.annotate(f"{number(float(value), 3)} %", (value, place), (8, 0), textcoords="offset points", va="center",
+                          fontsize=9, bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0})
+        noise = float(values[-1]) / math.sqrt(chi2) if chi2 > 0 else math.nan
+        axes.axvline(noise, color=colour, linestyle=DASHES[1], linewidth=1.0, label=f"noise alone, {label}")
+        drawn += [v for v in (*values, noise) if np.isfinite(v) and v > 0]
+    _error_axis(axes, min(drawn, default=1.0), max(drawn, default=1.0))
     axes.set_yticks(places, ["\n".join(textwrap.wrap(r.name, 34)) for r in rungs])
-    axes.set_xlabel("error / measured [%]")
+    axes.set_ylim(-0.5, len(rungs) - 0.5)
     axes.grid(axis="x", alpha=0.3)
     axes.legend(loc="lower right", frameon=True)
     figure.tight_layout(rect=RECT)
     return figure
+
+
+def _error_axis(axes: Axes, least: float, most: float) -> None:
+    """Shares in %, in logarithms where they are far apart."""
+    axes.set_xlabel("error, in % of what was measured")
+    if most <= WIDE * least:
+        axes.set_xlim(0, 1.25 * most)
+        return
+    axes.set_xscale("log")
+    axes.set_xlim(least / 1.5, 3 * most)
+    decades = math.log10(most / least)
+    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if decades < 4 else (1,)))
+    axes.xaxis.set_major_formatter(lambda value, _: number(value, 3))
+    axes.xaxis.set_minor_locator(NullLocator())
 
 
 def save(figure: Figure, path: str | Path) -> Path:

@@ -19,7 +19,7 @@ from heavebond.basis.units import read_unit
 from heavebond.evidence.comparison import RecordComparison
 from heavebond.evidence.diagnosis import Diagnosis
 from heavebond.evidence.finding import Finding, Rung, meaning, misses, restrictions
-from heavebond.evidence.fitting import Fit, Fitted
+from heavebond.evidence.fitting import Fit
 from heavebond.evidence.misfit import Where
 from heavebond.evidence.writing import quantity
 from heavebond.language.library import bundled
@@ -31,13 +31,13 @@ from heavebond.reports.report_separation import separating
 from heavebond.reports.report_series import Shown, key, packed, record_section, shown_rungs
 from heavebond.reports.report_tables import (
     explained,
-    in_one_unit,
     noise,
     parameters,
     ranking,
     records,
     tests,
     tried,
+    valued,
 )
 from heavebond.reports.report_where import failing, learnt
 
@@ -92,7 +92,8 @@ def _sections(diagnosis: Diagnosis, shown: Sequence[Shown], where: Where | None,
 # -- the top -----------------------------------------------------------------------------------------------------------
 def _head(diagnosis: Diagnosis, title: str) -> Html:
     model = diagnosis.experiment.model
-    return element("header", element("h1", title), element("p", f"Diagram {model.name}: {model.summary or 'no summary'}"),
+    summary = f": {model.summary}" if model.summary else ""
+    return element("header", element("h1", title), element("p", f"Diagram {model.name}{summary}"),
                    element("p", f"Experiment {_named(diagnosis)}", class_="small"), class_="page")
 
 
@@ -120,11 +121,12 @@ def _figures(diagnosis: Diagnosis) -> Html:
     worst = sorted(pairs, key=lambda pair: -pair[0].error / pair[0].noise)[:HEADLINE]
     channels = [_figure(f"{a.channel}: rms error, on records {on}", f"{a.words} → {b.words}",
                         f" noise {readable(b.noise, b.unit, 3)}") for a, b in worst]
-    return element(
-        "dl", *channels, _figure(f"error over noise, on records {on}", " → ".join(number(math.sqrt(c), 3) for c in chi2),
-                                 f" chi-square {' → '.join(number(c, 3) for c in chi2)} a sample; 1 is noise"),
-        _figure("error as a share of what was measured", " → ".join(f"{number(100 * e, 3)} %" for e in errors), f" {on}"),
-        _figure("effects tried", str(tried_), f" of which fitted {fitted_}; {diagnosis.seconds:.0f} s"), class_="figures")
+    cards = [*channels, _figure(f"error over noise, on records {on}", " → ".join(number(math.sqrt(c), 3) for c in chi2),
+                                f" chi-square {' → '.join(number(c, 3) for c in chi2)} a sample; 1 is noise"),
+             _figure("error as a share of what was measured", " → ".join(f"{number(100 * e, 3)} %" for e in errors),
+                     f" {on}"),
+             _figure("effects tried", str(tried_), f" of which fitted {fitted_}; {diagnosis.seconds:.0f} s")]
+    return element("dl", *cards, class_="figures six" if len(cards) == 6 else "figures")
 
 
 def _figure(name: str, value: str, small: str) -> Html:
@@ -188,8 +190,8 @@ def _finding(k: int, finding: Finding) -> Html:
     candidate = finding.candidate
     asleep = candidate.attaches == "in"
     what = f"parameter of {candidate.component}:" if asleep else f"component {candidate.component}, in the diagram as"
-    rows = [(explained(p.name, meaning(finding.fit, p.name)), *_valued(p),
-             f"at the {p.at_bound} end of its range" if p.at_bound else "") for p in finding.parameters]
+    rows = [(explained(p.name, meaning(finding.fit, p.name)), *valued(p),
+             f"at the {p.ended} end of its range" if p.ended else "") for p in finding.parameters]
     parts = [element("h3", f"{k}. {candidate.kind[:1].upper()}{candidate.kind[1:]} {candidate.place}"),
              element("p", f"{candidate.says[:1].upper()}{candidate.says[1:]}; {what} ",
                      element("code", candidate.name), ".")]
@@ -213,12 +215,6 @@ def _diagram(finding: Finding) -> str:
     candidate, path = finding.candidate, finding.fit.experiment.model.path
     said = f"with {candidate.kind} {candidate.place}"
     return candidate.change.with_values(values).diagram(path.stem + "_2", said, path.name)
-
-
-def _valued(p: Fitted) -> tuple[str, str]:
-    """A value and its interval in one unit."""
-    value, low, high = in_one_unit(p.unit, p.value, (p.value, *p.interval), p.digits)
-    return value, f"{low} … {high}"
 
 
 # -- errors ------------------------------------------------------------------------------------------------------------

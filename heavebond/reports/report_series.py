@@ -129,11 +129,10 @@ def _quantum(noise: float, values: Array) -> float:
 # -- the page around the charts ----------------------------------------------------------------------------------------
 def record_section(index: int, record: RecordComparison, ladder: Sequence[Shown]) -> Html:
     """One record: its buttons and its charts, which the script fills."""
-    first = next((s for s in ladder if s.at_first), ladder[0]).rung.comparison.records[record.name]
     use = "fitted" if record.use == "fit" else "held out of the fit"
     more = "; the shaded stretches were held out" if record.validate is not None else ""
-    charts = [_figure(k, first.channels[name], channel, ladder[0] is not ladder[-1])
-              for k, (name, channel) in enumerate(record.channels.items())]
+    charts = [_figure(k, [s.rung.comparison.records[record.name].channels[name] for s in ladder])
+              for k, name in enumerate(record.channels)]
     notes = [element("p", note, class_="small quiet") for note in record.notes]
     return element("section", element("h3", f"Record {record.name} ", element("span", use, class_="tag")),
                    element("p", f"{record.file.name}{more}.", class_="quiet small"), _toolbar(ladder), *charts, *notes,
@@ -152,11 +151,13 @@ def _toolbar(ladder: Sequence[Shown]) -> Html:
                    aria_label="models and stretch of time")
 
 
-def _figure(index: int, before: Channel, after: Channel, both: bool) -> Html:
-    errors = [readable(c.error, c.unit, 3) for c in ((before, after) if both else (after,))]
-    chi2 = [number(c.chi2, 3) for c in ((before, after) if both else (after,))]
-    said = element("span", element("b", after.name), f"  rms error {' → '.join(errors)}, chi-square per sample "
-                   f"{' → '.join(chi2)}, fit {number(after.fit, 4)} %, {len(after.time)} samples")
+def _figure(index: int, channels: Sequence[Channel]) -> Html:
+    """A channel of a record, as each of the models shows it, in their order."""
+    last = channels[-1]
+    errors = " → ".join(readable(c.error, c.unit, 3) for c in channels)
+    chi2 = " → ".join(number(c.chi2, 3) for c in channels)
+    said = element("span", element("b", last.name), f"  rms error {errors}, chi-square per sample {chi2}, fit "
+                   f"{number(last.fit, 4)} %, {len(last.time)} samples")
     return element("figure", element("figcaption", said, element("output")),
                    element("div", element("p", "The curves are drawn by the script of this page.",
                                           class_="unless quiet small"), class_="canvas"), data_chart=index)
@@ -165,8 +166,9 @@ def _figure(index: int, before: Channel, after: Channel, both: bool) -> Html:
 def key() -> Html:
     """How to read the charts, and how to move in them."""
     read = element("p", element("b", "How to read them. "), "Above: the record (grey) and the models; below: what each "
-                   f"model misses, on a band of ±{BAND:g} noise levels, which holds 95 % of white noise. Crosses are "
-                   "samples far from their neighbours; gaps in the records stay open.", class_="small")
+                   f"model misses, on a band of ±{BAND:g} noise levels, which holds 95 % of white noise. Behind a channel's "
+                   "name stand its figures from model to model, in the order of the buttons. Crosses are samples far from "
+                   "their neighbours; gaps in the records stay open.", class_="small")
     move = element("p", element("b", "How to move. "), "Drag over a stretch to see it larger, drag with Shift to move "
                    "along; double-click for the whole record. After a click into a chart the wheel zooms, and so do + and "
                    "−; the arrow keys move, 0 shows all. With fingers: pinch and drag. All channels of a record move "

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from heavebond.basis.errors import listing
 from heavebond.basis.presentation import count, number, readable, readable_unit, unit_label
-from heavebond.basis.units import read_unit
+from heavebond.basis.units import Unit, read_unit
 from heavebond.evidence.diagnosis import Diagnosis
 from heavebond.evidence.finding import meaning
 from heavebond.evidence.fitting import Fit, Fitted
@@ -128,14 +128,26 @@ def parameters(fit: Fit, base: Fit | None) -> Html:
 def _parameter(p: Fitted, alone: Fitted | None, both: bool, says: str) -> list[str]:
     """A row, `says` what the parameter is; of a number of the effect itself there is no value on a data sheet."""
     sheet = alone.before if alone is not None else p.before
-    value, low, high = in_one_unit(p.unit, p.value, (p.value, *p.interval), p.digits)
+    value, inside = valued(p)
     least, most, before = in_one_unit(p.unit, p.value, (p.low, p.high, sheet))
     known = alone is not None or not both
     picture = interval(p.low, p.high, p.interval, p.value, sheet if known else None, p.low > 0,
-                       f"{p.name}: {value}, 95 % between {low} and {high}, range {least} to {most}")
+                       f"{p.name}: {value}, 95 %: {inside}, range {least} to {most}")
     earlier = [_ended(in_one_unit(p.unit, p.value, (alone.value,))[0], alone) if alone is not None else "–"] if both else []
     name = explained(p.name + (f" ({p.record})" if p.record else ""), says)
-    return [name, before if known else "–", *earlier, _ended(value, p), f"{low} … {high}", f"{least} … {most}", picture]
+    return [name, before if known else "–", *earlier, _ended(value, p), inside, _span(least, most), picture]
+
+
+def _span(least: str, most: str) -> str:
+    """A range, its unit once."""
+    return f"{least.split(' ')[0]} … {most}"
+
+
+def valued(p: Fitted) -> tuple[str, str]:
+    """A value and what the records tell of it, in one unit."""
+    unit, label = shown_unit(p.unit, p.value)
+    value = number(unit.from_si(p.value), p.digits)
+    return value + label, p.known(lambda end: number(unit.from_si(end), p.digits), label, "…")
 
 
 def explained(name: str, says: str) -> Html:
@@ -145,16 +157,21 @@ def explained(name: str, says: str) -> Html:
 
 def _ended(value: str, p: Fitted) -> Html:
     """A value, with a word where it stands at an end of its range."""
-    if not p.at_bound:
+    if not p.ended:
         return joined([value])
-    return joined([value, element("br"), element("span", f"at the {p.at_bound} end", class_="tag bad")])
+    return joined([value, element("br"), element("span", f"at the {p.ended} end", class_="tag bad")])
 
 
 def in_one_unit(unit: str, size: float, values: Sequence[float], digits: int = 5) -> list[str]:
     """Values in SI in the unit that suits `size`, each with it."""
+    shown, label = shown_unit(unit, size)
+    return [number(shown.from_si(value), digits) + label for value in values]
+
+
+def shown_unit(unit: str, size: float) -> tuple[Unit, str]:
+    """The unit that suits values of a size, and how it stands behind a number."""
     shown = readable_unit(unit, size)
-    label = "" if shown == "1" else f" {unit_label(shown)}"
-    return [number(read_unit(shown).from_si(value), digits) + label for value in values]
+    return read_unit(shown), "" if shown == "1" else f" {unit_label(shown)}"
 
 
 # -- what is left ------------------------------------------------------------------------------------------------------

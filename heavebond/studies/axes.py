@@ -23,7 +23,8 @@ from heavebond.basis.errors import Place, Problems
 from heavebond.basis.units import Unit, UnitProblem, parse_quantity, read_unit
 from heavebond.language import reading
 from heavebond.language.definition import Value
-from heavebond.language.model import Condition, Model, Setting, load_beside, read_settings
+from heavebond.language.model import Model, load_beside
+from heavebond.language.sections import Condition, Setting, read_settings
 from heavebond.studies.sampling import Sampling, names, points, read_sampling
 from heavebond.text.expression import Number, constant
 from heavebond.text.source import Mapping, Node, Scalar, Source

@@ -20,7 +20,8 @@ from heavebond.basis.units import Unit, declared_unit, dimension_text, read_unit
 from heavebond.equations.flatten import unclocked
 from heavebond.equations.reduce import reduce
 from heavebond.language.definition import FileInput
-from heavebond.language.model import Model, Setting
+from heavebond.language.model import Model
+from heavebond.language.sections import Setting
 from heavebond.numbers.dae import Array, Assembly, assemble, build
 from heavebond.numbers.initialise import Start, start
 from heavebond.numbers.inputs import pieced

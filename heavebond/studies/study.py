@@ -17,7 +17,8 @@ from heavebond.basis.errors import ModelError, Place, Problem, Problems, UsageEr
 from heavebond.basis.units import Range, UnitProblem, parse_quantity
 from heavebond.language import reading
 from heavebond.language.definition import FileInput
-from heavebond.language.model import Model, find, load_beside, read_settings
+from heavebond.language.model import Model, find, load_beside
+from heavebond.language.sections import read_settings
 from heavebond.studies.axes import Axis, StudyCase, case_at, indices, read_axes, read_numbers
 from heavebond.studies.objective import Case, Task
 from heavebond.studies.published import Beside, read_beside

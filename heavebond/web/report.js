@@ -3,7 +3,7 @@
 "use strict";
 (() => {
   const NS = "http://www.w3.org/2000/svg";
-  const LEFT = 62, RIGHT = 14, TOP = 8, UPPER = 190, GAP = 16, LOWER = 78, BOTTOM = 24;
+  const LEFT = 62, RIGHT = 14, TOP = 20, UPPER = 190, GAP = 28, LOWER = 78, BOTTOM = 24;
   const NEAR = 6; // px between samples from which on they are drawn as dots
 
   // deltas of integers, in quanta
@@ -150,7 +150,7 @@
       if (this.alone) this.rest(svg, clip, again, this.models.slice(-1), first, last, "record − last model");
       this.lines(make("g", { "clip-path": `url(#${clip})` }, svg), shown, first, last, upper);
       this.axis(svg, width);
-      this.write(svg, TOP + 12, `${this.data.channel} [${this.data.unit}]`);
+      this.write(svg, TOP - 7, `${this.data.channel} [${this.data.unit}]`);
       this.cursorLine = make("line", { class: "cursor", y1: TOP, y2: this.height - BOTTOM, x1: -9, x2: -9 }, svg);
       this.selection = make("rect",
         { class: "selection", y: TOP, height: this.height - TOP - BOTTOM, x: -9, width: 0 }, svg);
@@ -177,10 +177,10 @@
         make("path", { class: `model m${m.style} left`,
           d: last > first ? path(this.time, m.left, this.breaks, first, last, (t) => this.x(t), y) : "" }, lines);
       }
-      this.write(svg, top + 11, `${title} [${this.data.unit}]`);
+      this.write(svg, top - 7, `${title} [${this.data.unit}]`);
     }
 
-    write(svg, y, text) { make("text", { class: "name", x: LEFT + 6, y }, svg, text); }
+    write(svg, y, text) { make("text", { class: "name", x: LEFT, y }, svg, text); }
 
     // the grid of one panel; gives the map from values to px
     panel(svg, top, height, [low, high], most) {

@@ -1,0 +1,126 @@
+"""Dates and times of day as loggers write them, as moments that can be counted from: only what can be read in one way.
+
+Read are ISO 8601 (`2024-05-01 12:00:03.250`, with `T` or a zone), the same with slashes, days first where dots part them
+(`01.05.2024 12:00:03`), and times of day (`12:00:03`), each with decimal points or commas. Where slashes leave open which is
+the day, the dates must tell: one of them above twelve, or all the same.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Moments = NDArray[np.int64]
+NONE = np.iinfo(np.int64).min  # no moment: what NumPy and pandas hold for it
+DAY = 86_400_000_000_000  # ns
+MISSING = {"", "nan", "na", "n/a", "nat", "null", "none", "-", "?"}
+_TIME = r"(?P<time>\d{1,2}:\d{2}:\d{2}(\.\d{1,9})?|\d{1,2}:\d{2})"
+_YEAR_FIRST = re.compile(rf"(?P<year>\d{{4}})[-/](?P<month>\d{{1,2}})[-/](?P<day>\d{{1,2}})([T ]{_TIME})?"
+                         r"(?P<zone>Z|[+-]\d{2}:?\d{2})?")
+_YEAR_LAST = re.compile(rf"(?P<one>\d{{1,2}})(?P<mark>[./-])(?P<two>\d{{1,2}})[./-](?P<year>\d{{4}})( {_TIME})?")
+_OF_DAY = re.compile(r"(?P<h>\d{1,2}):(?P<m>\d{2}):(?P<s>\d{2})(\.(?P<f>\d{1,9}))?")
+_SHORT = re.compile(r"\d{1,3}:\d{2}(\.\d+)?")
+
+
+@dataclass(frozen=True, eq=False)
+class Clock:
+    """The moments (n,) of a column in ns, NONE where a cell is empty: since 1970 where they are `dated`, else since
+    midnight of the first day."""
+
+    moments: Moments
+    dated: bool
+
+    @property
+    def first(self) -> int:
+        """The first moment."""
+        known = self.moments[self.moments != NONE]
+        return int(known[0]) if len(known) else 0
+
+    def seconds(self, since: int) -> NDArray[np.float64]:
+        """Seconds (n,) since a moment, NaN where there is none."""
+        # the difference in whole ns first: a float of the seconds since 1970 has no more than half a microsecond
+        return np.where(self.moments == NONE, np.nan, (self.moments - since) * 1e-9)
+
+
+class ClockProblem(ValueError):
+    """The cell in `row` cannot be read as a moment, or in two ways; `hint` says what to type."""
+
+    def __init__(self, message: str, hint: str, row: int):
+        super().__init__(message)
+        self.message, self.hint, self.row = message, hint, row
+
+
+def read_clock(cells: Sequence[str]) -> Clock:
+    """The moments of a column of text; ClockProblem at the first cell that is none, or may be two."""
+    texts = [cell.strip().replace(",", ".") for cell in cells]
+    known = [k for k, text in enumerate(texts) if text.lower() not in MISSING]
+    if known and _OF_DAY.fullmatch(texts[known[0]]):
+        return _of_day(texts, known)
+    if known and _SHORT.fullmatch(texts[known[0]]):
+        raise ClockProblem(f"'{cells[known[0]].strip()}' may be hours and minutes, or minutes and seconds",
+                           "Export the times as hours:minutes:seconds, such as 12:05:00, or as seconds.", known[0])
+    moments = np.full(len(texts), NONE, dtype=np.int64)
+    if known:
+        moments[known] = _dated(cells, texts, known)
+    return Clock(moments, True)
+
+
+def _of_day(texts: Sequence[str], known: Sequence[int]) -> Clock:
+    """Times of day; where they fall by more than half a day it is midnight that has passed."""
+    moments = np.full(len(texts), NONE, dtype=np.int64)
+    days, before = 0, 0
+    for k in known:
+        found = _OF_DAY.fullmatch(texts[k])
+        if found is None or int(found["m"]) > 59 or int(found["s"]) > 59:
+            raise _unreadable(texts[k], k)
+        seconds = 3600 * int(found["h"]) + 60 * int(found["m"]) + int(found["s"])
+        moment = 1_000_000_000 * seconds + int((found["f"] or "").ljust(9, "0"))
+        days += before - moment > DAY // 2
+        moments[k], before = days * DAY + moment, moment
+    return Clock(moments, False)
+
+
+def _dated(cells: Sequence[str], texts: Sequence[str], known: Sequence[int]) -> Moments:
+    import pandas as pd
+
+    found = [_YEAR_FIRST.fullmatch(texts[k]) or _YEAR_LAST.fullmatch(texts[k]) for k in known]
+    for k, one in zip(known, found, strict=True):
+        if one is None:
+            raise _unreadable(cells[k].strip(), k)
+    matches = [one for one in found if one is not None]
+    swapped = _day_first(matches, [cells[k].strip() for k in known], known)
+    written = [_iso(one, swapped) for one in matches]
+    read = pd.to_datetime(pd.Series(written), format="ISO8601", utc=True, errors="coerce")
+    wrong = np.flatnonzero(read.isna().to_numpy())
+    if len(wrong):
+        raise _unreadable(cells[known[wrong[0]]].strip(), known[wrong[0]])
+    return np.asarray(read.dt.tz_localize(None).to_numpy().astype("datetime64[ns]").astype(np.int64))
+
+
+def _iso(found: re.Match[str], day_first: bool) -> str:
+    parts = found.groupdict()
+    day, month = (parts["day"], parts["month"]) if "day" in parts else \
+        (parts["one"], parts["two"]) if day_first else (parts["two"], parts["one"])
+    hour, rest = (parts["time"] or "00:00").split(":", 1)
+    return f"{parts['year']}-{month:0>2}-{day:0>2}T{hour:0>2}:{rest}{parts.get('zone') or ''}"
+
+
+def _day_first(found: Sequence[re.Match[str]], cells: Sequence[str], known: Sequence[int]) -> bool:
+    """Whether the day stands before the month where the year is last; ClockProblem where nothing tells."""
+    dates = [(int(one["one"]), int(one["two"])) for one in found if one.re is _YEAR_LAST]
+    if not dates or all(one["mark"] == "." for one in found if one.re is _YEAR_LAST) or any(a > 12 for a, _ in dates):
+        return True
+    if any(b > 12 for _, b in dates) or len(set(dates)) == 1:
+        return False
+    k = next(k for k, one in enumerate(found) if one.re is _YEAR_LAST)
+    raise ClockProblem(f"'{cells[k]}' does not tell which is the day and which the month",
+                       "Export the dates as 2024-05-01 12:00:03, or the times as seconds.", known[k])
+
+
+def _unreadable(cell: str, row: int) -> ClockProblem:
+    return ClockProblem(f"'{cell}' is neither a number nor a time of a clock that can be read",
+                        "Export the times as seconds, as 12:00:03.25 or as 2024-05-01 12:00:03.25.", row)

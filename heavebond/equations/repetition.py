@@ -1,0 +1,64 @@
+"""Parts that stand in a diagram once and in the machine many times in line (`repeat:`), written out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+from heavebond.basis.errors import Problems
+from heavebond.language.definition import Body, Component, End, Instance, Value, Wire
+from heavebond.language.lists import whole_number
+
+MOST_OF_A_KIND = 10_000
+
+
+def repeated(body: Body, numbers: Mapping[str, int], opened: Callable[[Instance], Component | None], problems: Problems
+             ) -> Body:
+    """The body with each part that is repeated as parts `name_1` to `name_n`, port b of one joined to port a of the next;
+    `numbers` are the whole numbers that `repeat:` may name, `opened` gives the component that a part is."""
+    if not any(i.repeat for i in body.instances.values()):
+        return body
+    instances: dict[str, Instance] = {}
+    wires = dict(body.wires)
+    ends: dict[str, str] = {}
+    for instance in body.instances.values():
+        if instance.repeat is None or not _in_line(instance, instance.repeat, opened(instance), problems):
+            instances[instance.name] = instance
+            continue
+        count = _count(instance.repeat, numbers, problems)
+        for k in range(1, count + 1):
+            part = replace(instance, name=f"{instance.name}_{k}", repeat=None)
+            instances[part.name] = part
+            if k < count:
+                link = f"{instance.name}_{k}_{k + 1}"
+                wires[link] = Wire(link, (End(f"{instance.name}_{k}.b", instance.place),
+                                          End(f"{instance.name}_{k + 1}.a", instance.place)), instance.place)
+        ends[f"{instance.name}.a"] = f"{instance.name}_1.a"
+        ends[f"{instance.name}.b"] = f"{instance.name}_{count}.b"
+    wires = {n: replace(w, ends=tuple(replace(e, path=ends.get(e.path, e.path)) for e in w.ends))
+             for n, w in wires.items()}
+    return Body(instances, wires)
+
+
+def _in_line(instance: Instance, repeat: Value, component: Component | None, problems: Problems) -> bool:
+    """Whether a part has the two ports that this takes."""
+    if component is None:
+        return False
+    single = [name for name in ("a", "b") if (port := component.ports.get(name)) is not None and port.count is None]
+    if len(single) < 2:
+        problems.add("repeat-ports", f"'{instance.name}' ({component.name}) cannot be repeated in line: that takes "
+                     "two single ports called a and b", repeat.place, hint="Write each of them by itself.")
+    return len(single) == 2
+
+
+def _count(repeat: Value, numbers: Mapping[str, int], problems: Problems) -> int:
+    """How often; 1, and a problem, where that cannot be."""
+    count = whole_number(repeat.expr, numbers)
+    if count is None or count < 1:
+        problems.add("not-an-integer", f"repeat must be a whole number above 0, '{repeat.text}' is none", repeat.place,
+                     hint="Write for example `repeat: 10`, or a parameter: `repeat: =n`.")
+        return 1
+    if count > MOST_OF_A_KIND:
+        problems.add("not-an-integer", f"repeat: {count} is too many", repeat.place, hint=f"The most is {MOST_OF_A_KIND}.")
+        return 1
+    return count

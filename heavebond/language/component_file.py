@@ -1,0 +1,294 @@
+"""Component files to components."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from collections.abc import Mapping as Dictionary
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+from heavebond.basis.errors import ModelError, Place, Problems, suggest
+from heavebond.basis.units import DIMENSIONLESS, ONE, Unit, UnitProblem, check_unit, is_generic
+from heavebond.language import reading
+from heavebond.language.definition import (
+    Body,
+    Component,
+    Domain,
+    EquationLine,
+    Formula,
+    Parameter,
+    Port,
+    SignalPort,
+    Value,
+    Variable,
+)
+from heavebond.language.effects import EffectReader, sought
+from heavebond.language.when import when_entries
+from heavebond.text.expression import Expr, Number, constant, parse_equation, parse_formula
+from heavebond.text.source import Mapping, Node, Scalar, Source
+
+T = TypeVar("T")
+COMPONENT_KEYS = (
+    "component", "summary", "restrictions", "source", "ports", "parameters", "variables", "equations", "when",
+    "components", "nodes", "stores", "dissipates", "unbalanced", "power", "requires", "effect", "domain", "symbol")
+_EQUALS = re.compile(r"(?<![<>=!])=(?!=)")
+_EACH = re.compile(r"each\s+([A-Za-z_]\w*)\s+in\s+(.+?)\.\.(.+?):\s*")
+
+
+def parse_component(source: Source, domains: Dictionary[str, Domain]) -> Component:
+    """A component file as a value; ModelError with all problems of form (the three laws are checked apart)."""
+    problems = Problems()
+    component = _Parser(source, domains, problems).component()
+    problems.raise_as(ModelError)
+    return component
+
+
+@dataclass
+class _Parser:
+    source: Source
+    domains: Dictionary[str, Domain]
+    problems: Problems
+
+    def component(self) -> Component:
+        root, problems = self.source.root, self.problems
+        what = f"component '{reading.text(root.items.get('component'), 'component', problems)}'"
+        reading.known_keys(root, COMPONENT_KEYS, what, problems, required=("component", "summary"))
+        name = root.items.get("component")
+        place = name.place if isinstance(name, Scalar) else root.place
+        if isinstance(name, Scalar):
+            reading.identifier(name, "a component", problems)
+        ports, signals = self._ports(root.items.get("ports"))
+        unbalanced, why = self._unbalanced(root.items.get("unbalanced"))
+        variables = self._each(root.items.get("variables"), "variables", self._variable)
+        parameters = self._each(root.items.get("parameters"), "parameters",
+                                lambda key, entry: self._parameter(key, entry, variables))
+        effects = EffectReader(ports, signals, parameters, variables, problems)
+        effects.dormant()
+        return Component(
+            name=reading.text(name, "component", problems),
+            summary=reading.text(root.items.get("summary"), "summary", problems),
+            place=place, path=self.source.path, ports=ports, signals=signals,
+            parameters=parameters, variables=variables,
+            equations=self._equations(root.items.get("equations")),
+            when=when_entries(root.items.get("when"), problems),
+            body=reading.body(root, self.source, problems) if "components" in root.items else Body(),
+            stores=self._formula(root, "stores"), dissipates=self._formula(root, "dissipates"),
+            unbalanced=unbalanced, unbalanced_why=why,
+            power=self._power(root.items.get("power")),
+            requires=self._requires(root.items.get("requires")),
+            restrictions=reading.text(root.items.get("restrictions"), "restrictions", problems),
+            source=reading.text(root.items.get("source"), "source", problems),
+            symbol=reading.text(root.items.get("symbol"), "symbol", problems),
+            effect=effects.effect(root.items.get("effect")),
+        )
+
+    def _power(self, node: Node | None) -> str:
+        said = reading.text(node, "power", self.problems)
+        if node is not None and said != "source" and not re.match(r"controlled, \w", said):
+            self.problems.add("power-unknown", f"`power: {said}` has no meaning", node.place,
+                              hint="Write `power: source`, or `power: controlled,` and why; leave it out where power "
+                              "is balanced.")
+        return said
+
+    def _each(self, node: Node | None, what: str, build: Callable[[Scalar, Mapping], T]) -> dict[str, T]:
+        entries = reading.mapping(node, what, self.problems)
+        found: dict[str, T] = {}
+        for name, item in (entries.items if entries else {}).items():
+            key = entries.keys[name] if entries else None
+            if key is None or not reading.identifier(key, f"one of the {what}", self.problems):
+                continue
+            entry = reading.mapping(item, f"'{name}'", self.problems, f"Write `{name}: {{unit: ..., doc: ...}}`.")
+            if entry is not None:
+                found[name] = build(key, entry)
+        return found
+
+    def _ports(self, node: Node | None) -> tuple[dict[str, Port], dict[str, SignalPort]]:
+        ports: dict[str, Port] = {}
+        signals: dict[str, SignalPort] = {}
+        entries = reading.mapping(node, "ports", self.problems)
+        for name, item in (entries.items if entries else {}).items():
+            key = entries.keys[name] if entries else None
+            if key is None or not reading.identifier(key, "a port", self.problems):
+                continue
+            if isinstance(item, Scalar):
+                self._port(ports, key, item.text, item.place, None)
+            elif isinstance(item, Mapping) and "signal" in item.items:
+                signals[name] = self._signal(key, item)
+            elif isinstance(item, Mapping):
+                reading.known_keys(item, ("domain", "doc", "count"), f"port '{name}'", self.problems, ("domain",))
+                domain = item.items.get("domain")
+                if domain is not None:
+                    self._port(ports, key, reading.text(domain, "domain", self.problems), domain.place, item)
+            else:
+                self.problems.add("port-bad", f"port '{name}' is {item.kind}", item.place,
+                                  hint=f"Write `{name}: translational` or `{name}: {{signal: in, unit: V}}`.")
+        return ports, signals
+
+    def _port(self, ports: dict[str, Port], key: Scalar, domain: str, place: Place, entry: Mapping | None) -> None:
+        if domain not in self.domains and not domain.startswith("$"):
+            self.problems.add("domain-unknown", f"there is no domain '{domain}'", place,
+                              hint=suggest(domain, self.domains) or f"Known: {', '.join(self.domains)}.")
+            return
+        count: Expr | None = None
+        doc = ""
+        if entry is not None:
+            doc = reading.text(entry.items.get("doc"), "doc", self.problems)
+            count = self._count(entry)
+        ports[key.text] = Port(key.text, domain, key.place, doc, count)
+
+    def _count(self, node: Mapping) -> Expr | None:
+        """How many it is a list of, by whole numbers."""
+        counted = node.items.get("count")
+        return reading.parsed(lambda t: parse_formula(t, units=False), counted.text, counted.place, self.problems) \
+            if isinstance(counted, Scalar) else None
+
+    def _signal(self, key: Scalar, node: Mapping) -> SignalPort:
+        reading.known_keys(node, ("signal", "unit", "doc"), f"signal '{key.text}'", self.problems, ("unit",))
+        direction = reading.text(node.items.get("signal"), "signal", self.problems)
+        if direction not in ("in", "out"):
+            self.problems.add("signal-direction", f"'{direction}' is no direction of a signal",
+                              node.items["signal"].place, hint="Write `signal: in` or `signal: out`.")
+        unit = reading.unit(node.items.get("unit"), self.problems) or DIMENSIONLESS
+        return SignalPort(key.text, direction, unit, key.place,
+                          reading.text(node.items.get("doc"), "doc", self.problems))
+
+    def _parameter(self, key: Scalar, node: Mapping, variables: Dictionary[str, Variable]) -> Parameter:
+        keys = ("unit", "doc", "min", "max", "default", "neutral", "integer", "class", "try", "wakes_with", "count",
+                "medium", "width")
+        integer = "integer" in node.items
+        reading.known_keys(node, keys, f"parameter '{key.text}'", self.problems, () if integer else ("unit",))
+        unit = DIMENSIONLESS if integer else reading.unit(node.items.get("unit"), self.problems)
+        default_node = node.items.get("default")
+        default: Value | None = None
+        if default_node is not None:
+            default = reading.value(default_node, f"default of {key.text}", self.problems)
+            if default is not None and not default.formula and not (unit and is_generic(unit.dimension)):
+                self._bound(node, "default", unit, key)
+        bounds = {name: self._bound(node, name, unit, key) for name in ("min", "max", "neutral")}
+        return Parameter(key.text, unit or DIMENSIONLESS, key.place,
+                         reading.text(node.items.get("doc"), "doc", self.problems), bounds["min"], bounds["max"],
+                         default, bounds["neutral"], integer, reading.text(node.items.get("class"), "class", self.problems),
+                         sought(node.items.get("try"), unit or DIMENSIONLESS, variables, key.text, self.problems),
+                         tuple(w.text for w in reading.words(node.items.get("wakes_with"), "wakes_with", self.problems)),
+                         self._count(node), reading.text(node.items.get("medium"), "medium", self.problems),
+                         "width" in node.items)
+
+    def _variable(self, key: Scalar, node: Mapping) -> Variable:
+        reading.known_keys(node, ("unit", "doc", "min", "max", "start", "held", "count"), f"variable '{key.text}'",
+                           self.problems, ("unit",))
+        unit = reading.unit(node.items.get("unit"), self.problems)
+        bounds = {name: self._bound(node, name, unit, key) for name in ("min", "max", "start", "held")}
+        if "start" in node.items and "held" in node.items:
+            self.problems.add("held-start", f"'{key.text}' has `start:` and `held:`", node.keys["start"].place,
+                              hint="`held:` is the value that it starts at; leave `start:` out.")
+        return Variable(key.text, unit or DIMENSIONLESS, key.place,
+                        reading.text(node.items.get("doc"), "doc", self.problems), bounds["min"], bounds["max"],
+                        bounds["start"], bounds["held"], self._count(node))
+
+    def _bound(self, node: Mapping, name: str, unit: Unit | None, key: Scalar) -> float | None:
+        """A bound or default in SI; its unit may be left out where the declared one is dimensionless or it is 0.
+
+        `unit` is None where the declared one could not be read, which is said already.
+        """
+        item = node.items.get(name)
+        found = reading.value(item, f"{name} of {key.text}", self.problems) if item is not None else None
+        if found is None:
+            return None
+        number = constant(found.expr)
+        if number is None:
+            self.problems.add("not-a-quantity", f"{name} of {key.text} must be a plain quantity", found.place,
+                              hint="Write a number with its unit.")
+            return None
+        given = found.expr.unit if isinstance(found.expr, Number) else None
+        if unit is None or (is_generic(unit.dimension) and given is None):
+            return number
+        try:
+            if unit.dimension != ONE or given is not None:
+                check_unit(given, unit, number, found.text)
+        except UnitProblem as problem:
+            self.problems.add(problem.code, f"{name} of {key.text}: {problem.message}", found.place, hint=problem.hint)
+        return number
+
+    def _equations(self, node: Node | None) -> tuple[EquationLine, ...]:
+        if node is None:
+            return ()
+        if not isinstance(node, Scalar):
+            self.problems.add("not-text", f"`equations:` holds {node.kind}; text is expected", node.place,
+                              hint="Write `equations: |` and one equation a line below it.")
+            return ()
+        if node.place.continued and not node.block:
+            self.problems.add("equations-joined", "without `|` YAML makes one line of all equations", node.place,
+                              hint="Write `equations: |` and one equation a line below it.")
+            return ()
+        found = []
+        for line in _joined(node.lines()):
+            content, _, label = line.text.partition("#")
+            if content.strip():
+                equation = self._equation(content.rstrip(), label.strip(), line.place)
+                if equation is not None:
+                    found.append(equation)
+        return tuple(found)
+
+    def _equation(self, content: str, label: str, place: Place) -> EquationLine | None:
+        each = None
+        head = _EACH.match(content)
+        begin = place
+        if head:
+            low, high = (reading.parsed(lambda t: parse_formula(t, units=False), head.group(k),
+                                        place.moved(head.start(k)), self.problems) for k in (2, 3))
+            if low is None or high is None:
+                return None
+            each = (head.group(1), low, high)
+            content, begin = content[head.end():], place.moved(head.end())
+        tree = reading.parsed(parse_equation, content, begin, self.problems)
+        if tree is None:
+            return None
+        # the place is where the tree's columns count from; it covers the whole equation
+        return EquationLine(tree, content, label, begin.moved(0, len(content)), each)
+
+    def _formula(self, root: Mapping, key: str) -> Formula | None:
+        node = root.items.get(key)
+        return reading.formula_of(node, key, self.problems) if node is not None else None
+
+    def _unbalanced(self, node: Node | None) -> tuple[Formula | None, str]:
+        if node is None:
+            return None, ""
+        entry = reading.mapping(node, "unbalanced", self.problems)
+        if entry is None:
+            return None, ""
+        reading.known_keys(entry, ("power", "why"), "unbalanced", self.problems, ("power", "why"))
+        return self._formula(entry, "power"), reading.text(entry.items.get("why"), "why", self.problems)
+
+    def _requires(self, node: Node | None) -> tuple[Formula, ...]:
+        found = [self._requirement(word) for word in reading.words(node, "requires", self.problems)]
+        return tuple(f for f in found if f is not None)
+
+    def _requirement(self, word: Scalar) -> Formula | None:
+        """A comparison; `x[i] < x[i + 1] for i in 1..n - 1` holds where the number of those that do not is 0."""
+        body, loop, rest = word.text.partition(" for ")
+        counted = f"sum(if_else({body}, 0, 1) for {rest}) == 0"
+        read = reading.formula_of(replace(word, text=counted) if loop else word, "requires", self.problems)
+        return read if read is None else replace(read, text=word.text)
+
+
+def _joined(lines: list[Scalar]) -> list[Scalar]:
+    """Lines with an open parenthesis are continued by the next one, unless that is an equation of its own."""
+    joined: list[Scalar] = []
+    for line in lines:
+        previous = joined[-1] if joined else None
+        if previous is not None and _open(previous.text) and not _EQUALS.search(line.text.partition("#")[0]):
+            head, _, comment = previous.text.partition("#")
+            tail, _, more = line.text.partition("#")
+            content = head.rstrip() + " "
+            label = comment.strip() or more.strip()
+            place = replace(previous.place, continued=(*previous.place.continued, (len(content), line.place)))
+            joined[-1] = Scalar(content + tail.strip() + (f"  # {label}" if label else ""), place)
+        else:
+            joined.append(line)
+    return joined
+
+
+def _open(line: str) -> bool:
+    content = line.partition("#")[0]
+    return content.count("(") > content.count(")")

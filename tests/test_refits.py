@@ -1,0 +1,105 @@
+"""Which refits are followed to their ends, and which are only begun."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from heavebond.evidence.refits import Refits
+from heavebond.evidence.residuals import Descent
+
+SAMPLES = 1000
+
+
+@dataclass(frozen=True)
+class Candidate:
+    label: str
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What is asked of one: the sum of squares and its figures a sample."""
+
+    candidate: Candidate
+    cost: float
+    begun: tuple[Descent, ...] = ()
+    falls: bool = False
+    samples_held_out: int = SAMPLES
+
+    @property
+    def chi2_fit(self) -> float:
+        return self.cost / SAMPLES
+
+    @property
+    def chi2_held_out(self) -> float:
+        return self.cost / SAMPLES
+
+
+@dataclass
+class Workers:
+    """Chi-square a sample of each candidate after its first steps and at its end; None cannot be simulated."""
+
+    figures: Mapping[str, tuple[float, float] | None]
+    falling: str = ""
+    begun: list[str] = field(default_factory=list)
+    followed: list[str] = field(default_factory=list)
+
+    def begin(self, jobs: Sequence[tuple[Candidate, object]], until: float) -> Iterator[tuple[Candidate, Trial | None]]:
+        for candidate, _ in jobs:
+            if clock.perf_counter() > until:
+                return
+            self.begun.append(candidate.label)
+            found = self.figures[candidate.label]
+            ends = (Descent(np.zeros(1), 0.0, (), ""),)
+            yield candidate, found and Trial(candidate, SAMPLES * found[0], ends, candidate.label == self.falling)
+
+    def follow(self, jobs: Sequence[tuple[Trial, object]], until: float) -> Iterator[tuple[Candidate, Trial]]:
+        for trial, _ in jobs:
+            if clock.perf_counter() > until:
+                return
+            found = self.figures[trial.candidate.label]
+            assert found is not None
+            self.followed.append(trial.candidate.label)
+            yield trial.candidate, Trial(trial.candidate, SAMPLES * found[1])
+
+
+def made(workers: Workers, leading: str, rest: str, seconds: float = 60.0) -> tuple[bool, dict[str, float]]:
+    """Whether all was done, and the figure that each candidate was left with."""
+    refits = Refits(cast(Any, workers), lambda text: None)
+    first, others = ([(cast(Any, Candidate(label)), list[Any]()) for label in labels] for labels in (leading, rest))
+    whole = refits.make(first, others, clock.perf_counter() + seconds)
+    return whole, {label: trial.chi2_fit for label, trial in refits.trials.items()}
+
+
+def test_what_is_hopeless_beside_the_best_is_not_followed() -> None:
+    workers = Workers({"a": (500.0, 400.0), "b": (3.0, 1.0), "c": (20.0, 12.0), "d": None, "e": (9.0, 8.0)})
+    assert made(workers, "abcd", "e") == (True, {"a": 500.0, "b": 1.0, "c": 12.0})
+    assert workers.followed == ["b", "c"]  # the best first
+    assert "e" not in workers.begun  # b is noise
+
+
+def test_what_still_falls_is_followed_though_it_is_far_behind() -> None:
+    workers = Workers({"a": (500.0, 0.9), "b": (3.0, 1.0)}, falling="a")
+    assert made(workers, "ab", "") == (True, {"a": 0.9, "b": 1.0})
+
+
+def test_where_nothing_comes_near_the_noise_all_are_followed() -> None:
+    """Also what was only begun before, which may be slow to arrive."""
+    workers = Workers({"a": (500.0, 1.0), "b": (30.0, 20.0), "c": (800.0, 700.0)})
+    assert made(workers, "ab", "c") == (True, {"a": 1.0, "b": 20.0, "c": 700.0})
+    assert workers.followed == ["b", "a", "c"]
+
+
+def test_one_of_the_rest_that_explains_spares_all_others() -> None:
+    workers = Workers({"a": (500.0, 400.0), "b": (300.0, 200.0), "c": (3.0, 1.0), "d": (700.0, 600.0)})
+    assert made(workers, "ab", "cd") == (True, {"a": 400.0, "b": 200.0, "c": 1.0, "d": 700.0})
+
+
+@pytest.mark.parametrize("seconds", [-1.0, 0.0])
+def test_where_time_is_over_nothing_is_begun(seconds: float) -> None:
+    assert made(Workers({"a": (3.0, 1.0)}), "a", "", seconds) == (False, {})
