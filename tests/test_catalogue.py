@@ -6,11 +6,14 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from heavebond.evidence.catalogue import Candidate, candidates
 from heavebond.evidence.comparison import assemble_for
 from heavebond.evidence.experiment import load_experiment
+from heavebond.language.model import loads
+from heavebond.numbers.simulation import simulate
 
 OWN = """
 component: SquareDrag
@@ -120,3 +123,50 @@ outputs: {shaft.w: {column: w, unit: rad/s, noise: 1 rad/s}}
                  if c.label == "RotationalStribeckFriction between shaft and the surroundings")
     values = assemble_for(found.change.on_experiment(experiment), experiment.records["run"]).parameter_values
     assert {n.name for n in found.numbers} <= set(values)
+
+
+RUNNING = """
+model: circuit
+components:
+  pump: {is: FlowSource, u: 30 L/min}
+  block: {is: Volume, V: 0.4 L, beta: 1.2 GPa}
+  line: {is: LaminarLeakage, C: 2.5e-10 m**3/(s*Pa)}
+  throttle: {is: LaminarLeakage, C: 5e-11 m**3/(s*Pa)}
+  tank: {is: Tank}
+  wall: {is: Fixed}
+  spring: {is: Spring, c: 40 kN/m}
+  load: {is: Mass, m: 50 kg}
+  pull: {is: ConstantForce, F: 400 N}
+nodes:
+  delivery: [pump.a, block.a, line.a]
+  far: [line.b, throttle.a]
+  low: [throttle.b, tank.a]
+  wall: [wall.a, spring.a]
+  load: [spring.b, load.a, pull.a]
+initial: {delivery.p: 120 bar, load.x: 10 mm, load.v: 0 m/s}
+show: {delivery.p: {unit: Pa}, far.p: {unit: Pa}, load.x: {unit: m}}
+simulate: {until: 0.2 s, every: 1 ms}
+"""
+
+
+@pytest.mark.parametrize(("label", "shown", "tolerance"), [
+    ("LineInertance between far and line.b", "delivery.p", 1e-5), ("LineVolume on far", "far.p", 1e-5),
+    # the load hangs where it did, so that the spring is shorter by what the joint gives way
+    ("SeriesCompliance between load and spring.b", "spring.F", 0.05)])
+def test_what_is_added_to_a_machine_that_runs_has_run_before(tmp_path: Path, label: str, shown: str, tolerance: float
+                                                               ) -> None:
+    """Flow, pressure and tension in it are those that it would have, so that a machine that stands still goes on to."""
+    (tmp_path / "circuit.yaml").write_text(RUNNING)
+    (tmp_path / "monday.csv").write_text("t,p\n0,120\n0.1,120\n0.2,120\n")
+    (tmp_path / "measured.yaml").write_text("""
+experiment: measured
+model: circuit.yaml
+records: {monday: {file: monday.csv, use: fit}}
+time: {column: t, unit: s}
+outputs: {delivery.p: {column: p, unit: bar, noise: 0.1 bar}}
+""")
+    experiment = load_experiment(tmp_path / "measured.yaml")
+    added = next(c for c in candidates(experiment) if c.label == label).change.on_experiment(experiment).model
+    steady = simulate(loads(RUNNING))[shown]
+    assert np.ptp(steady) < 1e-6 * steady[0]  # what the integrator leaves
+    assert simulate(added)[shown] == pytest.approx(steady, rel=tolerance)

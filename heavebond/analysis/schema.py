@@ -171,7 +171,7 @@ def _effect(domain: Schema) -> Schema:
     return _object({
         "class": TEXT, "says": TEXT, "attaches": {"anyOf": [attaches, {"type": "array", "items": attaches}]},
         "amplitude": {"anyOf": [WORDS, _each(TEXT)]}, "try": _each(TEXT), "also": _each(domain), "replaces": TEXT,
-        "start": _each(FORMULA)}, ["class", "says"], "that it may be what another diagram lacks")
+        "start": _each(FORMULA), "settled": WORDS}, ["class", "says"], "that it may be what another diagram lacks")
 
 
 # -- parts of them ---------------------------------------------------------------------------------------------------

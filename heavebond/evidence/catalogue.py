@@ -235,7 +235,8 @@ def _across(site: Site, component: Component, effect: Effect) -> Iterator[Candid
                 seen = "".join(f", pressed by {node}" for node in also.values())
                 yield Candidate(name, component.name, effect.kind, effect.says, f"between {first.name} and {far}{seen}",
                                 (first.name, *([second.name] if second is not None else [])),
-                                Change(parts, ends), numbers, "across", _full(component, name))
+                                Change(parts, ends, initial=_settled(component, effect, name)), numbers, "across",
+                                _full(component, name))
 
 
 def _pairs(site: Site, domain: str) -> Iterator[tuple[Group, Group | None, str]]:
@@ -280,7 +281,8 @@ def _at(site: Site, component: Component, effect: Effect) -> Iterator[Candidate]
             for further, other in also.items():
                 ends[other] = (*ends.get(other, ()), f"+{name}.{further}")
             yield Candidate(name, component.name, effect.kind, effect.says, f"on {node.name}", (node.name,),
-                            Change({name: _part(component, numbers)}, ends), numbers, "at", _full(component, name))
+                            Change({name: _part(component, numbers)}, ends, initial=_settled(component, effect, name)),
+                            numbers, "at", _full(component, name))
 
 
 def _own_wire(site: Site, port: str) -> str | None:
@@ -312,7 +314,14 @@ def _in_series(site: Site, component: Component, effect: Effect) -> Iterator[Can
             ends = {wire: (f"-{path}", f"+{name}.{first.name}"), between: (path, f"{name}.{second.name}")}
             place = f"between {group.name} and {path}"
             yield Candidate(name, component.name, effect.kind, effect.says, place, (group.name, leaf.path),
-                            Change({name: _part(component, numbers)}, ends), numbers, "in series", _full(component, name))
+                            Change({name: _part(component, numbers)}, ends, initial=_settled(component, effect, name)),
+                            numbers, "in series", _full(component, name))
+
+
+def _settled(component: Component, effect: Effect, name: str) -> dict[str, str]:
+    """What stands still at the start: a machine that runs already when a record begins has not just had a line filled. (A
+    guess: where the conditions of the diagram decide it, they hold.)"""
+    return {f"{name}.{v}": f"~ {quantity(0.0, component.variables[v].unit)}" for v in effect.settled}
 
 
 def _signal_ports(component: Component) -> tuple[str, str]:

@@ -124,7 +124,8 @@ class Effect:
     kind: what a finding is called, the same for all laws of a kind; attaches: where it may stand (see ATTACHES);
     amplitude: parameters that are zero where the effect is absent (None), or that have no such value and are sought
     within a range; shapes: the other parameters that are sought; also: further ports and the domain on whose nodes they
-    are tried; replaces: the component whose place it takes, `start` giving its parameters by those of the `old` one.
+    are tried; replaces: the component whose place it takes, `start` giving its parameters by those of the `old` one;
+    settled: variables that are zero at the start of a record, as far as that is open: a machine that runs already.
     """
 
     kind: str
@@ -135,6 +136,7 @@ class Effect:
     also: dict[str, str]
     replaces: str
     start: dict[str, Formula]
+    settled: tuple[str, ...]
     place: Place
 
 

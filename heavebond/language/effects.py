@@ -23,7 +23,7 @@ from heavebond.language.definition import (
 from heavebond.text.expression import names
 from heavebond.text.source import Mapping, Node, Scalar
 
-KEYS = ("class", "says", "attaches", "amplitude", "try", "also", "replaces", "start")
+KEYS = ("class", "says", "attaches", "amplitude", "try", "also", "replaces", "start", "settled")
 
 
 def sought(node: Node | None, unit: Unit, variables: Dictionary[str, Variable], what: str, problems: Problems
@@ -77,13 +77,12 @@ class EffectReader:
         reading.known_keys(entry, KEYS, "effect", self.problems, ("class", "says"))
         also = self._also(entry.items.get("also"))
         attaches = self._attaches(entry, also)
-        start = self._start(entry.items.get("start"))
         found = Effect(
             reading.text(entry.items.get("class"), "class", self.problems),
             reading.text(entry.items.get("says"), "says", self.problems), attaches,
             self._amplitude(entry.items.get("amplitude")), self._shapes(entry.items.get("try"), "try"),
             also, reading.text(entry.items.get("replaces"), "replaces", self.problems),
-            start, entry.place)
+            self._start(entry.items.get("start")), self._settled(entry.items.get("settled")), entry.place)
         self._check(entry)
         return found
 
@@ -176,6 +175,16 @@ class EffectReader:
             if self._parameter(key.text, key.place) is not None and formula is not None:
                 found[key.text] = formula
         return found
+
+    def _settled(self, node: Node | None) -> tuple[str, ...]:
+        found = []
+        for word in reading.words(node, "settled", self.problems):
+            if word.text in self.variables:
+                found.append(word.text)
+            else:
+                self.problems.add("effect-settled", f"'{word.text}' is no variable of this component", word.place,
+                                  hint=suggest(word.text, self.variables) or f"Variables: {listing(self.variables)}.")
+        return tuple(found)
 
     def _check(self, entry: Mapping) -> None:
         """What is left out; an entry that is there but wrong has been told already."""
