@@ -92,3 +92,31 @@ def test_a_component_beside_the_diagram_takes_part(tmp_path: Path) -> None:
     own = [c for c in candidates(load_experiment(tmp_path / "rig" / "friction.yaml")) if c.component == "SquareDrag"]
     assert "SquareDrag between platform and crown" in {c.label for c in own}
     assert {(c.kind, c.vanishes) for c in own} == {("drag of our own", True)}
+
+
+def test_a_shaft_without_a_frame_may_rub_at_the_surroundings(tmp_path: Path) -> None:
+    """A motor whose housing does not turn needs no frame in the diagram; its friction may still follow another law."""
+    (tmp_path / "motor.yaml").write_text("""
+model: motor
+components:
+  supply: {is: VoltageSource, u: 0 V}
+  motor:  {is: DCMotor, R: 2 ohm, L: 1 mH, k: 0.04 N*m/A, J: 2e-4 kg*m**2}
+  ground: {is: ElectricalGround}
+nodes: {plus: [supply.a, motor.a], minus: [supply.b, motor.b, ground.a], shaft: [motor.s]}
+initial: {shaft.phi: 0 rad, shaft.w: 0 rad/s, motor.i: 0 A}
+simulate: {until: 1 s}
+""", encoding="utf-8")
+    (tmp_path / "run.csv").write_text("t,u,w\\n" + "".join(f"{k/10},{k % 3},{k}\\n" for k in range(20)), encoding="utf-8")
+    (tmp_path / "run.yaml").write_text("""
+experiment: motor
+model: motor.yaml
+records: {run: {file: run.csv, use: fit}}
+time: {column: t, unit: s}
+inputs: {supply.u: {column: u, unit: V, between: hold}}
+outputs: {shaft.w: {column: w, unit: rad/s, noise: 1 rad/s}}
+""", encoding="utf-8")
+    experiment = load_experiment(tmp_path / "run.yaml")
+    found = next(c for c in candidates(experiment)
+                 if c.label == "RotationalStribeckFriction between shaft and the surroundings")
+    values = assemble_for(found.change.on_experiment(experiment), experiment.records["run"]).parameter_values
+    assert {n.name for n in found.numbers} <= set(values)

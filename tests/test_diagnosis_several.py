@@ -130,6 +130,12 @@ def test_with_an_estimated_noise_the_best_alone_is_followed(monkeypatch: pytest.
     assert made == ["", "C", "A", "B"]  # and none of A or B with another is better than C
 
 
+def test_less_than_an_estimated_noise_ends_the_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is near it does not: an estimate sees only a part of the noise."""
+    assert climbed(monkeypatch, {"": 1000, "C": 0.9, "CD": 0.4}, given=False) == ("C", [""])
+    assert climbed(monkeypatch, {"": 1000, "C": 1.2, "CD": 0.4}, given=False)[0] == "CD"
+
+
 def test_an_effect_that_is_not_missed_any_more_is_taken_out(monkeypatch: pytest.MonkeyPatch) -> None:
     # A and B do next to nothing alone, so no ladder begins with them
     found, _ = climbed(monkeypatch, {"": 1000, "A": 700, "B": 800, "C": 10, "AC": 4, "BC": 6, "AB": 1, "ABC": 1})

@@ -355,6 +355,8 @@ simulate: {{until: 4 s, every: 5 ms}}
 @pytest.mark.parametrize(("part", "law"), [
     ("SensorOffset, offset: 0.3 V", lambda u: u + 0.3),
     ("SensorGain, e: -5 %", lambda u: 0.95*u),
+    ("SidedGain, e: -2", np.abs),
+    ("SidedGain, e: 30 %", lambda u: np.where(u < 0, 1.3*u, u)),
     ("DeadBand, g: 0.4 V", lambda u: u - np.clip(u, -0.4, 0.4)),
     ("Saturation, u_min: -0.5 V, u_max: 1.5 V", lambda u: np.clip(u, -0.5, 1.5)),
     ("SignalCurve, x_r: 4 V, y_1: -0.4 V, y_2: -0.3 V, y_3: -0.2 V, y_4: -0.1 V, y_5: 0 V, y_6: 0.1 V, y_7: 0.2 V, "
@@ -363,6 +365,11 @@ simulate: {{until: 4 s, every: 5 ms}}
 def test_signals(part: str, law: Callable[[np.ndarray], np.ndarray]) -> None:
     found = passed(part)
     assert found["out"] == pytest.approx(law(2*np.sin(2*np.pi*found.time)), abs=1e-9)
+
+
+def test_a_drift_grows_with_time() -> None:
+    found = passed("SensorDrift, r: -20 mV/s")
+    assert found["out"] == pytest.approx(2*np.sin(2*np.pi*found.time) - 0.02*found.time, abs=1e-9)
 
 
 def test_delay_and_lag() -> None:
@@ -615,6 +622,7 @@ KINDS = {"dry friction", "pressure-dependent friction", "viscous damping", "quad
          "leakage", "internal leakage", "orifice law", "line resistance", "line inertance", "hose compliance",
          "entrained air", "cavitation", "supply droop", "relief valve", "tank overflow", "valve overlap", "choked flow",
          "polytropic exponent", "heat exchange", "heat loss", "heat capacity", "sensor offset", "sensor gain", "lag",
+         "sensor drift", "gain by direction",
          "delay", "saturation", "dead band", "rate limit", "unknown law", "mechanical loss",
          "external leakage", "wire taken up", "unbalance", "gas spring"}
 

@@ -102,6 +102,8 @@ CASES = [
     Case("gain", "part.y", lambda t: 6/6e4*u(t), LAW),
     Case("sensor_gain", "part.y", lambda t: 1.05*u(t), LAW),
     Case("sensor_offset", "part.y", lambda t: u(t) + 0.3, LAW),
+    Case("sensor_drift", "part.y", lambda t: u(t) + 0.4*t, LAW),
+    Case("sided_gain", "part.y", lambda t: np.abs(u(t)), LAW),
     Case("sum", "part.y", lambda t: 3 - u(t), LAW),
     Case("product", "part.y", lambda t: 3*u(t), LAW),
     Case("division", "part.y", lambda t: 6/(2 + np.sin(2*PI*t)), LAW),

@@ -303,3 +303,20 @@ simulate: {until: 1 s, every: 10 ms}
 """))
     wanted = -3 * result["load.v"] + 2 * np.sin(20 * result.time)
     assert result["brake.u"] == pytest.approx(wanted, abs=1e-9)
+
+
+def test_a_plain_number_keeps_the_unit_that_tells_that_of_a_signal() -> None:
+    """The unit of what a gain gives follows from its parameter; another value of it must not lose that."""
+    model = hb.loads("""
+model: pushed
+components:
+  drive: {is: Gain, k: 20 N/V, u: 3 V}
+  push:  {is: ForceSource, u: =drive.y/2}
+  load:  {is: Mass, m: 2 kg}
+nodes: {load: [push.a, load.a]}
+initial: {load.x: 0 m, load.v: 0 m/s}
+simulate: {until: 1 s}
+""")
+    assert hb.simulate(model)["load.v"][-1] == pytest.approx(15)
+    assert hb.simulate(model.with_parameters({"drive.k": -10}).with_parameters({"drive.k": 10}))["load.v"][-1] == \
+        pytest.approx(7.5)

@@ -13,7 +13,9 @@ from heavebond.evidence.comparison import compare
 from heavebond.evidence.experiment import load_experiment
 from heavebond.evidence.finding import Rung
 from heavebond.evidence.fitting import fit
-from heavebond.evidence.slips import declared_otherwise, seems_in_another_unit, seems_turned
+from heavebond.evidence.slips import declared_otherwise, seems_in_another_unit, seems_turned, seems_without_sign
+from heavebond.language.model import loads
+from heavebond.numbers.simulation import simulate
 
 MOTION = np.sin(np.linspace(0, 20, 400)) + 0.3 * np.sin(np.linspace(0, 47, 400))
 
@@ -27,6 +29,20 @@ components:
 nodes:
   foot: [foot.a, spring.a, damper.a]
   load: [spring.b, damper.b, load.a]
+initial: {load.x: 0 m, load.v: 0 m/s}
+simulate: {until: 4 s, every: 20 ms}
+"""
+PUSHED = """\
+model: rig
+components:
+  push:   {is: ForceSource, u: 0 N}
+  spring: {is: Spring, c: 1 kN/m}
+  damper: {is: Damper, d: 100 N*s/m}
+  load:   {is: Mass, m: 1 kg}
+  wall:   {is: Fixed}
+nodes:
+  load: [push.a, spring.a, damper.a, load.a]
+  wall: [wall.a, spring.b, damper.b]
 initial: {load.x: 0 m, load.v: 0 m/s}
 simulate: {until: 4 s, every: 20 ms}
 """
@@ -164,3 +180,48 @@ def test_noise_where_it_is_fitted_and_misfit_where_not_is_not_nothing() -> None:
     (told,) = verdict.words("undetermined", [Rung("rig", 1.1, 0.4, 1.1, 5687.0, comparison)],  # type: ignore[arg-type]
                             [], [step], None)  # type: ignore[list-item]
     assert "chi-square is 5687 a sample" in told and "`use: fit`" in told
+
+
+def test_an_estimated_noise_that_cannot_be_right_is_told() -> None:
+    """Of three channels one leaves twice its estimate (a filtered sensor), one half of it, one has its noise given."""
+    channels = {name: SimpleNamespace(unit="N", error=error, noise=0.02, counts=np.ones(100, bool))
+                for name, error in (("filtered", 0.04), ("quick", 0.01), ("given", 0.04))}
+    outputs = {name: SimpleNamespace(noise=0.02 if name == "given" else None) for name in channels}
+    comparison = SimpleNamespace(parts=(SimpleNamespace(use="validate", channels=channels),),
+                                 experiment=SimpleNamespace(outputs=outputs))
+    step = SimpleNamespace(left=SimpleNamespace(significant=True), partial=False, at_end=())
+    told = verdict.words("undetermined", [Rung("rig", 1.1, 0.4, 9.0, 9.0, comparison)],  # type: ignore[arg-type]
+                         [], [step], None)  # type: ignore[list-item]
+    assert "`noise: 0.04 N` at filtered: then" in told[1] and "given" not in told[1]
+    assert "noise is left in quick, which" in told[2]
+
+
+def test_a_record_without_sign_is_told() -> None:
+    told = seems_without_sign(np.abs(MOTION) - 0.02, 0.8 * MOTION, "drum.w")
+    assert told is not None and "`is: abs(drum.w)`" in told
+    # a record with its sign, one that is always above zero, and one that has nothing to do with the model
+    assert seems_without_sign(MOTION, MOTION, "drum.w") is None
+    assert seems_without_sign(MOTION + 2, MOTION, "drum.w") is None
+    assert seems_without_sign(np.abs(MOTION), np.abs(MOTION) - 0.1, "drum.w") is None
+    assert seems_without_sign(np.abs(np.cos(np.arange(400.0))), MOTION, "drum.w") is None
+
+
+@pytest.mark.parametrize(("between", "told"), [("hold", True), ("linear", False)])
+def test_an_input_that_should_not_be_held_is_told(tmp_path: Path, between: str, told: bool) -> None:
+    """A force that went on between its samples, eight of them in a swing."""
+    pushed = PUSHED.replace("u: 0 N", 'u: "=20 N*sin(2*pi*time/0.16 s)"')
+    run = simulate(loads(pushed), "8 s", every="20 ms")
+    rows = "\n".join(f"{a:.2f},{20 * np.sin(2 * np.pi * a / 0.16):.4f},{1e3 * b:.6f}"
+                     for a, b in zip(run.time, run["load.x"], strict=True))
+    (tmp_path / "one.csv").write_text(f"t,push,load\n{rows}\n")
+    (tmp_path / "rig.yaml").write_text(PUSHED)
+    path = tmp_path / "beside.yaml"
+    path.write_text(f"""\
+experiment: pushed
+model: rig.yaml
+records: {{one: {{file: one.csv, use: fit}}}}
+time: {{column: t, unit: s}}
+inputs: {{push.u: {{column: push, unit: N, between: {between}}}}}
+outputs: {{load.x: {{column: load, unit: mm}}}}
+""")
+    assert any("`between: linear`" in note for note in compare(path).records["one"].notes) == told

@@ -28,13 +28,15 @@ RANKED = 12  # candidates that are shown
 @click.option("--seconds", type=click.FloatRange(0, min_open=True), default=300.0, show_default=True,
               help="Begin no refit after so long in a step.")
 @click.option("--processes", type=click.IntRange(1), help="Processes that search side by side [default: all processors].")
+@click.option("--samples", type=click.IntRange(100), metavar="N", help="Search on the beginning of what is fitted, so many "
+              "points in time [default: all, or 5000 of more than 30000].")
 @click.option("--folder", metavar="FOLDER", type=click.Path(path_type=Path, file_okay=False),
               help="Where the files go [default: beside EXPERIMENT].")
 @click.option("--report", "report_file", metavar="FILE", type=click.Path(path_type=Path),
               help="The report [default: NAME_report.html in the folder].")
 @json_option
 def diagnose(experiment: str, auto: bool, classes: tuple[str, ...], seconds: float, processes: int | None,
-             folder: Path | None, report_file: Path | None) -> dict[str, object]:
+             samples: int | None, folder: Path | None, report_file: Path | None) -> dict[str, object]:
     """Find out which physical effect the diagram of EXPERIMENT lacks, where, and how sure that is.
 
     Writes a diagram that extends the model with what was found, the experiment on it (NAME_2.yaml) and a report
@@ -54,7 +56,8 @@ def diagnose(experiment: str, auto: bool, classes: tuple[str, ...], seconds: flo
     check_writable(page, (".html",))
     try:
         with terminal.working("diagnosing") as progress:
-            found = diagnosed(given, auto=auto, number=processes, seconds=seconds, classes=classes, progress=progress)
+            found = diagnosed(given, auto=auto, number=processes, seconds=seconds, classes=classes,
+                              samples=samples, progress=progress)
     except KeyboardInterrupt:
         click.echo("ended before the first candidate was scored: there is nothing to report yet", err=True)
         raise
@@ -84,7 +87,7 @@ def _where(found: Diagnosis) -> Where | None:
 
     try:
         with terminal.working("looking where it fails"):
-            return where(found.experiment, values=found.fitted)
+            return where(found.searched, values=found.fitted)
     except (HeavebondError, KeyboardInterrupt):
         return None
 

@@ -27,6 +27,7 @@ def where(experiment: str, fitted: bool, output: Path | None) -> dict[str, objec
     With --output name.png the pictures are name.png (the best place), name_2.png and so on, and name_misfit.png.
     """
     from heavebond.commands import terminal
+    from heavebond.evidence.excerpts import cut
     from heavebond.evidence.experiment import load_experiment
     from heavebond.evidence.fitting import fit
     from heavebond.evidence.misfit import summary
@@ -46,6 +47,9 @@ def where(experiment: str, fitted: bool, output: Path | None) -> dict[str, objec
         console.print(f"Not seen in these records: {', '.join(found.unseen)}.", soft_wrap=True)
     for words in found.words:
         console.print(words, soft_wrap=True)
+    if looked := cut(found.experiment, loaded):
+        console.print(f"The records are long: their beginning was looked at ({looked}); `from:` and `to:` at a record take "
+                      "another part.", soft_wrap=True)
     files = _drawn(found, output) if output is not None else []
     for path in files:
         console.print(f"wrote {path}", soft_wrap=True)

@@ -269,7 +269,8 @@ class _Dimensions:
         """That of a value made of quantities and parameters with known units; None where it cannot be told."""
         assert isinstance(bound.value, Value)
         if bound.value.si:
-            return None
+            number = bound.value.expr
+            return number.unit.dimension if isinstance(number, Number) and number.unit is not None else None
         try:
             return dimension(bound.value.expr, lambda name: self._parameter(bound.scope + name.text, name))
         except ExpressionProblem:

@@ -51,9 +51,12 @@ class Added:
 
     @property
     def is_noise(self) -> bool:
-        """Whether no more than the given noise is left after it."""
+        """Whether no more than the noise is left after it: the given one, or less than an estimated one, which may hold what
+        a channel moves from one sample to the next."""
         trial = self.chosen
-        return trial.experiment.noise_given and is_noise(trial.chi2_fit, trial.chi2_held_out, trial.samples_held_out)
+        if trial.experiment.noise_given:
+            return is_noise(trial.chi2_fit, trial.chi2_held_out, trial.samples_held_out)
+        return trial.chi2_fit <= 1 and not trial.chi2_held_out > 1  # (NaN where nothing is held out)
 
 
 Way = tuple[Added, ...]

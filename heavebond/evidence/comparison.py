@@ -3,27 +3,29 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from heavebond.basis import metrics
-from heavebond.basis.errors import DataError, ModelError, Place, Problems, suggest
+from heavebond.basis.errors import DataError, ModelError, Place, Problems, listing, suggest
 from heavebond.basis.lateness import Lateness, lateness
 from heavebond.basis.presentation import count, number, readable_time
 from heavebond.basis.screening import outliers
 from heavebond.basis.units import dimension_text, read_unit
 from heavebond.evidence.experiment import Experiment, Output, Record, load_experiment
 from heavebond.evidence.records import Mask, Measured, Samples, measure, moments
-from heavebond.evidence.slips import seems_in_another_unit, seems_turned
+from heavebond.evidence.slips import seems_in_another_unit, seems_turned, seems_without_sign
 from heavebond.language import reading
 from heavebond.numbers.dae import Array, Assembly, assemble
 from heavebond.numbers.result import Probe, Result
 from heavebond.numbers.simulation import Simulator, Tolerances
 from heavebond.text.expression import ExpressionProblem, names
 
+# Share of a sample interval from which on channels are early enough to blame that an input is held.
+_SOONER = 0.15
 # A record is simulated to far less than its noise; tighter only costs time.
 TOLERANCES = Tolerances(1e-7, 1e-9)
 
@@ -162,7 +164,9 @@ def compare_record(experiment: Experiment, record: Record,
         if found.checking.any():
             checking[name] = _channel(name, found, model[found.index], found.checking, astray, late)
     held_out = RecordComparison(f"{record.name}, held out", "validate", record.file, checking, result) if checking else None
-    return RecordComparison(record.name, record.use, record.file, fitted, result, held_out, _notes(measured, fitted))
+    held_inputs = [name for name, given in experiment.inputs_for(record).items() if given.between == "hold"]
+    return RecordComparison(record.name, record.use, record.file, fitted, result, held_out,
+                            (*_notes(measured, fitted), *_held_too_long(fitted, held_inputs)))
 
 
 def _notes(measured: Measured, channels: Mapping[str, Channel]) -> tuple[str, ...]:
@@ -181,9 +185,20 @@ def _notes(measured: Measured, channels: Mapping[str, Channel]) -> tuple[str, ..
     return (*measured.notes, *slips, *notes)
 
 
+def _held_too_long(channels: Mapping[str, Channel], inputs: Sequence[str]) -> list[str]:
+    """What is held acts half a sample later than what is joined, so that all channels look early by a part of one."""
+    late = [c.late for c in channels.values() if c.late is not None]
+    if not inputs or not late or not all(lag.noticeable and _SOONER < -lag.seconds / lag.interval < 1 for lag in late):
+        return []
+    return [f"all channels are early by a part of a sample: so they would look where {listing(inputs, 3)} did not stay from "
+            "sample to sample (`between: hold`) but moved on; if it was measured and not commanded, try `between: linear`"]
+
+
 def _slips(channel: Channel, output: Output) -> tuple[str | None, ...]:
     measured, model = channel.measured[channel.counts], channel.model[channel.counts]
-    return seems_in_another_unit(measured, model, channel.unit), seems_turned(measured, model, output.shown.text)
+    formula = output.shown.text
+    return seems_in_another_unit(measured, model, channel.unit), seems_turned(measured, model, formula), \
+        seems_without_sign(measured, model, formula)
 
 
 def _late_note(channel: Channel, declared: float) -> str:

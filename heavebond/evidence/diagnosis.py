@@ -21,6 +21,7 @@ from heavebond.basis.threads import single_threaded
 from heavebond.evidence.catalogue import Candidate, candidates
 from heavebond.evidence.climbing import MOST, Added, Way, climb
 from heavebond.evidence.comparison import Comparison, compare
+from heavebond.evidence.excerpts import as_long_as, cut, excerpt
 from heavebond.evidence.experiment import Experiment, load_experiment
 from heavebond.evidence.finding import Finding, Rung, rung, with_limits
 from heavebond.evidence.fitting import Fit, fit
@@ -38,7 +39,7 @@ class Diagnosis:
     """What was found. `ladder` begins with the diagram as it stands and the same with its free parameters fitted;
     `findings` and `steps` go together, but for a last step that found nothing. `shape` is the learnt curve that lowers the
     error most where no name can be given; `separation` the experiment that would tell alternatives apart. `verdict` is one
-    of those of `heavebond.evidence.verdict`, `words` says it."""
+    of those of `heavebond.evidence.verdict`, `words` says it; `searched` is the experiment on what the search looked at."""
 
     experiment: Experiment
     verdict: str
@@ -50,7 +51,8 @@ class Diagnosis:
     fitted: Fit | None
     noise: dict[str, tuple[float, str, bool]]
     seconds: float
-    separation: Separation | None = None
+    separation: Separation | None
+    searched: Experiment
 
     @property
     def last(self) -> Experiment:
@@ -84,55 +86,66 @@ def _ranked(step: Step) -> list[dict[str, object]]:
 
 @single_threaded
 def diagnose(experiment: Experiment | str | Path, *, auto: bool = False, number: int | None = None, seconds: float = 300.0,
-             classes: Sequence[str] = (), progress: Progress | None = None) -> Diagnosis:
+             classes: Sequence[str] = (), samples: int | None = None, progress: Progress | None = None) -> Diagnosis:
     """Find out which effect the diagram of an experiment lacks.
 
     One step, or with `auto` the ladder of several effects that leaves least (see `evidence.climbing`); `number` processes
     (by default as many as there are processors); no refit is begun after `seconds` in a step; `classes` narrows the
-    catalogue. Ctrl-C ends the search with what was found so far. Raises ModelError and DataError where the experiment is
-    wrong, UsageError where no record is to be fitted.
+    catalogue; the search looks at so many `samples` of long records (see `evidence.excerpts`), and what it finds is fitted
+    to all of them. Ctrl-C ends the search with what was found so far. Raises ModelError and DataError where the experiment
+    is wrong, UsageError where no record is to be fitted.
     """
     began = clock.perf_counter()
     experiment = _loaded(experiment)
     say = progress or (lambda text: None)
     base = fit(experiment, progress=lambda text: say(f"fitting what is free: {text}")) if experiment.free else None
     ladder = _first_rungs(experiment, base)
-    now = _at(experiment, base)
 
     def stepping(experiment: Experiment, way: Way) -> Step:
         beside = f" beside {listing(added.candidate.label for added in way)}" if len(way) > 1 else ""
         return step(experiment, number=number, seconds=seconds, classes=classes, thorough=not way,
                     progress=lambda text: say(f"step {len(way) + 1}{beside}: {text}"))
 
-    way, last = climb(now, stepping, say, MOST if auto else 1)
+    part = excerpt(experiment, ladder[-1].comparison, samples)
+    way, last = climb(_at(part, base), stepping, say, MOST if auto else 1)
+    if part is not experiment and not last.left.significant and not last.partial:
+        part = experiment  # what is missing may show later in the records
+        way, last = climb(_at(part, base), stepping, say, MOST if auto else 1)
     # the last step made may be that of the last effect itself
     steps = [*(added.step for added in (way[:-1] if way and last.chosen is way[-1].chosen else way)), last]
     with finishing(say):
-        findings = _confirmed(way, ladder, say)
+        findings = _confirmed(way, ladder, experiment, say)
     ladder += [f.rung for f in findings]
-    now = _at(findings[-1].fit.experiment, findings[-1].fit) if findings else now
+    now = _at(findings[-1].fit.experiment, findings[-1].fit) if findings else _at(experiment, base)
     shape = None
     if unexplained(ladder, findings, steps):
         say("learning a curve")
-        shape = _shape(now, number, seconds)
+        shape = _shape(as_long_as(part, now), experiment, number, seconds)
         ladder += [shape.rung] if shape is not None else []
     said = verdict(base, ladder, findings, steps, shape)
     apart = _separation(findings, say) if said == "one_of" else None
     told = (*words(said, ladder, findings, steps, shape), *(apart.words if apart is not None else ()),
             *([SEVERAL] if said == "shape" and findings and not auto else []),
-            *([f"Tried were only effects of {'this class' if len(classes) == 1 else 'these classes'}: {listing(classes)}."]
-              if classes else []))
+            *_limits(classes, cut(part, experiment)))
     return Diagnosis(experiment, said, told, tuple(ladder), tuple(findings), tuple(steps), shape, base,
-                     _noise(ladder[0].comparison), clock.perf_counter() - began, apart)
+                     _noise(ladder[0].comparison), clock.perf_counter() - began, apart, part)
 
 
-def _confirmed(way: Way, ladder: Sequence[Rung], say: Progress) -> list[Finding]:
-    """The effects of a ladder with intervals and figures from full runs. What the first one explains by itself is not taken
-    back because several together do not reach the noise: then it stands alone."""
+def _limits(classes: Sequence[str], looked: str) -> list[str]:
+    """What was left out of the search."""
+    only = f"Tried were only effects of {'this class' if len(classes) == 1 else 'these classes'}: {listing(classes)}."
+    part = f"The records are long: the search looked at their beginning ({looked}), and what it found was fitted to all " \
+        "of them. `--samples` sets how much, `from:` and `to:` at a record which part."
+    return [*([only] if classes else []), *([part] if looked else [])]
+
+
+def _confirmed(way: Way, ladder: Sequence[Rung], given: Experiment, say: Progress) -> list[Finding]:
+    """The effects of a ladder with intervals and figures from full runs on the whole of the `given` records. What the first
+    one explains by itself is not taken back because several together do not reach the noise: then it stands alone."""
     findings: list[Finding] = []
     for added in way:
         say(f"confirming {added.candidate.label}")
-        findings.append(_finding(added))
+        findings.append(_finding(added, given))
     if len(findings) > 1 and explained(ladder, findings[:1]) and not explained(ladder, findings):
         return [replace(findings[0], alternatives=way[0].step.cluster)]
     return findings
@@ -186,7 +199,7 @@ def attempt(experiment: Experiment | str | Path, component: str, places: Sequenc
         raise UsageError([Problem("try-broken", f"the diagram with {chosen.label} cannot be simulated", None,
                                   "Try another place, or attach it in a diagram of your own and run that.")])
     trial = made.trials[0]
-    found = _finding(Added(replace(made, chosen=trial), (trial,)))
+    found = _finding(Added(replace(made, chosen=trial), (trial,)), experiment)
     return Attempt((*rungs, found.rung), found, trial.bic - made.bic, made.chosen is not None)
 
 
@@ -245,19 +258,19 @@ def _at(experiment: Experiment, fitted: Fit | None) -> Experiment:
     return replace(experiment, model=experiment.model.with_parameters(fitted.values))
 
 
-def _finding(added: Added) -> Finding:
-    """The chosen effect with intervals and figures from full runs."""
-    found = with_limits(added.candidate, fit(following(added.step)))
+def _finding(added: Added, given: Experiment) -> Finding:
+    """The chosen effect with intervals and figures from full runs on the whole of the records."""
+    found = with_limits(added.candidate, fit(as_long_as(given, following(added.step))))
     own = {n.name for n in added.candidate.numbers}
     return Finding(added.candidate, tuple(p for p in found.parameters if p.name in own),
                    rung(f"+ {added.candidate.label}", found.after), found, added.alternatives)
 
 
-def _shape(experiment: Experiment, number: int | None, seconds: float) -> Finding | None:
-    """The learnt curve that leaves least, where one earns its place."""
+def _shape(experiment: Experiment, given: Experiment, number: int | None, seconds: float) -> Finding | None:
+    """The learnt curve that leaves least, where one earns its place, fitted to the whole of the records."""
     made = learnt(experiment, number=number, seconds=seconds)
     with finishing(lambda text: None):
-        return _finding(Added(made, made.cluster)) if made.chosen is not None else None
+        return _finding(Added(made, made.cluster), given) if made.chosen is not None else None
 
 
 def _noise(comparison: Comparison) -> dict[str, tuple[float, str, bool]]:

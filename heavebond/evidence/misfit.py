@@ -13,13 +13,16 @@ from heavebond.basis.errors import Problem, UsageError, suggest
 from heavebond.basis.presentation import number, readable
 from heavebond.basis.threads import single_threaded
 from heavebond.basis.units import dimension_text, read_unit
+from heavebond.evidence.comparison import compare
 from heavebond.evidence.curves import Curve, Mask, Samples, best_curve
 from heavebond.evidence.deviation import Beside, known_of
 from heavebond.evidence.error_states import State, Stretch, envelope, states, stretches, worst
+from heavebond.evidence.excerpts import LONG, excerpt
 from heavebond.evidence.experiment import Experiment, load_experiment
 from heavebond.evidence.fitting import Fit
 from heavebond.evidence.implied import CHANCE, Estimate, Ranked, Search, misfit
 from heavebond.evidence.places import Place
+from heavebond.evidence.records import measure
 from heavebond.evidence.surroundings import Surroundings, estimated
 from heavebond.numbers.dae import Array
 
@@ -150,11 +153,12 @@ def where(experiment: Experiment | str | Path, *, values: Fit | Mapping[str, flo
     """Find when, in what state of motion and at which place of its diagram a model fails its records.
 
     Begins with runs at the diagram's own parameters or at `values` (a fit, or values in SI by name); free parameters and
-    the start are estimated together with what acts at each place, so that nothing need be fitted before. Raises what
-    `compare` raises.
+    the start are estimated together with what acts at each place, so that nothing need be fitted before. Of long records
+    the beginning is looked at (see `evidence.excerpts`). Raises what `compare` raises.
     """
     experiment = experiment if isinstance(experiment, Experiment) else load_experiment(experiment)
     say = progress or (lambda text: None)
+    experiment = _beginning(experiment, values)
     records = sorted(experiment.records.values(), key=lambda r: r.use != "fit")
     with tempfile.TemporaryDirectory() as folder:
         sides = [Beside(experiment, record, Path(folder)) for record in records]
@@ -166,6 +170,13 @@ def where(experiment: Experiment | str | Path, *, values: Fit | Mapping[str, flo
     suspects = [s for k, ranked in enumerate(found.ranked[:MOST_PLACES]) for s in _group(search, found, k, ranked)]
     return Where(experiment, missing, found.chance, misfit(found.base, search.fitted), tuple(suspects) if missing else (),
                  tuple(p.name for p in found.unseen), *_when(experiment, search, found), found.values, found.foreseen)
+
+
+def _beginning(experiment: Experiment, values: Fit | Mapping[str, float] | None) -> Experiment:
+    """The beginning of long records, the whole of others: what is estimated grows with samples times places."""
+    if sum(len(measure(experiment, r).grid) for r in experiment.records.values() if r.use == "fit") <= LONG:
+        return experiment
+    return excerpt(experiment, values.after if isinstance(values, Fit) else compare(experiment, parameters=values))
 
 
 def _given(values: Fit | Mapping[str, float] | None, record: str) -> dict[str, float]:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from heavebond.basis.errors import SimulationError
 from heavebond.basis.progress import Progress
 from heavebond.evidence.catalogue import Candidate, candidates
 from heavebond.evidence.experiment import Experiment
@@ -152,7 +153,10 @@ def fitted_base(experiment: Experiment) -> Base:
     for _ in range(TIMES):
         if not base.rough:
             break
-        base = _fitted(finer(base.problem), base.inner)
+        try:
+            base = _fitted(finer(base.problem), base.inner)
+        except SimulationError:
+            break  # finer than the integrator can: beside a record far above its noise that is fine enough
     return base
 
 

@@ -22,6 +22,9 @@ USUAL = ("m", "mm", "cm", "um", "km", "Pa", "kPa", "MPa", "bar", "mbar", "psi", 
 FAR = 3.0  # times, from where on a factor may be that of a unit
 NEAR = 1.6  # times, up to which a unit explains a factor
 ALIKE = 0.7  # correlation with the model, from where on a factor means anything
+ZERO = 0.05  # share of a record's largest value that noise may take it below zero
+BELOW = 0.2  # share of its size to which a model goes below zero, from where on it clearly does
+CLEARLY = 0.2  # by how much the size alone must correlate better
 OPPOSITE = -0.9  # below it the sign does; a model out of tune is hardly so much against the record
 
 
@@ -64,6 +67,19 @@ def seems_turned(measured: Array, model: Array, formula: str) -> str | None:
         return None
     return f"moves against the model (correlation {number(alike, 3)}): if the sensor counts the other way, write " \
         f"`is: -({formula})`"
+
+
+def seems_without_sign(measured: Array, model: Array, formula: str) -> str | None:
+    """A remark where the record (n,) never goes below zero, the model (n,) does, and its size is much nearer to the record
+    than itself."""
+    top = float(np.max(measured))
+    if top <= 0 or float(np.min(measured)) < -ZERO * top or np.min(model) > -BELOW * float(np.max(np.abs(model))):
+        return None
+    alike, sized = _likeness(measured, model)[1], _likeness(measured, np.abs(model))[1]
+    if sized < ALIKE or sized < alike + CLEARLY:
+        return None
+    return f"is never below 0 where the model is, and moves as its size does (correlation {number(sized, 3)}, with the " \
+        f"sign {number(alike, 3)}): if the sensor cannot tell the direction, write `is: abs({formula})`"
 
 
 def _same_kind(one: Unit, other: Unit) -> bool:

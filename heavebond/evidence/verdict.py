@@ -27,6 +27,7 @@ GONE = 1 - (1 - 0.85) ** 2
 GONE_ESTIMATED = 0.85
 LARGE = 0.15  # error, as a share of what was measured, beyond which no name is given however much is gone
 FURTHER = 0.2  # share of what is left that a further step must take away
+LESS = 0.7  # of an estimated noise: a model that leaves less shows that the estimate is too large
 CHANCE = 0.005  # p value below which fitted parameters are better than those of the data sheet
 STILL = 3.0  # channels whose own motion is below this many times their noise tell nothing
 
@@ -135,9 +136,23 @@ def words(said: str, ladder: Sequence[Rung], findings: Sequence[Finding], steps:
         left = _held(findings[-1].rung)
         lines.append("What is left on records that were not fitted is near the noise." if left <= NEAR else
                      f"What is left there is still {number(left**0.5, 3)} times the noise: diagnose the new experiment too.")
+    if said in ("effect", "one_of", "undetermined") and steps[0].left.significant:
+        lines += _of_estimates(min(ladder, key=_held))
     if said != "undetermined" and any(step.partial for step in steps):
         lines.append("The search was ended early: not every candidate was refitted.")
     return tuple(lines)
+
+
+def _of_estimates(best: Rung) -> list[str]:
+    """What to do about channels whose estimated noise is far from what the best model leaves there."""
+    outputs = best.comparison.experiment.outputs
+    own = [m for m in misses(best) if outputs[m.channel].noise is None]
+    more = [f"`noise: {m.words}` at {m.channel}" for m in own if m.error > math.sqrt(NEAR) * m.noise]
+    less = [m.channel for m in own if m.error < LESS * m.noise]
+    return [*([f"The noise is estimated, and an estimate sees only what is white. If what is left is the sensor's own (a "
+               f"filter, a slow swaying), write {listing(more, 3)}: then no more is sought in it."] if more else []),
+            *([f"Less than the estimated noise is left in {listing(less, 3)}, which moves too much from one sample to the "
+               "next for an estimate: give its `noise:` to have more sought."] if less else [])]
 
 
 def _fall(first: Rung, last: Rung) -> str:

@@ -23,6 +23,7 @@ from heavebond.language.sections import (
     read_show,
 )
 from heavebond.language.view import Seen, read_view
+from heavebond.text.expression import Number
 from heavebond.text.source import Node, Scalar, Source, parse, read
 
 MODEL_KEYS = ("model", "summary", "extends", "parameters", "components", "nodes", "set", "remove", "initial", "show",
@@ -64,10 +65,17 @@ class Model:
             place = Place("with_parameters", 1, 1, f"{path}: {given}")
             value, name = _python_value(path, given), path.removeprefix("initial.")
             if path == name:
-                settings[path] = Setting(path, value, place)
+                settings[path] = Setting(path, _like(value, self._given(path)), place)
             else:
                 conditions[name] = Condition(name, value, False, place)
         return replace(self, settings=settings, initial=replace(self.initial, conditions=conditions))
+
+    def _given(self, path: str) -> Value | FileInput | None:
+        """What the diagram says of a parameter of one of its own parts."""
+        owner, _, name = path.rpartition(".")
+        if path in self.settings:
+            return self.settings[path].value
+        return self.body.instances[owner].settings.get(name) if owner in self.body.instances else None
 
     def with_component(self, name: str, kind: str, wires: Dictionary[str, str],
                        settings: Dictionary[str, float | str] | None = None) -> Model:
@@ -97,6 +105,13 @@ def _python_value(path: str, given: float | str) -> Value:
     assert found is not None
     # a plain Python number is in the parameter's own base unit, which only the parameter knows
     return replace(found, si=True) if isinstance(given, (int, float)) else found
+
+
+def _like(value: Value, before: Value | FileInput | None) -> Value:
+    """A plain Python number with the unit of what it takes the place of, which may tell the units of signals."""
+    if value.si and isinstance(value.expr, Number) and isinstance(before, Value) and isinstance(before.expr, Number):
+        return replace(value, expr=replace(value.expr, unit=before.expr.unit))
+    return value
 
 
 def load(name: str | Path) -> Model:
