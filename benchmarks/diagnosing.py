@@ -1,15 +1,22 @@
-"""A full diagnosis of a bundled rig, and where its time goes."""
+"""A full diagnosis of a bundled rig, and where its time goes; what a run of its search costs."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
+from dataclasses import replace
 
 import heavebond as hb
 from benchmarks.diagnosis.rigs import RIGS
-from benchmarks.measuring import Figure, duration
+from benchmarks.measuring import Figure, duration, paired, spoken
 from heavebond.evidence.diagnosis import Diagnosis, diagnose
+from heavebond.evidence.residuals import Run
+from heavebond.evidence.scoring import SEARCH
+from heavebond.numbers.quick import QuickSimulator
+from heavebond.numbers.simulation import Simulator
 
 RIG, MISSING = "passive", "dry friction"
+HELD = "cylinder"
 LIMIT = 60.0
 # what a diagnosis says it is doing, by how its words begin; these two are said when they are done, the others before
 PHASES = {"fitting what is free": "fitting what is free", "scoring": "scoring candidates",
@@ -53,5 +60,22 @@ def figures() -> list[Figure]:
     step = found.steps[0]
     what = f"{RIG} rig: diagnosis, {len(step.scores)} candidates scored, {len(step.trials)} refitted, one process"
     shares = sorted(watch.spent.items(), key=lambda pair: -pair[1])
-    return [Figure(what, duration(took), f"≤ {LIMIT:g} s", took <= LIMIT),
+    return [*searches(), Figure(what, duration(took), f"≤ {LIMIT:g} s", took <= LIMIT),
             *(Figure(f"{RIG} rig: {phase}", f"{100 * spent / took:.0f} %") for phase, spent in shares if spent > 0)]
+
+
+def searches() -> list[Figure]:
+    """Runs with sensitivities to all that is free: as a search makes them, by IDAS at the same tolerances, and with the
+    input held at each sample."""
+    search, idas, held = run(QuickSimulator), run(Simulator), run(QuickSimulator, "hold")
+    return [Figure(f"{HELD} rig: run of a search / by IDAS", spoken(paired(search, idas))),
+            Figure(f"{HELD} rig: run of a search with its input held / joined", spoken(paired(held, search)))]
+
+
+def run(kind: type[Simulator], between: str = "spline") -> Callable[[], object]:
+    """One run of the record that is fitted."""
+    experiment = hb.load_experiment(RIGS[HELD].experiment)
+    inputs = {name: replace(given, between=between) for name, given in experiment.inputs.items()}
+    record = next(r for r in experiment.records.values() if r.use == "fit")
+    ready = Run(replace(experiment, inputs=inputs), record, list(experiment.free), SEARCH, kind=kind)
+    return lambda: ready.residuals({})

@@ -76,8 +76,8 @@ def test_a_limit_that_the_records_do_not_reach_is_said_to_be_that(tmp_path: Path
     found = diagnose(experiment, classes=["saturation"], number=1)
     assert found.verdict == "effect"
     low, high = sorted(found.findings[0].parameters, key=lambda p: p.value)
-    assert low.open and not high.open
-    assert any(low.name in line and "hardly reach" in line for line in found.words)
+    assert low.unreached is not None and high.unreached is None
+    assert any(low.name in line and "is not reached" in line for line in found.words)
     assert not any("look for more of its kind" in line for line in found.words)
 
 

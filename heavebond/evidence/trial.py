@@ -54,7 +54,8 @@ class Trial:
     of their range, and the experiment with the candidate in it. `score` is the gain that its score had promised. By `slack`
     the sum of squares on what was held out would fall, more than that of the fit would rise, if all numbers moved as the fit
     lets them (of the trials that are compared closely; see `_Refit.slack`). `begun` are the first steps, from several
-    starts, of a refit that may be followed further, the best first."""
+    starts, of a refit that may be followed further, the best first; it `falls` where one of them still fell steeply, or
+    the best of them stands at an end of an amplitude's range that no declared bound is."""
 
     candidate: Candidate
     experiment: Experiment
@@ -70,11 +71,7 @@ class Trial:
     evaluations: int
     slack: float = 0.0
     begun: tuple[Descent, ...] = field(default=(), repr=False, compare=False)
-
-    @property
-    def falls(self) -> bool:
-        """Whether one of its descents was still falling steeply."""
-        return any(d.unfinished and steep(d.history) for d in self.begun)
+    falls: bool = False
 
     @property
     def bic(self) -> float:
@@ -94,7 +91,10 @@ def begun(base: Base, candidate: Candidate, guesses: Sequence[Score] = (), least
     try:
         refit = _Refit(base, candidate, guesses)
         found = refit.begin(least or np.inf, progress or (lambda text: None))
-        return replace(refit.judged(found[0].x), begun=tuple(found) if refit.hopeful(found[0]) else ()) if found else None
+        if not found:
+            return None
+        falls = any(d.unfinished and steep(d.history) for d in found) or bool(refit.wider(found[0].x))
+        return replace(refit.judged(found[0].x), begun=tuple(found) if refit.hopeful(found[0]) else (), falls=falls)
     except HeavebondError:
         return None
 
@@ -284,7 +284,7 @@ class _Refit:
     def _further_out(self, inner: Array, descended: Callable[[Array], Array]) -> Array:
         """Further out where an amplitude ends at an end of its range that no declared bound is."""
         for _ in range(WIDENED):
-            wider = self._wider(inner)
+            wider = self.wider(inner)
             if not wider or process_time() - self.began > SECONDS:
                 break
             values = [c.outer(v) for c, v in zip(self.problem.columns, inner, strict=True)]
@@ -292,7 +292,7 @@ class _Refit:
             inner = descended(np.array([c.inner(v) for c, v in zip(self.problem.columns, values, strict=True)]))
         return inner
 
-    def _wider(self, inner: Array) -> dict[str, Range]:
+    def wider(self, inner: Array) -> dict[str, Range]:
         """Wider ranges for amplitudes that ended at an end of theirs."""
         found = {}
         numbers = {n.name: n for n in self.candidate.vanishing}
