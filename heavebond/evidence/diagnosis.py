@@ -29,7 +29,7 @@ from heavebond.evidence.rivals import Alternative
 from heavebond.evidence.rung import Step, following, learnt, single, step
 from heavebond.evidence.separation import Separation, separate
 from heavebond.evidence.trial import Trial
-from heavebond.evidence.verdict import explained, unexplained, verdict, words
+from heavebond.evidence.verdict import explained, unexplained, verdict, words, worth_it
 
 SEVERAL = "More than one effect may be missing: --auto looks for several that explain it together."
 
@@ -134,8 +134,16 @@ def _climbed(experiment: Experiment, part: Experiment, climbing: Callable[[Exper
     show later. With what it was found on."""
     way, last = climbing(part)
     if part is experiment or last.left.significant or last.partial:
-        return part, way, last
-    return experiment, *climbing(experiment)
+        return part, *_noticeable(way, last)
+    return experiment, *_noticeable(*climbing(experiment))
+
+
+def _noticeable(way: Way, last: Step) -> tuple[Way, Step]:
+    """A ladder without a single effect that hardly takes anything away: beside what no law explains (the noise of a measured
+    input) some law always takes a few percent, beyond chance, and would be a name for nothing."""
+    if len(way) != 1 or worth_it(way[0].step):
+        return way, last
+    return (), replace(way[0].step, chosen=None, cluster=(), partial=last.partial)
 
 
 def _limits(classes: Sequence[str], looked: str) -> list[str]:
@@ -277,7 +285,7 @@ def _shape(experiment: Experiment, given: Experiment, number: int | None, second
     """The learnt curve that leaves least, where one earns its place, fitted to the whole of the records."""
     made = learnt(experiment, number=number, seconds=seconds)
     with finishing(lambda text: None):
-        return _finding(Added(made, made.cluster), given) if made.chosen is not None else None
+        return _finding(Added(made, made.cluster), given) if made.chosen is not None and worth_it(made) else None
 
 
 def _noise(comparison: Comparison) -> dict[str, tuple[float, str, bool]]:
