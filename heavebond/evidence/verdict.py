@@ -27,6 +27,7 @@ GONE = 1 - (1 - 0.85) ** 2
 GONE_ESTIMATED = 0.85
 LARGE = 0.15  # error, as a share of what was measured, beyond which no name is given however much is gone
 FURTHER = 0.2  # share of what is left above the noise that an effect must take away, alone or as a further one
+FILTERED = 5.0  # times an estimated noise that noise behind a filter may be; beyond it is no noise
 LESS = 0.7  # of an estimated noise: a model that leaves less shows that the estimate is too large
 CHANCE = 0.005  # p value below which fitted parameters are better than those of the data sheet
 STILL = 3.0  # channels whose own motion is below this many times their noise tell nothing
@@ -149,7 +150,7 @@ def _of_estimates(best: Rung) -> list[str]:
     """What to do about channels whose estimated noise is far from what the best model leaves there."""
     outputs = best.comparison.experiment.outputs
     own = [m for m in misses(best) if outputs[m.channel].noise is None]
-    more = [f"`noise: {m.words}` at {m.channel}" for m in own if m.error > math.sqrt(NEAR) * m.noise]
+    more = [f"`noise: {m.words}` at {m.channel}" for m in own if math.sqrt(NEAR) < m.error / m.noise < FILTERED]
     less = [m.channel for m in own if m.error < LESS * m.noise]
     return [*([f"The noise is estimated, and an estimate sees only what is white. If what is left is the sensor's own (a "
                f"filter, a slow swaying), write {listing(more, 3)}: then no more is sought in it."] if more else []),
