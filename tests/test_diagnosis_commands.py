@@ -5,6 +5,7 @@ Nothing here may reach the search: every mistake is told before it.
 
 from __future__ import annotations
 
+import errno
 import shutil
 from pathlib import Path
 
@@ -97,6 +98,18 @@ no effect of class 'dry friction' fits in this diagram [class-unknown]
   Classes: choked flow, dead band, delay, gain by direction, heat exchange, lag, leakage, line resistance, polytropic \
 exponent, rate limit, saturation, sensor drift, sensor gain, sensor offset, unknown law.
 """),
+    (("diagnose", "passive_rig/friction", "--only", "dry"), """\
+no effect of class 'dry' fits in this diagram [class-unknown]
+  Did you mean 'dry friction'?
+"""),
+    (("fit", "receiver_rig/choked", "--profile", "inlet.c"), """\
+--profile inlet.c: that is not free [free-unknown]
+  Did you mean 'inlet.C' or 'outlet.C'?
+"""),
+    (("compare", __file__), f"""\
+'{__file__}' is no experiment: that is a YAML file [file-suffix]
+  Give the experiment, whose name ends in .yaml.
+"""),
     (("diagnose", "receiver_rig/choked", "--folder", "nowhere"), """\
 there is no folder 'nowhere' [file-unwritable]
   Make it first, or give another one.
@@ -115,6 +128,26 @@ def test_what_is_said_of_a_mistake(words: tuple[str, ...], said: str, folder: Pa
     assert answer.exit_code == 2
     assert answer.stderr == said
     assert not list(folder.iterdir())
+
+
+def test_a_file_of_the_users_is_told_before_the_fit(folder: Path) -> None:
+    (folder / "rig.yaml").write_text("mine")
+    answer = call("fit", "receiver_rig/choked", "--write", "rig.yaml")
+    assert (answer.exit_code, answer.stdout) == (2, "")
+    assert answer.stderr == "rig.yaml exists already [file-exists]\n  Give another name, or remove it first.\n"
+
+
+def test_a_folder_that_takes_no_file_is_told_before_the_search(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As a medium does that is read only, whatever its rights say."""
+    def full(**_: object) -> None:
+        raise OSError(errno.EROFS, "Read-only file system")
+
+    monkeypatch.setattr("tempfile.TemporaryFile", full)
+    for words, place in ((("diagnose", "receiver_rig/choked"), "nothing can be written in '.'"),
+                         (("compare", "receiver_rig/choked", "--output", "a.png"), "'a.png' cannot be written")):
+        answer = call(*words)
+        assert (answer.exit_code, answer.stdout) == (2, "")
+        assert answer.stderr.startswith(f"{place}: read-only file system [file-unwritable]\n")
 
 
 @pytest.mark.parametrize("words", [("try", "receiver_rig/choked", "inlet.b_cr", "--write", "."),

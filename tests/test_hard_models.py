@@ -39,7 +39,7 @@ REFUSED = (
     "joined_volumes_at_other_pressures", "gas_that_begins_at_zero", "gauge_pressure_for_an_absolute_one",
     "coils_in_line_with_other_currents", "flow_forced_through_shut_valves", "controller_that_cannot_hold_its_load",
     "cylinder_that_begins_at_zero_volume", "check_valves_in_line_both_shut", "motions_at_both_ends_of_a_gear",
-    "force_divided_by_the_time",
+    "force_divided_by_the_time", "weight_on_a_contact_far_below",
     # events, and what should be one
     "step_into_a_position_source", "coil_on_a_current_that_steps", "capacitor_on_a_voltage_that_steps", "sign_of_a_speed",
 )
@@ -76,6 +76,7 @@ ENDS: dict[str, Callable[[], dict[str, float]]] = {
     "rigid_inertias_with_the_same_speed": lambda: {"left.v": 1 + 3 / 3, "right.v": 2.0, "cell.y": -2.0},
     "gas_line_to_nowhere": lambda: {"end.p": 6e5, "end.T": 293.15},
     "signal_loop_that_has_a_solution": lambda: {"error": 1 / 4, "back": 3 / 4},
+    "loop_of_plain_numbers": lambda: {"lag.y": np.exp(-0.4)},  # y' = (0.5 (0.2 + 1) - 1) y
     "load_hangs_still_at_a_pressure": lambda: {"load.x": 0.3, "A.p": 500 * 9.81 / 20e-4, "supply.p": 500 * 9.81 / 20e-4},
     "joined_volumes_both_steady": lambda: {"left.p": _dp_at_rated_flow(5e5, 1e4), "flow": 10 * LPM},
     "volume_on_a_pressure_source": lambda: {"line.p": 1e7, "oil.a.q": 0.0},

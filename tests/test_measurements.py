@@ -58,7 +58,7 @@ def test_all_problems_of_a_file_at_once(tmp_path: Path) -> None:
     assert "    3 | 1,x1,3\n      |   ^^" in text
     assert "this row has 2 cells, the row of names has 3" in text
     assert "two columns are called 'z' (columns 2 and 3)" in text
-    assert "Write a number, or delete the row." in text
+    assert "Write a number, or empty the cell: a sample that was not taken." in text
     assert "separated by commas" in text
 
 

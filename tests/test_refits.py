@@ -49,7 +49,8 @@ class Workers:
     begun: list[str] = field(default_factory=list)
     followed: list[str] = field(default_factory=list)
 
-    def begin(self, jobs: Sequence[tuple[Candidate, object]], until: float) -> Iterator[tuple[Candidate, Trial | None]]:
+    def begin(self, jobs: Sequence[tuple[Candidate, object]], least: float, until: float
+              ) -> Iterator[tuple[Candidate, Trial | None]]:
         for candidate, _ in jobs:
             if clock.perf_counter() > until:
                 return

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,11 +10,12 @@ import pytest
 
 from heavebond.evidence import refits, scoring
 from heavebond.evidence.catalogue import Candidate, candidates
+from heavebond.evidence.comparison import assemble_for, driven_by
 from heavebond.evidence.experiment import load_experiment
-from heavebond.evidence.residuals import Residuals
+from heavebond.evidence.residuals import Residuals, Run
 from heavebond.evidence.scoring import Base, Score, scored, searched
 from heavebond.language import keeping
-from heavebond.language.model import load
+from heavebond.language.model import Setting, load
 from heavebond.numbers.dae import Array, assemble
 from heavebond.numbers.simulation import Simulator, Tolerances
 
@@ -32,7 +34,7 @@ def _candidate(problem: Residuals, label: str) -> Candidate:
 
 
 def _residuals(base: Base, candidate: Candidate, amplitude: float) -> Array:
-    run, = base.runs(candidate.change.on_experiment(base.problem.experiment), [])
+    run, = base.runs(candidate.change, [])
     values = base.problem.values_of(base.inner, run.record.name)
     return run.residuals({**values, candidate.numbers[0].name: amplitude})[0]
 
@@ -43,7 +45,7 @@ def _measured(problem: Residuals, base: Base, wrong: Array) -> Base:
     measured = run.measured.copy()
     measured[run.counts] += ((base.r + wrong).reshape(-1, 1) * run.noise).ravel()
     run.measured = measured
-    problem._last = None
+    problem._known.clear()
     inner = np.asarray(problem.minimise(problem.start, False, lambda text: None, tolerance=1e-8).x)
     run.measured, fitted = measured, Base.at(problem, inner)
     return fitted
@@ -131,7 +133,7 @@ def test_a_kink_at_amplitude_zero_has_a_tangent_of_its_own_on_either_side(tmp_pa
     problem = _shut(tmp_path)
     base = Base.at(problem, problem.start)
     candidate = _candidate(problem, "ProportionalValve43 in valve (overlap)")
-    run, = base.runs(candidate.change.on_experiment(problem.experiment), [candidate.numbers[0].name])
+    run, = base.runs(candidate.change, [candidate.numbers[0].name])
 
     def tangent(amplitude: float) -> float:
         return float(np.linalg.norm(run.residuals({candidate.numbers[0].name: amplitude})[1][0]))
@@ -150,7 +152,7 @@ def test_a_tangent_that_turns_before_the_effect_is_seen_is_taken_there_too(tmp_p
     zero, beside = scored(base, candidate)
     assert (zero.side, beside.side) == (0, 1)
     there = scoring.SEEN / (zero.size * zero.share)  # where z of the first tangent would be 5
-    run, = base.runs(candidate.change.on_experiment(problem.experiment), [candidate.numbers[0].name])
+    run, = base.runs(candidate.change, [candidate.numbers[0].name])
     tangent = run.residuals({candidate.numbers[0].name: there})[1][0]
     assert beside.size == pytest.approx(float(np.linalg.norm(tangent)), rel=1e-3)  # at the tolerances of a search
     assert beside.size < 0.6 * zero.size  # more of it does less
@@ -166,7 +168,7 @@ def test_amplitudes_of_different_units_are_scored_one_after_the_other() -> None:
     found = scored(base, candidate)
     stiffness, damping = (n.name for n in candidate.numbers if n.amplitude)
     assert {s.along for s in found} == {(stiffness,), (damping,)}
-    run, = base.runs(candidate.change.on_experiment(problem.experiment), [])
+    run, = base.runs(candidate.change, [])
     for name in (stiffness, damping):
         score = max((s for s in found if s.along == (name,)), key=lambda s: s.size)
         step = 1e-3 * np.linalg.norm(base.r) / score.size  # moves the channels by a thousandth of the misfit
@@ -194,7 +196,7 @@ def test_a_tangent_is_no_error_of_algebraic_unknowns(tmp_path: Path) -> None:
     candidate = _candidate(problem, "DroopingSource in place of pump")
     score = scored(base, candidate)[0]
     name, = score.along
-    run, = base.runs(candidate.change.on_experiment(problem.experiment), [])
+    run, = base.runs(candidate.change, [])
     exact = run.again([name], {name: 1e8}, Simulator)  # the size of 1e8 is what error control sees
     tangent = exact.residuals({name: 0.0})[1][0]
     assert score.size == pytest.approx(float(np.linalg.norm(tangent)), rel=0.02)
@@ -218,3 +220,16 @@ def test_laws_with_other_shapes_are_not_the_same_machine() -> None:
     for shapes, alike in (({}, True), ({"s_0": 1.0, "s_1": 2.0}, False)):
         other = Score(candidate, shapes, 9.0, 1.0, np.zeros(0), 1.0, 1.0, direction)
         assert refits._same([plain], [other], {}) is alike
+
+
+def test_one_diagram_serves_records_that_differ_in_their_files_alone(problem: Residuals) -> None:
+    experiment = problem.experiment
+    train, check = experiment.records.values()
+    found = driven_by(problem.runs[0].assembly, experiment, train, check)
+    assert found is not None and found.flat.inputs[0].source.file == check.file
+    assert found.model.settings == assemble_for(experiment, check).model.settings
+    assert np.array_equal(Run(experiment, check, [], assembly=found).held_out({})[0],
+                          Run(experiment, check, []).held_out({})[0])
+    given, = experiment.inputs_for(check).values()
+    other = replace(check, settings={"outlet.u": Setting("outlet.u", given, check.place)})
+    assert driven_by(problem.runs[0].assembly, experiment, train, other) is None

@@ -6,12 +6,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from heavebond.basis.errors import ModelError
+from heavebond.basis.errors import HeavebondError, ModelError
 from heavebond.basis.measurements import read_table
 from heavebond.evidence import verdict
 from heavebond.evidence.comparison import compare
 from heavebond.evidence.experiment import load_experiment
 from heavebond.evidence.finding import Rung
+from heavebond.evidence.fitting import fit
 from heavebond.evidence.slips import declared_otherwise, seems_in_another_unit, seems_turned, seems_without_sign
 from heavebond.language.model import loads
 from heavebond.numbers.simulation import simulate
@@ -121,6 +122,37 @@ def test_a_sensor_that_stands_still(tmp_path: Path) -> None:
     assert np.isnan(found.normalised) and np.isnan(found.channels["load.x"].fit)
     assert not found.channels["load.x"].outlier.any()
     assert [note for note in found.notes if "all its 201 samples read 0.1 mm: is it the right column" in note]
+
+
+def test_an_input_that_drives_nothing(tmp_path: Path) -> None:
+    """No input at all, one that stands still, one whose column is compared as well: each is told of every record."""
+    path = written(tmp_path)
+    for change, said in (
+            ((BESIDE.partition("time: {column: t, unit: s}\n")[2].partition("outputs")[0], ""),
+             "no column of the record drives the model"),
+            (("column: load", "column: foot"), "the output load.x and the input foot.u are the same column 'foot'")):
+        path.write_text(BESIDE.replace(*change))
+        assert all(any(note.startswith(said) for note in r.notes) for r in compare(path).records.values()), said
+    rows = (tmp_path / "two.csv").read_text().splitlines()
+    (tmp_path / "two.csv").write_text("\n".join([rows[0], *(",".join([r.split(",")[0], "2.5", r.split(",")[2]])
+                                                          for r in rows[1:])]))
+    path.write_text(BESIDE)
+    notes = compare(path).records["two"].notes
+    assert "the input foot.u reads 2.5 mm throughout: is it the right column, and was the sensor connected?" in notes
+
+
+@pytest.mark.parametrize(("change", "said"), [
+    (("unit: mm, noise: 0.1 mm", "unit: mmm, noise: 0.1 mm"), "'mmm' is not a known unit"),
+    (("time: {column: t, unit: s}\n", ""), "Write for example `time: {column: time_s, unit: s}`."),
+    ((", between: spline", ""), "Add `between: spline` (what moves smoothly), `linear`, or `hold`"),
+    (("outputs:", "free: {spring.c: 1 kN/m +/- 10 %}\noutputs:"), "Write `1 kN/m +- 10 %`."),
+    (("outputs:", "free: {spring.c: 1 kN/m}\noutputs:"), "Write `1 kN/m +- 20 %`."),
+    (("outputs:", "free: {spring.c: 1 kN +- 10 %}\noutputs:"), "Write it in N/m or in a multiple of it."),
+])
+def test_mistakes_in_an_experiment_end_with_what_to_type(tmp_path: Path, change: tuple[str, str], said: str) -> None:
+    with pytest.raises(HeavebondError) as caught:
+        fit(written(tmp_path, BESIDE.replace(*change)))
+    assert said in str(caught.value)
 
 
 @pytest.mark.parametrize(("change", "refused"), [

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import casadi as ca
@@ -14,6 +14,7 @@ from heavebond.basis.errors import Problem, UsageError
 from heavebond.basis.units import read_unit
 from heavebond.equations.flatten import flatten
 from heavebond.equations.reduce import reduce
+from heavebond.language.definition import Component
 from heavebond.language.model import Model
 from heavebond.language.sections import Initial
 from heavebond.numbers.dae import Array, Assembly, build
@@ -22,6 +23,7 @@ from heavebond.numbers.result import columns
 from heavebond.numbers.simulation import Simulator, Time, grid, seconds
 from heavebond.numbers.start_equations import Point, StartEquations
 from heavebond.studies.linearisation import start_point
+from heavebond.text.expression import Call, Expr, children, names
 
 MOST_STEPS = 20
 STEADY = "steady"
@@ -68,7 +70,8 @@ class OperatingPoints:
 
 
 def stuck(assembly: Assembly, point: Point) -> list[str]:
-    """A sentence for each friction that is linearised in its transition around rest, and what to type for one that slides.
+    """A sentence for each friction that is linearised in its transition around rest, and what to type for one that slides;
+    and one for each part that switches (a friction that truly sticks) with the state in which it is linearised.
 
     A smoothed friction F(v) of width v_t has the slope F/v_t at rest, as a damper far stiffer than any in the machine.
     Looked for are components that may be an effect, with amplitudes that are not zero, and with a width in the unit of one
@@ -77,6 +80,7 @@ def stuck(assembly: Assembly, point: Point) -> list[str]:
     flat = assembly.flat
     values = np.array(assembly.values(*point.values())).ravel()
     number = dict(zip(assembly.parameter_names, point.p, strict=True))
+    held = {h.name: float(point.p[h.index]) for h in flat.held}
     lines = []
     for path, leaf in flat.expanded.leaves.items():
         component = leaf.component
@@ -93,7 +97,25 @@ def stuck(assembly: Assembly, point: Point) -> list[str]:
             put = " ".join(f"--set {name}='0 {unit}'" for name, unit in zip(forces, units, strict=True))
             lines.append(f"{path} is stuck there (slower than its {slow[0].rpartition('.')[2]}) and linearised as a damper "
                          f"that holds all. For the machine that slides: {put}, or a moment of motion by --at.")
+        for name in _switching(component):
+            doc = component.held[name].doc
+            lines.append(f"{path}.{name} is {held[f'{path}.{name}']:g} there{f' ({doc})' if doc else ''} and stays so in "
+                         "the linearised machine. For another state take a moment by --at.")
     return lines
+
+
+def _switching(component: Component) -> list[str]:
+    """The held variables of a component by whose value its equations are others: whether a friction sticks."""
+    asked = {name for line in component.equations for side in (line.tree.left, line.tree.right) for name in _asked(side)}
+    return [name for name in component.held if name in asked]
+
+
+def _asked(expr: Expr) -> Iterator[str]:
+    """The names in the conditions of an expression."""
+    if isinstance(expr, Call) and expr.function == "if_else":
+        yield from (name.text for name in names(expr.args[0]))
+    for child in children(expr):
+        yield from _asked(child)
 
 
 def _steady(model: Model) -> Model:

@@ -10,6 +10,7 @@ WIDEST_EXCERPT = 110
 LONGEST_MESSAGE = 400
 FEW = 3  # candidates with the same last word that are named
 SHORTEST_KIND = 5  # letters from which a capitalised name is taken for a component's in suggestions
+SHORTEST_BEGIN = 3  # letters with which a longer name may be meant
 
 
 @dataclass(frozen=True)
@@ -156,7 +157,8 @@ def suggest(word: str, candidates: Iterable[str]) -> str:
     """`Did you mean 'x'?` for the candidates nearest to `word` (case ignored), or an empty text.
 
     The name of a component that stands in the word as a whole (`HydraulicCylinder`, `cylinder`) is the only one. A word that
-    ends a few candidates (`K_p` of `controller.K_p`) means these.
+    ends a few candidates (`K_p` of `controller.K_p`) means these, and so does one that begins them (`dry`) where nothing is
+    nearer.
     """
     if len(word) > 100:
         return ""
@@ -165,6 +167,9 @@ def suggest(word: str, candidates: Iterable[str]) -> str:
         by_lower.setdefault(candidate.lower(), candidate)
     ending = [n for n in by_lower if n.endswith(f".{word.lower()}")]
     near = ending if 1 <= len(ending) <= FEW else difflib.get_close_matches(word.lower(), list(by_lower), n=2, cutoff=0.6)
+    if not near and len(word) >= SHORTEST_BEGIN:
+        beginning = [n for n in by_lower if n.startswith(word.lower())]
+        near = beginning if len(beginning) <= FEW else []
     if not near:
         return ""
     kinds = {n: name for n, name in by_lower.items() if name[0].isupper() and len(n) >= SHORTEST_KIND}

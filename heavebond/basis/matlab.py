@@ -111,9 +111,9 @@ def _read_hdf5(path: Path, place: Place | None) -> Vectors:
     try:
         import h5py
     except ImportError:
-        raise DataError([Problem("record-mat", f"'{path.name}' is a MAT file of version 7.3, for which a library is missing",
-                                 place, "pip install h5py, or save it in MATLAB with `-v7`: `save('file.mat', '-v7')`.")]) \
-            from None
+        said = f"'{path.name}' is a MAT file of version 7.3, for which a library is missing"
+        raise DataError([Problem("record-mat", said, place, "pip install h5py, or save it in MATLAB with `-v7`: "
+                                 f"`save('{path.name}', '-v7')`.")]) from None
     found = Vectors()
     try:
         with h5py.File(path, "r") as file:

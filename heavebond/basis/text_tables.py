@@ -274,7 +274,8 @@ def _report_cells(sheet: _Sheet, rows: Cells, bad: list[list[int]], why: str, pr
             (commas, "decimal-comma", f"has a decimal comma; {why}",
              "Export the table with decimal points, without separators of thousands."),
             (grouped, "record-thousands", "has separators of thousands", "Export the table without them."),
-            (words, "record-text", "is not a number", "Write a number, or delete the row.")):
+            (words, "record-text", "is not a number",
+             "Write a number, or empty the cell: a sample that was not taken.")):
         few = [(f"'{rows[row][1][k]}' in column '{sheet.header[1][k]}' {what}", sheet.place(rows[row][0], k))
                for row, k in found[:SHOWN]]
         add_few(problems, code, few, len(found), "cells", hint)

@@ -301,8 +301,7 @@ def parse_range(text: str) -> Range:
         return Range(*bounds, last)
     found = _BAND.match(text) if len(text) <= LONGEST_QUANTITY else None
     if not found:
-        raise UnitProblem("not-a-range", f"'{text}' is not a range",
-                          "Write `30 .. 70 kN*s/m` or `42 kN/m +- 20 %`.")
+        raise UnitProblem("not-a-range", f"'{text}' is not a range", _range_hint(text))
     number, number_unit, width, width_unit = found.groups()
     own = read_unit(number_unit or ("1" if width_unit in (None, "%") else width_unit))
     value = own.to_si(_number(number, text))
@@ -313,6 +312,15 @@ def parse_range(text: str) -> Range:
     if half <= 0:
         raise UnitProblem("range-empty", f"the range '{text}' has no width", "Write a tolerance above 0.")
     return Range(value - half, value + half, own, value)
+
+
+def _range_hint(text: str) -> str:
+    """What may be meant by a text that is no range: a tolerance in other signs, or a quantity that lacks one."""
+    signed = re.sub(r"\s*(\+/-|±|\+ -)\s*", " +- ", text)
+    for meant in (signed, f"{text.strip()} +- 20 %"):
+        if _BAND.match(meant) and len(meant) <= LONGEST_QUANTITY:
+            return f"Write `{meant}`."
+    return "Write `30 .. 70 kN*s/m` or `42 kN/m +- 20 %`."
 
 
 def check_unit(given: Unit | None, wanted: Unit, value: float, text: str) -> None:

@@ -169,13 +169,20 @@ def check_writable(path: Path, suffixes: Sequence[str] = ()) -> None:
     if suffixes and path.suffix.lower() not in suffixes:
         raise UsageError([Problem("file-suffix", f"'{path}' does not end in {' or '.join(suffixes)}", None,
                                   f"Write for example {path.stem or 'file'}{suffixes[0]}.")])
-    folder = path.parent
+    from heavebond.basis.writable import why_unwritable
+
     if path.is_dir():
         reason = "it is a folder"
-    elif not folder.is_dir():
-        reason = f"there is no folder '{folder}'"
-    elif not os.access(path if path.exists() else folder, os.W_OK):
-        reason = "permission denied"
+    elif path.exists():
+        reason = "" if os.access(path, os.W_OK) else "permission denied"
     else:
-        return
-    raise UsageError([Problem("file-unwritable", f"'{path}' cannot be written: {reason}")])
+        reason = why_unwritable(path.parent)
+    if reason:
+        raise UsageError([Problem("file-unwritable", f"'{path}' cannot be written: {reason}")])
+
+
+def check_new(path: Path, suffixes: Sequence[str]) -> None:
+    """UsageError where a file of the user's stands at `path` already, or none can be made there."""
+    check_writable(path, suffixes)
+    if path.exists():
+        raise UsageError([Problem("file-exists", f"{path} exists already", None, "Give another name, or remove it first.")])

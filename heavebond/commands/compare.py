@@ -94,4 +94,6 @@ def _row(channel: Channel) -> tuple[str, ...]:
 
 
 def _percent(value: float) -> str:
-    return f"{value:.3g} %" if math.isfinite(value) else "-"
+    from heavebond.basis.presentation import number
+
+    return f"{number(value, 3)} %" if math.isfinite(value) else "-"

@@ -10,8 +10,8 @@ import click
 from heavebond.basis.errors import Problem, UsageError
 from heavebond.commands.arguments import (
     blamed_on_settings,
+    check_new,
     check_picture,
-    check_writable,
     json_option,
     set_option,
     with_settings,
@@ -60,7 +60,7 @@ def energy(model: str, until: str | None, every: str | None, audited: bool, sank
         raise UsageError([Problem("write-what", "--write writes the reduced diagram, and nothing is to be reduced", None,
                                   "Add --reduce 98, for the components that make up 98 % of the activity.")])
     if written is not None:
-        check_writable(written, (".yaml",))
+        check_new(written, (".yaml",))
     with blamed_on_settings(settings), terminal.working("integrating"):
         diagram = with_settings(load(model), settings)
         found = audit(diagram, until, every=every)

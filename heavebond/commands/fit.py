@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from heavebond.commands.arguments import check_picture, check_writable, json_option, picture_option
+from heavebond.commands.arguments import check_new, check_picture, json_option, picture_option
 
 if TYPE_CHECKING:
     from heavebond.basis.units import Unit
@@ -49,7 +49,7 @@ def fit(experiment: str, starts: int, segments: int, robust: bool, profiled: tup
 
     check_picture(output)
     if written is not None:
-        check_writable(written, (".yaml",))
+        check_new(written, (".yaml",))
     with terminal.working("fitting") as progress:
         given = load_experiment(experiment)
         _check_free(given, profiled)

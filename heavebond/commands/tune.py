@@ -13,8 +13,8 @@ import click
 from heavebond.basis.errors import ModelError, Problem, UsageError
 from heavebond.commands.arguments import (
     blamed_on_settings,
+    check_new,
     check_picture,
-    check_writable,
     json_option,
     picture_option,
     set_option,
@@ -70,7 +70,7 @@ def tune(study: str, free: tuple[str, ...], cost: str | None, limits: tuple[str,
 
     check_picture(output)
     if written is not None:
-        check_writable(written, (".yaml",))
+        check_new(written, (".yaml",))
     asked = _asked(study, cost, limits, evaluate, reference)
     with blamed_on_settings(settings), terminal.working("tuning") as progress:
         assembly = assemble(with_settings(asked.model, settings))

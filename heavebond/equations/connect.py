@@ -210,7 +210,8 @@ def _signal_sources(expanded: Expanded, network: Network, problems: Problems) ->
 
 def _units(expanded: Expanded, network: Network, dimensions: _Dimensions, problems: Problems
            ) -> dict[str, dict[str, Dimension]]:
-    """Solve `$U` of each leaf from parameters with units, the signals it is joined to and formulas at its inputs."""
+    """Solve `$U` of each leaf from parameters with units, the signals it is joined to and formulas at its inputs. Signals
+    that nothing ties to a unit (a loop of gains and memories) are plain numbers."""
     solution: dict[str, dict[str, Dimension]] = {path: {} for path in expanded.leaves}
     constraints = [*_parameter_constraints(expanded, dimensions)]
     signals = [g for g in network.groups if g.domain == "signal"]
@@ -227,8 +228,18 @@ def _units(expanded: Expanded, network: Network, dimensions: _Dimensions, proble
             for port in (*group.ports, *formulas.equal(group)):
                 leaf, _, name = port.rpartition(".")
                 changed |= _solve(expanded.leaves[leaf].component.signals[name].unit.dimension, known, solution[leaf])
+        changed = changed or any(_plain(expanded, group, solution) for group in signals)
     _check_signals(expanded, signals, solution, problems)
     return solution
+
+
+def _plain(expanded: Expanded, group: Group, solution: dict[str, dict[str, Dimension]]) -> bool:
+    """Take a signal whose unit is open for a plain number; False where none is."""
+    for port in group.ports:
+        leaf, _, name = port.rpartition(".")
+        if _solve(expanded.leaves[leaf].component.signals[name].unit.dimension, ONE, solution[leaf]):
+            return True
+    return False
 
 
 def _parameter_constraints(expanded: Expanded, dimensions: _Dimensions
@@ -379,11 +390,7 @@ def _check_signals(expanded: Expanded, signals: list[Group], solution: dict[str,
         units = {port: signal_unit(expanded, port, solution) for port in group.ports}
         first = next(iter(units))
         for port, unit in units.items():
-            if is_generic(unit.dimension):
-                leaf = expanded.leaves[port.rpartition(".")[0]]
-                problems.add("unit-open", f"nothing tells the unit of the signal '{port}'", leaf.place,
-                             hint="Give its parameters with their units, or join it to a signal of a known unit.")
-            elif unit.dimension != units[first].dimension or {unit.counts, units[first].counts} == {"cycles", "angle"}:
+            if unit.dimension != units[first].dimension or {unit.counts, units[first].counts} == {"cycles", "angle"}:
                 factor = dimension_text(times(unit.dimension, units[first].dimension, -1))
                 problems.add("units-differ", f"signal '{group.name}' joins {units[first].text} ('{first}') and "
                              f"{unit.text} ('{port}')", group.place, hint="Check the wire. To convert, give the input "

@@ -28,6 +28,8 @@ Column = tuple[int, int]  # (unknown, order of its derivative)
 NEGLIGIBLE = 1e-13
 # singular values below this share of the largest are zero
 LOST = 1e-11
+# a value is rounding where it is so small, alone and beside what it is computed with
+SMALL = 1e-9
 # members of a direction below this share of the largest do not take part
 SHARE = 1e-6
 # what a change of a value does to the scaled matrix is rounding below this
@@ -143,14 +145,26 @@ class _Matrix:
         self.entries[np.abs(self.entries) < NEGLIGIBLE] = 0.0
 
     def _sizes(self) -> Array:
-        """The usual sizes of the unknowns; of one whose unit no domain knows (a compressibility) its value."""
+        """The usual sizes of the unknowns; of one whose unit no domain knows (a compressibility) its value, or what stands
+        beside it in its equations where that is no more than rounding (a lever arm in the middle of its stroke)."""
         flat, sizes = self.system.flat, self.system.sizes.copy()
         known = {m.unit.dimension for d in flat.expanded.model.library.domains.values() for m in d.members.values()}
         values = {s.element_hash(): abs(v) for s, v in zip(self.system.symbols, self.at, strict=True)}
         for k, (j, order) in enumerate(self.system.columns):
             if flat.unknowns[j].unit.dimension not in known:
-                sizes[k] = values.get(flat.levels[0][j].element_hash() if order == 0 else 0, 0.0) or sizes[k]
+                own = values.get(flat.levels[0][j].element_hash() if order == 0 else 0, 0.0)
+                beside = self._beside(k, sizes) if 0 < own < SMALL else 0.0
+                sizes[k] = (beside if own < SMALL * beside else own) or sizes[k]
         return sizes
+
+    def _beside(self, column: int, sizes: Array) -> float:
+        """The least size of an unknown with which it weighs as much as what else stands in one of its equations."""
+        weight = np.abs(np.array(self.system.values(self.at)).ravel()) * sizes[self.column]
+        found = []
+        for entry in np.flatnonzero((self.column == column) & (weight > 0)):
+            others = weight[(self.row == self.row[entry]) & (self.column != column)]
+            found.append(float(others.max(initial=0.0) / weight[entry] * sizes[column]))
+        return min((size for size in found if np.isfinite(size) and size > 0), default=0.0)
 
     def losses(self) -> list[Loss]:
         """One for each set of dependent equations and the unknowns that stand in them."""

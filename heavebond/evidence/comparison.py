@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -232,6 +232,20 @@ def assemble_for(experiment: Experiment, record: Record, *, keep: bool = True) -
     return assembly
 
 
+def driven_by(assembly: Assembly, experiment: Experiment, own: Record, other: Record) -> Assembly | None:
+    """The diagram of a record driven by another one; None where the two differ in more than what their files hold."""
+    given, before = experiment.inputs_for(other), experiment.inputs_for(own)
+    flat = assembly.flat
+    alike = own.settings == other.settings and own.conditions == other.conditions and \
+        given.keys() == before.keys() == {k.name for k in flat.inputs} and \
+        all((g.unit, g.between) == (before[name].unit, before[name].between) for name, g in given.items())
+    if not alike:
+        return None
+    inputs = tuple(replace(known, source=given[known.name]) for known in flat.inputs)
+    expanded = replace(flat.expanded, model=experiment.model_for(other))
+    return replace(assembly, reduced=replace(assembly.reduced, flat=replace(flat, inputs=inputs, expanded=expanded)))
+
+
 def _check_output(assembly: Assembly, name: str, output: Output, problems: Problems) -> None:
     try:
         found = assembly.resolver().dimension(output.shown.expr)
@@ -258,7 +272,8 @@ def _check_free(assembly: Assembly, experiment: Experiment, problems: Problems) 
             continue
         unit = units[name]
         if unit.dimension != free.range.unit.dimension:
-            problems.add("unit-wrong", f"the range of {name} is in {free.range.unit.text}; {unit.text} is needed", place)
+            problems.add("unit-wrong", f"the range of {name} is in {free.range.unit.text}; {unit.text} is needed", place,
+                         hint=f"Write it in {unit.text} or in a multiple of it.")
 
 
 def _channel(name: str, found: Samples, simulated: Array, counts: Mask, astray: Mask, late: Lateness | None) -> Channel:

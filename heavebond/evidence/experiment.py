@@ -21,6 +21,9 @@ from heavebond.text.source import Mapping, Node, Scalar, Source, read
 EXPERIMENT_KEYS = ("experiment", "summary", "extends", "model", "records", "time", "inputs", "outputs", "free", "notes")
 RECORD_KEYS = ("file", "use", "from", "to", "set", "initial", "inputs", "outputs")
 USES = ("fit", "validate")
+EXAMPLES = {"records": "Write for example `records: {monday: {file: monday.csv, use: fit}}`.",
+            "outputs": "Write for example `outputs: {crown.x: {column: crown_m, unit: m, noise: 1 mm}}`.",
+            "time": "Write for example `time: {column: time_s, unit: s}`."}
 FIXED = "fixed"  # `free: {gas.c: fixed}` takes a parameter out of the list of the experiment before
 
 
@@ -207,8 +210,7 @@ class _Reader:
         experiment = moved(experiment, self._moves(root.items.get("inputs"), experiment))
         for key, what in (("records", experiment.records), ("outputs", experiment.outputs), ("time", time_column)):
             if not what:
-                problems.add("key-missing", f"an experiment needs the entry '{key}'", root.place,
-                             hint=f"Add `{key}: ...`.")
+                problems.add("key-missing", f"an experiment needs the entry '{key}'", root.place, hint=EXAMPLES[key])
         for record in experiment.records.values():
             for unknown in [n for n in record.origins if n not in experiment.outputs]:
                 problems.add("output-unknown", f"record '{record.name}' names the output '{unknown}', which is not there",
@@ -328,7 +330,10 @@ class _Reader:
         number = constant(value.expr) if value is not None else None
         if value is None or number is None:
             return None
-        channel = unit(shown.unit)
+        try:
+            channel = unit(shown.unit)
+        except UnitProblem:
+            return None  # the channel's unit was complained about
         given = getattr(value.expr, "unit", None)
         if (given.dimension if given is not None else ()) != channel.dimension:
             example = f"1 {shown.unit}" if channel.dimension else "0.01"

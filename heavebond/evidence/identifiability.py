@@ -13,6 +13,8 @@ from heavebond.numbers.dae import Array
 # A combination is called unseen where the data leave it more uncertain than this factor (in logarithms) or share of
 # its range: a standard deviation of one is no knowledge at all, a third is hardly any.
 UNSEEN = 0.3
+# So uncertain a logarithm is no knowledge at all: a factor of a hundred.
+BLIND = 4.6
 # Shares of a direction below this part of its largest are left out of the words.
 SMALL = 0.15
 
@@ -52,18 +54,20 @@ def _words(direction: Array, deviation: float, names: Sequence[str], logarithmic
     share = np.abs(direction)
     chosen = [k for k in np.argsort(-share) if share[k] > SMALL * share.max()]
     involved = [names[k] for k in sorted(chosen)]
-    sure = "not at all" if deviation > 1e3 else f"to a factor of {np.exp(min(deviation, 7.0)):.2g} only" \
-        if all(logarithmic[k] for k in chosen) else f"to {100 * deviation:.2g} % of the range only"
+    relative = all(logarithmic[k] for k in chosen)
+    seen = "not seen at all" if deviation > (BLIND if relative else 1e3) else \
+        f"seen to a factor of {np.exp(deviation):.2g} only" if relative else \
+        f"seen to {100 * deviation:.2g} % of the range only"
     if len(chosen) == 1:
-        return f"{involved[0]} is seen {sure}."
+        return f"{involved[0]} is {seen}."
     equal = share[chosen].min() > 0.85 * share.max() and all(logarithmic[k] for k in chosen)
     signs = np.sign(direction[sorted(chosen)])
     if equal and abs(signs.sum()) == len(signs):
         return f"Only the ratios between {listing(involved)} are determined: all multiplied by the same factor, the " \
-               f"records look the same (their common factor is seen {sure})."
+               f"records look the same (their common factor is {seen})."
     if equal and len(chosen) == 2:
         return f"Only the product {involved[0]} * {involved[1]} is determined: one up and the other down by the same " \
-               f"factor, the records look the same (their ratio is seen {sure})."
+               f"factor, the records look the same (their ratio is {seen})."
     parts = ", ".join(f"{names[k]} by {10 * direction[k] / share.max():+.2g} %" for k in sorted(chosen))
     return f"{listing(involved)} are not seen apart: moved together ({parts}), the records look the same (that " \
-           f"combination is seen {sure})."
+           f"combination is {seen})."

@@ -104,7 +104,7 @@ def measure(experiment: Experiment, record: Record) -> Measured:
     problems.raise_as(DataError)
     grid, indices = merged([window[:1], *(c.time - c.output.shift for c in found.values())], [*sampled, window])
     found = {name: replace(c, index=index) for (name, c), index in zip(found.items(), indices[1:], strict=True)}
-    notes = [*_unit_slips(experiment, record, files),
+    notes = [*_unit_slips(experiment, record, files), *_driven(experiment, record, files),
              *(f"{name}: {said}" for name, c in found.items() for said in _remarks(c))]
     if experiment.holds_out(record):
         found = _with_held_out(found, (float(grid[0]), float(grid[-1])))
@@ -140,6 +140,25 @@ def _unit_slips(experiment: Experiment, record: Record, files: _Files) -> list[s
             (origin.time_column, origin.time_unit), (output.column, output.shown.unit))]
     said = [declared_otherwise(files.table(file, time, place), column, unit) for file, time, column, unit, place in asked]
     return list(dict.fromkeys(s for s in said if s))
+
+
+def _driven(experiment: Experiment, record: Record, files: _Files) -> list[str]:
+    """What is odd about the inputs: none at all, one that never moves, one whose column is a channel too."""
+    inputs = experiment.inputs_for(record)
+    if not inputs:
+        return ["no column of the record drives the model: it runs with the inputs of the diagram (`inputs:` names columns)"]
+    origins = {name: experiment.origin_of(record, name) for name in experiment.outputs}
+    said = []
+    for path, given in inputs.items():
+        values = column(files.table(given.file, given.time_column or "", given.place), given.column)
+        values = values[np.isfinite(values)]
+        if not np.ptp(values):
+            said.append(f"the input {path} reads {number(float(values[0]))} {given.unit} throughout: is it the right "
+                        "column, and was the sensor connected?")
+        same = [name for name, origin in origins.items()
+                if (origin.file, experiment.outputs[name].column) == (given.file, given.column)]
+        said += [f"the output {name} and the input {path} are the same column '{given.column}'" for name in same]
+    return said
 
 
 # -- what time is covered ------------------------------------------------------------------------------------------

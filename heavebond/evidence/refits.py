@@ -17,6 +17,7 @@ import numpy as np
 from heavebond.basis.progress import Progress
 from heavebond.evidence.catalogue import Candidate
 from heavebond.evidence.leftover import NEAR
+from heavebond.evidence.racing import HOPE
 from heavebond.evidence.scoring import Score
 from heavebond.evidence.trial import Trial
 from heavebond.evidence.workers import Workers
@@ -24,9 +25,6 @@ from heavebond.evidence.workers import Workers
 REFITS = 24  # at least so many candidates are refitted, those with the largest scores
 PROMISING = 0.1  # and where one of a class at a place has a gain of this share of the largest, all there
 AT_LEAST = 0.01  # that have this share of it
-# A refit is followed at first where its first steps leave no more than so many times what those of the best leave, or where
-# they still fall steeply.
-HOPE = 10.0
 BEGINNING = 2 / 3  # share of the time after which no refit is begun, so that the promising ones can be followed
 TWINS = 1 - 5e-8  # candidates whose directions agree to this are the same machine,
 ALIKE = 1e-3  # their gains and shapes to this share,
@@ -45,29 +43,32 @@ class Refits:
 
     def make(self, leading: Sequence[Job], rest: Sequence[Job], until: float) -> bool:
         """Refit the leading candidates, and the rest where none of these comes near the noise, `until` a time of
-        `time.perf_counter`; whether all that concerns the leading ones was done."""
+        `time.perf_counter`; whether all that concerns the leading ones was done. Those with the largest scores go first:
+        beside what the best of them leaves, the others are soon seen to be hopeless."""
         guesses = {c.label: g for c, g in (*leading, *rest)}
         now = clock.perf_counter()
-        whole = True
-        for jobs, others in ((leading, ""), (rest, " others")):
-            if unexplained(self.trials.values()):
-                done = self._begin(jobs, others, now + BEGINNING * (until - now))
-                whole &= jobs is rest or done == len(jobs)
-                self._follow(_hopeful(self.trials.values()), guesses, until)
+        last, whole = now + BEGINNING * (until - now), True
+        for jobs in (leading[:REFITS], leading[REFITS:]):
+            whole &= self._begin(jobs, "", last)
+            self._follow(_hopeful(self.trials.values()), guesses, until)
+        if unexplained(self.trials.values()):
+            self._begin(rest, " others", last)
+            self._follow(_hopeful(self.trials.values()), guesses, until)
         if unexplained(self.trials.values()):
             self._follow(self.trials.values(), guesses, until)
             whole &= not any(self.trials[c.label].begun for c, _ in leading if c.label in self.trials)
         return whole
 
-    def _begin(self, jobs: Sequence[Job], others: str, until: float) -> int:
-        """The number of those that were begun."""
+    def _begin(self, jobs: Sequence[Job], others: str, until: float) -> bool:
+        """Whether all of them were begun."""
         done = 0
-        for done, (candidate, trial) in enumerate(self.workers.begin(jobs, until), 1):
+        least = min((trial.cost for trial in self.trials.values()), default=0.0)
+        for done, (candidate, trial) in enumerate(self.workers.begin(jobs, least, until), 1):
             if trial is not None:
                 self.trials[candidate.label] = trial
             self.say(f"refitting {done} of {len(jobs)}{others}: {candidate.label}"
                      + (f" leaves {trial.chi2_held_out:.4g}" if trial else " cannot be simulated"))
-        return done
+        return done == len(jobs)
 
     def _follow(self, trials: Iterable[Trial], guesses: Mapping[str, Sequence[Score]], until: float) -> None:
         """Follow those that were only begun, best first."""

@@ -21,7 +21,7 @@ from heavebond.basis.units import read_unit
 from heavebond.evidence.comparison import TOLERANCES, assemble_for
 from heavebond.evidence.experiment import Experiment, Free, Record
 from heavebond.evidence.records import Measured, measure
-from heavebond.numbers.dae import Array
+from heavebond.numbers.dae import Array, Assembly
 from heavebond.numbers.result import Probe
 from heavebond.numbers.simulation import Simulator, Tolerances
 
@@ -31,6 +31,7 @@ BROKEN = 1e4
 AT_END = 1e-3
 # Runs of which the results are kept: a descent begins where another one ended, a few runs ago.
 KEPT = 8
+ARRIVED, GIVEN_UP = "The search needs no more.", "The search has given it up."  # why a descent was ended from outside
 
 
 @dataclass(frozen=True)
@@ -78,12 +79,13 @@ class Run:
     """
 
     def __init__(self, experiment: Experiment, record: Record, names: list[str], tolerances: Tolerances = TOLERANCES, *,
-                 kind: type[Simulator] = Simulator, like: Run | None = None):
+                 kind: type[Simulator] = Simulator, like: Run | None = None, assembly: Assembly | None = None):
         """`kind` of simulator to use; `like` is a run of the same record with another diagram: the record is not read again,
-        and this diagram, one of many that are tried, is not kept in the cache."""
+        and this diagram, one of many that are tried, is not kept in the cache. `assembly` is this diagram, where there is
+        one."""
         self.record, self.names = record, names
         self.found: Measured = like.found if like is not None else measure(experiment, record)
-        self.assembly = assemble_for(experiment, record, keep=like is None)
+        self.assembly: Assembly = assembly or assemble_for(experiment, record, keep=like is None)
         self.probe = Probe(self.assembly, [o.shown.text for o in experiment.outputs.values()], si=True)
         units = [read_unit(o.shown.unit) for o in experiment.outputs.values()]
         self.scale = np.array([u.scale for u in units])
@@ -272,9 +274,9 @@ class Residuals:
 
     def descend(self, start: Array, robust: bool, progress: Progress, fixed: tuple[int, ...] = (), *, most: int,
                 tolerance: float, method: Literal["trf", "dogbox"],
-                enough: Callable[[Sequence[float], Array], bool] = lambda costs, best: False) -> Descent:
+                enough: Callable[[Sequence[float], Array], str] = lambda costs, best: "") -> Descent:
         """One of the two methods of `minimise` alone; it ends besides where `enough`, which is given the sum of squares of
-        each run so far and the unknowns of the best, says so."""
+        each run so far and the unknowns of the best, says ARRIVED or GIVEN_UP."""
         from scipy.optimize import least_squares
 
         moving = [k for k in range(len(self.columns)) if k not in fixed]
@@ -300,8 +302,8 @@ class Residuals:
             costs.append(float(residuals @ residuals))
             best = y.copy() if costs[-1] == min(costs) else best
             progress(f"chi-square per sample {min(costs) / self.samples:.4g} after {len(costs)} runs")
-            if enough(costs, whole(best)):
-                raise _Enough
+            if said := enough(costs, whole(best)):
+                raise _Enough(said)
             return residuals
 
         def jacobian(y: Array) -> Array:
@@ -314,8 +316,8 @@ class Residuals:
             found = least_squares(values, inside, jac=jacobian, bounds=(1.0, 2.0), method=method, max_nfev=most,
                                   loss="soft_l1" if robust else "linear", xtol=tolerance, ftol=tolerance, gtol=1e-8)
             ended = found.x, float(found.cost), str(found.message), found.status == 0
-        except _Enough:
-            ended = best, min(costs) / 2, "The search needs no more.", False
+        except _Enough as said:
+            ended = best, min(costs) / 2, str(said), str(said) == GIVEN_UP
         return Descent(self.allowed(whole(ended[0])), ended[1], tuple(accumulate(costs, min)), *ended[2:])
 
 

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -26,12 +26,14 @@ from numpy.typing import NDArray
 from heavebond.basis.errors import HeavebondError
 from heavebond.basis.units import Dimension
 from heavebond.evidence.catalogue import Candidate, Sized, quantity
-from heavebond.evidence.experiment import Experiment
+from heavebond.evidence.change import Change
+from heavebond.evidence.comparison import assemble_for, driven_by
+from heavebond.evidence.experiment import Experiment, Record
 from heavebond.evidence.residuals import Residuals, Run
-from heavebond.numbers.dae import Array
-from heavebond.numbers.quick import QuickSimulator
+from heavebond.numbers.dae import Array, Assembly
+from heavebond.numbers.quick import QuickSimulator, Unexplained
 from heavebond.numbers.result import Probe
-from heavebond.numbers.simulation import Simulator, Tolerances
+from heavebond.numbers.simulation import Tolerances
 from heavebond.text.symbols import kinked
 
 # A search needs no more where the runs then err by less than this share of the noise (rms): what they err by, candidates
@@ -49,6 +51,7 @@ SEEN, TURNED = 5.0, 0.995
 # What is sought where the motion of the base model goes is sought this share of its span beyond: the machine and other
 # records move further, and a limit that is not reached must not stand where they do.
 BEYOND = 0.5
+DIAGRAMS = 200  # changed diagrams that are kept, of about 1 MB each
 # The size of an amplitude for error control: it moves the channels by this share of the misfit. It is sought in so many runs
 # at most, until one changes it by less than a factor.
 SIZED, RUNS, STAYS = 1e-2, 6, 3.0
@@ -109,11 +112,23 @@ def finer(problem: Residuals) -> Residuals:
 
 def exact_runs(experiment: Experiment, fitted: Sequence[Run], like: Mapping[str, Run] | None = None) -> dict[str, Run]:
     """Runs of all records by IDAS; those fitted as given, of the others those of another diagram (`like`) may be there."""
-    own = {run.record.name: run.again([], {}, Simulator) for run in fitted}
+    own = {run.record.name: run.again([], {}, Unexplained) for run in fitted}
     like = like or {}
-    tolerances = fitted[0].simulator.tolerances
-    return {name: own.get(name) or Run(experiment, record, [], tolerances, like=like.get(name))
-            for name, record in experiment.records.items()}
+    first = fitted[0]
+
+    def other(record: Record) -> Run:
+        return Run(experiment, record, [], first.simulator.tolerances, kind=Unexplained, like=like.get(record.name),
+                   assembly=driven_by(first.assembly, experiment, first.record, record))
+
+    return {name: own.get(name) or other(record) for name, record in experiment.records.items()}
+
+
+@dataclass(frozen=True)
+class Diagram:
+    """A changed diagram: the experiment with it, and its equations for each of the records that are fitted."""
+
+    experiment: Experiment
+    assemblies: tuple[Assembly, ...]
 
 
 @dataclass(frozen=True)
@@ -128,6 +143,7 @@ class Base:
     J: Array
     priors: Array
     exact: Mapping[str, Run]
+    diagrams: dict[str, Diagram] = field(default_factory=dict, repr=False, compare=False)
 
     @classmethod
     def at(cls, problem: Residuals, inner: Array) -> Base:
@@ -140,10 +156,22 @@ class Base:
                                 for run in problem.runs])
         return cls(problem, inner, r, quick, J, problem.priors(inner)[1], exact)
 
-    def runs(self, changed: Experiment, names: Sequence[str]) -> list[Run]:
-        """The fitted records with another diagram, whose parameters `names` are to be moved."""
-        return [Run(changed, run.record, list(names), run.simulator.tolerances, kind=QuickSimulator, like=run)
-                for run in self.problem.runs]
+    def diagram(self, change: Change) -> Diagram:
+        """The changed diagram; one that is scored and then refitted is assembled once. HeavebondError where it cannot be."""
+        key = repr(change)
+        if key not in self.diagrams:
+            changed = change.on_experiment(self.problem.experiment)
+            made = Diagram(changed, tuple(assemble_for(changed, run.record, keep=False) for run in self.problem.runs))
+            if len(self.diagrams) == DIAGRAMS:
+                del self.diagrams[next(iter(self.diagrams))]
+            self.diagrams[key] = made
+        return self.diagrams[key]
+
+    def runs(self, change: Change, names: Sequence[str]) -> list[Run]:
+        """The fitted records with the changed diagram, whose parameters `names` are to be moved."""
+        made = self.diagram(change)
+        return [Run(made.experiment, run.record, list(names), run.simulator.tolerances, kind=QuickSimulator, like=run,
+                    assembly=assembly) for run, assembly in zip(self.problem.runs, made.assemblies, strict=True)]
 
     @cached_property
     def cost(self) -> float:
@@ -179,13 +207,12 @@ class Base:
 def scored(base: Base, candidate: Candidate) -> list[Score]:
     """The scores of one candidate at a few choices of its shapes; none where the diagram with it cannot be simulated."""
     try:
-        changed = candidate.change.on_experiment(base.problem.experiment)
         moving = [n.name for n in candidate.vanishing]
-        runs = base.runs(changed, moving)
+        runs = base.runs(candidate.change, moving)
         settled = _settled(candidate, runs, base)
         if settled is not candidate:
             candidate = settled
-            runs = base.runs(candidate.change.on_experiment(base.problem.experiment), moving)
+            runs = base.runs(candidate.change, moving)
         points = shape_points(candidate, runs, base)
     except HeavebondError:
         return []

@@ -19,19 +19,13 @@ from heavebond.basis.units import Range
 from heavebond.evidence.catalogue import Candidate
 from heavebond.evidence.experiment import Experiment, Free
 from heavebond.evidence.fitting import own_start
+from heavebond.evidence.racing import idle, race, steep
 from heavebond.evidence.residuals import AT_END, BROKEN, Descent, Residuals, Run
 from heavebond.evidence.scoring import BEYOND, Base, Score, below, between, exact_runs, shape_ranges, sides
 from heavebond.numbers.dae import Array
 from heavebond.numbers.quick import QuickSimulator
 
 FIRST, LAST = 8, 40  # runs of a descent: to compare starts, and to end
-# A descent ends where so many runs in a row have not lowered the sum of squares by this share: it has arrived as far as the
-# errors of its runs let it see, or creeps. What comes near the best is followed to the very end later.
-IDLE, LITTLE = 4, 1e-3
-# After so many runs a start is given up that stands where another one stood by then: within this share of each range, and of
-# the sum of squares.
-MIDWAY, MEETS = 4, 0.03
-STEEP = 0.5  # share to which the last two steps must have brought the sum of squares where it still falls
 # A refit is not followed to its end where its first steps leave all but this share of a chi-square per sample above LARGE.
 NOTHING, LARGE = 0.02, 10.0
 SECONDS = 60.0  # of this process, after which a refit that has not come far is not followed further
@@ -80,7 +74,7 @@ class Trial:
     @property
     def falls(self) -> bool:
         """Whether one of its descents was still falling steeply."""
-        return any(d.unfinished and d.history[-1] < STEEP * d.history[-3] for d in self.begun)
+        return any(d.unfinished and steep(d.history) for d in self.begun)
 
     @property
     def bic(self) -> float:
@@ -93,11 +87,13 @@ def bic(cost: float, samples: int, unknowns: int) -> float:
     return float(samples * np.log(max(cost, 1e-300) / samples) + unknowns * np.log(samples))
 
 
-def begun(base: Base, candidate: Candidate, guesses: Sequence[Score] = (), progress: Progress | None = None) -> Trial | None:
-    """The first steps of a refit, from the best of several starts; None where the diagram with it cannot be simulated."""
+def begun(base: Base, candidate: Candidate, guesses: Sequence[Score] = (), least: float = 0.0,
+          progress: Progress | None = None) -> Trial | None:
+    """The first steps of a refit, from the best of several starts; None where the diagram with it cannot be simulated.
+    `least` is what the best of other candidates leaves, where that is known."""
     try:
         refit = _Refit(base, candidate, guesses)
-        found = refit.begin(progress or (lambda text: None))
+        found = refit.begin(least or np.inf, progress or (lambda text: None))
         return replace(refit.judged(found[0].x), begun=tuple(found) if refit.hopeful(found[0]) else ()) if found else None
     except HeavebondError:
         return None
@@ -156,8 +152,8 @@ class _Refit:
 
     def __init__(self, base: Base, candidate: Candidate, guesses: Sequence[Score]):
         self.base, self.candidate, self.guesses, self.began = base, candidate, guesses, process_time()
-        changed = candidate.change.on_experiment(base.problem.experiment)
-        self.runs = base.runs(changed, [])
+        changed = base.diagram(candidate.change).experiment
+        self.runs = base.runs(candidate.change, [])
         self.ranges = {**shape_ranges(candidate, self.runs, base, BEYOND), **self._amplitudes()}
         self.plans = self._plans()
         freed = self._freed(changed, set(self.runs[0].assembly.parameter_values))
@@ -333,7 +329,7 @@ class _Refit:
                     break
         return inner
 
-    def begin(self, progress: Progress) -> list[Descent]:
+    def begin(self, least: float, progress: Progress) -> list[Descent]:
         """The first steps from the best starts, that which leaves least first; none where no start can be simulated."""
         starts = [self._start(plan) for plan in self.plans]
         costs = [self._cost(start) for start in starts]
@@ -341,8 +337,9 @@ class _Refit:
         chosen = [starts[k] for k in np.argsort(costs) if np.isfinite(costs[k])][:most]
         if not chosen or process_time() - self.began > SECONDS:
             return []
-        midway: list[tuple[float, Array]] = []
-        found = [self.descend(start, progress, FIRST, 1e-4, midway=midway) for start in chosen]
+        enough = race(self.problem.high - self.problem.low, least)
+        found = [self.problem.descend(start, False, progress, most=FIRST, tolerance=1e-4, method="trf", enough=enough)
+                 for start in chosen]
         if all(2 * e.cost > self.base.cost for e in found) and (beside := self._beside()) is not None:
             found.append(self.descend(beside, progress, FIRST, 1e-4))
         return sorted(found, key=lambda e: e.cost)
@@ -373,23 +370,9 @@ class _Refit:
         return self._start(_Plan({**first, **small}, inside))
 
     def descend(self, start: Array, progress: Progress, most: int, tolerance: float,
-                method: Literal["trf", "dogbox"] = "trf", midway: list[tuple[float, Array]] | None = None) -> Descent:
-        """Steps that find their way from afar, until they hardly bring anything more, or meet those from another start:
-        `midway` is where these stood after a few of theirs, to which this one is added."""
-        problem = self.problem
-
-        def meets(cost: float, inner: Array, other: tuple[float, Array]) -> bool:
-            away = np.abs(inner - other[1]) / (problem.high - problem.low)
-            return abs(cost - other[0]) < MEETS * other[0] and float(away.max()) < MEETS
-
-        def enough(costs: Sequence[float], best: Array) -> bool:
-            if midway is not None and len(costs) == MIDWAY:
-                if any(meets(min(costs), best, other) for other in midway):
-                    return True
-                midway.append((min(costs), best))
-            return len(costs) > IDLE and min(costs[:-IDLE]) - min(costs) < LITTLE * min(costs)
-
-        return problem.descend(start, False, progress, most=most, tolerance=tolerance, method=method, enough=enough)
+                method: Literal["trf", "dogbox"] = "trf") -> Descent:
+        """Steps that find their way from afar, until they hardly bring anything more."""
+        return self.problem.descend(start, False, progress, most=most, tolerance=tolerance, method=method, enough=idle)
 
     def judged(self, inner: Array) -> Trial:
         """The figures at the end, from runs of IDAS."""

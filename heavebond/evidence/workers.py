@@ -43,10 +43,11 @@ class Workers:
         """The scores of each candidate, in the order in which they are done; those not begun at `until` are left out."""
         return self._each(_score, scored, [(c,) for c in candidates], candidates, until)
 
-    def begin(self, jobs: Sequence[tuple[Candidate, Sequence[Score]]], until: float = float("inf")
+    def begin(self, jobs: Sequence[tuple[Candidate, Sequence[Score]]], least: float = 0.0, until: float = float("inf")
               ) -> Iterator[tuple[Candidate, Trial | None]]:
-        """The first steps of each refit, in the order in which they are done; those not begun at `until` are left out."""
-        return self._each(_begin, begun, jobs, [c for c, _ in jobs], until)
+        """The first steps of each refit, in the order in which they are done; those not begun at `until` are left out.
+        `least` as in `begun`."""
+        return self._each(_begin, begun, [(c, guesses, least) for c, guesses in jobs], [c for c, _ in jobs], until)
 
     def follow(self, jobs: Sequence[tuple[Trial, Sequence[Score]]], until: float = float("inf")
                ) -> Iterator[tuple[Candidate, Trial]]:
@@ -82,9 +83,9 @@ def _score(candidate: Candidate) -> list[Score]:
     return scored(_base, candidate)
 
 
-def _begin(candidate: Candidate, guesses: Sequence[Score]) -> Trial | None:
+def _begin(candidate: Candidate, guesses: Sequence[Score], least: float) -> Trial | None:
     assert _base is not None
-    return begun(_base, candidate, guesses, heed)
+    return begun(_base, candidate, guesses, least, heed)
 
 
 def _follow(trial: Trial, guesses: Sequence[Score]) -> Trial:

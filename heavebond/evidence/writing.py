@@ -11,6 +11,7 @@ from pathlib import Path
 from heavebond.basis.errors import Problem, UsageError
 from heavebond.basis.presentation import readable_unit
 from heavebond.basis.units import Unit, read_unit
+from heavebond.basis.writable import why_unwritable
 from heavebond.evidence.change import Change, block, quoted
 from heavebond.evidence.experiment import FIXED, Experiment, load_experiment
 from heavebond.evidence.finding import Finding
@@ -128,9 +129,9 @@ class Targets:
         if not found.folder.is_dir():
             raise UsageError([Problem("file-unwritable", f"there is no folder '{found.folder}'", None,
                                       "Make it first, or give another one.")])
-        if not os.access(found.folder, os.W_OK):
-            raise UsageError([Problem("file-unwritable", f"nothing can be written in '{found.folder}'", None,
-                                      "Give another folder.")])
+        if reason := why_unwritable(found.folder):
+            raise UsageError([Problem("file-unwritable", f"nothing can be written in '{found.folder}': {reason}", None,
+                                      "Give another one: --folder FOLDER (with `try`: --write FOLDER).")])
         return found
 
     def pair(self, k: int) -> tuple[Path, Path]:

@@ -143,6 +143,9 @@ def find(name: str | Path, head: str = "model") -> Path:
         for candidate in (root / path / f"{path.name}.yaml", root / path.parent / f"{path.name}.yaml"):
             if candidate.is_file():
                 return candidate
+    if path.is_file():
+        raise UsageError([Problem("file-suffix", f"'{name}' is no {head}: that is a YAML file", None,
+                                  f"Give the {head}, whose name ends in .yaml.")])
     known = [m.parent.name if m.stem == m.parent.name else f"{m.parent.name}/{m.stem}"
              for m in sorted(bundled("models").glob("*/*.yaml"))]
     if head == "study":

@@ -21,6 +21,12 @@ SWITCHES = {"on": 1, "yes": 1, "true": 1, "off": 0, "no": 0, "false": 0}
 BETWEEN = ("spline", "linear", "hold")
 
 
+# what a missing entry may be, where there is more to say than its name
+EXAMPLES = {"between": "`between: spline` (what moves smoothly), `linear`, or `hold` (what is switched)",
+            "use": "`use: fit` or `use: validate`", "file": "`file: name.csv`", "unit": "`unit: mm`",
+            "column": "`column: name_in_the_file`"}
+
+
 def known_keys(node: Mapping, allowed: Iterable[str], what: str, problems: Problems,
                required: Iterable[str] = ()) -> None:
     """Every key is one that `what` understands, and none of the required ones is missing."""
@@ -33,7 +39,8 @@ def known_keys(node: Mapping, allowed: Iterable[str], what: str, problems: Probl
                          hint=suggest(name, allowed) or f"Known: {', '.join(allowed)}.")
     for name in required:
         if name not in node.items and name not in meant:
-            problems.add("key-missing", f"{what} needs the entry '{name}'", node.place, hint=f"Add `{name}: ...`.")
+            problems.add("key-missing", f"{what} needs the entry '{name}'", node.place,
+                         hint=f"Add {EXAMPLES.get(name, f'`{name}: ...`')}.")
 
 
 def mapping(node: Node | None, what: str, problems: Problems, hint: str = "") -> Mapping | None:

@@ -4,11 +4,16 @@
 its steps: three to six times as many as the motion asks for. Here the pieces stand in the equations as a table over time,
 and the integrator (CVODES where there are no algebraic unknowns, which takes fewer evaluations a step than IDAS) steps over
 the samples under its error control. What a search finds is reported from runs of `Simulator`.
+
+An input that jumps at its samples (`between: hold`) has to be stopped at. Methods of several steps begin each stretch with
+their lowest order and their shortest steps; where that takes many evaluations a sample, a one-step method takes over, which
+needs a step or two.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import casadi as ca
@@ -17,20 +22,39 @@ import numpy as np
 from heavebond.basis.buffered import Buffered
 from heavebond.basis.errors import Problem, SimulationError
 from heavebond.numbers.dae import Array, Assembly
-from heavebond.numbers.initialise import Start
+from heavebond.numbers.initialise import Start, Tangent
 from heavebond.numbers.simulation import Simulator
-from heavebond.numbers.solvers import Integrator, solver_options
+from heavebond.numbers.solvers import Integrator, integrator, solver_options
+from heavebond.numbers.trace import Trace
 
-# Steps between two output points after which a candidate is given up.
-MOST_STEPS = 2000
+# Steps between two output points after which a candidate is given up: in the search, and in what is reported of it.
+MOST_STEPS, MOST_EXACT = 2000, 20_000
 # No step is longer than so many samples of the inputs: from rest an integrator would step over a short motion, and where its
 # own steps would be longer the sum of squares would be rough (they change with the parameters; these do not).
 LONGEST = 2
+# Evaluations from one sample to the next from which on a one-step method costs less, each of whose steps takes eight and a
+# Jacobian. It errs by far less than it is allowed to, as its steps end at the samples: so many times as much will do.
+RESTARTED, LOOSER = 20, 10.0
 
 
-class QuickSimulator(Simulator):
+class Unexplained(Simulator):
+    """A `Simulator` for one candidate among many: where it gives up it does so soon, and does not look for the reason, which
+    would cost further runs."""
+
+    def _integrator(self) -> Integrator:
+        return integrator(self.solver.name, self.integrand, self.stops, self.tolerances, MOST_EXACT)
+
+    def _failure(self, assembly: Assembly, first: Start, said: str) -> SimulationError:
+        return SimulationError([Problem("integration-failed", "the integration stopped")])
+
+
+class QuickSimulator(Unexplained):
     """A `Simulator` for searches. Where a diagram has events, or inputs with kinks or jumps at their samples, it is one in
     all but its messages."""
+
+    def __init__(self, *given: Any, like: Simulator | None = None, **named: Any):
+        self.one_step: bool = isinstance(like, QuickSimulator) and like.one_step
+        super().__init__(*given, like=like, **named)
 
     @property
     def looks_up(self) -> bool:
@@ -42,9 +66,10 @@ class QuickSimulator(Simulator):
         return {} if self.looks_up else super()._driven(times)
 
     def _integrator(self) -> Integrator:
-        dae = self.integrand.dae
-        solver = "idas" if dae["z"].numel() else "cvodes"
-        options = {**solver_options(solver, dae, self.tolerances), "max_num_steps": MOST_STEPS}
+        dae, looser = self.integrand.dae, LOOSER if self.one_step else 1.0
+        solver = "rosenbrock" if self.one_step else "idas" if dae["z"].numel() else "cvodes"
+        tolerances = replace(self.tolerances, rtol=looser * self.tolerances.rtol, atol=looser * self.tolerances.atol)
+        options = {**solver_options(solver, dae, tolerances), "max_num_steps": MOST_STEPS}
         given: dict[str, Any] = dict(dae)
         if self.looks_up:
             given = self._with_table()
@@ -53,6 +78,14 @@ class QuickSimulator(Simulator):
             del given["z"], given["alg"]
         outputs = list(self.stops[1:]) if len(self.stops) > 1 else [self.stops[0] + 1.0]
         return Buffered(ca.integrator("run", solver, given, float(self.stops[0]), outputs, options), ("xf", "zf"))
+
+    def attempt(self, first: Start, moved: Tangent | None = None) -> Trace:
+        found = super().attempt(first, moved)
+        stopped = bool(self.assembly.flat.inputs) and not self.looks_up
+        if stopped and not self.one_step and self.integrator.stats()["nfevals"] > RESTARTED * (len(self.stops) - 1):
+            self.one_step = True
+            self.integrator = self._integrator()
+        return found
 
     def _with_table(self) -> dict[str, ca.MX]:
         """The equations with the pieces of the inputs as a table over time."""
@@ -65,10 +98,6 @@ class QuickSimulator(Simulator):
                                 {"lookup_mode": ["binary"]})(t)
         ode, alg = right(t, x, z, p, u)
         return {"t": t, "x": x, "z": z, "p": p, "ode": ode, "alg": alg}
-
-    def _failure(self, assembly: Assembly, first: Start, said: str) -> SimulationError:
-        """Why is not asked: it would cost another run."""
-        return SimulationError([Problem("integration-failed", "the integration stopped")])
 
 
 def _sides(dae: Mapping[str, ca.SX]) -> ca.Function:

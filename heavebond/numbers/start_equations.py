@@ -66,6 +66,11 @@ class StartSystem:
         residual, jacobian = self._buffered(*point.values()).values()
         return residual.ravel(), jacobian
 
+    def standing(self, row: int) -> list[int]:
+        """The unknowns that stand in a row, whatever they do to it at a point."""
+        rows, columns = self._function.sparsity_out(1).get_triplet()
+        return [column for at, column in zip(rows, columns, strict=True) if at == row]
+
     @cached_property
     def affine(self) -> bool:
         """Whether the residuals are straight lines in the unknowns, whatever else they contain: then one step of Newton's

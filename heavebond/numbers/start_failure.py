@@ -52,7 +52,10 @@ def failure(equations: StartEquations, point: Point, residual: Array, system: St
         hint, zero = _cure(equations.assembly, point, lambda p: bool(np.all(np.isfinite(system.at(p)[0]))))
         return StartError([Problem("start-failed", "the start cannot be computed: an equation has no finite value at the "
                                    "first guess", zero or place, hint, tuple(notes))])
-    conflict = [rows[k] for k in _conflict(system, point, sizes)]
+    numbers = _conflict(system, point, sizes)
+    if len(numbers) == 1 and (problem := _unmoved(equations, system, point, numbers[0])):
+        return StartError([problem])
+    conflict = [rows[k] for k in numbers]
     own = {id(row) for row in equations.loops}
     if any(id(row) not in own for row in conflict):  # the diagram's own equations are no values to be removed
         settled = _settling(equations, system, point, sizes)
@@ -137,6 +140,36 @@ def _at_bounds(equations: StartEquations, point: Point) -> list[str]:
              *(assembly.flat.parameters[k].unit.text for k in equations.solved_for)]
     return [f"{name} was pushed to its {'lowest' if value <= a else 'highest'} value, {readable(value, unit, 6)}"
             for name, value, a, b, unit in zip(names, y, low, high, units, strict=True) if value <= a or value >= b]
+
+
+def _unmoved(equations: StartEquations, system: StartSystem, point: Point, row: int) -> Problem | None:
+    """A condition that nothing moves at the point, though it hangs on unknowns that may be elsewhere: the force of a contact
+    that is open, the flow through a valve that is shut. None for one that something moves, or that others decide."""
+    assembly, asked = equations.assembly, system.rows[row]
+    standing = system.standing(row)
+    if asked.name not in assembly.flat.names or not standing or np.any(system.at(point)[1][row]):
+        return None
+    solved = [assembly.parameter_names[k] for k in equations.solved_for]
+    names = [*assembly.state_names, *assembly.algebraic_names, *solved]
+    units = {p.name: p.unit.text for p in assembly.flat.parameters}
+    j = assembly.flat.names[asked.name]
+    value = float(np.array(assembly.values(*point.values())).ravel()[j])
+    known = {name: v for name, v in zip(assembly.parameter_names, point.p, strict=True) if name in solved}
+    first = [f"{name} (tried from {readable(float(known[name]), units[name], 4)}: `set: {{{name}: ...}}`)"
+             for name in (names[k] for k in standing) if name in known]
+    fixed = {c.name for c in equations.initial.conditions.values() if not c.guess}
+    guesses = [name for name in (names[k] for k in standing) if name not in known and name not in fixed]
+    if not first and not guesses:
+        return None
+    unknowns = {n: assembly.flat.unknowns[assembly.flat.names[n]].unit.text for n in guesses if n in assembly.flat.names}
+    speeds = {f"{unit}/s" for unit in unknowns.values()}  # they follow from the places
+    guesses = [n for n in guesses if unknowns.get(n) not in speeds]
+    begin = [*([f"a guess (`~`) for {listing(guesses, 3)}"] if guesses else []),
+             *([f"another first value for {listing(first, 3)}"] if first else [])]
+    return Problem("start-unmoved", f"{asked.label} was not reached: where the search stands it is "
+                   f"{readable(value, assembly.flat.unknowns[j].unit.text, 6)}, and nothing moves it a little", asked.place,
+                   "So it is with a contact that is open, or a valve that is shut. Begin where it acts: give "
+                   f"{', or '.join(begin)}.")
 
 
 def _contradiction(equations: StartEquations, point: Point, conflict: Sequence[StartRow], follow: str) -> Problem:
