@@ -15,7 +15,7 @@ from benchmarks.diagnosis.rigs import RIGS
 from benchmarks.diagnosis.truths import RECEIVER
 from heavebond.evidence import climbing, verdict
 from heavebond.evidence.climbing import Way, climb
-from heavebond.evidence.diagnosis import diagnose
+from heavebond.evidence.diagnosis import _noticeable, diagnose
 from heavebond.evidence.leftover import Leftover
 from heavebond.evidence.rung import Step
 from heavebond.evidence.trial import Trial
@@ -62,6 +62,10 @@ def _rung(fitted: float, held: float, error: float = 0.02) -> Any:
     comparison = SimpleNamespace(experiment=SimpleNamespace(noise_given=True),
                                  parts=[SimpleNamespace(use="validate", channels=channels)])
     return SimpleNamespace(chi2_fit=fitted, chi2_held_out=held, samples_held_out=SAMPLES, comparison=comparison)
+
+
+EMPTY = Step(None, {}, 0.0, SAMPLES, 1.0, 1.0, SAMPLES, (), Leftover(0, 0, 0, 9), (), (), None, (), {}, (),  # type: ignore[arg-type]
+             False, 0.0)
 
 
 # -- ladders of a made-up catalogue: chi-square by the effects in the diagram ----------------------------------------------
@@ -134,6 +138,21 @@ def test_less_than_an_estimated_noise_ends_the_search(monkeypatch: pytest.Monkey
     """What is near it does not: an estimate sees only a part of the noise."""
     assert climbed(monkeypatch, {"": 1000, "C": 0.9, "CD": 0.4}, given=False) == ("C", [""])
     assert climbed(monkeypatch, {"": 1000, "C": 1.2, "CD": 0.4}, given=False)[0] == "CD"
+
+
+def test_an_effect_that_hardly_takes_anything_away_is_no_finding() -> None:
+    def step(before: float, after: float, held: bool = True) -> Any:
+        found = SimpleNamespace(chi2_fit=after, chi2_held_out=after if held else float("nan"))
+        return replace(EMPTY, chi2_fit=before, chi2_held_out=before if held else float("nan"), chosen=found,
+                       cluster=(found,))
+
+    for before, after, named in ((16.1, 15.2, False), (16.1, 12.0, True), (1.05, 1.0, True), (1e6, 9e5, False)):
+        for held in (True, False):
+            made = step(before, after, held)
+            way, last = _noticeable((climbing.Added(made, ()),), made)
+            assert (len(way) == 1, last.chosen is not None) == (named, named)
+    two = (climbing.Added(step(16.1, 15.2), ()), climbing.Added(step(15.2, 1.0), ()))
+    assert _noticeable(two, two[1].step)[0] == two
 
 
 def test_an_effect_that_is_not_missed_any_more_is_taken_out(monkeypatch: pytest.MonkeyPatch) -> None:

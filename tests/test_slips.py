@@ -183,16 +183,17 @@ def test_noise_where_it_is_fitted_and_misfit_where_not_is_not_nothing() -> None:
 
 
 def test_an_estimated_noise_that_cannot_be_right_is_told() -> None:
-    """Of three channels one leaves twice its estimate (a filtered sensor), one half of it, one has its noise given."""
+    """Of four channels one leaves twice its estimate (a filtered sensor), one half of it, one has its noise given, and one
+    leaves far more than any filter would hide."""
     channels = {name: SimpleNamespace(unit="N", error=error, noise=0.02, counts=np.ones(100, bool))
-                for name, error in (("filtered", 0.04), ("quick", 0.01), ("given", 0.04))}
+                for name, error in (("filtered", 0.04), ("quick", 0.01), ("given", 0.04), ("wrong", 1.0))}
     outputs = {name: SimpleNamespace(noise=0.02 if name == "given" else None) for name in channels}
     comparison = SimpleNamespace(parts=(SimpleNamespace(use="validate", channels=channels),),
                                  experiment=SimpleNamespace(outputs=outputs))
     step = SimpleNamespace(left=SimpleNamespace(significant=True), partial=False, at_end=())
     told = verdict.words("undetermined", [Rung("rig", 1.1, 0.4, 9.0, 9.0, comparison)],  # type: ignore[arg-type]
                          [], [step], None)  # type: ignore[list-item]
-    assert "`noise: 0.04 N` at filtered: then" in told[1] and "given" not in told[1]
+    assert "`noise: 0.04 N` at filtered: then" in told[1] and "given" not in told[1] and "wrong" not in told[1]
     assert "noise is left in quick, which" in told[2]
 
 

@@ -8,7 +8,7 @@ place and a curve. Where the records cannot tell candidates apart, all are named
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -29,7 +29,7 @@ from heavebond.evidence.rivals import Alternative
 from heavebond.evidence.rung import Step, following, learnt, single, step
 from heavebond.evidence.separation import Separation, separate
 from heavebond.evidence.trial import Trial
-from heavebond.evidence.verdict import explained, unexplained, verdict, words
+from heavebond.evidence.verdict import explained, unexplained, verdict, words, worth_it
 
 SEVERAL = "More than one effect may be missing: --auto looks for several that explain it together."
 
@@ -106,11 +106,8 @@ def diagnose(experiment: Experiment | str | Path, *, auto: bool = False, number:
         return step(experiment, number=number, seconds=seconds, classes=classes, thorough=not way,
                     progress=lambda text: say(f"step {len(way) + 1}{beside}: {text}"))
 
-    part = excerpt(experiment, ladder[-1].comparison, samples)
-    way, last = climb(_at(part, base), stepping, say, MOST if auto else 1)
-    if part is not experiment and not last.left.significant and not last.partial:
-        part = experiment  # what is missing may show later in the records
-        way, last = climb(_at(part, base), stepping, say, MOST if auto else 1)
+    part, way, last = _climbed(experiment, excerpt(experiment, ladder[-1].comparison, samples),
+                               lambda now: climb(_at(now, base), stepping, say, MOST if auto else 1))
     # the last step made may be that of the last effect itself
     steps = [*(added.step for added in (way[:-1] if way and last.chosen is way[-1].chosen else way)), last]
     with finishing(say):
@@ -129,6 +126,24 @@ def diagnose(experiment: Experiment | str | Path, *, auto: bool = False, number:
             *_limits(classes, cut(part, experiment)))
     return Diagnosis(experiment, said, told, tuple(ladder), tuple(findings), tuple(steps), shape, base,
                      _noise(ladder[0].comparison), clock.perf_counter() - began, apart, part)
+
+
+def _climbed(experiment: Experiment, part: Experiment, climbing: Callable[[Experiment], tuple[Way, Step]]
+             ) -> tuple[Experiment, Way, Step]:
+    """The ladder that is found on a part of the records; on the whole where the part shows nothing, as what is missing may
+    show later. With what it was found on."""
+    way, last = climbing(part)
+    if part is experiment or last.left.significant or last.partial:
+        return part, *_noticeable(way, last)
+    return experiment, *_noticeable(*climbing(experiment))
+
+
+def _noticeable(way: Way, last: Step) -> tuple[Way, Step]:
+    """A ladder without a single effect that hardly takes anything away: beside what no law explains (the noise of a measured
+    input) some law always takes a few percent, beyond chance, and would be a name for nothing."""
+    if len(way) != 1 or worth_it(way[0].step):
+        return way, last
+    return (), replace(way[0].step, chosen=None, cluster=(), partial=last.partial)
 
 
 def _limits(classes: Sequence[str], looked: str) -> list[str]:
@@ -270,7 +285,7 @@ def _shape(experiment: Experiment, given: Experiment, number: int | None, second
     """The learnt curve that leaves least, where one earns its place, fitted to the whole of the records."""
     made = learnt(experiment, number=number, seconds=seconds)
     with finishing(lambda text: None):
-        return _finding(Added(made, made.cluster), given) if made.chosen is not None else None
+        return _finding(Added(made, made.cluster), given) if made.chosen is not None and worth_it(made) else None
 
 
 def _noise(comparison: Comparison) -> dict[str, tuple[float, str, bool]]:

@@ -35,7 +35,7 @@ def excerpt(experiment: Experiment, compared: Comparison, samples: int | None = 
         end = _end(found, most if found.use == "fit" else CHECKING * most)
         if end is not None:
             records[found.name] = replace(records[found.name], end=end)
-    return replace(experiment, records=records)
+    return replace(experiment, records=records) if records != experiment.records else experiment
 
 
 def as_long_as(other: Experiment, experiment: Experiment) -> Experiment:

@@ -26,17 +26,20 @@ NEARLY = 0.9
 GONE = 1 - (1 - 0.85) ** 2
 GONE_ESTIMATED = 0.85
 LARGE = 0.15  # error, as a share of what was measured, beyond which no name is given however much is gone
-FURTHER = 0.2  # share of what is left that a further step must take away
+FURTHER = 0.2  # share of what is left above the noise that an effect must take away, alone or as a further one
+FILTERED = 5.0  # times an estimated noise that noise behind a filter may be; beyond it is no noise
 LESS = 0.7  # of an estimated noise: a model that leaves less shows that the estimate is too large
 CHANCE = 0.005  # p value below which fitted parameters are better than those of the data sheet
 STILL = 3.0  # channels whose own motion is below this many times their noise tell nothing
 
 
 def worth_it(step: Step) -> bool:
-    """Whether a further effect takes away a noticeable part of what is left above the noise."""
+    """Whether the effect of a step takes away a noticeable part of what is left above the noise (where nothing was held out:
+    of what was fitted)."""
     assert step.chosen is not None
-    above = max(step.chi2_held_out - 1.0, 1e-9)
-    return (step.chi2_held_out - step.chosen.chi2_held_out) / above > FURTHER
+    before, after = (step.chi2_held_out, step.chosen.chi2_held_out) if math.isfinite(step.chi2_held_out) else \
+        (step.chi2_fit, step.chosen.chi2_fit)
+    return (before - after) / max(before - 1.0, 1e-9) > FURTHER
 
 
 def explained(ladder: Sequence[Rung], findings: Sequence[Finding]) -> bool:
@@ -147,7 +150,7 @@ def _of_estimates(best: Rung) -> list[str]:
     """What to do about channels whose estimated noise is far from what the best model leaves there."""
     outputs = best.comparison.experiment.outputs
     own = [m for m in misses(best) if outputs[m.channel].noise is None]
-    more = [f"`noise: {m.words}` at {m.channel}" for m in own if m.error > math.sqrt(NEAR) * m.noise]
+    more = [f"`noise: {m.words}` at {m.channel}" for m in own if math.sqrt(NEAR) < m.error / m.noise < FILTERED]
     less = [m.channel for m in own if m.error < LESS * m.noise]
     return [*([f"The noise is estimated, and an estimate sees only what is white. If what is left is the sensor's own (a "
                f"filter, a slow swaying), write {listing(more, 3)}: then no more is sought in it."] if more else []),
@@ -214,7 +217,8 @@ def _undetermined(ladder: Sequence[Rung], findings: Sequence[Finding], steps: Se
             "the model is fitted; give a longer or livelier record `use: fit`."
     if not steps[0].left.significant:
         return "Not to be told from these records: no channel moves by more than a few times its noise."
-    return "More than noise is left, but nothing in the catalogue lowers the error on what was not fitted."
+    return "More than noise is left, but nothing in the catalogue takes a noticeable part of it away where nothing was " \
+        "fitted. The noise of a measured input, or parameters that change with time or temperature, leave such."
 
 
 _WORDS: dict[str, Callable[..., str]] = {

@@ -80,8 +80,16 @@ class QuickSimulator(Unexplained):
         return Buffered(ca.integrator("run", solver, given, float(self.stops[0]), outputs, options), ("xf", "zf"))
 
     def attempt(self, first: Start, moved: Tangent | None = None) -> Trace:
-        found = super().attempt(first, moved)
         stopped = bool(self.assembly.flat.inputs) and not self.looks_up
+        try:
+            found = super().attempt(first, moved)
+        except RuntimeError:
+            # behind a jump of what is held CVODES may go on with the slope before it, and give up where something is quick
+            if self.one_step or not stopped or self.switching is not None:
+                raise
+            self.one_step = True
+            self.integrator = self._integrator()
+            return super().attempt(first, moved)
         if stopped and not self.one_step and self.integrator.stats()["nfevals"] > RESTARTED * (len(self.stops) - 1):
             self.one_step = True
             self.integrator = self._integrator()
