@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from heavebond.basis.units import UnitProblem, dimension_text, read_unit
+from heavebond.basis.units import Unit, UnitProblem, dimension_text, read_unit
 
 if TYPE_CHECKING:
     import numpy as np
@@ -99,6 +99,11 @@ def number(value: float, digits: int = 5) -> str:
         text = f"{value:.{decimals}f}"
         return text.rstrip("0").rstrip(".") if "." in text else text
     return f"{value:.{max(0, digits - 2)}e}"
+
+
+def in_unit(value: float, unit: Unit, digits: int) -> str:
+    """An SI value as a number in a unit, to `digits` significant digits."""
+    return number(unit.from_si(value), digits)
 
 
 def path_text(path: Path) -> str:

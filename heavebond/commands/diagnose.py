@@ -11,7 +11,6 @@ import click
 from heavebond.commands.arguments import check_writable, json_option
 
 if TYPE_CHECKING:
-    from heavebond.basis.units import Unit
     from heavebond.evidence.diagnosis import Diagnosis
     from heavebond.evidence.experiment import Experiment
     from heavebond.evidence.finding import Finding
@@ -138,7 +137,7 @@ def _ranking(step: Step, which: str) -> object:
 
 def parameters(finding: Finding) -> object:
     """The numbers of an effect with their intervals, as a table."""
-    from heavebond.basis.presentation import readable_unit
+    from heavebond.basis.presentation import in_unit, readable_unit
     from heavebond.basis.units import read_unit
     from heavebond.commands import terminal
     from heavebond.evidence.finding import meaning
@@ -147,16 +146,9 @@ def parameters(finding: Finding) -> object:
     for p in finding.parameters:
         unit = read_unit(readable_unit(p.unit, p.value))
         name = "" if unit.text in ("1", "") else f" {unit.text}"
-        written = partial(_in, unit)
+        written = partial(in_unit, unit=unit, digits=4)
         end = f", at its {p.ended} end" if p.ended else ""
         rows.append((p.name, f"{written(p.value)}{name}", p.known(written, name),
                      f"{written(p.low)} .. {written(p.high)}{name}{end}", meaning(finding.fit, p.name)))
     return terminal.table(f"{finding.candidate.kind} {finding.candidate.place}",
                           ("parameter", "fitted", "95 % interval", "sought in", "what it is"), rows)
-
-
-def _in(unit: Unit, value: float) -> str:
-    """A value in SI as a number in a unit."""
-    from heavebond.basis.presentation import number
-
-    return number(unit.from_si(value), 4)

@@ -13,7 +13,6 @@ import click
 from heavebond.commands.arguments import check_new, check_picture, json_option, picture_option
 
 if TYPE_CHECKING:
-    from heavebond.basis.units import Unit
     from heavebond.evidence.experiment import Experiment
     from heavebond.evidence.fitting import Fit
 
@@ -97,27 +96,20 @@ def _check_free(given: Experiment, names: Sequence[str]) -> None:
 
 def parameters(found: Fit) -> object:
     """The fitted parameters with their intervals, as a table."""
-    from heavebond.basis.presentation import number
+    from heavebond.basis.presentation import in_unit
     from heavebond.commands import terminal
 
     rows = []
     for p in found.parameters:
         name = p.name + (f" ({p.record})" if p.record else "")
         unit = found.experiment.free[p.name].range.unit
-        before, value, least, most = (number(unit.from_si(v), digits) for v, digits in (
+        before, value, least, most = (in_unit(v, unit, digits) for v, digits in (
             (p.before, 6), (p.value, p.digits), (p.low, 6), (p.high, 6)))
         of = "" if unit.text in ("1", "") else f" {unit.text}"
-        rows.append((name, f"{before}{of}", f"{value}{of}", p.known(partial(_in, unit, p.digits), of),
+        rows.append((name, f"{before}{of}", f"{value}{of}", p.known(partial(in_unit, unit=unit, digits=p.digits), of),
                      f"{least} .. {most}{of}" + (f", at its {p.at_bound} end" if p.at_bound else "")))
     return terminal.table(f"{found.experiment.name}: {found.samples} samples, chi-square {found.chi2:.4g} a sample",
                           HEAD, rows)
-
-
-def _in(unit: Unit, digits: int, value: float) -> str:
-    """A value in SI as a number in a unit."""
-    from heavebond.basis.presentation import number
-
-    return number(unit.from_si(value), digits)
 
 
 def _records(found: Fit) -> object:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 
 from heavebond.basis.errors import listing
-from heavebond.basis.presentation import count, number, readable, readable_unit, unit_label
+from heavebond.basis.presentation import count, in_unit, number, readable, readable_unit, unit_label
 from heavebond.basis.units import Unit, read_unit
 from heavebond.evidence.diagnosis import Diagnosis
 from heavebond.evidence.finding import meaning
@@ -146,8 +147,8 @@ def _span(least: str, most: str) -> str:
 def valued(p: Fitted) -> tuple[str, str]:
     """A value and what the records tell of it, in one unit."""
     unit, label = shown_unit(p.unit, p.value)
-    value = number(unit.from_si(p.value), p.digits)
-    return value + label, p.known(lambda end: number(unit.from_si(end), p.digits), label, "…")
+    written = partial(in_unit, unit=unit, digits=p.digits)
+    return written(p.value) + label, p.known(written, label, "…")
 
 
 def explained(name: str, says: str) -> Html:
@@ -165,7 +166,7 @@ def _ended(value: str, p: Fitted) -> Html:
 def in_one_unit(unit: str, size: float, values: Sequence[float], digits: int = 5) -> list[str]:
     """Values in SI in the unit that suits `size`, each with it."""
     shown, label = shown_unit(unit, size)
-    return [number(shown.from_si(value), digits) + label for value in values]
+    return [in_unit(value, shown, digits) + label for value in values]
 
 
 def shown_unit(unit: str, size: float) -> tuple[Unit, str]:
