@@ -24,7 +24,7 @@ RANKED = 12  # candidates that are shown
 @click.argument("experiment")
 @click.option("--auto", is_flag=True, help="Add effect after effect until nothing more earns its place.")
 @click.option("--only", "classes", metavar="CLASS", multiple=True, help="Try effects of this class only. May be repeated.")
-@click.option("--seconds", type=click.FloatRange(0, min_open=True), default=300.0, show_default=True,
+@click.option("--seconds", type=click.FloatRange(0, min_open=True), default=600.0, show_default=True,
               help="Begin no refit after so long in a step.")
 @click.option("--processes", type=click.IntRange(1), help="Processes that search side by side [default: all processors].")
 @click.option("--samples", type=click.IntRange(100), metavar="N", help="Search on the beginning of what is fitted, so many "

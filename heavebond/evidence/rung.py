@@ -32,7 +32,7 @@ CLOSELY = 6  # trials at most are followed to the very end before they are compa
 CLOSE = 0.05  # those within this share of the logarithm of chi-square of the best
 AS_ONE = 1e-6  # nodes move as one that differ by less than this share of the largest value
 STEADY = 0.01  # what varies by less than this share of its size is steady
-SECONDS = 300.0  # after which no refit is begun
+SECONDS = 600.0  # of refits, after which none is begun
 # A candidate earns its place where chi-square on what was not fitted falls by this, in units of what is left: normal
 # deviations of some 3 squared would come by chance once in a thousand tries.
 EARNED = 12.0
@@ -115,7 +115,7 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
             left = leftover(base, scores)
             if left.significant or always:
                 leading, rest, twins = planned(scores, _as_one(courses))
-                partial = not refits.make(leading, rest if thorough else [], began + seconds)
+                partial = not refits.make(leading, rest if thorough else [], clock.perf_counter() + seconds)
                 say("comparing the best closely")
                 refits.trials |= _polished(workers, list(refits.trials.values()), {c.label: g for c, g in (*leading, *rest)})
         except KeyboardInterrupt:
