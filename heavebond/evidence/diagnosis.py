@@ -89,11 +89,11 @@ def diagnose(experiment: Experiment | str | Path, *, auto: bool = False, number:
              classes: Sequence[str] = (), samples: int | None = None, progress: Progress | None = None) -> Diagnosis:
     """Find out which effect the diagram of an experiment lacks.
 
-    One step, or with `auto` the ladder of several effects that leaves least (see `evidence.climbing`); `number` processes
-    (by default as many as there are processors); no refit is begun after `seconds` of refits in a step; `classes` narrows the
-    catalogue; the search looks at so many `samples` of long records (see `evidence.excerpts`), and what it finds is fitted
-    to all of them. Ctrl-C ends the search with what was found so far. Raises ModelError and DataError where the experiment
-    is wrong, UsageError where no record is to be fitted.
+    One step, or with `auto` the ladder of several effects that leaves least (see `evidence.climbing`); `number`
+    processes (by default as many as there are processors); a step begins no refit after `seconds` of them; `classes`
+    narrows the catalogue; the search looks at so many `samples` of long records (see `evidence.excerpts`), and what it
+    finds is fitted to all of them. Ctrl-C ends the search with what was found so far. Raises ModelError and DataError
+    where the experiment is wrong, UsageError where no record is to be fitted.
     """
     began = clock.perf_counter()
     experiment = _loaded(experiment)
