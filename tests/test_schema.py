@@ -18,6 +18,7 @@ from heavebond.analysis.schema_values import written_units
 from heavebond.basis.units import unit
 from heavebond.cli import main
 from heavebond.evidence import experiment
+from heavebond.language import component_file as component_files
 from heavebond.language import effects, library, model
 from heavebond.studies import study
 
@@ -71,7 +72,7 @@ def test_every_file_of_the_documentation_is_valid(page: Path, tmp_path: Path) ->
 @pytest.mark.parametrize(("made", "keys"), [
     (diagram(), model.MODEL_KEYS), (experiment_file(), experiment.EXPERIMENT_KEYS), (study_file(), study.STUDY_KEYS),
     (study_file()["properties"]["tune"], study.TUNE_KEYS),
-    (component_file(library.library()), library.COMPONENT_KEYS),
+    (component_file(library.library()), component_files.COMPONENT_KEYS),
     (experiment_file()["properties"]["records"]["additionalProperties"], experiment.RECORD_KEYS),
     (component_file(library.library())["properties"]["effect"], effects.KEYS),
 ])
