@@ -193,8 +193,9 @@ def learnt(finding: Finding) -> Html:
     kept = order[np.unique(np.linspace(0, len(order) - 1, 400).astype(int))]
     units = [runs[0].unit(name) for name in names]
     (across, per_x), (up, per_y) = _shown(units[0], x), _shown(units[1], y)
+    axes = [name.replace(f"{finding.candidate.name}.", "") for name in names]  # whose variables they are the heading says
     drawn = over([], [Line(x[kept] * per_x, y[kept] * per_y, LAW)], title="learnt curve", size=(518.0, 300.0),
-                 across=f"{names[0]} [{unit_label(across)}]", up=f"{names[1]} [{unit_label(up)}]",
+                 across=f"{axes[0]} [{unit_label(across)}]", up=f"{axes[1]} [{unit_label(up)}]",
                  label=f"The learnt curve of {names[1]} over {names[0]}")
     return element("figure", drawn, element("figcaption", "The learnt law, as far as the records went: "
                                             f"{finding.candidate.says} {finding.candidate.place}."))
