@@ -42,6 +42,13 @@ class Sized:
     amplitude: bool
     neutral: float = 0.0
 
+    @property
+    def follows(self) -> str:
+        """The full name of the variable by whose motion it is sought or held; empty where a range is given."""
+        if self.sought is None or self.sought.range is not None:
+            return ""
+        return f"{self.name.rpartition('.')[0]}.{self.sought.seen}"
+
 
 @dataclass(frozen=True)
 class Candidate:

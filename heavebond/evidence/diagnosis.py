@@ -26,7 +26,7 @@ from heavebond.evidence.experiment import Experiment, load_experiment
 from heavebond.evidence.finding import Finding, Rung, rung, with_limits
 from heavebond.evidence.fitting import Fit, fit
 from heavebond.evidence.rivals import Alternative
-from heavebond.evidence.rung import Step, following, learnt, single, step
+from heavebond.evidence.rung import SECONDS, Step, following, learnt, single, step
 from heavebond.evidence.separation import Separation, separate
 from heavebond.evidence.trial import Trial
 from heavebond.evidence.verdict import explained, unexplained, verdict, words, worth_it
@@ -85,7 +85,7 @@ def _ranked(step: Step) -> list[dict[str, object]]:
 
 
 @single_threaded
-def diagnose(experiment: Experiment | str | Path, *, auto: bool = False, number: int | None = None, seconds: float = 600.0,
+def diagnose(experiment: Experiment | str | Path, *, auto: bool = False, number: int | None = None, seconds: float = SECONDS,
              classes: Sequence[str] = (), samples: int | None = None, progress: Progress | None = None) -> Diagnosis:
     """Find out which effect the diagram of an experiment lacks.
 

@@ -114,8 +114,7 @@ def with_limits(candidate: Candidate, fit: Fit) -> Fit:
     """The fit with those numbers of an effect marked that are limits (sought where a variable of the part moves) and that
     the variable does not reach on the fitted records: beyond its largest or smallest value there, with nothing that bounds
     them on that side."""
-    limits = {n.name: f"{n.name.rpartition('.')[0]}.{n.sought.seen}" for n in candidate.numbers
-              if n.sought is not None and n.sought.range is None and not n.sought.held}
+    limits = {n.name: n.follows for n in candidate.numbers if n.follows and n.sought is not None and not n.sought.held}
     runs = [record.result for record in fit.after.records.values() if record.use == "fit"]
     return replace(fit, parameters=tuple(
         _limited(p, np.hstack([Probe(run.assembly, [limits[p.name]], si=True).values(run)[0] for run in runs]))

@@ -93,7 +93,7 @@ def unexplained(trials: Iterable[Trial]) -> bool:
 
 
 def planned(scores: Sequence[Score], as_one: Mapping[str, str]
-             ) -> tuple[list[Job], list[Job], dict[str, tuple[str, ...]]]:
+            ) -> tuple[list[Job], list[Job], dict[str, tuple[str, ...]]]:
     """What is refitted first, what after that, and which candidates are the same as one of them. After a strong misfit a
     score names class and place rather than the law: all laws of one class at one place come together, the largest gain of
     any of them first."""

@@ -124,8 +124,7 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
     return _judged(base, (held, n_held), left, scores, trials, twins, partial, clock.perf_counter() - began)
 
 
-def _polished(workers: Workers, trials: Sequence[Trial], guesses: Mapping[str, Sequence[Score]]
-              ) -> dict[str, Trial]:
+def _polished(workers: Workers, trials: Sequence[Trial], guesses: Mapping[str, Sequence[Score]]) -> dict[str, Trial]:
     """The trials that are near the best, followed to the end of their valleys: near on all samples or on those that were
     fitted, as one that has not arrived may miss the others by much."""
     order = sorted(trials, key=merit)

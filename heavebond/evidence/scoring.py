@@ -413,8 +413,7 @@ def shape_ranges(candidate: Candidate, runs: Sequence[Run], base: Base, beyond: 
 def _seen(numbers: Sequence[Sized], runs: Sequence[Run], base: Base) -> dict[str, tuple[float, float]]:
     """For each number that is sought or held by the motion of a variable, between what values that moves in the base
     model."""
-    variables = {n.name: f"{n.name.rpartition('.')[0]}.{n.sought.seen}" for n in numbers
-                 if n.sought is not None and n.sought.range is None}
+    variables = {n.name: n.follows for n in numbers if n.follows}
     if not variables:
         return {}
     names = list(dict.fromkeys(variables.values()))

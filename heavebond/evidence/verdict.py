@@ -129,7 +129,7 @@ def words(said: str, ladder: Sequence[Rung], findings: Sequence[Finding], steps:
     found = [p for f in findings for p in f.parameters]
     for p in found:
         if p.unreached is not None:
-            side = "above" if p.value >= p.unreached else "below"
+            side = "below" if p.told[0] is None else "above"
             lines.append(f"{p.name} is not reached in the records that were fitted: all they tell is that it lies {side} "
                          f"{readable(p.unreached, p.unit, 3)}.")
     if unsure := [p.name for p in found if p.ended]:
