@@ -38,7 +38,8 @@ def test_a_page_tells_restrictions_first_and_everything_that_the_file_says() -> 
 
 def test_blocks_events_and_dormant_effects_have_their_words() -> None:
     assert "`sample` happens again and again, every `T_s`" in MADE["signal/sample_hold.md"]
-    assert "Dormant inside: **entrained air**, `air`, absent at 0, sought from 0 to 0.05." in MADE["hydraulic/cylinder.md"]
+    assert "Dormant inside: **entrained air**, `air`, absent at 0, sought from 0 to 0.05; it wakes with `n_air`." \
+        in MADE["hydraulic/cylinder.md"]
     assert "[Spring](translational/spring.md)" in MADE["index.md"]
     assert "| ![](spring.svg) | [Spring](spring.md) | Linear translational spring. |" in MADE["translational/index.md"]
 

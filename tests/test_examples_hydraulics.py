@@ -43,7 +43,10 @@ def haaland(Re: float, roughness: float) -> float:
 
 def air_compressed(p: float, share: float, beta: float = 1.4e9, p_a: float = 101325.0) -> float:
     """Volume per volume that oil with air gives way from 0 to p: the integral of its compressibility."""
-    return float(p/beta + share*10*(np.arctan(10*(1 + p/p_a)) - np.arctan(10)))
+    def left(x: float) -> float:   # volume of the air, 1 at the atmosphere's pressure but for the softening
+        return 2/(x + np.sqrt(x**2 + 0.01))
+
+    return float(p/beta + share*(left(1) - left(1 + p/p_a)))
 
 
 def second_order(t: float, f: float, zeta: float) -> float:
@@ -326,7 +329,7 @@ simulate: {until: 2 s, every: 10 ms}
         leak = 1e-12*(p_A - p_B)
 
         def k(p: float) -> float:
-            return 1/1.1e9 + 0.005/P_A/((1 + p/P_A)**2 + 0.01)
+            return 1/1.1e9 + 0.005/P_A/(1 + p/P_A)**2
 
         return [v, (20e-4*p_A - 12e-4*p_B - 50e3*x - 5e3*v)/500,
                 (q_A - leak - 20e-4*v)/((0.8e-3 + 20e-4*x)*k(p_A)), (q_B + leak + 12e-4*v)/((0.6e-3 - 12e-4*x)*k(p_B)),

@@ -109,7 +109,7 @@ def test_the_library_tells_what_is_taken_from_the_fluid(capsys: pytest.CaptureFi
 def test_check_says_what_fills_a_circuit() -> None:
     with_oil, without = (summary(hb.assemble(hb.loads(text)), None).media for text in (CIRCUIT, WITHOUT))
     assert with_oil == ("oil (Fluid) fills the circuit of line, back: beta 12000 bar, air 0, p_a 1.0132 bar, "
-                        "rho 900 kg/m**3",)
+                        "n_air 1, rho 900 kg/m**3",)
     assert without == ("no Fluid in the circuit of line, back; usual values for can.beta, hole.rho: beta 14000 bar, "
                        "rho 870 kg/m**3",)
 
