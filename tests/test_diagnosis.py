@@ -20,6 +20,7 @@ from heavebond.evidence.diagnosis import Diagnosis, diagnose
 from heavebond.evidence.finding import rung as rung_of
 from heavebond.evidence.fitting import Fitted, fit
 from heavebond.evidence.separation import Extra
+from heavebond.evidence.trial import Trial
 from heavebond.language.model import load
 from heavebond.numbers.simulation import simulate
 
@@ -97,6 +98,14 @@ def test_a_law_that_could_bend_further_but_does_not_is_no_rival(tmp_path: Path) 
     noise = 1 + leftover.SIGMAS * (2 / best.samples_held_out) ** 0.5
     for left, alike in ((noise - 1e-3, True), (noise + 0.1, False)):
         again = rung.choosing(replace(made, trials=(best, replace(other, chi2_held_out=left, slack=0.0))), best)
+        assert (len(again.cluster) == 2) is alike
+    # where neither law reaches the noise, up to 2.5 times the best's error above it is a matter of their forms
+    def inexact(trial: Trial, left: float) -> Trial:
+        return replace(trial, cost=left * trial.samples, chi2_fit=left, chi2_held_out=left, slack=0.0)
+
+    near = inexact(best, 4.0)
+    for left, alike in ((1 + 3 * 2.4**2, True), (1 + 3 * 2.7**2, False)):
+        again = rung.choosing(replace(made, trials=(near, inexact(other, left))), near)
         assert (len(again.cluster) == 2) is alike
     stiffness = fit(rung.following(made)).parameters[-1]  # 1e6 N/m, sought from 1e4 to 1e10: near neither end
     assert stiffness.name == "series_compliance.c" and not stiffness.at_bound

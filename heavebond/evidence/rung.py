@@ -27,7 +27,9 @@ from heavebond.numbers.dae import Array
 
 UNKNOWN = "unknown law"  # the class of learnt curves: a shape, no name
 NEARLY = 0.1  # share of what the best takes away that a rival may leave, where the noise is not given,
-RIVALS = 0.25  # share of what the best misses the noise by that a rival may miss more
+# and times the error above the noise of the best that a rival's may be where the noise is given and the best misses it: laws
+# that are not exact have been seen to leave twice what a wrong one at its place does, and a fourth of what others leave
+RIVALS = 2.5
 CLOSELY = 6  # trials at most are followed to the very end before they are compared,
 CLOSE = 0.05  # those within this share of the logarithm of chi-square of the best
 AS_ONE = 1e-6  # nodes move as one that differ by less than this share of the largest value
@@ -293,15 +295,18 @@ def _fallen(before: float, trial: Trial) -> float:
 def indistinct(best: Trial, before: float) -> float:
     """Refits whose merit is no more than this behind the best are not told from it: strong evidence in BIC is 10 (R. E.
     Kass, A. E. Raftery, 1995, doi:10.1080/01621459.1995.10476572); and as no law is exact, 0.3 % of chi-square besides.
-    Where the noise is given and the best misses it, a rival that misses it by a quarter more is not excluded: both are then
-    laws that are not exact. Where it is estimated it says little of how exact a law could be: a rival that takes away nine
-    tenths of what the best does (from the merit `before`) is not excluded."""
+    Where the noise is given and the best misses it, a rival with up to 2.5 times its error above the noise is not excluded:
+    both are then laws that are not exact, and which of them comes nearer is a matter of their forms. Where it is estimated
+    it says little of how exact a law could be: a rival that takes away nine tenths of what the best does (from the merit
+    `before`) is not excluded."""
     exact = 10.0 + 0.003 * (best.samples + best.samples_held_out)
     if not best.experiment.noise_given:
         return exact + NEARLY * (before - merit(best)) * (best.chi2_held_out > 2)
-    missed = sum(n * max(0.0, float(np.log(max(c, 1e-300)))) for n, c in
-                 ((best.samples, best.chi2_fit), (best.samples_held_out, best.chi2_held_out)) if n)
-    return exact + RIVALS * missed
+    held = (best.chi2_held_out, best.samples_held_out) if best.samples_held_out else (best.chi2_fit, best.samples)
+    if is_noise(best.chi2_fit, *held):
+        return exact
+    return exact + sum(n * float(np.log((1 + RIVALS**2 * (c - 1)) / c)) for n, c in
+                       ((best.samples, best.chi2_fit), (best.samples_held_out, best.chi2_held_out)) if n and c > 1)
 
 
 def following(before: Step) -> Experiment:

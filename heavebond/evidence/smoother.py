@@ -110,7 +110,8 @@ class Unknown:
                 # or a state so far from any sample, that the shorter form leaves nothing but rounding
                 p = p - gain[:, :, None] * towards[:, None, :]
                 p = p + (gain - (p @ rows[:, :, None])[:, :, 0])[:, :, None] * gain[:, None, :]
-                constant += np.log(2 * np.pi * variance)
+                # rounding may still leave no covariance, in a model whose states run away: such an input is no explanation
+                constant += np.log(2 * np.pi * np.where(variance > 0, variance, np.inf))
                 scaled = wrong / variance[:, None]
                 squares += scaled[:, :, None] * wrong[:, None, :]
                 if keep is not None:
