@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
@@ -17,11 +18,13 @@ from heavebond.cli import main
 from heavebond.evidence import leftover, refits, rung, verdict
 from heavebond.evidence.comparison import compare
 from heavebond.evidence.diagnosis import Diagnosis, diagnose
+from heavebond.evidence.experiment import Experiment, load_experiment
 from heavebond.evidence.finding import rung as rung_of
 from heavebond.evidence.fitting import Fitted, fit
+from heavebond.evidence.fixed_values import fixed_values
 from heavebond.evidence.separation import Extra
 from heavebond.evidence.trial import Trial
-from heavebond.language.model import load
+from heavebond.language.model import load, loads
 from heavebond.numbers.simulation import simulate
 
 NAMES = {"parameters", "noise", "limits"}  # what holds entries by names that are not keys
@@ -68,6 +71,36 @@ def test_wrong_values_are_parameters(tmp_path: Path) -> None:
     said = found(tmp_path, "receiver", [], ["leakage", "choked flow"], share=0.9)
     assert said.verdict == "parameters"
     assert said.ladder[0].chi2_held_out > 10 > 1.2 > said.ladder[1].chi2_held_out
+
+
+@pytest.fixture
+def too_heavy(tmp_path: Path) -> Experiment:
+    """A record of the cart, and a diagram in which it weighs 4 kg; its mass is not free."""
+    model = loads(RIG)
+    (tmp_path / "rig.yaml").write_text(RIG.replace("2.5 kg", "4 kg"))
+    run = simulate(model, until=12, every=0.04)
+    measured = run["load.x"] + 5e-4 * np.random.default_rng(1).standard_normal(len(run.time))
+    columns = {"time [s]": run.time, "foot.u [m]": run["base.x"], "load.x [m]": measured}
+    np.savetxt(tmp_path / "monday.csv", np.column_stack(list(columns.values())), "%.9g", ",", header=",".join(columns),
+               comments="")
+    (tmp_path / "rig_monday.yaml").write_text(MEASURED)
+    return load_experiment(tmp_path / "rig_monday.yaml")
+
+
+def test_a_wrong_value_that_is_held_fixed_is_told_where_no_effect_explains(too_heavy: Experiment) -> None:
+    said = diagnose(too_heavy, classes=["dry friction", "value of a parameter"], number=1)
+    assert said.verdict == "parameters"
+    (finding,) = said.findings
+    assert finding.candidate.name == "cart.m"
+    low, high = finding.parameters[0].interval
+    assert low < 2.5 < high
+    assert "cart.m at 2.5" in said.words[0] and "in the diagram 4 kg" in said.words[0]
+    assert said.ladder[-1].chi2_held_out < 1.2 < 10 < said.ladder[1].chi2_held_out
+
+
+def test_what_may_be_wrong_is_what_a_diagram_gives(too_heavy: Experiment) -> None:
+    # not what is free, sleeps or is zero
+    assert [c.name for c in fixed_values(too_heavy)] == ["damper.d", "cart.m"]
 
 
 def test_an_effect_is_named_with_its_place_and_size(tmp_path: Path) -> None:

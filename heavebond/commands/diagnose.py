@@ -95,8 +95,9 @@ def check_classes(experiment: Experiment, classes: tuple[str, ...]) -> None:
     """UsageError for a class that the catalogue does not have for this diagram."""
     from heavebond.basis.errors import Problem, UsageError, listing, suggest
     from heavebond.evidence.catalogue import candidates
+    from heavebond.evidence.fixed_values import VALUE
 
-    known = sorted({c.kind for c in candidates(experiment)}) if classes else []
+    known = sorted({VALUE, *(c.kind for c in candidates(experiment))}) if classes else []
     for name in classes:
         if name not in known:
             raise UsageError([Problem("class-unknown", f"no effect of class '{name}' fits in this diagram", None,

@@ -25,11 +25,12 @@ from heavebond.evidence.excerpts import as_long_as, cut, excerpt
 from heavebond.evidence.experiment import Experiment, load_experiment
 from heavebond.evidence.finding import Finding, Rung, rung, with_limits
 from heavebond.evidence.fitting import Fit, fit
+from heavebond.evidence.fixed_values import VALUE
 from heavebond.evidence.rivals import Alternative
-from heavebond.evidence.rung import SECONDS, Step, following, learnt, single, step
+from heavebond.evidence.rung import SECONDS, Step, following, learnt, revalued, single, step
 from heavebond.evidence.separation import Separation, separate
 from heavebond.evidence.trial import Trial
-from heavebond.evidence.verdict import explained, unexplained, verdict, words, worth_it
+from heavebond.evidence.verdict import explained, near_noise, unexplained, verdict, words, worth_it
 
 SEVERAL = "More than one effect may be missing: --auto looks for several that explain it together."
 
@@ -37,7 +38,8 @@ SEVERAL = "More than one effect may be missing: --auto looks for several that ex
 @dataclass(frozen=True)
 class Diagnosis:
     """What was found. `ladder` begins with the diagram as it stands and the same with its free parameters fitted;
-    `findings` and `steps` go together, but for a last step that found nothing. `shape` is the learnt curve that lowers the
+    `findings` and `steps` go together, but for a last step that found nothing; a fixed value that explains what no effect
+    does is the only finding, after a step of effects and one of values. `shape` is the learnt curve that lowers the
     error most where no name can be given; `separation` the experiment that would tell alternatives apart. `verdict` is one
     of those of `heavebond.evidence.verdict`, `words` says it; `searched` is the experiment on what the search looked at."""
 
@@ -115,6 +117,12 @@ def diagnose(experiment: Experiment | str | Path, *, auto: bool = False, number:
     ladder += [f.rung for f in findings]
     now = _at(findings[-1].fit.experiment, findings[-1].fit) if findings else _at(experiment, base)
     shape = None
+    if unexplained(ladder, findings, steps) and (not classes or VALUE in classes):
+        say("trying other values of what is held fixed")
+        without = ladder[:len(ladder) - len(findings)]
+        if (other := _revalued(as_long_as(part, _at(experiment, base)), experiment, without, number, seconds)) is not None:
+            findings, steps = [other[1]], [replace(steps[0], chosen=None, cluster=()), other[0]]
+            ladder = [*without, other[1].rung]
     if unexplained(ladder, findings, steps):
         say("learning a curve")
         shape = _shape(as_long_as(part, now), experiment, number, seconds)
@@ -279,6 +287,17 @@ def _finding(added: Added, given: Experiment) -> Finding:
     own = {n.name for n in added.candidate.numbers}
     return Finding(added.candidate, tuple(p for p in found.parameters if p.name in own),
                    rung(f"+ {added.candidate.label}", found.after), found, added.alternatives)
+
+
+def _revalued(experiment: Experiment, given: Experiment, ladder: Sequence[Rung], number: int | None, seconds: float
+              ) -> tuple[Step, Finding] | None:
+    """The fixed value by which what is left becomes noise, fitted to the whole of the records; None where there is none."""
+    made = revalued(experiment, number=number, seconds=seconds)
+    if made.chosen is None or made.partial or not worth_it(made):
+        return None
+    with finishing(lambda text: None):
+        found = _finding(Added(made, made.cluster), given)
+    return (made, found) if near_noise(found.rung) and explained([*ladder, found.rung], [found]) else None
 
 
 def _shape(experiment: Experiment, given: Experiment, number: int | None, seconds: float) -> Finding | None:

@@ -16,6 +16,7 @@ from heavebond.basis.errors import SimulationError
 from heavebond.basis.progress import Progress
 from heavebond.evidence.catalogue import Candidate, candidates
 from heavebond.evidence.experiment import Experiment
+from heavebond.evidence.fixed_values import fixed_values
 from heavebond.evidence.leftover import Leftover, is_noise, leftover
 from heavebond.evidence.places import nodes_of
 from heavebond.evidence.refits import Refits, planned
@@ -88,6 +89,12 @@ def learnt(experiment: Experiment, *, number: int | None = None, seconds: float 
     """A rung with learnt curves only: effects without a name."""
     found = [c for c in candidates(experiment) if c.kind == UNKNOWN]
     return _step(experiment, found, number, seconds, progress or (lambda text: None))
+
+
+def revalued(experiment: Experiment, *, number: int | None = None, seconds: float = SECONDS,
+             progress: Progress | None = None) -> Step:
+    """A rung with other values of what the diagram holds fixed, in place of effects."""
+    return _step(experiment, fixed_values(experiment), number, seconds, progress or (lambda text: None))
 
 
 def single(experiment: Experiment, candidate: Candidate, progress: Progress) -> Step:

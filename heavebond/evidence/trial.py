@@ -258,7 +258,8 @@ class _Refit:
         """A plan as a point of the problem."""
         there = {(c.free.name, c.record): v for c, v in zip(self.base.problem.columns, plan.base, strict=True)}
         start: Array = np.array([there[c.free.name, c.record] if (c.free.name, c.record) in there else
-                          c.inner(plan.numbers[c.free.name]) for c in self.problem.columns])
+                          c.inner(float(np.clip(plan.numbers[c.free.name], *self.ranges[c.free.name])))
+                          for c in self.problem.columns])
         span = self.problem.high - self.problem.low
         return np.asarray(np.clip(start, self.problem.low + 1e-6 * span, self.problem.high - 1e-6 * span))
 

@@ -1,6 +1,7 @@
 """How sure a diagnosis is, as one of six words and in sentences.
 
-nothing: what is left is noise. parameters: it was their values, no physics. effect: this one, here. one_of: one of these,
+nothing: what is left is noise. parameters: it was their values, no physics (of what is free, or, where no effect explains
+what is left, one that the diagram holds fixed). effect: this one, here. one_of: one of these,
 which the records cannot tell apart. shape: something that the catalogue lacks; a place and a curve. undetermined: the
 records do not tell.
 """
@@ -15,6 +16,7 @@ from heavebond.basis.presentation import number, readable
 from heavebond.evidence.catalogue import Candidate
 from heavebond.evidence.finding import Finding, Rung, misses
 from heavebond.evidence.fitting import Fit
+from heavebond.evidence.fixed_values import VALUE
 from heavebond.evidence.leftover import NEAR, is_noise
 from heavebond.evidence.rung import Step
 
@@ -77,6 +79,11 @@ def _held(rung: Rung) -> float:
     return rung.chi2_held_out if rung.chi2_held_out == rung.chi2_held_out else rung.chi2_fit
 
 
+def near_noise(rung: Rung) -> bool:
+    """Whether what a model leaves, on what was and was not fitted, is near the noise."""
+    return max(_held(rung), rung.chi2_fit) <= NEAR
+
+
 def unexplained(ladder: Sequence[Rung], findings: Sequence[Finding], steps: Sequence[Step]) -> bool:
     """Whether more than noise is left that no name explains: time for a curve without a name."""
     return bool(steps) and steps[0].left.significant and not steps[-1].partial and not explained(ladder, findings)
@@ -90,6 +97,8 @@ def verdict(base: Fit | None, ladder: Sequence[Rung], findings: Sequence[Finding
             return "undetermined"
         return "parameters" if base is not None and _better(base) else "nothing"
     if findings and explained(ladder, findings) and not (steps[-1].partial and _held(findings[-1].rung) > NEAR):
+        if any(f.candidate.kind == VALUE for f in findings):
+            return "parameters"
         return "effect" if all(f.certain for f in findings) else "one_of"
     if steps[-1].partial:
         return "undetermined"
@@ -175,8 +184,17 @@ def _nothing(*_: object) -> str:
     return "Nothing is missing: what is left is noise."
 
 
-def _parameters(*_: object) -> str:
-    return "Parameters, not physics: with fitted values what is left is noise."
+def _parameters(ladder: Sequence[Rung], findings: Sequence[Finding], *_: object) -> str:
+    if not findings:
+        return "Parameters, not physics: with fitted values what is left is noise."
+    (finding,), held = findings, findings[0].candidate.numbers[0]
+    value = next(p.value for p in finding.parameters if p.name == held.name)
+    said = f"Parameters, not physics: with {held.name} at {readable(value, held.unit.text, 4)}, in the diagram " \
+        f"{readable(held.neutral, held.unit.text, 4)}, what is left is near the noise."
+    others = [f"{t.candidate.name} at {readable(t.values[t.candidate.name], t.candidate.numbers[0].unit.text, 4)}"
+              for t in finding.alternatives[1:6]]
+    return said + (f" The records do not tell it from {listing(others, 5)}." if others else "") + \
+        " It is held fixed in this experiment: check it, or put it under `free:`."
 
 
 def _effect(ladder: Sequence[Rung], findings: Sequence[Finding], *_: object) -> str:

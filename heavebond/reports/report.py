@@ -259,6 +259,9 @@ def _candidates(diagnosis: Diagnosis) -> Html:
                     "that it could take away as far as a straight line holds; what decides is the refit of all that is free "
                     "together with it, and what that leaves on what was not fitted.", class_="small")
     steps = [joined([element("h3", f"Step {k}"), ranking(step)]) for k, step in enumerate(diagnosis.steps, 1)]
+    if diagnosis.verdict == "parameters" and diagnosis.findings:
+        steps.insert(1, element("p", "No effect explains what is left. In the next step other values of what the diagram "
+                                "holds fixed were tried.", class_="small"))
     return joined([words, *steps])
 
 
@@ -269,7 +272,7 @@ def _left(diagnosis: Diagnosis) -> Html:
 
 
 def _stage(diagnosis: Diagnosis, k: int) -> str:
-    if k:
+    if k and diagnosis.verdict != "parameters":
         return f"the diagram with {diagnosis.findings[k - 1].candidate.label}"
     return "the diagram, its free parameters fitted" if diagnosis.fitted is not None else "the diagram"
 
