@@ -21,7 +21,8 @@ LIMIT = 60.0
 # what a diagnosis says it is doing, by how its words begin; these two are said when they are done, the others before
 PHASES = {"fitting what is free": "fitting what is free", "scoring": "scoring candidates",
           "refitting": "refitting candidates", "comparing": "following the best closely",
-          "confirming": "confirming the one chosen", "learning": "learning a curve", "is ": "looking back",
+          "confirming": "confirming the one chosen", "trying": "trying fixed values",
+          "learning": "learning a curve", "is ": "looking back",
           "": "telling alternatives apart"}
 DONE = ("scoring candidates", "refitting candidates")
 
