@@ -67,9 +67,9 @@ def converted(values: NDArray[np.float64], unit: str, shown: str) -> NDArray[np.
     return (values * source.scale + source.offset - target.offset) / target.scale
 
 
-def readable(value: float, unit: str, digits: int = 5) -> str:
-    """A value with its unit: 17250000 Pa as `172.5 bar`."""
-    shown = readable_unit(unit, value)
+def readable(value: float, unit: str, digits: int = 5, *, beside: float | None = None) -> str:
+    """A value with its unit: 17250000 Pa as `172.5 bar`; in the unit of another one that it stands `beside`."""
+    shown = readable_unit(unit, value if beside is None else beside)
     if shown != unit:
         value = read_unit(shown).from_si(value)
     return f"{number(value, digits)} {shown}" if shown != "1" else number(value, digits)

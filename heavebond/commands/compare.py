@@ -79,17 +79,21 @@ def _with_settings(experiment: Experiment, settings: tuple[str, ...]) -> Experim
 def _table(comparison: Comparison) -> object:
     from heavebond.commands import terminal
 
-    rows = [(part.name if k == 0 else "", *_row(channel)) for part in comparison.parts
-            for k, channel in enumerate(part.channels.values())]
+    largest: dict[str, float] = {}
+    for part in comparison.parts:
+        for name, channel in part.channels.items():
+            largest[name] = max(largest.get(name, 0.0), channel.error, channel.noise)
+    rows = [(part.name if k == 0 else "", *_row(channel, largest[name])) for part in comparison.parts
+            for k, (name, channel) in enumerate(part.channels.items())]
     return terminal.table(comparison.experiment.name, HEAD, rows, text=2)
 
 
-def _row(channel: Channel) -> tuple[str, ...]:
+def _row(channel: Channel, largest: float) -> tuple[str, ...]:
+    """All of a channel's values in the unit that suits the `largest` of them: they are to be compared."""
     from heavebond.basis.presentation import number, readable
 
-    unit = channel.unit
-    return (channel.name, readable(channel.error, unit, 3), _percent(channel.fit),
-            readable(channel.bias, unit, 3), readable(channel.noise, unit, 3),
+    error, bias, noise = (readable(v, channel.unit, 3, beside=largest) for v in (channel.error, channel.bias, channel.noise))
+    return (channel.name, error, _percent(channel.fit), bias, noise,
             number(channel.error / channel.noise, 3) if channel.noise else "-")
 
 

@@ -201,7 +201,8 @@ def noise(diagnosis: Diagnosis) -> Html:
         for name, channel in record.channels.items():
             before = first.records[record.name].channels[name]
             known = "given" if channel.noise_given else "estimated from the record"
-            sizes = [readable(v, channel.unit, 3) for v in (channel.noise, before.error, channel.error)]
+            values = (channel.noise, before.error, channel.error)
+            sizes = [readable(v, channel.unit, 3, beside=max(values)) for v in values]
             rows.append([name, record.name, *sizes, number(channel.chi2, 3), _white(channel.white), known])
     head = ("channel", "record", "noise", "rms left before", "rms left after", "χ² a sample", "white after?", "the noise is")
     return table(head, rows, numbers=(2, 3, 4, 5))
