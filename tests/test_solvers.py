@@ -248,3 +248,10 @@ def test_the_command_line_tells_it() -> None:
     for words in ("screw.a.tau", "--solver idas", "auto"):
         assert words in " ".join(str(wrong.exception).split()) + wrong.output
     assert set(SOLVERS) == {"idas", "cvodes", "rosenbrock", "auto"}
+
+
+def test_a_chamber_that_is_emptied_is_told_as_that() -> None:
+    # the solver steps a little past the point at which the volume vanishes
+    rig = hb.load("cylinder_rig").with_parameters({"valve.u": "-0.08", "load_spring.c": "120 kN/m"})
+    with pytest.raises(hb.SimulationError, match=r"coefficient of der\(chamber_a.p\) in 'cylinder' .*passes through zero"):
+        hb.simulate(rig, until=40.0)

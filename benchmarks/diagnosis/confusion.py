@@ -13,7 +13,7 @@ from pathlib import Path
 import heavebond as hb
 from benchmarks.diagnosis import keeping
 from benchmarks.diagnosis.judging import SECONDS, told
-from benchmarks.diagnosis.making import Hidden
+from benchmarks.diagnosis.making import made
 from benchmarks.diagnosis.rigs import RIGS, Rig
 from benchmarks.diagnosis.truths import PAIRS, TRUTHS, Truth
 
@@ -34,7 +34,7 @@ def cases(rig: Rig) -> Iterator[tuple[str, list[Truth], float]]:
 def judged(rig: Rig, key: str, truths: Sequence[Truth], scale: float) -> dict[str, object]:
     """One case from making its records to what was said of them."""
     with tempfile.TemporaryDirectory() as folder:
-        case = Hidden(rig, truths, f"{keeping.DRAW}/{key}", Path(folder), scale).case()
+        case = made(rig, truths, f"{keeping.DRAW}/{key}", Path(folder), scale)
         found = hb.diagnose(case.experiment, auto=len(truths) > 1, number=1, seconds=SECONDS)
         return {"key": key, "rig": rig.name, "truth": [t.name for t in truths], "label": [t.label for t in truths],
                 "misfit": case.misfit, "amplitudes": list(case.amplitudes), "drawn": list(case.drawn),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,7 +13,7 @@ import pandas as pd
 
 from benchmarks.diagnosis.rigs import TRAIN, VALIDATE, Rig
 from benchmarks.diagnosis.truths import Draw, Truth
-from heavebond.basis.errors import HeavebondError
+from heavebond.basis.errors import HeavebondError, SimulationError
 from heavebond.evidence.catalogue import Candidate, candidates
 from heavebond.evidence.change import Change
 from heavebond.evidence.experiment import Experiment
@@ -200,3 +201,12 @@ class Hidden:
         accepted = tuple(frozenset((kind, self.rig.place(where)) for kind, where in (*first, *t.also))
                          for first, t in zip(own, self.truths, strict=True))
         return Case(experiment, tuple(self.truths), accepted, tuple(amplitudes), tuple(self.drawn), self.values, misfit)
+
+
+def made(rig: Rig, truths: Sequence[Truth], seed: str, folder: Path, scale: float = 1.0) -> Case:
+    """A case of the first of three draws with which the machine can move: an excitation may drive a cylinder out of its
+    stroke."""
+    for draw in (seed, f"{seed}/again"):
+        with suppress(SimulationError):
+            return Hidden(rig, truths, draw, folder, scale).case()
+    return Hidden(rig, truths, f"{seed}/once more", folder, scale).case()

@@ -44,7 +44,7 @@ def explain_failure(simulator: Simulator, assembly: Assembly, first: Start, said
     notes: list[str] = []
     hint = "Check the parameters of these components, or loosen the tolerances (--rtol 1e-6)."
     if last is not None:
-        cause, notes = _cause(assembly, last.t, last.x, last.z, last.p, last.u)
+        cause, notes = _cause(assembly, first, last.t, last.x, last.z, last.p, last.u)
         hint = FOLDED if chart is not None and chart.folded(last) else cause or hint
     words = [line for line in said.splitlines() if "IDA" in line or "SUNDIALS" in line.upper()]
     solver = re.findall(r"IDA_[A-Z_]+", said)
@@ -94,10 +94,10 @@ def _state_before(simulator: Simulator, assembly: Assembly, first: Start, stoppe
     return None
 
 
-def _cause(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array) -> tuple[str, list[str]]:
+def _cause(assembly: Assembly, first: Start, t: float, x: Array, z: Array, p: Array, u: Array) -> tuple[str, list[str]]:
     ode, alg = (np.array(v).ravel() for v in assembly.rates(t, x, z, p, u, 1.0))
-    pivots = np.abs(np.array(assembly.pivots(t, x, z, p, u, 1.0)).ravel())
-    begin = np.abs(np.array(assembly.pivots(0.0, x * 0, z * 0, p, u, 1.0)).ravel())
+    begun = (first.x, first.z) if len(first.x) == len(x) and len(first.z) == len(z) else (x * 0, z * 0)
+    pivots, begin = (np.array(assembly.pivots(t, *at, p, u, 1.0)).ravel() for at in ((x, z), begun))
     rates = np.abs(ode) / assembly.x_nominal
     order = np.argsort(-np.where(np.isfinite(rates), rates, np.inf))[:3]
     owners = _owners(assembly)
@@ -107,7 +107,8 @@ def _cause(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array)
     at = assembly.point(t, x, z, p, u)
     if found := _lost(assembly, at, t):
         return f"{found.message[:1].upper()}{found.message[1:]}.\n{found.hint}", [*notes, *found.notes]
-    small = [k for k, value in enumerate(pivots) if value < 1e-9 * max(begin[k], 1e-300) or value == 0]
+    # one that has turned its sign was zero a moment before: a run may go on a little with a volume below zero
+    small = [k for k, value in enumerate(pivots) if abs(value) < 1e-9 * max(abs(begin[k]), 1e-300) or value * begin[k] < 0]
     if small:
         pivot = assembly.reduced.pivots[small[0]]
         return (f"The coefficient of {pivot.unknown} in '{pivot.equation.owner}' ({pivot.equation.text}) passes "
