@@ -30,7 +30,7 @@ from benchmarks.diagnosis.rigs import RIGS, Rig
 from benchmarks.diagnosis.truths import Truth
 from heavebond.evidence.catalogue import candidates
 from heavebond.evidence.leftover import DRAWS, LEVELS
-from heavebond.evidence.rung import UNKNOWN, fitted_base
+from heavebond.evidence.rung import MISSED, UNKNOWN, fitted_base
 from heavebond.evidence.scoring import Score, scored
 from heavebond.numbers.dae import Array
 
@@ -64,8 +64,9 @@ def predicted(rig: Rig) -> list[dict[str, object]]:
 
 
 def limit(n: int) -> float:
-    """What `evidence.rung.indistinct` asks where the best leaves noise, both records having n samples."""
-    return 10 + 0.003 * 2 * n
+    """What `evidence.rung.indistinct` is expected to ask where the truth is among the candidates, both records having n
+    samples: a normal number is 0.4 on average where it is positive, and 0 where not."""
+    return float(10 + 0.003 * 2 * n + MISSED * 2 * np.sqrt(2 * n) / np.sqrt(2 * np.pi))
 
 
 def _row(rig: Rig, score: Score, scores: Sequence[Score], directions: Array, seen: float, n: int) -> dict[str, object]:

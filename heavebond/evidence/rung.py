@@ -28,8 +28,9 @@ from heavebond.numbers.dae import Array
 
 UNKNOWN = "unknown law"  # the class of learnt curves: a shape, no name
 NEARLY = 0.1  # share of what the best takes away that a rival may leave, where the noise is not given,
-# and times the error above the noise of the best that a rival's may be where the noise is given and the best misses it: laws
-# that are not exact have been seen to leave twice what a wrong one at its place does, and a fourth of what others leave
+MISSED = 0.25  # and share of what the best misses the noise by that a rival may miss more where that is given;
+# where the best misses it by more than chance, times its error above the noise that a rival's may be: laws that are not
+# exact have been seen to leave twice what a wrong one at their place does, and a fourth of what others leave
 RIVALS = 2.5
 CLOSELY = 6  # trials at most are followed to the very end before they are compared,
 CLOSE = 0.05  # those within this share of the logarithm of chi-square of the best
@@ -302,18 +303,19 @@ def _fallen(before: float, trial: Trial) -> float:
 def indistinct(best: Trial, before: float) -> float:
     """Refits whose merit is no more than this behind the best are not told from it: strong evidence in BIC is 10 (R. E.
     Kass, A. E. Raftery, 1995, doi:10.1080/01621459.1995.10476572); and as no law is exact, 0.3 % of chi-square besides.
-    Where the noise is given and the best misses it, a rival with up to 2.5 times its error above the noise is not excluded:
-    both are then laws that are not exact, and which of them comes nearer is a matter of their forms. Where it is estimated
-    it says little of how exact a law could be: a rival that takes away nine tenths of what the best does (from the merit
-    `before`) is not excluded."""
+    Where the noise is given and the best misses it, a rival that misses it by a quarter more is not excluded, nor, where
+    that is more than chance, one with up to 2.5 times the best's error above the noise: both are then laws that are not
+    exact, and which of them comes nearer is a matter of their forms. Where it is estimated it says little of how exact a
+    law could be: a rival that takes away nine tenths of what the best does (from the merit `before`) is not excluded."""
     exact = 10.0 + 0.003 * (best.samples + best.samples_held_out)
     if not best.experiment.noise_given:
         return exact + NEARLY * (before - merit(best)) * (best.chi2_held_out > 2)
     held = (best.chi2_held_out, best.samples_held_out) if best.samples_held_out else (best.chi2_fit, best.samples)
-    if is_noise(best.chi2_fit, *held):
-        return exact
-    return exact + sum(n * float(np.log((1 + RIVALS**2 * (c - 1)) / c)) for n, c in
-                       ((best.samples, best.chi2_fit), (best.samples_held_out, best.chi2_held_out)) if n and c > 1)
+    both = ((best.samples, best.chi2_fit), (best.samples_held_out, best.chi2_held_out))
+    above = [(n, c) for n, c in both if n and c > 1]
+    forms = 0.0 if is_noise(best.chi2_fit, *held) else \
+        sum(n * float(np.log((1 + RIVALS**2 * (c - 1)) / c)) for n, c in above)
+    return exact + max(forms, MISSED * sum(n * float(np.log(c)) for n, c in above))
 
 
 def following(before: Step) -> Experiment:
