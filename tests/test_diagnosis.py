@@ -98,6 +98,16 @@ def test_a_wrong_value_that_is_held_fixed_is_told_where_no_effect_explains(too_h
     assert said.ladder[-1].chi2_held_out < 1.2 < 10 < said.ladder[1].chi2_held_out
 
 
+def test_a_search_that_is_ended_among_values_begins_nothing_more(too_heavy: Experiment) -> None:
+    def say(text: str) -> None:
+        assert "learning" not in text
+        if text.startswith("trying other values") and "scoring 1 " in text:
+            raise KeyboardInterrupt
+
+    said = diagnose(too_heavy, classes=["dry friction", "value of a parameter"], number=1, progress=say)
+    assert (said.verdict, said.shape) == ("undetermined", None)
+
+
 def test_what_may_be_wrong_is_what_a_diagram_gives(too_heavy: Experiment) -> None:
     # not what is free, sleeps or is zero
     assert [c.name for c in fixed_values(too_heavy)] == ["damper.d", "cart.m"]

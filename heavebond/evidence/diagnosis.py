@@ -118,11 +118,13 @@ def diagnose(experiment: Experiment | str | Path, *, auto: bool = False, number:
     now = _at(findings[-1].fit.experiment, findings[-1].fit) if findings else _at(experiment, base)
     shape = None
     if unexplained(ladder, findings, steps) and (not classes or VALUE in classes):
-        say("trying other values of what is held fixed")
         without = ladder[:len(ladder) - len(findings)]
-        if (other := _revalued(as_long_as(part, _at(experiment, base)), experiment, without, number, seconds)) is not None:
-            findings, steps = [other[1]], [replace(steps[0], chosen=None, cluster=()), other[0]]
-            ladder = [*without, other[1].rung]
+        made = revalued(as_long_as(part, _at(experiment, base)), number=number, seconds=seconds,
+                        progress=lambda text: say(f"trying other values of what is held fixed: {text}"))
+        if made.partial:  # ended by the user, or by time: nothing more is begun
+            steps[-1] = replace(steps[-1], partial=True)
+        elif (value := _value(made, experiment, without)) is not None:
+            findings, steps, ladder = [value], [replace(steps[0], chosen=None, cluster=()), made], [*without, value.rung]
     if unexplained(ladder, findings, steps):
         say("learning a curve")
         shape = _shape(as_long_as(part, now), experiment, number, seconds)
@@ -289,15 +291,13 @@ def _finding(added: Added, given: Experiment) -> Finding:
                    rung(f"+ {added.candidate.label}", found.after), found, added.alternatives)
 
 
-def _revalued(experiment: Experiment, given: Experiment, ladder: Sequence[Rung], number: int | None, seconds: float
-              ) -> tuple[Step, Finding] | None:
+def _value(made: Step, given: Experiment, ladder: Sequence[Rung]) -> Finding | None:
     """The fixed value by which what is left becomes noise, fitted to the whole of the records; None where there is none."""
-    made = revalued(experiment, number=number, seconds=seconds)
-    if made.chosen is None or made.partial or not worth_it(made):
+    if made.chosen is None or not worth_it(made):
         return None
     with finishing(lambda text: None):
         found = _finding(Added(made, made.cluster), given)
-    return (made, found) if near_noise(found.rung) and explained([*ladder, found.rung], [found]) else None
+    return found if near_noise(found.rung) and explained([*ladder, found.rung], [found]) else None
 
 
 def _shape(experiment: Experiment, given: Experiment, number: int | None, seconds: float) -> Finding | None:
