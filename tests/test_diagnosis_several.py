@@ -170,3 +170,11 @@ def test_a_name_by_an_effect_that_is_taken_out_goes_back_to_what_drove_it() -> N
     gone = SimpleNamespace(change=SimpleNamespace(moved={"inlet.u": "lag_inlet.u"}))
     assert climbing._before("Delay before lag_inlet.u", gone) == "Delay before inlet.u"  # type: ignore[arg-type]
     assert climbing._before("Delay before outlet.u", gone) == "Delay before outlet.u"  # type: ignore[arg-type]
+
+
+def test_two_laws_of_one_name_are_named_once() -> None:
+    def found(kind: str) -> Any:
+        return SimpleNamespace(candidate=SimpleNamespace(attaches="across", kind=kind, place="at the wall", component="Law"))
+
+    assert verdict._effect([], [found("drag"), found("stiffness"), found("stiffness")]) == \
+        "Missing: drag at the wall (Law); stiffness at the wall (Law), 2 times."

@@ -9,6 +9,7 @@ records do not tell.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Sequence
 
 from heavebond.basis.errors import listing
@@ -198,7 +199,9 @@ def _parameters(ladder: Sequence[Rung], findings: Sequence[Finding], *_: object)
 
 
 def _effect(ladder: Sequence[Rung], findings: Sequence[Finding], *_: object) -> str:
-    return f"Missing: {'; '.join(_called(f.candidate) for f in findings)}."
+    # two laws of one kind at one place may together be one that is not in the catalogue (c_2 s**2 + c_3 s**3)
+    often = Counter(_called(f.candidate) for f in findings)
+    return f"Missing: {'; '.join(name if k == 1 else f'{name}, {k} times' for name, k in often.items())}."
 
 
 def _called(candidate: Candidate) -> str:
