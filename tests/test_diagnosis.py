@@ -94,7 +94,7 @@ def test_a_wrong_value_that_is_held_fixed_is_told_where_no_effect_explains(too_h
     assert finding.candidate.name == "cart.m"
     low, high = finding.parameters[0].interval
     assert low < 2.5 < high
-    assert "cart.m at 2.5" in said.words[0] and "in the diagram 4 kg" in said.words[0]
+    assert "cart.m at 2.5" in said.words[0] and "(in the diagram 4 kg)" in said.words[0]
     assert said.ladder[-1].chi2_held_out < 1.2 < 10 < said.ladder[1].chi2_held_out
 
 

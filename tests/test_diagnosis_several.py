@@ -15,7 +15,8 @@ from benchmarks.diagnosis.rigs import RIGS
 from benchmarks.diagnosis.truths import RECEIVER
 from heavebond.evidence import climbing, verdict
 from heavebond.evidence.climbing import Way, climb
-from heavebond.evidence.diagnosis import _noticeable, diagnose
+from heavebond.evidence.diagnosis import _beside, _noticeable, diagnose
+from heavebond.evidence.finding import Finding
 from heavebond.evidence.leftover import Leftover
 from heavebond.evidence.rung import Step
 from heavebond.evidence.trial import Trial
@@ -178,3 +179,15 @@ def test_two_laws_of_one_name_are_named_once() -> None:
 
     assert verdict._effect([], [found("drag"), found("stiffness"), found("stiffness")]) == \
         "Missing: drag at the wall (Law); stiffness at the wall (Law), 2 times."
+
+
+def test_a_value_that_is_a_little_better_than_an_effect_is_named_with_it() -> None:
+    def trial(cost: float) -> Any:
+        return SimpleNamespace(cost=cost, samples=1000, unknowns=5, chi2_held_out=1.0, samples_held_out=1000)
+
+    finding = Finding(*[None] * 4, (trial(1000),))  # type: ignore[arg-type]
+    for cost, beside in ((985.0, True), (995.0, False)):  # BIC falls by 15 and by 5
+        value = trial(cost)
+        (found,) = _beside([finding], finding.alternatives[0], [value])
+        assert (value in found.alternatives) is beside
+    assert _beside([finding, finding], finding.alternatives[0], [trial(900.0)]) == [finding, finding]

@@ -19,7 +19,7 @@ from heavebond.basis.interrupts import finishing
 from heavebond.basis.progress import Progress
 from heavebond.basis.threads import single_threaded
 from heavebond.evidence.catalogue import Candidate, candidates
-from heavebond.evidence.climbing import MOST, Added, Way, climb
+from heavebond.evidence.climbing import DECISIVE, MOST, Added, Way, climb
 from heavebond.evidence.comparison import Comparison, compare
 from heavebond.evidence.excerpts import as_long_as, cut, excerpt
 from heavebond.evidence.experiment import Experiment, load_experiment
@@ -27,10 +27,10 @@ from heavebond.evidence.finding import Finding, Rung, rung, with_limits
 from heavebond.evidence.fitting import Fit, fit
 from heavebond.evidence.fixed_values import VALUE
 from heavebond.evidence.rivals import Alternative
-from heavebond.evidence.rung import SECONDS, Step, following, learnt, revalued, single, step
+from heavebond.evidence.rung import SECONDS, Step, following, learnt, merit, revalued, single, step
 from heavebond.evidence.separation import Separation, separate
 from heavebond.evidence.trial import Trial
-from heavebond.evidence.verdict import explained, near_noise, unexplained, verdict, words, worth_it
+from heavebond.evidence.verdict import as_near, explained, near_noise, unexplained, verdict, words, worth_it
 
 SEVERAL = "More than one effect may be missing: --auto looks for several that explain it together."
 
@@ -117,21 +117,27 @@ def diagnose(experiment: Experiment | str | Path, *, auto: bool = False, number:
     ladder += [f.rung for f in findings]
     now = _at(findings[-1].fit.experiment, findings[-1].fit) if findings else _at(experiment, base)
     shape = None
-    if unexplained(ladder, findings, steps) and (not classes or VALUE in classes):
+    values: tuple[Trial, ...] = ()
+    if steps[0].left.significant and not steps[-1].partial and (not classes or VALUE in classes):
         without = ladder[:len(ladder) - len(findings)]
-        made = revalued(as_long_as(part, _at(experiment, base)), number=number, seconds=seconds,
+        named = explained(ladder, findings)
+        made = revalued(as_long_as(part, _at(experiment, base)), beside=way[len(findings) - 1].chosen if named else None,
+                        number=number, seconds=seconds,
                         progress=lambda text: say(f"trying other values of what is held fixed: {text}"))
-        if made.partial:  # ended by the user, or by time: nothing more is begun
+        if made.partial and not named:  # ended by the user, or by time: nothing more is begun
             steps[-1] = replace(steps[-1], partial=True)
-        elif (value := _value(made, experiment, without)) is not None:
+        elif not made.partial and (value := _value(made, experiment, without)) is not None:
             findings, steps, ladder = [value], [replace(steps[0], chosen=None, cluster=()), made], [*without, value.rung]
+        elif not made.partial and named:
+            values = tuple(t for t in made.cluster if t.candidate.kind == VALUE)
+            findings = _beside(findings, way[len(findings) - 1].chosen, values)
     if unexplained(ladder, findings, steps):
         say("learning a curve")
         shape = _shape(as_long_as(part, now), experiment, number, seconds)
         ladder += [shape.rung] if shape is not None else []
     said = verdict(base, ladder, findings, steps, shape)
     apart = _separation(findings, say) if said == "one_of" else None
-    told = (*words(said, ladder, findings, steps, shape), *(apart.words if apart is not None else ()),
+    told = (*words(said, ladder, findings, steps, shape), *map(as_near, values), *(apart.words if apart is not None else ()),
             *([SEVERAL] if said == "shape" and findings and not auto else []),
             *_limits(classes, cut(part, experiment)))
     return Diagnosis(experiment, said, told, tuple(ladder), tuple(findings), tuple(steps), shape, base,
@@ -292,12 +298,23 @@ def _finding(added: Added, given: Experiment) -> Finding:
 
 
 def _value(made: Step, given: Experiment, ladder: Sequence[Rung]) -> Finding | None:
-    """The fixed value by which what is left becomes noise, fitted to the whole of the records; None where there is none."""
-    if made.chosen is None or not worth_it(made):
+    """The fixed value by which what is left becomes noise, fitted to the whole of the records; None where there is none,
+    and where an effect that stands beside the values is no worse."""
+    if made.chosen is None or made.chosen.candidate.kind != VALUE or not worth_it(made) \
+            or any(t.candidate.kind != VALUE for t in made.cluster):
         return None
     with finishing(lambda text: None):
         found = _finding(Added(made, made.cluster), given)
     return found if near_noise(found.rung) and explained([*ladder, found.rung], [found]) else None
+
+
+def _beside(findings: Sequence[Finding], chosen: Trial, values: Sequence[Trial]) -> list[Finding]:
+    """The findings, the only one with the values beside it that are the better explanation though not by enough to decide:
+    as near with fewer numbers. Where they are no better, what is held fixed is taken as right."""
+    better = [t for t in values if merit(t) < merit(chosen) - DECISIVE]
+    if len(findings) > 1 or not better:
+        return list(findings)
+    return [replace(findings[0], alternatives=(*findings[0].alternatives, *better))]
 
 
 def _shape(experiment: Experiment, given: Experiment, number: int | None, seconds: float) -> Finding | None:

@@ -92,10 +92,11 @@ def learnt(experiment: Experiment, *, number: int | None = None, seconds: float 
     return _step(experiment, found, number, seconds, progress or (lambda text: None))
 
 
-def revalued(experiment: Experiment, *, number: int | None = None, seconds: float = SECONDS,
+def revalued(experiment: Experiment, *, beside: Trial | None = None, number: int | None = None, seconds: float = SECONDS,
              progress: Progress | None = None) -> Step:
-    """A rung with other values of what the diagram holds fixed, in place of effects."""
-    return _step(experiment, fixed_values(experiment), number, seconds, progress or (lambda text: None))
+    """A rung with other values of what the diagram holds fixed, in place of effects; `beside` what was found with these,
+    which it ranks among them: a value that soon is seen to leave more is not followed."""
+    return _step(experiment, fixed_values(experiment), number, seconds, progress or (lambda text: None), beside=beside)
 
 
 def single(experiment: Experiment, candidate: Candidate, progress: Progress) -> Step:
@@ -104,7 +105,7 @@ def single(experiment: Experiment, candidate: Candidate, progress: Progress) -> 
 
 
 def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None, seconds: float, say: Progress,
-          always: bool = False, thorough: bool = False) -> Step:
+          always: bool = False, thorough: bool = False, beside: Trial | None = None) -> Step:
     began = clock.perf_counter()
     say("fitting what is free")
     base = fitted_base(experiment)
@@ -114,7 +115,7 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
     scores: list[Score] = []
     partial, twins = False, dict[str, tuple[str, ...]]()
     with Workers(base, number) as workers:
-        refits = Refits(workers, say)
+        refits = Refits(workers, say, {beside.candidate.label: beside} if beside is not None else {})
         try:
             for k, (candidate, got) in enumerate(workers.score(found), 1):
                 say(f"scoring {k} of {len(found)}: {candidate.label}")
@@ -135,14 +136,15 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
 
 
 def _polished(workers: Workers, trials: Sequence[Trial], guesses: Mapping[str, Sequence[Score]]) -> dict[str, Trial]:
-    """The trials that are near the best, followed to the end of their valleys: near on all samples or on those that were
-    fitted, as one that has not arrived may miss the others by much."""
+    """The trials of candidates that were scored here and are near the best, followed to the end of their valleys: near on
+    all samples or on those that were fitted, as one that has not arrived may miss the others by much."""
     order = sorted(trials, key=merit)
     if not order:
         return {}
     margin = indistinct(order[0], merit(order[0])) + CLOSE * (order[0].samples + order[0].samples_held_out)
     lowest = min(t.bic for t in order)
-    near = [t for t in order if merit(t) - merit(order[0]) < margin or t.bic - lowest < margin][:CLOSELY]
+    near = [t for t in order if t.candidate.label in guesses
+            and (merit(t) - merit(order[0]) < margin or t.bic - lowest < margin)][:CLOSELY]
     better = {c.label: t for c, t in workers.polish([(t, guesses[t.candidate.label], None) for t in near])}
     lent = [(t, guesses[t.candidate.label], lender) for t in better.values() if (lender := _lender(t, better.values()))]
     return better | {c.label: t for c, t in workers.polish(lent)}

@@ -20,6 +20,7 @@ from heavebond.evidence.fitting import Fit
 from heavebond.evidence.fixed_values import VALUE
 from heavebond.evidence.leftover import NEAR, is_noise
 from heavebond.evidence.rung import Step
+from heavebond.evidence.trial import Trial
 
 # Shares of chi-square above the noise that a name must take away where the noise is not reached: near it, and far from it.
 # Where the noise is given it is a yardstick, and flexible laws at a wrong place take away more than nine tenths of a large
@@ -188,14 +189,22 @@ def _nothing(*_: object) -> str:
 def _parameters(ladder: Sequence[Rung], findings: Sequence[Finding], *_: object) -> str:
     if not findings:
         return "Parameters, not physics: with fitted values what is left is noise."
-    (finding,), held = findings, findings[0].candidate.numbers[0]
-    value = next(p.value for p in finding.parameters if p.name == held.name)
-    said = f"Parameters, not physics: with {held.name} at {readable(value, held.unit.text, 4)}, in the diagram " \
-        f"{readable(held.neutral, held.unit.text, 4)}, what is left is near the noise."
-    others = [f"{t.candidate.name} at {readable(t.values[t.candidate.name], t.candidate.numbers[0].unit.text, 4)}"
-              for t in finding.alternatives[1:6]]
-    return said + (f" The records do not tell it from {listing(others, 5)}." if others else "") + \
+    first, *others = map(_revalued, findings[0].alternatives)
+    return f"Parameters, not physics: with {first}, what is left is near the noise." + \
+        (f" The records do not tell it from {listing(others, 5)}." if others else "") + \
         " It is held fixed in this experiment: check it, or put it under `free:`."
+
+
+def as_near(trial: Trial) -> str:
+    """That another value of a number that is held fixed does what an effect does."""
+    return f"As near to the noise comes the diagram without an effect, with {_revalued(trial)}: make sure of that value."
+
+
+def _revalued(trial: Trial) -> str:
+    """`crown.m at 102 t (in the diagram 120 t)`."""
+    (held,) = trial.candidate.numbers
+    value, before = (readable(v, held.unit.text, 4) for v in (trial.values.get(held.name, held.neutral), held.neutral))
+    return f"{held.name} at {value} (in the diagram {before})"
 
 
 def _effect(ladder: Sequence[Rung], findings: Sequence[Finding], *_: object) -> str:
@@ -212,7 +221,8 @@ def _called(candidate: Candidate) -> str:
 
 
 def _one_of(ladder: Sequence[Rung], findings: Sequence[Finding], *_: object) -> str:
-    parts = [" or ".join(dict.fromkeys(f"{t.candidate.kind} {t.candidate.place}" for t in f.alternatives[:6]))
+    parts = [" or ".join(dict.fromkeys(f"another value of {t.candidate.name}" if t.candidate.kind == VALUE else
+                                       f"{t.candidate.kind} {t.candidate.place}" for t in f.alternatives[:6]))
              for f in findings]
     return "Missing: " + "; and ".join(parts) + ". The records cannot tell these apart."
 
