@@ -17,6 +17,7 @@ from heavebond.evidence import climbing, verdict
 from heavebond.evidence.climbing import Way, climb
 from heavebond.evidence.diagnosis import _beside, _noticeable, diagnose
 from heavebond.evidence.finding import Finding
+from heavebond.evidence.fixed_values import VALUE
 from heavebond.evidence.leftover import Leftover
 from heavebond.evidence.rung import Step
 from heavebond.evidence.trial import Trial
@@ -186,8 +187,12 @@ def test_a_value_that_is_a_little_better_than_an_effect_is_named_with_it() -> No
         return SimpleNamespace(cost=cost, samples=1000, unknowns=5, chi2_held_out=1.0, samples_held_out=1000)
 
     finding = Finding(*[None] * 4, (trial(1000),))  # type: ignore[arg-type]
+    chosen = finding.alternatives[0]
     for cost, beside in ((985.0, True), (995.0, False)):  # BIC falls by 15 and by 5
         value = trial(cost)
-        (found,) = _beside([finding], finding.alternatives[0], [value])
-        assert (value in found.alternatives) is beside
-    assert _beside([finding, finding], finding.alternatives[0], [trial(900.0)]) == [finding, finding]
+        value.candidate = SimpleNamespace(kind=VALUE)
+        made = replace(EMPTY, cluster=(value,))
+        (found,), as_near = _beside([finding], chosen, made)
+        assert (value in found.alternatives) is beside and as_near == [value]
+        assert _beside([finding, finding], chosen, made) == ([finding, finding], [value])
+        assert _beside([finding], chosen, replace(made, partial=True)) == ([finding], [])

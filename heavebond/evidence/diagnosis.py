@@ -116,32 +116,34 @@ def diagnose(experiment: Experiment | str | Path, *, auto: bool = False, number:
         findings = _confirmed(way, ladder, experiment, say)
     ladder += [f.rung for f in findings]
     now = _at(findings[-1].fit.experiment, findings[-1].fit) if findings else _at(experiment, base)
-    shape = None
-    values: tuple[Trial, ...] = ()
+    come = _Come(ladder, findings, steps)
     if steps[0].left.significant and not steps[-1].partial and (not classes or VALUE in classes):
-        without = ladder[:len(ladder) - len(findings)]
-        named = explained(ladder, findings)
-        made = revalued(as_long_as(part, _at(experiment, base)), beside=way[len(findings) - 1].chosen if named else None,
-                        number=number, seconds=seconds,
-                        progress=lambda text: say(f"trying other values of what is held fixed: {text}"))
-        if made.partial and not named:  # ended by the user, or by time: nothing more is begun
-            steps[-1] = replace(steps[-1], partial=True)
-        elif not made.partial and (value := _value(made, experiment, without)) is not None:
-            findings, steps, ladder = [value], [replace(steps[0], chosen=None, cluster=()), made], [*without, value.rung]
-        elif not made.partial and named:
-            values = tuple(t for t in made.cluster if t.candidate.kind == VALUE)
-            findings = _beside(findings, way[len(findings) - 1].chosen, values)
-    if unexplained(ladder, findings, steps):
+        come = _weighed(come, way, experiment, lambda beside: revalued(
+            as_long_as(part, _at(experiment, base)), beside=beside, number=number, seconds=seconds,
+            progress=lambda text: say(f"trying other values of what is held fixed: {text}")))
+    shape = None
+    if unexplained(come.ladder, come.findings, come.steps):
         say("learning a curve")
         shape = _shape(as_long_as(part, now), experiment, number, seconds)
-        ladder += [shape.rung] if shape is not None else []
-    said = verdict(base, ladder, findings, steps, shape)
-    apart = _separation(findings, say) if said == "one_of" else None
-    told = (*words(said, ladder, findings, steps, shape), *map(as_near, values), *(apart.words if apart is not None else ()),
-            *([SEVERAL] if said == "shape" and findings and not auto else []),
-            *_limits(classes, cut(part, experiment)))
-    return Diagnosis(experiment, said, told, tuple(ladder), tuple(findings), tuple(steps), shape, base,
+    rungs = (*come.ladder, *([shape.rung] if shape is not None else []))
+    said = verdict(base, rungs, come.findings, come.steps, shape)
+    apart = _separation(come.findings, say) if said == "one_of" else None
+    told = (*words(said, rungs, come.findings, come.steps, shape), *map(as_near, come.values),
+            *(apart.words if apart is not None else ()),
+            *([SEVERAL] if said == "shape" and come.findings and not auto else []), *_limits(classes, cut(part, experiment)))
+    return Diagnosis(experiment, said, told, rungs, tuple(come.findings), tuple(come.steps), shape, base,
                      _noise(ladder[0].comparison), clock.perf_counter() - began, apart, part)
+
+
+@dataclass(frozen=True)
+class _Come:
+    """What a search has come to: the ladder, its findings and steps, and values of what is held fixed that the records
+    cannot tell from the findings."""
+
+    ladder: Sequence[Rung]
+    findings: Sequence[Finding]
+    steps: Sequence[Step]
+    values: Sequence[Trial] = ()
 
 
 def _climbed(experiment: Experiment, part: Experiment, climbing: Callable[[Experiment], tuple[Way, Step]]
@@ -297,24 +299,40 @@ def _finding(added: Added, given: Experiment) -> Finding:
                    rung(f"+ {added.candidate.label}", found.after), found, added.alternatives)
 
 
+def _weighed(come: _Come, way: Way, given: Experiment, trying: Callable[[Trial | None], Step]) -> _Come:
+    """What is found against other values of what the diagram holds fixed, `trying` these beside a trial that explains the
+    records: a value takes its place where it is better, and stands beside it where the records cannot tell."""
+    without = come.ladder[:len(come.ladder) - len(come.findings)]
+    chosen = way[len(come.findings) - 1].chosen if come.findings and explained(come.ladder, come.findings) else None
+    made = trying(chosen)
+    if (value := _value(made, given, without)) is not None:
+        return _Come([*without, value.rung], [value], [replace(come.steps[0], chosen=None, cluster=()), made])
+    if chosen is not None:
+        findings, values = _beside(come.findings, chosen, made)
+        return replace(come, findings=findings, values=values)
+    # ended by the user, or by time: nothing more is begun
+    return replace(come, steps=[*come.steps[:-1], replace(come.steps[-1], partial=True)]) if made.partial else come
+
+
 def _value(made: Step, given: Experiment, ladder: Sequence[Rung]) -> Finding | None:
     """The fixed value by which what is left becomes noise, fitted to the whole of the records; None where there is none,
-    and where an effect that stands beside the values is no worse."""
-    if made.chosen is None or made.chosen.candidate.kind != VALUE or not worth_it(made) \
-            or any(t.candidate.kind != VALUE for t in made.cluster):
+    where an effect that stands beside the values is no worse, and where not all values were tried."""
+    if made.partial or made.chosen is None or not worth_it(made) or any(t.candidate.kind != VALUE for t in made.cluster):
         return None
     with finishing(lambda text: None):
         found = _finding(Added(made, made.cluster), given)
     return found if near_noise(found.rung) and explained([*ladder, found.rung], [found]) else None
 
 
-def _beside(findings: Sequence[Finding], chosen: Trial, values: Sequence[Trial]) -> list[Finding]:
-    """The findings, the only one with the values beside it that are the better explanation though not by enough to decide:
-    as near with fewer numbers. Where they are no better, what is held fixed is taken as right."""
+def _beside(findings: Sequence[Finding], chosen: Trial, made: Step) -> tuple[list[Finding], list[Trial]]:
+    """The findings, the last of which came with the trial that was `chosen`, and the values that the records cannot tell
+    from them. The only finding has those beside it that are the better explanation, though not by enough to decide: as near
+    with fewer numbers. Where they are no better, what is held fixed is taken as right."""
+    values = [] if made.partial else [t for t in made.cluster if t.candidate.kind == VALUE]
     better = [t for t in values if merit(t) < merit(chosen) - DECISIVE]
     if len(findings) > 1 or not better:
-        return list(findings)
-    return [replace(findings[0], alternatives=(*findings[0].alternatives, *better))]
+        return list(findings), values
+    return [replace(findings[0], alternatives=(*findings[0].alternatives, *better))], values
 
 
 def _shape(experiment: Experiment, given: Experiment, number: int | None, seconds: float) -> Finding | None:

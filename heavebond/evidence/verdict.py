@@ -1,9 +1,8 @@
 """How sure a diagnosis is, as one of six words and in sentences.
 
-nothing: what is left is noise. parameters: it was their values, no physics (of what is free, or, where no effect explains
-what is left, one that the diagram holds fixed). effect: this one, here. one_of: one of these,
-which the records cannot tell apart. shape: something that the catalogue lacks; a place and a curve. undetermined: the
-records do not tell.
+nothing: what is left is noise. parameters: it was their values, no physics; of what is free, or of a number that the
+diagram holds fixed. effect: this one, here. one_of: one of these, which the records cannot tell apart. shape: something that
+the catalogue lacks; a place and a curve. undetermined: the records do not tell.
 """
 
 from __future__ import annotations

@@ -260,8 +260,8 @@ def _candidates(diagnosis: Diagnosis) -> Html:
                     "together with it, and what that leaves on what was not fitted.", class_="small")
     steps = [joined([element("h3", f"Step {k}"), ranking(step)]) for k, step in enumerate(diagnosis.steps, 1)]
     if diagnosis.verdict == "parameters" and diagnosis.findings:
-        steps.insert(1, element("p", "No effect explains what is left. In the next step other values of what the diagram "
-                                "holds fixed were tried.", class_="small"))
+        steps.insert(1, element("p", "In the next step other values of what the diagram holds fixed were tried, without an "
+                                "effect.", class_="small"))
     return joined([words, *steps])
 
 
