@@ -17,7 +17,7 @@ from benchmarks.diagnosis.truths import TRUTHS
 from heavebond.cli import main
 from heavebond.evidence import leftover, refits, rung, verdict
 from heavebond.evidence.comparison import compare
-from heavebond.evidence.diagnosis import Diagnosis, diagnose
+from heavebond.evidence.diagnosis import Diagnosis, attempt, diagnose
 from heavebond.evidence.experiment import Experiment, load_experiment
 from heavebond.evidence.finding import rung as rung_of
 from heavebond.evidence.fitting import Fitted, fit
@@ -106,6 +106,13 @@ def test_a_search_that_is_ended_among_values_begins_nothing_more(too_heavy: Expe
 
     said = diagnose(too_heavy, classes=["dry friction", "value of a parameter"], number=1, progress=say)
     assert (said.verdict, said.shape) == ("undetermined", None)
+
+
+def test_a_value_is_tried_by_hand_by_its_name(too_heavy: Experiment) -> None:
+    tried = attempt(too_heavy, "cart.m")
+    assert tried.earned and tried.finding.parameters[0].value == pytest.approx(2.5, rel=0.01)
+    # `Mass` is the effect that has the name, an added mass, and not the mass that is there
+    assert attempt(too_heavy, "Mass", ["load"]).finding.candidate.kind == "added mass"
 
 
 def test_what_may_be_wrong_is_what_a_diagram_gives(too_heavy: Experiment) -> None:

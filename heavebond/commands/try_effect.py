@@ -22,7 +22,7 @@ def try_effect(experiment: str, component: str, between: tuple[str, str] | None,
     """Add COMPONENT to the diagram of EXPERIMENT, fit it with everything that is free, and show what it makes of the error.
 
     COMPONENT has an `effect:` entry (`heavebond candidates EXPERIMENT` lists those that fit), or is a dormant parameter
-    such as cylinder.leakage.
+    such as cylinder.leakage, or a number that the diagram holds fixed such as crown.m.
     """
     from heavebond.basis.presentation import number
     from heavebond.commands import terminal

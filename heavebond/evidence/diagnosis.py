@@ -25,7 +25,7 @@ from heavebond.evidence.excerpts import as_long_as, cut, excerpt
 from heavebond.evidence.experiment import Experiment, load_experiment
 from heavebond.evidence.finding import Finding, Rung, rung, with_limits
 from heavebond.evidence.fitting import Fit, fit
-from heavebond.evidence.fixed_values import VALUE
+from heavebond.evidence.fixed_values import VALUE, fixed_values
 from heavebond.evidence.rivals import Alternative
 from heavebond.evidence.rung import SECONDS, Step, following, learnt, merit, revalued, single, step
 from heavebond.evidence.separation import Separation, separate
@@ -219,12 +219,14 @@ def attempt(experiment: Experiment | str | Path, component: str, places: Sequenc
             progress: Progress | None = None) -> Attempt:
     """Put one effect into the diagram by hand and fit it: `attempt("rig.yaml", "CoulombFriction", ["platform", "crown"])`.
 
-    `component` is the name of a component with an `effect:`, or of a dormant parameter (`cylinder.leakage`); `places` name
-    nodes, parts or outputs until one place is left. UsageError where none or several fit.
+    `component` is the name of a component with an `effect:`, of a dormant parameter (`cylinder.leakage`) or of one that is
+    held fixed (`crown.m`); `places` name nodes, parts or outputs until one place is left. UsageError where none or several
+    fit.
     """
     experiment = _loaded(experiment)
     say = progress or (lambda text: None)
-    chosen = _named(candidates(experiment), component, places)
+    values = [c for c in fixed_values(experiment) if c.name == component]
+    chosen = _named([*candidates(experiment), *values], component, places)
     base = fit(experiment, progress=say) if experiment.free else None
     rungs = _first_rungs(experiment, base)
     made = single(_at(experiment, base), chosen, say)
