@@ -15,7 +15,7 @@ from benchmarks.diagnosis.rigs import RIGS
 from benchmarks.diagnosis.truths import RECEIVER
 from heavebond.evidence import climbing, verdict
 from heavebond.evidence.climbing import Way, climb
-from heavebond.evidence.diagnosis import _beside, _noticeable, diagnose
+from heavebond.evidence.diagnosis import _beside, _Come, _noticeable, _weighed, diagnose
 from heavebond.evidence.finding import Finding
 from heavebond.evidence.fixed_values import VALUE
 from heavebond.evidence.leftover import Leftover
@@ -196,3 +196,17 @@ def test_a_value_that_is_a_little_better_than_an_effect_is_named_with_it() -> No
         assert (value in found.alternatives) is beside and as_near == [value]
         assert _beside([finding, finding], chosen, made) == ([finding, finding], [value])
         assert _beside([finding], chosen, replace(made, partial=True)) == ([finding], [])
+
+
+def test_values_are_tried_where_nothing_was_found() -> None:
+    tried: list[Trial | None] = []
+
+    def trying(beside: Trial | None) -> Step:
+        tried.append(beside)
+        return replace(EMPTY, partial=True)
+
+    # no ladder of effects, and a diagram that is near the noise
+    near: Any = SimpleNamespace(chi2_held_out=1.2, chi2_fit=1.2)
+    come = _weighed(_Come([near], [], [EMPTY]), (), None, trying)  # type: ignore[arg-type]
+    assert tried == [None]
+    assert [s.partial for s in come.steps] == [True]
