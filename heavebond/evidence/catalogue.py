@@ -8,7 +8,7 @@ part like the bundled ones.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 from math import sqrt
@@ -154,10 +154,14 @@ def _dormant(site: Site) -> Iterator[Candidate]:
             woken = [p for p in leaf.component.parameters.values() if p.name in parameter.wakes_with]
             numbers = [_dormant_number(full, parameter),
                        *(Sized(f"{leaf.path}.{p.name}", p.unit, p.low, p.high, p.sought, False) for p in woken)]
-            settings = {n.name: quantity(n.neutral if n.amplitude else _middle(n.sought), n.unit) for n in numbers}
-            kind = parameter.kind or parameter.doc or parameter.name
-            yield Candidate(full, leaf.component.name, kind, parameter.doc, f"in {leaf.path} ({parameter.name})",
-                            (leaf.path,), Change(settings=settings), tuple(numbers), "in")
+            yield within(leaf, parameter, parameter.kind or parameter.doc or parameter.name, numbers)
+
+
+def within(leaf: Leaf, parameter: Parameter, kind: str, numbers: Sequence[Sized]) -> Candidate:
+    """The candidate that is another value of a part's own parameter."""
+    settings = {n.name: quantity(n.neutral if n.amplitude else _middle(n.sought), n.unit) for n in numbers}
+    return Candidate(f"{leaf.path}.{parameter.name}", leaf.component.name, kind, parameter.doc,
+                     f"in {leaf.path} ({parameter.name})", (leaf.path,), Change(settings=settings), tuple(numbers), "in")
 
 
 def _dormant_number(full: str, parameter: Parameter) -> Sized:

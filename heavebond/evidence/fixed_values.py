@@ -6,8 +6,7 @@ from collections.abc import Iterator
 from math import isfinite
 
 from heavebond.equations.expand import Leaf
-from heavebond.evidence.catalogue import Candidate, Sized, quantity
-from heavebond.evidence.change import Change
+from heavebond.evidence.catalogue import Candidate, Sized, within
 from heavebond.evidence.comparison import assemble_for
 from heavebond.evidence.experiment import Experiment
 from heavebond.language.definition import Parameter
@@ -26,7 +25,7 @@ def fixed_values(experiment: Experiment) -> list[Candidate]:
             name = f"{leaf.path}.{parameter.name}"
             value = assembly.parameter_values.get(name, 0.0)
             if name not in experiment.free and isfinite(value) and value not in (0.0, parameter.neutral):
-                found.append(_candidate(name, leaf, parameter, value))
+                found.append(within(leaf, parameter, VALUE, [_number(name, parameter, value)]))
     return found
 
 
@@ -38,10 +37,9 @@ def _given(leaf: Leaf) -> Iterator[Parameter]:
             yield parameter
 
 
-def _candidate(name: str, leaf: Leaf, parameter: Parameter, value: float) -> Candidate:
+def _number(name: str, parameter: Parameter, value: float) -> Sized:
+    """What stands in the diagram is what an amplitude of zero is to an effect."""
     ends = sorted((value / WIDE, value * WIDE))
     low = ends[0] if parameter.low is None else max(ends[0], parameter.low)
     high = ends[1] if parameter.high is None else min(ends[1], parameter.high)
-    number = Sized(name, parameter.unit, low, high, None, True, value)
-    return Candidate(name, leaf.component.name, VALUE, parameter.doc, f"in {leaf.path} ({parameter.name})", (leaf.path,),
-                     Change(settings={name: quantity(value, parameter.unit)}), (number,), "in")
+    return Sized(name, parameter.unit, low, high, None, True, value)

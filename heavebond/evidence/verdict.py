@@ -57,10 +57,10 @@ def explained(ladder: Sequence[Rung], findings: Sequence[Finding]) -> bool:
     if is_noise(last.chi2_fit, last.chi2_held_out, last.samples_held_out):
         return True
     # of several effects each mends what another does wrong: together they can come near the noise with wrong names
-    near, gone = max(_held(last), last.chi2_fit) <= NEAR, min(held, _gone(min(r.chi2_fit for r in first), last.chi2_fit))
+    gone = min(held, _gone(min(r.chi2_fit for r in first), last.chi2_fit))
     if len(findings) > 1 or _above_noise(last) > LARGE:
         return False
-    return gone >= (NEARLY if near else GONE)
+    return gone >= (NEARLY if near_noise(last) else GONE)
 
 
 def _gone(first: float, last: float) -> float:
