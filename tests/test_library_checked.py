@@ -1,0 +1,51 @@
+"""Every component of the library is compared with an independent formula of its source, by name."""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+
+import pytest
+from library_check import CHECKED, agree, checks, part
+
+from heavebond.language.library import bundled, library
+
+for _path in sorted(Path(__file__).parent.glob("test_library_*.py")):
+    if _path.stem != Path(__file__).stem:
+        importlib.import_module(_path.stem)
+
+FOLDERS: tuple[str, ...] = ()
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_every_component_is_compared_with_its_source(folder: str) -> None:
+    names = [name for name in library().names() if library().component(name).path.parent.name == folder]
+    assert names
+    assert not [name for name in names if name not in CHECKED]
+
+
+def test_no_component_is_named_that_does_not_exist() -> None:
+    assert not set(CHECKED) - set(library().names())
+
+
+def test_a_comparison_that_evaluates_or_compares_nothing_fails() -> None:
+    @checks("Capillary")
+    def other_component() -> None:
+        agree(part("Cap")({})["a.q"], 0, size=1)
+
+    @checks("Cap")
+    def no_number() -> None:
+        part("Cap")
+
+    for empty, said in ((other_component, "not evaluated"), (no_number, "nothing was compared")):
+        with pytest.raises(AssertionError, match=said):
+            empty()
+    for made in (other_component, no_number):
+        for tests in CHECKED.values():
+            tests[:] = [name for name in tests if made.__name__ not in name]
+    for name in [name for name, tests in CHECKED.items() if not tests]:
+        del CHECKED[name]
+
+
+def test_folders_are_those_of_the_library() -> None:
+    assert set(FOLDERS) <= {path.name for path in bundled("components").iterdir() if path.is_dir()}
