@@ -106,7 +106,8 @@ def process_figures() -> list[Figure]:
     """Start of Python included, on both sides."""
     assert process_disagreement() < 1e-6
     runs = (("`import heavebond` / `import numpy`", ("-c", "import heavebond"), "import numpy", 1.3),
-            ("`heavebond --help` / `import numpy`", (*COMMAND, "--help"), "import numpy", 3.0))
+            ("`heavebond --help` / `import numpy`", (*COMMAND, "--help"), "import numpy", 3.0),
+            ("`heavebond run cmc_ahc` / `import casadi, numpy`", (*COMMAND, "run", "cmc_ahc"), "import casadi, numpy", 8.0))
     return [at_most(f"process: {what}", paired(partial(process, *ours), partial(process, "-c", theirs)), limit)
             for what, ours, theirs, limit in runs]
 

@@ -19,7 +19,6 @@ from heavebond import __version__
 from heavebond.basis.errors import HeavebondError, Problem, UsageError, suggest
 from heavebond.commands.animate import animate
 from heavebond.commands.arguments import check_writable
-from heavebond.commands.cache import cache
 from heavebond.commands.candidates import candidates
 from heavebond.commands.check import check
 from heavebond.commands.check_gradient import check_gradient
@@ -181,6 +180,6 @@ def main() -> None:
 
 
 for _command in (check, draw, run, plot, animate, compare, fit, where, candidates, try_effect, diagnose, ladder, tune, study,
-                 sweep, signal, modes, linear, energy, sensitivity, check_gradient, library, demo, export, schema, cache,
+                 sweep, signal, modes, linear, energy, sensitivity, check_gradient, library, demo, export, schema,
                  new):
     main.add_command(_command)

@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-import os
-
 import pytest
-
-# what is tested is the assembler: nothing comes from an earlier run, nor is the user's own cache touched
-os.environ["HEAVEBOND_CACHE"] = "off"
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

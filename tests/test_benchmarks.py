@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import heavebond as hb
-from benchmarks import cache, chain, compensator, heave, large
+from benchmarks import chain, compensator, heave, large
 from benchmarks.measuring import Paired, at_most, duration
 from heavebond.numbers import idas
 
@@ -51,10 +51,6 @@ def test_pyyaml_reads_the_same_text_from_the_compensator(tmp_path: Path) -> None
 
 def test_the_command_computes_what_the_library_does() -> None:
     assert compensator.process_disagreement() < 1e-9
-
-
-def test_what_is_measured_from_the_cache_comes_from_it(tmp_path: Path) -> None:
-    assert cache.kept(tmp_path / "cache") == 3
 
 
 def test_the_sensitivities_are_those_of_differences() -> None:

@@ -14,9 +14,8 @@ from heavebond.evidence.comparison import assemble_for, driven_by
 from heavebond.evidence.experiment import load_experiment
 from heavebond.evidence.residuals import Residuals, Run
 from heavebond.evidence.scoring import Base, Score, scored, searched
-from heavebond.language import keeping
-from heavebond.language.model import Setting, load
-from heavebond.numbers.dae import Array, assemble
+from heavebond.language.model import Setting
+from heavebond.numbers.dae import Array
 from heavebond.numbers.simulation import Simulator, Tolerances
 
 EFFECT = "PneumaticValve in inlet (b_cr)"
@@ -200,17 +199,6 @@ def test_a_tangent_is_no_error_of_algebraic_unknowns(tmp_path: Path) -> None:
     exact = run.again([name], {name: 1e8}, Simulator)  # the size of 1e8 is what error control sees
     tangent = exact.residuals({name: 0.0})[1][0]
     assert score.size == pytest.approx(float(np.linalg.norm(tangent)), rel=0.02)
-
-
-def test_diagrams_that_are_tried_once_are_not_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("HEAVEBOND_CACHE", str(tmp_path))
-    monkeypatch.setattr(keeping, "WORTH", 0.0)
-    model = load("cmc_ahc/designed")
-    before = set(tmp_path.iterdir())
-    assemble(model, keep=False)
-    assert set(tmp_path.iterdir()) == before
-    assemble(model)
-    assert set(tmp_path.iterdir()) > before
 
 
 def test_laws_with_other_shapes_are_not_the_same_machine() -> None:

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 import heavebond as hb
 from heavebond.basis.errors import HeavebondError, ModelError, Place, Problem, Problems, suggest
+from heavebond.language.library import bundled
 from heavebond.text.source import Mapping, Scalar, Sequence, parse, read
 
 SLIDER = """\
@@ -40,6 +41,15 @@ def codes(text: str) -> list[tuple[str, int, int]]:
 
 
 # -- what is read ----------------------------------------------------------------------------------------------------
+def test_libyaml_reads_every_bundled_file_like_pyyaml() -> None:
+    """Tree, texts and places: what the quick reader is used for."""
+    files = [path for folder in ("components", "models") for path in sorted(bundled(folder).rglob("*.yaml"))]
+    assert len(files) > 500
+    for path in files:
+        text = path.read_text(encoding="utf-8")
+        assert parse(text, bundled=True) == parse(text), path
+
+
 def test_every_value_is_text() -> None:
     root = parse("a: 1e6\non: yes\nno: 010\nb: 12:30\nc: 0x1F\nd: ~\ne: null\nf: 2001-01-01\ng: 1_000\nh: '5'\n").root
     assert {k: v.text for k, v in root.items.items() if isinstance(v, Scalar)} == {

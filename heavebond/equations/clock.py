@@ -17,11 +17,12 @@ from heavebond.basis.errors import Place
 from heavebond.basis.units import DIMENSIONLESS
 from heavebond.equations.happening import FlatEvent, FlatReset, Held
 from heavebond.equations.parameters import FlatParameter, Parameters
-from heavebond.text.instructions import BINARY, CORNERS
-from heavebond.text.symbols import split, stack
+from heavebond.text.symbols import CORNERS, split, stack
 
 NEVER = 1e300  # an instant that no run reaches
-TWO = set(BINARY.tolist())
+TWO = {ca.OP_ADD, ca.OP_SUB, ca.OP_MUL, ca.OP_DIV, ca.OP_POW, ca.OP_CONSTPOW, ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE,
+       ca.OP_AND, ca.OP_OR, ca.OP_FMOD, ca.OP_COPYSIGN, ca.OP_IF_ELSE_ZERO, ca.OP_FMIN, ca.OP_FMAX, ca.OP_ATAN2, ca.OP_HYPOT,
+       ca.OP_REMAINDER}
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,6 @@ from heavebond.language.template import LEVELS, Template, template
 from heavebond.language.values import add_formula_problem, check_dimension
 from heavebond.text.expression import Expr, ExpressionProblem, constant, names, parse_formula
 from heavebond.text.incidence import Interval, classify
-from heavebond.text.packing import BY_SYMBOL
 from heavebond.text.symbols import nonsmooth, split, stack
 
 SECOND = declared_unit("s").dimension
@@ -95,7 +94,7 @@ class Flat:
     constants: dict[str, ca.SX]
     units: dict[str, Unit] = field(default_factory=dict)
     energetics: tuple[Energetics, ...] = ()
-    bounds: dict[int, Interval] = field(default_factory=dict, metadata=BY_SYMBOL)
+    bounds: dict[int, Interval] = field(default_factory=dict)  # by the hash of a symbol
     held: tuple[Held, ...] = ()
     events: tuple[FlatEvent, ...] = ()
     bonds: dict[str, Bond] = field(default_factory=dict)        # of the components

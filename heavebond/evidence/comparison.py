@@ -218,12 +218,11 @@ def _late_by(channel: Channel) -> str:
     return f"{'late' if late.seconds > 0 else 'early'} by {size} +- {deviation}"
 
 
-def assemble_for(experiment: Experiment, record: Record, *, keep: bool = True) -> Assembly:
-    """The diagram of a record as equations; ModelError for outputs or free parameters that it does not have. `keep` as in
-    `assemble`."""
+def assemble_for(experiment: Experiment, record: Record) -> Assembly:
+    """The diagram of a record as equations; ModelError for outputs or free parameters that it does not have."""
     wanted = {n.text for output in experiment.outputs.values() for n in names(output.shown.expr)}
     wanted |= {name.removeprefix("initial.") for name in experiment.free if name.startswith("initial.")}
-    assembly = assemble(experiment.model_for(record), wanted, keep=keep)
+    assembly = assemble(experiment.model_for(record), wanted)
     problems = Problems()
     for name, output in experiment.outputs.items():
         _check_output(assembly, name, output, problems)

@@ -80,12 +80,11 @@ class Run:
 
     def __init__(self, experiment: Experiment, record: Record, names: list[str], tolerances: Tolerances = TOLERANCES, *,
                  kind: type[Simulator] = Simulator, like: Run | None = None, assembly: Assembly | None = None):
-        """`kind` of simulator to use; `like` is a run of the same record with another diagram: the record is not read again,
-        and this diagram, one of many that are tried, is not kept in the cache. `assembly` is this diagram, where there is
-        one."""
+        """`kind` of simulator to use; `like` is a run of the same record with another diagram: the record is not read again.
+        `assembly` is this diagram, where there is one."""
         self.record, self.names = record, names
         self.found: Measured = like.found if like is not None else measure(experiment, record)
-        self.assembly: Assembly = assembly or assemble_for(experiment, record, keep=like is None)
+        self.assembly: Assembly = assembly or assemble_for(experiment, record)
         self.probe = Probe(self.assembly, [o.shown.text for o in experiment.outputs.values()], si=True)
         units = [read_unit(o.shown.unit) for o in experiment.outputs.values()]
         self.scale = np.array([u.scale for u in units])

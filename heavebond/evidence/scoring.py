@@ -161,7 +161,7 @@ class Base:
         key = repr(change)
         if key not in self.diagrams:
             changed = change.on_experiment(self.problem.experiment)
-            made = Diagram(changed, tuple(assemble_for(changed, run.record, keep=False) for run in self.problem.runs))
+            made = Diagram(changed, tuple(assemble_for(changed, run.record) for run in self.problem.runs))
             if len(self.diagrams) == DIAGRAMS:
                 del self.diagrams[next(iter(self.diagrams))]
             self.diagrams[key] = made

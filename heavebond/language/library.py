@@ -72,6 +72,11 @@ def library(folders: Iterable[Path] = ()) -> Library:
     return Library(_domains(), files, twice)
 
 
+def is_bundled(path: Path) -> bool:
+    """Whether a file came with heavebond."""
+    return any(path.resolve().is_relative_to(bundled(folder).resolve()) for folder in ("components", "models"))
+
+
 def example(component: Component) -> Path | None:
     """The smallest diagram that shows a component of the library, `models/examples/` with the name of its file; None where
     there is none."""
@@ -101,7 +106,7 @@ def _name_in(path: Path) -> str:
 @lru_cache(maxsize=1)
 def _domains() -> dict[str, Domain]:
     path = bundled("components") / "domains.yaml"
-    source = read(path, shown_path(path))
+    source = read(path, shown_path(path), bundled=True)
     problems = Problems()
     domains = {}
     for name, node in source.root.items.items():
@@ -144,7 +149,7 @@ def _figure(entry: Mapping, key: str, problems: Problems) -> float | None:
 
 @lru_cache(maxsize=1024)
 def _load_cached(path: Path, shown: str, stamp: tuple[int, int], domains: tuple[str, ...]) -> Component:
-    return parse_component(read(path, shown), _domains())
+    return parse_component(read(path, shown, bundled=is_bundled(path)), _domains())
 
 
 def _load(path: Path, domains: tuple[Domain, ...]) -> Component:

@@ -10,8 +10,7 @@ from pathlib import Path
 from heavebond.basis.errors import ModelError, Place, Problem, Problems, UsageError, listing, suggest
 from heavebond.language import reading
 from heavebond.language.definition import Body, End, FileInput, Instance, Value, Wire
-from heavebond.language.keeping import Kind, kept_diagram, values_in
-from heavebond.language.library import Library, bundled, library, shown_path
+from heavebond.language.library import Library, bundled, is_bundled, library, shown_path
 from heavebond.language.sections import (
     Condition,
     Initial,
@@ -116,8 +115,7 @@ def _like(value: Value, before: Value | FileInput | None) -> Value:
 
 def load(name: str | Path) -> Model:
     """Load a diagram: the path of a file, or the name of a bundled one (`cmc_ahc`, `cmc_ahc/passive`)."""
-    path = find(name)
-    return kept_diagram(KEPT, path, lambda: _load(path, ()), lambda model: model.sources)
+    return _load(find(name), ())
 
 
 def loads(text: str, folder: Path | str = ".") -> Model:
@@ -175,7 +173,7 @@ def load_beside(source: Source, node: Node, problems: Problems) -> Model:
 
 
 def _load(path: Path, chain: tuple[Path, ...]) -> Model:
-    return from_source(read(path, shown_path(path)), chain)
+    return from_source(read(path, shown_path(path), bundled=is_bundled(path)), chain)
 
 
 def from_source(source: Source, chain: tuple[Path, ...] = ()) -> Model:
@@ -317,8 +315,3 @@ def _change_ends(ends: list[End], end: End, node: str, problems: Problems) -> No
         ends[:] = kept
     else:
         ends.append(End(end.path.removeprefix("+"), end.place))
-
-
-KEPT = Kind(Model, "diagram", values_in(
-    "language.definition", "basis.errors", "text.expression", "language.library", "language.model", "language.sections",
-    "text.source", "basis.units", "language.view"))

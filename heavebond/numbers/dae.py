@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import casadi as ca
@@ -17,20 +16,11 @@ from heavebond.basis.units import UnitProblem, check_unit, parse_quantity
 from heavebond.equations.flatten import Flat, flatten
 from heavebond.equations.reduce import Reduced, reduce
 from heavebond.equations.resolver import Resolver
-from heavebond.language.definition import Value
-from heavebond.language.fingerprint import Fingerprint, contents, key, program
-from heavebond.language.keeping import Kind, kept, values_in
-from heavebond.language.library import bundled
 from heavebond.language.model import Model
 from heavebond.text.expression import Expr, ExpressionProblem
 from heavebond.text.symbols import split, stack
 
 Array = NDArray[np.float64]
-KEPT = Kind(Reduced, "reduced", values_in(
-    "language.definition", "basis.errors", "equations.expand", "text.expression", "equations.flatten",
-    "equations.happening", "language.library", "language.model", "language.sections", "equations.parameters",
-    "equations.rank", "equations.reduce", "equations.resolver", "text.source", "equations.states", "basis.units",
-    "language.view"))
 # how often a signal may be differentiated
 DERIVATIVES = {"hold": 0, "linear": 1, "spline": 3}
 
@@ -159,37 +149,11 @@ class Assembly:
         return ca.jtimes(value, low, high) + ca.jtimes(value, t, rate)
 
 
-def assemble(model: Model, also: Iterable[str] = (), widths: float = 1.0, *, keep: bool = True) -> Assembly:
+def assemble(model: Model, also: Iterable[str] = (), widths: float = 1.0) -> Assembly:
     """YAML meaning to runnable equations; `also` names positions wanted beside those the diagram itself names, `widths` is
-    a factor on the widths of all transitions. What was reduced before from the same contents comes from the cache, unless
-    it is not to be kept: of hundreds of diagrams that are tried once each, packing takes longer than making."""
-    wanted = sorted(set(also))
-
-    def make() -> Reduced:
-        return reduce(flatten(model, wanted, widths))
-
+    a factor on the widths of all transitions."""
     with put_off():
-        return build(kept(KEPT, lambda: _follows(model, wanted, widths), make, _told, {"model": model}) if keep else make())
-
-
-def _told(reduced: Reduced) -> bool:
-    """Whether a reduced diagram follows from no more than `_follows` tells: not where a component has lists of values in
-    files of its own, which the diagram does not name."""
-    expanded = reduced.flat.expanded
-    given = (b.value for leaf in expanded.leaves.values() for b in leaf.parameters.values() if isinstance(b.value, Value))
-    return {v.file for v in given if v.file} <= set(expanded.model.sources)
-
-
-def _follows(model: Model, also: Sequence[str], widths: float) -> Fingerprint:
-    """What a reduced diagram follows from: the diagram as a value, the files of all components that are not bundled, and
-    this program with those that are; the folder from which messages count."""
-    library, root = model.library, f"{bundled('components')}{os.sep}"
-    own = contents(path for path in library.files.values() if not str(path).startswith(root))
-    said = [repr(getattr(model, f.name)) for f in fields(model) if f.name != "library"]
-    other = program()
-    digest = key(other.digest, own.digest, os.getcwd(), *said, library.domains, library.files, library.twice, list(also),
-                 widths)
-    return Fingerprint(digest.encode(), max(own.newest, other.newest))
+        return build(reduce(flatten(model, sorted(set(also)), widths)))
 
 
 def build(reduced: Reduced) -> Assembly:

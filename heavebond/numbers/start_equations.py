@@ -16,8 +16,7 @@ from heavebond.equations.states import Guess
 from heavebond.language.sections import Condition
 from heavebond.numbers.dae import Array, Assembly
 from heavebond.text.expression import Call, Expr, Name, children, parse_formula
-from heavebond.text.instructions import CORNERS
-from heavebond.text.symbols import split, stack
+from heavebond.text.symbols import CORNERS, split, stack
 
 # functions whose second argument is the width over which they turn
 REGULARISED = ("smooth_sign", "signed_sqrt")

@@ -96,7 +96,7 @@ def _worked(study: Study, case: StudyCase, procedure: Procedure | None, progress
 
 def assembled(study: Study, case: StudyCase) -> Assembly:
     """The diagram of a case, with what was calibrated: a case in which such a parameter has a value of its own keeps it."""
-    assembly = assemble(case.model, named_in(study), keep=False)  # of a thousand cases each is met once
+    assembly = assemble(case.model, named_in(study))
     own = assembly.parameter_values
     return assembly.with_parameters({name: after for name, (before, after) in study.calibrated.items()
                                      if math.isclose(own[name], before, rel_tol=1e-9, abs_tol=0.0)})

@@ -25,6 +25,9 @@ from heavebond.text.expression import (
 )
 
 NONSMOOTH = {"min", "max", "abs", "sign", "if_else"}
+# operations of CasADi that jump or turn at a point, though their second derivative is zero everywhere else
+CORNERS = {ca.OP_FMIN, ca.OP_FMAX, ca.OP_FABS, ca.OP_FMOD, ca.OP_REMAINDER, ca.OP_COPYSIGN, ca.OP_SIGN, ca.OP_FLOOR,
+           ca.OP_CEIL, ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_IF_ELSE_ZERO}
 
 _COMPARE: dict[str, Callable[[ca.SX, ca.SX], ca.SX]] = {
     "<": lambda a, b: a < b, "<=": lambda a, b: a <= b, ">": lambda a, b: a > b, ">=": lambda a, b: a >= b,
