@@ -8,6 +8,7 @@ import reference_cmc_ahc as reference
 
 import heavebond as hb
 from heavebond.basis.units import read_unit
+from heavebond.numbers.initialise import start
 from heavebond.numbers.simulation import Simulator, Tolerances
 
 CASES = {
@@ -59,3 +60,25 @@ def test_irregular_sea_runs_and_is_the_same_twice(variant: str) -> None:
     once, again = (hb.simulate(model, "60 s", every="0.1 s") for _ in range(2))
     assert np.array_equal(once["WOB"], again["WOB"])
     assert np.ptp(once["platform"]) > 0.5
+
+
+@pytest.mark.parametrize("hook", [120, 125, 130, 132.9])
+@pytest.mark.parametrize("name", ["cmc_ahc/passive", "cmc_ahc/passive_frictionless", "cmc_ahc/printed_friction_passive"])
+def test_a_heavy_hook_has_a_steady_state_though_the_bit_is_off_bottom_at_the_guess(name: str, hook: float) -> None:
+    """The string then lengthens so little that the sea floor of the guess is below the bit, where the formation has no
+    gradient. By hand: wires carry all but 30 kN, the string what hangs below it, the formation is pressed in by 30 mm."""
+    assembly = hb.assemble(hb.load(name)).with_parameters({"drilling.hook.m": 1e3 * hook})
+    found = start(assembly, 0.0, np.zeros(assembly.arguments[4].numel()))
+    g = 9.81
+    bit = -(133e3 * g - 30e3) / 4000e3 - ((133 - hook) * 1e3 * g - 30e3) / 298e3
+    assert found.p[assembly.parameter_names.index("drilling.seabed.x0")] == pytest.approx(bit + 0.03, rel=1e-9)
+
+
+def test_a_weight_on_bit_that_is_not_reached_is_blamed_and_no_chamber() -> None:
+    """From a sea floor ten kilometres below; what only follows is not named."""
+    given = {"drilling.hook.m": "120 t", "drilling.seabed.x0": "-10 km"}
+    assembly = hb.assemble(hb.load("cmc_ahc/passive")).with_parameters(given)
+    with pytest.raises(hb.StartError) as caught:
+        start(assembly, 0.0, np.zeros(assembly.arguments[4].numel()))
+    assert "drilling.formation.N = 30 kN was not reached" in str(caught.value)
+    assert "chamber" not in str(caught.value)

@@ -39,7 +39,7 @@ REFUSED = (
     "joined_volumes_at_other_pressures", "gas_that_begins_at_zero", "gauge_pressure_for_an_absolute_one",
     "coils_in_line_with_other_currents", "flow_forced_through_shut_valves", "controller_that_cannot_hold_its_load",
     "cylinder_that_begins_at_zero_volume", "check_valves_in_line_both_shut", "motions_at_both_ends_of_a_gear",
-    "force_divided_by_the_time", "weight_on_a_contact_far_below",
+    "force_divided_by_the_time", "weight_on_a_contact_kilometres_below",
     # events, and what should be one
     "step_into_a_position_source", "coil_on_a_current_that_steps", "capacitor_on_a_voltage_that_steps", "sign_of_a_speed",
 )
@@ -84,6 +84,7 @@ ENDS: dict[str, Callable[[], dict[str, float]]] = {
     "inertance_behind_a_flow_source": lambda: {"line.p": 1e8 * 10 * LPM, "pipe.q_I": 10 * LPM - 5e-3 * 10 * LPM},
     "bridge_of_sharp_orifices": lambda: dict(zip(("left.p", "right.p"), _bridge(), strict=True)),
     "load_above_an_open_contact": lambda: {"load.x": -100 * 9.81 / 1e6, "contact.N": 981.0},
+    "weight_on_a_contact_far_below": lambda: {"load.x": (300 - 100 * 9.81) / 10e3, "contact.N": 300.0},
     "pump_on_a_relief_valve": lambda: {"line.p": 100e5 + 10 * LPM / 1e-10},
     "guess_that_a_formula_gives": lambda: {"load.x": 0.2 - 0.1 * np.cos(np.sqrt(1000 / 3))},
     "spring_jerked_at_its_end": lambda: {"body.x": 0.02 * (1 - np.cos(np.sqrt(1000 / 3) * 0.5))},

@@ -59,7 +59,7 @@ def test_continuation_follows_a_path_on_which_newton_stalls() -> None:
     system = scalar(f, slope)
     assert not newton(system, np.array([-2.0]), FREE).good
     # the homotopy must turn round there too; from the other side it goes through
-    found = continued(scalar(lambda x: np.arctan(50 * (x - 3)), lambda x: 50 / (1 + 2500 * (x - 3) ** 2)),
+    found = continued(lambda done: scalar(lambda x: np.arctan(50 * (x - 3)), lambda x: 50 / (1 + 2500 * (x - 3) ** 2)),
                       np.array([0.0]), FREE)
     assert found.good
     assert found.y[0] == pytest.approx(3.0, abs=1e-6)
@@ -79,7 +79,7 @@ def test_a_machine_settles_where_its_law_has_no_gradient_at_the_guess() -> None:
         return scalar(lambda x: rate(x) - (x - before[0]) / step, lambda x: slope(x) - 1 / step)
 
     assert not newton(system, np.zeros(1), FREE).good
-    assert not continued(system, np.zeros(1), FREE).good
+    assert not continued(lambda done: system, np.zeros(1), FREE).good
     found = settled(system, slowed, np.zeros(1), FREE)
     assert found.good
     assert found.y[0] == pytest.approx(5.1)

@@ -62,6 +62,11 @@ class Found:
         return bool(np.all(np.isfinite(self.residual)) and np.abs(self.residual).max(initial=0.0) < GOOD)
 
     @property
+    def missed(self) -> tuple[int, float]:
+        """How many equations do not hold, and the largest residual: of two ends of a search the one that is nearer."""
+        return int((~(np.abs(self.residual) < GOOD)).sum()) if np.isfinite(self.size) else len(self.residual) + 1, self.size
+
+    @property
     def size(self) -> float:
         """The largest residual; infinite where one is no number."""
         return float(np.abs(self.residual).max(initial=0.0)) if np.all(np.isfinite(self.residual)) else np.inf
@@ -155,20 +160,22 @@ def settled(system: System, slowed: Callable[[Array, float], System], y: Array, 
     return Found(found.y, found.residual, steps)
 
 
-def continued(system: System, y: Array, frame: Frame) -> Found:
-    """F(y) = (1 - s) F(y_0) for s from 0 to 1: what is out of balance at the guess acts as a source that is taken away
-    little by little, each solution being the guess for the next. Steps grow and shrink with success.
+def continued(family: Callable[[float], System], y: Array, frame: Frame) -> Found:
+    """F_s(y) = (1 - s) F_0(y_0) for s from 0 to 1, where F_1 are the equations: what is out of balance at the guess acts as
+    a source that is taken away little by little, each solution being the guess for the next. Steps grow and shrink with
+    success.
 
     The Newton homotopy; E. L. Allgower, K. Georg, Introduction to Numerical Continuation Methods, SIAM 2003, chapter 1,
     doi:10.1137/1.9780898719154.
     """
     y = frame.within(y)
-    first, _ = system(y)
+    first, _ = family(0.0)(y)
     found, steps, s, stride = Found(y, first, 0), 0, 0.0, 0.25
     while s < 1 and stride >= SHORTEST and np.all(np.isfinite(first)):
         to = min(1.0, s + stride)
+        member = family(to)
 
-        def balanced(at: Array, left: float = 1 - to) -> tuple[Array, Array]:
+        def balanced(at: Array, system: System = member, left: float = 1 - to) -> tuple[Array, Array]:
             residual, jacobian = system(at)
             return residual - left * first, jacobian
 
@@ -178,6 +185,6 @@ def continued(system: System, y: Array, frame: Frame) -> Found:
             found, s, stride = trial, to, 2 * stride
         else:
             stride /= 4
-    last, jacobian = system(found.y)
+    last, jacobian = family(1.0)(found.y)
     finite = last.size and np.all(np.isfinite(jacobian))
     return Found(found.y, last * weights(last, jacobian) if finite else last, steps)

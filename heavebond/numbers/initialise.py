@@ -147,16 +147,16 @@ class _Search:
     def _search(self, first: Array) -> Array:
         """The first of these that leads to a solution: Newton's method from the guess; continuation in the widths of
         regularised laws; continuation in what is out of balance at the guess; for a steady start, letting the machine
-        settle; Newton's method from points around the guess, since where a contact is open or a valve shut at the
-        guess its force has no gradient there."""
+        settle; continuation with rounded corners, since where a contact is open or a valve shut at the guess its force has
+        no gradient there; Newton's method from points around the guess."""
         system = self._scaled(self.equations.all)
         best: Found | None = None
-        for attempt in range(4 + SHIFTS):
+        for attempt in range(5 + SHIFTS):
             found = self._attempt(system, first, attempt)
             self.steps += found.steps
             if found.good:
                 return found.y
-            best = found if best is None or found.size < best.size else best
+            best = found if best is None or found.missed < best.missed else best
             if self.equations.all.affine and self.frame.inside(found.y):
                 break  # straight lines that meet nowhere
         assert best is not None
@@ -166,10 +166,12 @@ class _Search:
         if attempt == 1:
             return self._narrowed(system, first)
         if attempt == 2:
-            return continued(system, first, self.frame)
+            return continued(lambda done: system, first, self.frame)
         if attempt == 3 and self.equations.steady:
             return settled(system, self._slowed, first, self.frame)
-        return newton(system, first + self.nominal * self._shift(attempt - 3), self.frame)
+        if attempt == 4:
+            return self._sharpened(system, first)
+        return newton(system, first + self.nominal * self._shift(attempt - 4), self.frame)
 
     def _slowed(self, before: Array, step: float) -> System:
         """The equations of a steady start with (x - before)/step for each rate that is to vanish."""
@@ -192,6 +194,21 @@ class _Search:
             found = newton(system, found.y, self.frame)
         self.widening = 1.0
         return found
+
+    def _sharpened(self, system: System, y: Array) -> Found:
+        """Newton's method with rounded corners, which become sharp step by step."""
+        whole = self.equations.all
+        widths = whole.corner_widths(self._point(y), self.nominal)
+        if not len(widths) or not np.all(np.isfinite(widths)):
+            return Found(y, np.full(1, np.inf), 0)
+
+        def family(done: float) -> System:
+            def at(y: Array) -> tuple[Array, Array]:
+                residual, jacobian = whole.rounded_at(self._point(y), (1 - done) * widths)
+                return residual, jacobian * self.nominal
+            return at if done < 1 else system
+
+        return continued(family, y, self.frame)
 
     def _shift(self, number: int) -> Array:
         """Deterministic shifts of growing size, the first of none."""

@@ -15,11 +15,15 @@ from heavebond.equations.reduce import Pivot
 from heavebond.equations.states import Guess
 from heavebond.language.sections import Condition
 from heavebond.numbers.dae import Array, Assembly
+from heavebond.text.corners import Rounded, rounded
 from heavebond.text.expression import Call, Expr, Name, children, parse_formula
 from heavebond.text.symbols import CORNERS, split, stack
 
 # functions whose second argument is the width over which they turn
 REGULARISED = ("smooth_sign", "signed_sqrt")
+# corners within corners (the force of a contact is cut at zero, and so is the indentation that it is made of), and the width
+# of one that no unknown reaches
+NESTED, SHARP = 6, 1e-30
 
 
 @dataclass(frozen=True)
@@ -76,6 +80,28 @@ class StartSystem:
         method tells all."""
         corners = {self._function.instruction_id(k) for k in range(self._function.n_instructions())} & CORNERS
         return not corners and not any(ca.which_depends(self._residuals, self._unknowns, 2, True))
+
+    @cached_property
+    def _rounded(self) -> tuple[Rounded, ca.Function, ca.Function]:
+        """The residuals with rounded corners: their values and Jacobian, and the Jacobian of what is zero at the corners."""
+        found = rounded(self._residuals, self._arguments)
+        arguments = [*self._arguments, found.widths]
+        return (found, ca.Function("rounded", arguments, [found.column, ca.jacobian(found.column, self._unknowns)]),
+                ca.Function("corners", arguments, [ca.jacobian(found.at, self._unknowns)]))
+
+    def corner_widths(self, point: Point, sizes: Array) -> Array:
+        """How far each corner (n,) moves while every unknown moves by its size; what a corner that is shut hides counts as
+        it does where its own is rounded."""
+        found, _, slopes = self._rounded
+        widths = np.full(found.widths.numel(), SHARP)
+        for _ in range(NESTED if len(widths) else 0):
+            widths = np.maximum(np.abs(np.array(slopes(*point.values(), widths).full())) @ sizes, SHARP)
+        return np.asarray(widths)
+
+    def rounded_at(self, point: Point, widths: Array) -> tuple[Array, Array]:
+        """Residuals and Jacobian with corners of these widths (n,)."""
+        residual, jacobian = self._rounded[1](*point.values(), widths)
+        return np.array(residual.full()).ravel(), np.array(jacobian.full())
 
     @cached_property
     def _slopes(self) -> ca.Function:
