@@ -47,7 +47,8 @@ def modes(model: str, at: str | None, steady: bool, settings: tuple[str, ...]) -
     with blamed_on_settings(settings), terminal.working("linearising"):
         operating = OperatingPoints(with_settings(load(model), settings), operating_time(at, steady))
         assembly, point = operating.assembly, operating.at()
-        found = Linearisation(assembly).at(point).modes()
+        linear = Linearisation(assembly).at(point)
+        found, judged = linear.modes(), linear.stability()
         shares = energy_shares(assembly, point, found)
     console = terminal.output()
     rows = [(_frequency(mode), *((f"{mode.damping:.4g}", f"{-mode.value.real:.4g} 1/s") if mode.value else ("", "")),
@@ -55,17 +56,19 @@ def modes(model: str, at: str | None, steady: bool, settings: tuple[str, ...]) -
             for mode, share in zip(found, shares, strict=True)]
     console.print(terminal.table(f"{assembly.model.name} {operating.words}, {count(len(assembly.state_names), 'state')}",
                                  ("frequency", "damping", "decay", "energy in", "damped (fed) by"), rows, text=5))
-    growing = sum(mode.value.real > 0 for mode in found)
+    growing = len(judged.growing)
     if growing:
         console.print(f"{growing} modes grow" if growing > 1 else "1 mode grows",
                       f"{operating.words}: it is not stable there")
+    elif not judged.stable:
+        console.print(f"{judged.verdict} {operating.words}: {'; '.join(judged.reasons)}", soft_wrap=True)
     notes = stuck(assembly, point)
     for note in notes:
         console.print(note, style="yellow", soft_wrap=True)
     if shares and shares[0].left_out:
         console.print(f"not counted (described by mass and temperature): {', '.join(shares[0].left_out)}", soft_wrap=True)
     return {"model": assembly.model.name, "at": operating.words, "operating_point": _point_told(assembly, point),
-            "stuck": notes,
+            "stability": judged.verdict, "stuck": notes,
             "modes": [_told(mode, share) for mode, share in zip(found, shares, strict=True)]}
 
 

@@ -26,12 +26,9 @@ from heavebond.numbers.inputs import pieced
 from heavebond.numbers.result import signal_expression
 from heavebond.numbers.simulation import grid
 from heavebond.numbers.start_equations import Point, StartEquations
+from heavebond.studies.stability import Stability, stability, with_zeros
 from heavebond.text.symbols import stack
 
-# Where the matrix is singular to rounding (a body that nothing holds, an integrator), eigenvalues below the second share of
-# the largest are zero: a double one is only found to the root of the rounding.
-SINGULAR = 1e-14
-STILL = 1e-7
 # Vectors l, v of unit length with a smaller product belong to a multiple eigenvalue, which has no derivative.
 DEFECTIVE = 1e-12
 
@@ -71,8 +68,8 @@ class Mode:
 
 @dataclass(frozen=True)
 class Linear:
-    """a (n_x, n_x), b (n_x, m), c (k, n_x), d (k, m) in SI (outputs under `show:` in their unit); `sizes` (n_x,) are the
-    nominal values of the states."""
+    """a (n_x, n_x), b (n_x, m), c (k, n_x), d (k, m) in SI; `sizes` (n_x,) are the nominal values of the states, `rigid`
+    tells which of them are positions and speeds of bodies."""
 
     states: tuple[str, ...]
     inputs: tuple[str, ...]
@@ -82,6 +79,11 @@ class Linear:
     c: Array
     d: Array
     sizes: Array
+    rigid: tuple[bool, ...] = ()
+
+    def stability(self) -> Stability:
+        """The eigenvalues, judged: stable, marginally stable (with the free modes by name) or unstable."""
+        return stability(self.a, self.sizes, self.states, self.rigid)
 
     def modes(self) -> list[Mode]:
         """The modes, the slowest first; eigenvalues that are zero but for rounding are 0."""
@@ -93,9 +95,7 @@ class Linear:
             left = np.linalg.inv(right).conj().T
         except np.linalg.LinAlgError:  # a multiple eigenvalue without as many vectors
             left = np.linalg.pinv(right).conj().T
-        sizes = np.linalg.svd(scaled, compute_uv=False)
-        if sizes[-1] <= SINGULAR * len(sizes) * sizes[0]:
-            values = np.where(np.abs(values) <= STILL * np.abs(values).max(), 0, values)
+        values = with_zeros(values, scaled)
         found = [Mode(complex(values[k]), right[:, k], left[:, k], self.states)
                  for k in range(len(values)) if values[k].imag >= 0]
         return sorted(found, key=lambda mode: (abs(mode.value), mode.value.real))
@@ -132,7 +132,14 @@ class Linearisation:
             by_x, by_w = _solved(g_z, g_x), _solved(g_z, g_w)
             f_x, f_w, h_x, h_w = f_x - f_z @ by_x, f_w - f_z @ by_w, h_x - h_z @ by_x, h_w - h_z @ by_w
         assembly = self.assembly
-        return Linear(tuple(assembly.state_names), self.inputs, self.outputs, f_x, f_w, h_x, h_w, assembly.x_nominal)
+        return Linear(tuple(assembly.state_names), self.inputs, self.outputs, f_x, f_w, h_x, h_w, assembly.x_nominal,
+                      rigid_states(assembly))
+
+
+def rigid_states(assembly: Assembly) -> tuple[bool, ...]:
+    """Which states are positions and speeds of bodies."""
+    unknowns = (assembly.flat.unknowns[j] for j, _ in assembly.reduced.states)
+    return tuple(u.role == "position" or u.motion for u in unknowns)
 
 
 def _solved(g_z: Array, right: Array) -> Array:
