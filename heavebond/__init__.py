@@ -22,7 +22,15 @@ if TYPE_CHECKING:
     from heavebond.analysis.locus import root_locus
     from heavebond.analysis.margins import loop_margins
     from heavebond.analysis.simplification import simplify
-    from heavebond.basis.errors import DataError, HeavebondError, ModelError, SimulationError, StartError, UsageError
+    from heavebond.basis.errors import (
+        DataError,
+        HeavebondError,
+        ModelError,
+        RunWarning,
+        SimulationError,
+        StartError,
+        UsageError,
+    )
     from heavebond.basis.saved import SavedRun, read_run
     from heavebond.evidence.catalogue import candidates
     from heavebond.evidence.comparison import Comparison, compare
@@ -50,7 +58,8 @@ _EXPORTS = {
     "analysis.locus": ("root_locus",),
     "analysis.margins": ("loop_margins",),
     "analysis.simplification": ("simplify",),
-    "basis.errors": ("DataError", "HeavebondError", "ModelError", "SimulationError", "StartError", "UsageError"),
+    "basis.errors": ("DataError", "HeavebondError", "ModelError", "RunWarning", "SimulationError", "StartError",
+                     "UsageError"),
     "basis.saved": ("read_run", "SavedRun"),
     "evidence.catalogue": ("candidates",),
     "evidence.comparison": ("compare", "Comparison"),
@@ -72,10 +81,10 @@ _EXPORTS = {
 _WHERE = {name: module for module, names in _EXPORTS.items() for name in names}
 __all__ = [
     "Assembly", "Comparison", "DataError", "Diagnosis", "Experiment", "Fit", "HeavebondError", "Model", "ModelError",
-    "Result", "SavedRun", "SimulationError", "Simulator", "StartError", "StateSpace", "Study", "StudyResult",
-    "UsageError", "Where", "assemble", "attempt", "audit", "candidates", "compare", "diagnose", "draw", "fit", "ladder",
-    "load", "load_experiment", "load_study", "loads", "loop_margins", "read_run", "root_locus", "run_study", "simplify",
-    "simulate", "state_space", "tune", "where",
+    "Result", "RunWarning", "SavedRun", "SimulationError", "Simulator", "StartError", "StateSpace", "Study",
+    "StudyResult", "UsageError", "Where", "assemble", "attempt", "audit", "candidates", "compare", "diagnose", "draw", "fit",
+    "ladder", "load", "load_experiment", "load_study", "loads", "loop_margins", "read_run", "root_locus", "run_study",
+    "simplify", "simulate", "state_space", "tune", "where",
 ]
 
 

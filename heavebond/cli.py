@@ -1,6 +1,7 @@
 """The command line: which commands there are, and how what is wrong ends (message, exit code, JSON).
 
-Exit codes: 0 fine; 1 the model or the data is at fault; 2 wrong usage; 130 interrupted; 141 the reader went away.
+Exit codes: 0 fine; 1 the model, the data or a run is at fault; 2 wrong usage; 130 interrupted; 141 the reader went away. A
+run is at fault that says so of itself (see `findings`).
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
@@ -41,10 +42,13 @@ from heavebond.commands.sensitivity import sensitivity
 from heavebond.commands.signal import signal
 from heavebond.commands.study import study
 from heavebond.commands.sweep import sweep
-from heavebond.commands.terminal import PIPE_CLOSED, print_problems
+from heavebond.commands.terminal import PIPE_CLOSED, print_problems, warn
 from heavebond.commands.try_effect import try_effect
 from heavebond.commands.tune import tune
 from heavebond.commands.where import where
+
+if TYPE_CHECKING:
+    from heavebond.numbers.findings import Verdict
 
 FINE, AT_FAULT, WRONG_USAGE, INTERRUPTED = 0, 1, 2, 130
 
@@ -60,14 +64,18 @@ class Commands(click.Group):
         return super().resolve_command(ctx, args)
 
     def main(self, args: Sequence[str] | None = None, prog_name: str | None = None, *_: Any, **__: Any) -> NoReturn:
+        from heavebond.numbers.findings import listening
+
         given = list(sys.argv[1:] if args is None else args)
         command = next((word for word in given if word in self.commands), "")
         problems: list[Problem] = []
         figures: dict[str, object] = {}
+        heard: list[tuple[str, Verdict]] = []
         try:
             if path := json_path(given):
                 check_writable(Path(path))
-            code, figures = self._run(given, prog_name)
+            with listening() as heard:
+                code, figures = self._run(given, prog_name)
         except HeavebondError as error:
             problems, figures = list(error.problems), error.figures
             code = WRONG_USAGE if isinstance(error, UsageError) else AT_FAULT
@@ -85,6 +93,8 @@ class Commands(click.Group):
                 _write(given, command, AT_FAULT, [Problem("internal", f"{type(error).__name__}: {error}")], {})
                 raise
             problems, code = [Problem("interrupted", "interrupted")], INTERRUPTED
+        if heard:
+            code, problems, figures = _judged(heard, code, problems, figures)
         sys.exit(_end(given, command, code, problems, figures))
 
     def _run(self, given: list[str], prog_name: str | None) -> tuple[int, dict[str, object]]:
@@ -96,6 +106,20 @@ class Commands(click.Group):
             raise UsageError([Problem("usage", error.format_message())]) from None
         sys.stdout.flush()
         return (FINE, answer) if isinstance(answer, dict) else (int(answer or 0), {})
+
+
+def _judged(heard: list[tuple[str, Verdict]], code: int, problems: list[Problem], figures: dict[str, object]
+            ) -> tuple[int, list[Problem], dict[str, object]]:
+    """The verdicts of the runs of a command: a line each where a range was left, a problem where a run is worthless."""
+    from heavebond.numbers.findings import together, verdict_of_all
+
+    for name, found in dict(heard).items():
+        if found.failed:
+            problems = [*problems, found.problem]
+        elif found.findings:
+            warn(f"warning: {found.text}" if len(heard) == 1 else f"warning: {name}: {found.text}")
+    figures = {**figures, "verdict": together(heard)}
+    return (AT_FAULT if code == FINE and verdict_of_all(heard).failed else code), problems, figures
 
 
 def _usage_problem(error: click.UsageError) -> Problem:

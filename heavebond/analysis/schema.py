@@ -151,7 +151,7 @@ def component_file(known: Library) -> Schema:
         "count": COUNT, "medium": _said("the property of the medium in its circuit that it is taken from"),
         "width": _said("the width of a transition that makes a law smooth; written without a value", {})})
     variable = _object({"unit": UNIT, "doc": TEXT, "min": QUANTITY, "max": QUANTITY, "start": QUANTITY, "held": QUANTITY,
-                        "count": COUNT}, ["unit"])
+                        "nominal": QUANTITY, "count": COUNT}, ["unit"])
     event = _object({**dict.fromkeys((*KINDS, "from"), FORMULA), "then": _each(FORMULA)}, ["then"])
     return _object({
         "component": _said("its name, in CamelCase", {"type": "string"}), "summary": _said("a sentence"),

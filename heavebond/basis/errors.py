@@ -128,6 +128,10 @@ class SimulationError(HeavebondError):
     default_code = "simulation"
 
 
+class RunWarning(UserWarning):
+    """A run left the range in which its results mean something; the message is its verdict."""
+
+
 @dataclass
 class Problems:
     """Collects the problems of one stage, so that a user sees all of them at once."""

@@ -28,8 +28,9 @@ def check(model: str, listed: bool, settings: tuple[str, ...]) -> dict[str, obje
     from heavebond.commands.terminal import output, working
     from heavebond.language.model import load
     from heavebond.numbers.dae import assemble
+    from heavebond.numbers.findings import tell
+    from heavebond.numbers.validity import at_point
     from heavebond.reports.summary import summary
-    from heavebond.studies.validity import beyond_at, told
 
     with blamed_on_settings(settings):
         with working("assembling"):
@@ -49,10 +50,9 @@ def check(model: str, listed: bool, settings: tuple[str, ...]) -> dict[str, obje
         if failure:
             console.print()
             raise failure
-        passed = beyond_at(assembly, first) if first is not None else []
-        for line in told(passed):
-            console.print(line, style="yellow", soft_wrap=True)
-    return {**found.as_dict(), "warnings": [b.as_dict() for b in passed]}
+        if first is not None:
+            tell(assembly.model.name, at_point(assembly, first))
+    return found.as_dict()
 
 
 def _names(assembly: Assembly) -> object:

@@ -59,8 +59,6 @@ def run(model: str, settings: tuple[str, ...], until: str | None, every: str | N
     from heavebond.commands import terminal
     from heavebond.language.model import load
     from heavebond.numbers.simulation import Tolerances, simulate
-    from heavebond.studies.validity import beyond
-    from heavebond.studies.validity import told as told_beyond
     from heavebond.studies.verification import verify
     from heavebond.text.expression import names as names_in
 
@@ -89,13 +87,10 @@ def run(model: str, settings: tuple[str, ...], until: str | None, every: str | N
     console.print(_statistics(result), soft_wrap=True)
     for line in _changes(result):
         console.print(line, soft_wrap=True)
-    passed = beyond(result)
-    for line in told_beyond(passed):
-        console.print(line, style="yellow", soft_wrap=True)
     statistics = {k: v for k, v in result.statistics.items() if k != "quadratures"}
     told: dict[str, object] = {"model": assembly.model.name, "until": float(result.time[-1]), "points": len(result.time),
             "outputs": figures, "events": [{"time": time, "name": name} for time, name in result.events],
-            "files": list(map(str, files)), "warnings": [b.as_dict() for b in passed], "statistics": statistics}
+            "files": list(map(str, files)), "statistics": statistics}
     if verified:
         with blamed_on_settings(settings), terminal.working("repeating with tighter tolerances and narrower transitions"):
             found = verify(result, names, [n.text for f in formulas.values() for n in names_in(f)], Tolerances(rtol), within)

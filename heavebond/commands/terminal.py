@@ -54,6 +54,11 @@ def table(title: str, head: Sequence[str], rows: Sequence[Sequence[str]], *, tex
     return made
 
 
+def warn(line: str) -> None:
+    """A line on standard error that ends nothing."""
+    messages().print(line, style="yellow", soft_wrap=True)
+
+
 def print_problems(problems: Sequence[Problem]) -> None:
     """Problems on standard error, as `str(Problem)` has them, with a count where there are several."""
     console = messages()

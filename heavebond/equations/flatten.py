@@ -26,7 +26,7 @@ from heavebond.equations.parameters import (
     parameter_bounds,
     solved_unit,
 )
-from heavebond.equations.resolver import Bond, Resolver, Unknown
+from heavebond.equations.resolver import NOTHING_KNOWN, Bond, Plausible, Resolver, Unknown, plausible
 from heavebond.language.definition import Domain, FileInput, Member, Value
 from heavebond.language.model import Model
 from heavebond.language.template import LEVELS, Template, template
@@ -151,9 +151,13 @@ class _Builder:
         self.events: list[FlatEvent] = []
         self.templates: dict[str, Template] = {}
         self.nominal_of: dict[Dimension, float] = {}
+        self.plausible_of: dict[str, Plausible] = {}  # by unit: a torque and an energy differ in no dimension
         for domain in self.domains.values():
-            for member in domain.members.values():
+            for name, member in domain.members.items():
                 self.nominal_of.setdefault(member.unit.dimension, member.nominal)
+                if member.sized:
+                    usual = Plausible(member.nominal, plausible(domain, name).per_second)
+                    self.plausible_of.setdefault(member.unit.text, usual)
 
     def build(self, also: tuple[str, ...]) -> Flat:
         self._make_templates()
@@ -240,10 +244,12 @@ class _Builder:
                 self._through_unknowns(path, port, self.domains[domain_name], leaf)
             for name, variable in leaf.component.unknowns.items():
                 unit = solved_unit(variable.unit, leaf, self.expanded, self.network)
+                usual = self.plausible_of.get(unit.text, NOTHING_KNOWN)
                 self._unknown(Unknown(
-                    f"{path}.{name}", unit, self._nominal(unit, variable.start), "own", variable.place, variable.doc,
-                    -inf if variable.low is None else variable.low, inf if variable.high is None else variable.high,
-                    variable.start), ())
+                    f"{path}.{name}", unit, variable.nominal or self._nominal(unit, variable.start), "own", variable.place,
+                    variable.doc, -inf if variable.low is None else variable.low,
+                    inf if variable.high is None else variable.high, variable.start,
+                    plausible=usual if variable.nominal is None else Plausible(variable.nominal)), ())
 
     def _nominal(self, unit: Unit, start: float | None) -> float:
         usual = self.nominal_of.get(unit.dimension, 1.0)
@@ -260,7 +266,8 @@ class _Builder:
         unit = signal_unit(self.expanded, group.ports[0], self.network.units)
         leaf, _, name = group.ports[0].rpartition(".")
         doc = self.expanded.leaves[leaf].component.signals[name].doc
-        self._unknown(Unknown(group.name, unit, self._nominal(unit, None), "signal", group.place, doc), group.aliases)
+        self._unknown(Unknown(group.name, unit, self._nominal(unit, None), "signal", group.place, doc,
+                              plausible=self.plausible_of.get(unit.text, NOTHING_KNOWN)), group.aliases)
 
     def _across_unknowns(self, group: Group, position: bool) -> None:
         domain = self.domains[group.domain]
@@ -271,7 +278,7 @@ class _Builder:
             member: Member = domain.members[name]
             self._unknown(Unknown(f"{group.name}.{name}", member.unit, member.nominal, role, group.place, member.doc,
                                   -inf if member.low is None else member.low, start=member.start,
-                                  motion=bool(domain.position) and role == "across"),
+                                  motion=bool(domain.position) and role == "across", plausible=plausible(domain, name)),
                           [f"{alias}.{name}" for alias in group.aliases])
 
     def _through_unknowns(self, path: str, port: str, domain: Domain, leaf: Leaf) -> None:
@@ -283,7 +290,7 @@ class _Builder:
             for name in domain.through:
                 member = domain.members[name]
                 self._unknown(Unknown(f"{path}.{copy}.{name}", member.unit, member.nominal, "through", leaf.place,
-                                      member.doc), ())
+                                      member.doc, plausible=plausible(domain, name)), ())
             effort, flow = (domain.effort, domain.flow) if not domain.power else (None, domain.power)
             bonds = self.block_bonds if leaf.component.composite else self.bonds
             bonds[f"{path}.{copy}"] = Bond(path, None if effort is None else self.names[f"{path}.{copy}.{effort}"],

@@ -10,6 +10,7 @@ import casadi as ca
 
 from heavebond.basis.errors import Place, suggest
 from heavebond.basis.units import ONE, Dimension, Unit, declared_unit
+from heavebond.language.definition import Domain
 from heavebond.text.dimensions import SECOND, dimension
 from heavebond.text.expression import Expr, ExpressionProblem, Name
 from heavebond.text.symbols import Context, evaluate, stack
@@ -18,9 +19,33 @@ POWER, WATT = "power", declared_unit("W").dimension
 
 
 @dataclass(frozen=True)
+class Plausible:
+    """What is known of the values that a variable can have, in SI: its typical size (inf where none is declared), by how
+    much that grows a second (a position goes on at its typical speed), what no machine exceeds, and the least value that
+    means anything, with what to say below it."""
+
+    typical: float = inf
+    per_second: float = 0.0
+    largest: float = inf
+    least: float = -inf
+    beyond: str = ""
+
+
+NOTHING_KNOWN = Plausible()
+
+
+def plausible(domain: Domain, name: str) -> Plausible:
+    """What is known of the values of a member of a domain; a position goes on at the typical speed of its domain."""
+    member = domain.members[name]
+    speed = domain.members[domain.flow].nominal if name == domain.position and domain.flow else 0.0
+    return Plausible(member.nominal if member.sized else inf, speed, inf if member.largest is None else member.largest,
+                     -inf if member.physical is None else member.physical, member.beyond)
+
+
+@dataclass(frozen=True)
 class Unknown:
     """One scalar unknown: unit, usual size, bounds and first guess in SI; `role` tells across, position, through,
-    own or signal."""
+    own or signal; `plausible` what a run is judged by."""
 
     name: str
     unit: Unit
@@ -33,6 +58,7 @@ class Unknown:
     start: float | None = None
     # a velocity (a mechanical across variable): what `start: rest` sets to zero
     motion: bool = False
+    plausible: Plausible = NOTHING_KNOWN
 
 
 @dataclass(frozen=True)

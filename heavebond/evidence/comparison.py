@@ -20,6 +20,7 @@ from heavebond.evidence.records import Mask, Measured, Samples, measure, moments
 from heavebond.evidence.slips import seems_in_another_unit, seems_turned, seems_without_sign
 from heavebond.language import reading
 from heavebond.numbers.dae import Array, Assembly, assemble
+from heavebond.numbers.findings import tell
 from heavebond.numbers.result import Probe, Result
 from heavebond.numbers.simulation import Simulator, Tolerances
 from heavebond.text.expression import ExpressionProblem, names
@@ -140,6 +141,8 @@ def compare(experiment: Experiment | str | Path, *, parameters: Mapping[str, flo
         except (ModelError, DataError) as error:
             problems.extend(error)
     problems.raise_as(DataError if all(p.code.startswith("record") for p in problems.found) else ModelError)
+    for record_comparison in records.values():
+        tell(f"{experiment.name}, {record_comparison.name}", record_comparison.result.verdict)
     return Comparison(experiment, records)
 
 

@@ -175,16 +175,19 @@ class _Parser:
                          "width" in node.items)
 
     def _variable(self, key: Scalar, node: Mapping) -> Variable:
-        reading.known_keys(node, ("unit", "doc", "min", "max", "start", "held", "count"), f"variable '{key.text}'",
-                           self.problems, ("unit",))
+        reading.known_keys(node, ("unit", "doc", "min", "max", "start", "held", "count", "nominal"),
+                           f"variable '{key.text}'", self.problems, ("unit",))
         unit = reading.unit(node.items.get("unit"), self.problems)
-        bounds = {name: self._bound(node, name, unit, key) for name in ("min", "max", "start", "held")}
+        bounds = {name: self._bound(node, name, unit, key) for name in ("min", "max", "start", "held", "nominal")}
+        if bounds["nominal"] is not None and not bounds["nominal"] > 0:
+            self.problems.add("nominal-not-positive", f"'nominal' of '{key.text}' is a size: it must be above 0",
+                              node.items["nominal"].place, hint="Write the size that the variable commonly has.")
         if "start" in node.items and "held" in node.items:
             self.problems.add("held-start", f"'{key.text}' has `start:` and `held:`", node.keys["start"].place,
                               hint="`held:` is the value that it starts at; leave `start:` out.")
         return Variable(key.text, unit or DIMENSIONLESS, key.place,
                         reading.text(node.items.get("doc"), "doc", self.problems), bounds["min"], bounds["max"],
-                        bounds["start"], bounds["held"], self._count(node))
+                        bounds["start"], bounds["held"], self._count(node), bounds["nominal"])
 
     def _bound(self, node: Mapping, name: str, unit: Unit | None, key: Scalar) -> float | None:
         """A bound or default in SI; its unit may be left out where the declared one is dimensionless or it is 0.

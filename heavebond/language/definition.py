@@ -12,9 +12,10 @@ from heavebond.text.expression import Compare, Equation, Expr, Name
 
 @dataclass(frozen=True)
 class Member:
-    """One variable of a port: its unit, the size that it commonly has (for scaling), what it never falls below, and the
-    guess where a start is searched and nothing else is known. Below `physical` its laws mean nothing; `beyond` says what
-    that is and what to do."""
+    """One variable of a port: its unit, the size that it commonly has (for scaling; `sized` tells whether the domain
+    declares one), what it never falls below, and the guess where a start is searched and nothing else is known. Below
+    `physical` its laws mean nothing; `beyond` says what that is and what to do. No machine has a value larger than
+    `largest`."""
 
     name: str
     unit: Unit
@@ -24,6 +25,8 @@ class Member:
     start: float | None = None
     physical: float | None = None
     beyond: str = ""
+    largest: float | None = None
+    sized: bool = False
 
 
 @dataclass(frozen=True)
@@ -173,7 +176,8 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Variable:
-    """An inner unknown of a component, or with `count` a list of them; `start` is the guess where nothing else is known.
+    """An inner unknown of a component, or with `count` a list of them; `start` is the guess where nothing else is known,
+    `nominal` its typical size where that is not the usual one of its unit.
 
     With `held`, the value that it starts at, it is no unknown: it is constant between events, which alone change it.
     """
@@ -187,6 +191,7 @@ class Variable:
     start: float | None = None
     held: float | None = None
     count: Expr | None = None
+    nominal: float | None = None
 
 
 @dataclass(frozen=True)

@@ -127,9 +127,10 @@ def _domain(name: str, node: Mapping, problems: Problems) -> Domain:
         if entry is None:
             continue
         unit = reading.unit(entry.items.get("unit"), problems) or DIMENSIONLESS
-        low, nominal, start, physical = (_figure(entry, name, problems) for name in ("min", "nominal", "start", "physical"))
+        low, nominal, start, physical, largest = (_figure(entry, name, problems) for name in (
+            "min", "nominal", "start", "physical", "largest"))
         doc, beyond = (reading.text(entry.items.get(name), name, problems) for name in ("doc", "beyond"))
-        members[key] = Member(key, unit, nominal or 1.0, doc, low, start, physical, beyond)
+        members[key] = Member(key, unit, nominal or 1.0, doc, low, start, physical, beyond, largest, nominal is not None)
 
     def listed(key: str) -> tuple[str, ...]:
         return tuple(s.text for s in reading.words(node.items.get(key), key, problems))

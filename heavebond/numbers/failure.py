@@ -13,9 +13,11 @@ from heavebond.basis.errors import Problem, SimulationError, listing
 from heavebond.equations import explain
 from heavebond.equations.rank import losses
 from heavebond.numbers.dae import Array, Assembly
+from heavebond.numbers.findings import RUNAWAY
 from heavebond.numbers.initialise import Start
 from heavebond.numbers.result import Result, columns
 from heavebond.numbers.start_equations import Point
+from heavebond.numbers.validity import RAN_AWAY, WORTHLESS, typical_size
 
 if TYPE_CHECKING:
     from heavebond.numbers.simulation import Simulator
@@ -105,6 +107,8 @@ def _cause(assembly: Assembly, first: Start, t: float, x: Array, z: Array, p: Ar
     notes = [f"{name} = {x[k]:.6g}, changing by {ode[k]:.3g} a second" + (f"   ({owners[name]})" if owners.get(name) else "")
              for k, name in zip(order, names, strict=True)]
     at = assembly.point(t, x, z, p, u)
+    if grown := _grown(assembly, x, t):
+        return grown, notes
     if found := _lost(assembly, at, t):
         return f"{found.message[:1].upper()}{found.message[1:]}.\n{found.hint}", [*notes, *found.notes]
     # one that has turned its sign was zero a moment before: a run may go on a little with a volume below zero
@@ -129,6 +133,16 @@ def _cause(assembly: Assembly, first: Start, t: float, x: Array, z: Array, p: Ar
     return (f"{listing(fastest, 2)} {verb} fastest: a kink or jump there that the solver cannot step over. Smooth it "
             "(smooth_sign(v, v_t) for sign(v), signed_sqrt for a root), let it happen as an event (a Step for a jump in "
             "time, a DryFriction for a sign, `when:` in a component), or loosen the tolerances.", notes)
+
+
+def _grown(assembly: Assembly, x: Array, t: float) -> str:
+    """What to say where states had left all bounds before the run stopped: what else is wrong there follows from that."""
+    unknowns = [assembly.flat.unknowns[j] for j, _ in assembly.reduced.states]
+    sizes = [min(RUNAWAY * typical_size(u, t), WORTHLESS) for u in unknowns]
+    grown = [name for name, value, size in zip(assembly.state_names, x, sizes, strict=True) if abs(value) > size]
+    if not grown:
+        return ""
+    return f"By then {listing(grown, 3)} {'have' if len(grown) > 1 else 'has'} grown beyond all bounds. {RAN_AWAY}."
 
 
 def _lost(assembly: Assembly, at: dict[int, float], t: float) -> Problem | None:

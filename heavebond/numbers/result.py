@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,7 +17,9 @@ from heavebond.basis.errors import Problem, UsageError, suggest
 from heavebond.basis.saved import SavedRun, write_run
 from heavebond.basis.units import dimension_text, read_unit
 from heavebond.numbers.dae import Array, Assembly
+from heavebond.numbers.findings import Verdict
 from heavebond.numbers.initialise import Start
+from heavebond.numbers.validity import Stretch, judged
 from heavebond.text.expression import ExpressionProblem, parse_formula
 from heavebond.text.symbols import split, stack
 
@@ -67,6 +70,11 @@ class Result:
     held: Array = field(default_factory=lambda: np.zeros((0, 0)))
     instants: tuple[Instant, ...] = ()
     stays: tuple[Stayed, ...] = ()
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """Whether the values of this run mean something: `print(result.verdict)` tells it in a line."""
+        return judged(list(_stretches(self)))
 
     @property
     def events(self) -> list[tuple[float, str]]:
@@ -157,14 +165,19 @@ class Probe:
     in SI: an output of the diagram that is called as a variable does not take its place with a unit of its own."""
 
     def __init__(self, assembly: Assembly, names: Iterable[str], si: bool = False):
-        self.names, self.si = tuple(names), si
+        self.assembly, self.names, self.si = assembly, tuple(names), si
         _, x, z, p, _, _ = assembly.arguments
         signals = stack([signal_expression(assembly, name, si) for name in self.names])
         self._values = _Course(assembly, signals)
-        slopes = ca.jacobian(signals, stack([x, z, p]))
-        self._moving = sorted(set(slopes.sparsity().get_col()))  # which of (x, z, p) the signals contain
-        self._slopes = _Course(assembly, ca.vec(ca.densify(slopes[:, self._moving])))
+        self._signals, self._by = signals, stack([x, z, p])
         self._others: dict[int, Probe] = {}
+
+    @cached_property
+    def _slopes(self) -> tuple[list[int], _Course]:
+        """Which of (x, z, p) the signals contain, and their derivatives by these."""
+        slopes = ca.jacobian(self._signals, self._by)
+        moving = sorted(set(slopes.sparsity().get_col()))
+        return moving, _Course(self.assembly, ca.vec(ca.densify(slopes[:, moving])))
 
     def values(self, result: Result) -> Array:
         """The signals of a run (n_signals, N)."""
@@ -185,11 +198,12 @@ class Probe:
         along, n_x, n = result.along, len(result.x), len(result.time)
         n_xz = n_x + len(result.z)
         held = {h.index: k for k, h in enumerate(result.assembly.flat.held)}
-        moved = np.zeros((len(along.names), len(self._moving), n))
-        for k, j in enumerate(self._moving):
+        moving, course = self._slopes
+        moved = np.zeros((len(along.names), len(moving), n))
+        for k, j in enumerate(moving):
             moved[:, k] = along.x[:, j] if j < n_x else along.z[:, j - n_x] if j < n_xz else \
                 along.held[:, held[j - n_xz]] if j - n_xz in held else along.p[:, j - n_xz, None]
-        slopes = self._slopes.of(result).reshape(len(self._moving), len(self.names), n)
+        slopes = course.of(result).reshape(len(moving), len(self.names), n)
         found = np.einsum("ksn,mkn->msn", slopes, moved)
         for at, stay in result.stays:
             found[:, :, at] = self._other(stay).sensitivities(stay)
@@ -228,10 +242,30 @@ class _Course:
         return np.ascontiguousarray(found.reshape((-1, n), order="F"))
 
 
-def columns(result: Result) -> tuple[Array, ...]:
-    """The arguments of an assembly's functions along a run, one column per time."""
+def columns(result: Result, at: NDArray[np.intp] | None = None) -> tuple[Array, ...]:
+    """The arguments of an assembly's functions along a run, one column per time, or at some of its times."""
+    if at is not None:
+        held = result.held[:, at] if result.assembly.flat.held else result.held
+        u = result.u[:, at] if len(result.u) else result.u
+        result = replace(result, time=result.time[at], x=result.x[:, at], z=result.z[:, at], u=u, held=held)
     n = len(result.time)
     return (result.time[None, :], result.x, result.z, with_held(result, result.p, result.held), result.u, np.ones((1, n)))
+
+
+def _stretches(result: Result) -> Iterator[Stretch]:
+    """The run part by part, each in the states that were integrated there."""
+    own = np.arange(len(result.time))
+    if result.stays:
+        own = np.setdiff1d(own, np.concatenate([at for at, _ in result.stays]))
+    for part, at in ((result, own), *((stay, np.arange(len(stay.time))) for _, stay in result.stays)):
+        if len(at):
+            whole = len(at) == len(part.time)
+            yield Stretch(part.assembly, part.time if whole else part.time[at], part.x if whole else part.x[:, at],
+                          partial(_columns_of, part, at))
+
+
+def _columns_of(part: Result, own: NDArray[np.intp], at: NDArray[np.intp]) -> tuple[Array, ...]:
+    return columns(part, own[at])
 
 
 def with_held(result: Result, p: Array, held: Array) -> Array:

@@ -18,6 +18,7 @@ from heavebond.language.model import Model
 from heavebond.numbers.charts import Chart, Charts
 from heavebond.numbers.co_simulation import check_allowed
 from heavebond.numbers.dae import Array, Assembly, Factors, Integrand, assemble, integrand, solved_loops, substitute_inputs
+from heavebond.numbers.findings import tell
 from heavebond.numbers.idas import Tolerances as Tolerances  # a part of this module's interface
 from heavebond.numbers.idas import caught_errors
 from heavebond.numbers.initialise import Start, Tangent, start, tangent
@@ -46,13 +47,16 @@ def simulate(model: Model | Assembly, until: Time | None = None, *, every: Time 
     names parameters with respect to which the derivative of every signal is wanted (`result.sensitivity`). Errors are
     controlled to rtol and to atol times each unknown's nominal size. `solver` is idas, cvodes, rosenbrock or auto (see
     `solvers`), by default what the diagram says, else idas; UsageError where it cannot integrate the diagram. The programs
-    in FMUs are run with `allow_fmu` only; a diagram with FMUs is refused otherwise. Raises StartError where no consistent
+    in FMUs are run with `allow_fmu` only; a diagram with FMUs is refused otherwise. Warns (RunWarning) unless the verdict of
+    the run on itself (`result.verdict`) is clean. Raises StartError where no consistent
     start exists and SimulationError where the integration fails; a given Assembly is not built anew.
     """
     assembly = model if isinstance(model, Assembly) else assemble(model, also)
     written = assembly.model.solver
-    return Simulator(assembly, until, every=every, tolerances=Tolerances(rtol, atol), sensitivities=sensitivities,
-                     solver=solver or (written.text if written else None), allow_fmu=allow_fmu).run(parameters)
+    result = Simulator(assembly, until, every=every, tolerances=Tolerances(rtol, atol), sensitivities=sensitivities,
+                       solver=solver or (written.text if written else None), allow_fmu=allow_fmu).run(parameters)
+    tell(assembly.model.name, result.verdict)
+    return result
 
 
 class Simulator:
@@ -328,6 +332,11 @@ def grid(model: Model, until: Time | None, every: Time | None) -> Array:
     step = end / POINTS if step is None else step
     if not end > 0 or not step > 0:
         raise UsageError([Problem("time-not-positive", f"until ({end:g} s) and every ({step:g} s) must be above 0")])
+    if step > end * (1 + 1e-9):
+        raise UsageError([Problem(
+            "every-too-long", f"every ({step:g} s) is longer than until ({end:g} s): there would be no output point between "
+            "the start and the end", None,
+            f"Make `every` shorter, or `until` longer; `every` of {end:g} s gives the two ends alone.")])
     number = int(np.floor(end / step * (1 + 1e-12)))
     if number > 50_000_000:
         raise UsageError([Problem("too-many-points", f"{number} output points are too many", None,

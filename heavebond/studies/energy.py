@@ -33,6 +33,7 @@ from heavebond.basis.units import read_unit
 from heavebond.equations.flatten import Energetics
 from heavebond.language.model import Model
 from heavebond.numbers.dae import Array, Assembly, assemble
+from heavebond.numbers.findings import tell, verdict
 from heavebond.numbers.result import Result
 from heavebond.numbers.simulation import Simulator, Time, Tolerances
 from heavebond.text.symbols import split, stack
@@ -181,6 +182,8 @@ def audit(model: Model | Assembly, until: Time | None = None, *, every: Time | N
     parts = [e for e in assembly.flat.energetics if leaves[e.owner].component.ports or leaves[e.owner].component.stores]
     raw, energy = stack([stack([e.power, e.dissipated, e.unbalanced]) for e in parts]), stack([e.energy for e in parts])
     before = Simulator(assembly, until, every=every, tolerances=tolerances).run(parameters)
+    worthless = [f for f in before.verdict.findings if f.failed and f.kind != "energy"]  # which is what is asked here
+    verdict(worthless).raise_if_failed()
     rates, held, powers = before.evaluate(raw), before.evaluate(energy), assembly.express(raw)
     # integrals in units of a common size, as the error control has one absolute tolerance for all that is integrated;
     # what is always zero would only dilute its norm
@@ -195,6 +198,7 @@ def audit(model: Model | Assembly, until: Time | None = None, *, every: Time | N
     energies = result.evaluate(energy)
     stored, jumps = energies - energies[:, :1], _jumps(result, energy)
     ports, through = rates[::QUADRATURES], port_powers(result)
+    tell(assembly.model.name, before.verdict)
     largest = max(float(np.abs(values).max(initial=0.0)) for values in (integrals, stored, energies))
     total = max(float(np.sum([np.abs(through[port]) for port in assembly.flat.bonds], axis=0).max(initial=0.0)),
                 largest / duration if duration else 0.0)
