@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from heavebond.analysis.linear_system import StateSpace, state_space
     from heavebond.analysis.locus import root_locus
-    from heavebond.analysis.margins import loop_margins
+    from heavebond.analysis.margins import loop_crossings, loop_margins
     from heavebond.analysis.simplification import simplify
     from heavebond.basis.errors import (
         DataError,
@@ -56,7 +56,7 @@ __version__ = "0.1.0"
 _EXPORTS = {
     "analysis.linear_system": ("state_space", "StateSpace"),
     "analysis.locus": ("root_locus",),
-    "analysis.margins": ("loop_margins",),
+    "analysis.margins": ("loop_crossings", "loop_margins"),
     "analysis.simplification": ("simplify",),
     "basis.errors": ("DataError", "HeavebondError", "ModelError", "RunWarning", "SimulationError", "StartError",
                      "UsageError"),
@@ -81,10 +81,10 @@ _EXPORTS = {
 _WHERE = {name: module for module, names in _EXPORTS.items() for name in names}
 __all__ = [
     "Assembly", "Comparison", "DataError", "Diagnosis", "Experiment", "Fit", "HeavebondError", "Model", "ModelError",
-    "Result", "RunWarning", "SavedRun", "SimulationError", "Simulator", "StartError", "StateSpace", "Study",
-    "StudyResult", "UsageError", "Where", "assemble", "attempt", "audit", "candidates", "compare", "diagnose", "draw", "fit",
-    "ladder", "load", "load_experiment", "load_study", "loads", "loop_margins", "read_run", "root_locus", "run_study",
-    "simplify", "simulate", "state_space", "tune", "where",
+    "Result", "RunWarning", "SavedRun", "SimulationError", "Simulator", "StartError", "StateSpace", "Study", "StudyResult",
+    "UsageError", "Where", "assemble", "attempt", "audit", "candidates", "compare", "diagnose", "draw", "fit", "ladder",
+    "load", "load_experiment", "load_study", "loads", "loop_crossings", "loop_margins", "read_run", "root_locus",
+    "run_study", "simplify", "simulate", "state_space", "tune", "where",
 ]
 
 

@@ -12,7 +12,7 @@ bound with the frequency; it has a frequency response, but no state space of its
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,13 +21,14 @@ from numpy.typing import ArrayLike, NDArray
 from heavebond.analysis.disturbance import inner_name
 from heavebond.analysis.operating import OperatingPoints
 from heavebond.basis.errors import Problem, UsageError
-from heavebond.basis.units import dimension_text
+from heavebond.basis.units import dimension_text, read_unit
 from heavebond.language.model import Model
 from heavebond.numbers.dae import Array, Assembly
 from heavebond.numbers.result import unknown_signal
 from heavebond.numbers.simulation import Time
 from heavebond.numbers.start_equations import Point
 from heavebond.studies.linearisation import Linear, Linearisation
+from heavebond.studies.stability import Stability, eigenvalues, stability
 from heavebond.text.expression import ExpressionProblem, names, parse_formula
 
 Complex = NDArray[np.complex128]
@@ -43,8 +44,9 @@ POINTS = 600
 
 @dataclass(frozen=True)
 class StateSpace:
-    """a (n, n), b (n, m), c (k, n), d (k, m) in SI (outputs under `show:` in their unit); `higher` (2, k, m) are the factors
-    of w' and w'', `sizes` (n,) the nominal values of the states, `units` those of states, inputs and outputs in turn.
+    """a (n, n), b (n, m), c (k, n), d (k, m) in SI; `higher` (2, k, m) are the factors of w' and w'', `sizes` (n,) the
+    nominal values of the states, `units` those of states, inputs and outputs in turn. `shown` are the units in which the
+    outputs are printed and drawn (`displayed`), `rigid` tells which states are positions and speeds of bodies.
 
     The states are those of the machine, less what derivatives of the inputs add to them (see the module).
     """
@@ -60,6 +62,8 @@ class StateSpace:
     higher: Array
     sizes: Array
     point: Point
+    shown: tuple[str, ...] = ()
+    rigid: tuple[bool, ...] = ()
 
     @property
     def proper(self) -> bool:
@@ -68,21 +72,33 @@ class StateSpace:
 
     @property
     def poles(self) -> Complex:
-        """The eigenvalues of a (1/s)."""
-        return np.asarray(np.linalg.eigvals(self._scaled()[0]), dtype=complex) if self.states else np.zeros(0, complex)
+        """The eigenvalues of a (1/s), zeros exact."""
+        return eigenvalues(self._scaled()[0])
 
     @property
     def stable(self) -> bool:
-        """Whether every pole decays."""
-        return bool(np.all(self.poles.real < 0))
+        """Whether every pole decays; free modes do not."""
+        return self.stability().stable
+
+    def stability(self) -> Stability:
+        """The poles, judged: stable, marginally stable (with the free modes by name) or unstable."""
+        return stability(self.a, self.sizes, self.states, self.rigid)
+
+    def displayed(self) -> StateSpace:
+        """The same with its outputs in the units in which they are shown, to be printed or drawn."""
+        if not self.shown or self.shown == self.units[2]:
+            return self
+        scale = np.array([read_unit(unit).scale for unit in self.shown])[:, None]
+        return replace(self, c=self.c / scale, d=self.d / scale, higher=self.higher / scale,
+                       units=(self.units[0], self.units[1], self.shown))
 
     def channel(self, output: str, input: str) -> StateSpace:
         """One output from one input."""
         i, j = self.outputs.index(output), self.inputs.index(input)
         rows, columns = slice(i, i + 1), slice(j, j + 1)
-        return StateSpace(self.states, (input,), (output,), (self.units[0], (self.units[1][j],), (self.units[2][i],)),
-                          self.a, self.b[:, columns], self.c[rows], self.d[rows, columns],
-                          self.higher[:, rows, columns], self.sizes, self.point)
+        return replace(self, inputs=(input,), outputs=(output,), b=self.b[:, columns], c=self.c[rows],
+                       d=self.d[rows, columns], higher=self.higher[:, rows, columns], shown=self.shown[i:i + 1],
+                       units=(self.units[0], (self.units[1][j],), (self.units[2][i],)))
 
     def response(self, s: ArrayLike) -> Complex:
         """The transfer functions (N, k, m) at complex frequencies s (N,) in 1/s: s = 2j*pi*f."""
@@ -211,6 +227,9 @@ class StateSpaces:
         self._linearisation = Linearisation(self.points.assembly, self._given, self.outputs,
                                             [inner_name(name) for name in self._added])
         self._units = _units(self.points.assembly, self.inputs, self.outputs)
+        show = model.show
+        self._shown = tuple(show[name].unit if name in show else unit
+                            for name, unit in zip(self.outputs, self._units[2], strict=True))
 
     def at(self, parameters: Mapping[str, float | str] | None = None) -> StateSpace:
         """The linear system with these parameters set."""
@@ -227,7 +246,7 @@ class StateSpaces:
                 b[:, :, j], d[:, :, j] = linear.b[:, first:first + 4].T, linear.d[:, first:first + 4].T
         b_0, d_all = _without_derivatives(linear, b, d)
         return StateSpace(linear.states, self.inputs, self.outputs, self._units, linear.a, b_0, linear.c, d_all[0],
-                          d_all[1:3], linear.sizes, point)
+                          d_all[1:3], linear.sizes, point, self._shown, linear.rigid)
 
 
 def spread(poles: Complex, all_poles: Complex) -> Array:
@@ -282,9 +301,7 @@ def _units(assembly: Assembly, inputs: Sequence[str], outputs: Sequence[str]
 
 def _unit(assembly: Assembly, name: str) -> str:
     shown = assembly.model.show.get(name)
-    if shown is not None:
-        return shown.unit
     try:
-        return dimension_text(assembly.resolver().dimension(parse_formula(name)) or ())
+        return dimension_text(assembly.resolver().dimension(parse_formula(name) if shown is None else shown.expr) or ())
     except ExpressionProblem as problem:
         raise unknown_signal(assembly, name, problem) from None

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from heavebond.analysis.linear_system import StateSpace
-    from heavebond.analysis.margins import Margin, Margins
+    from heavebond.analysis.margins import Crossings, Margin
     from heavebond.language.model import Model
     from heavebond.numbers.dae import Array
 
@@ -79,22 +79,25 @@ def linear(model: str, inputs: tuple[str, ...], outputs: tuple[str, ...], loop: 
         if over is not None:
             return _locus(diagram, over, when, output)
         from heavebond.analysis.linear_system import StateSpaces
+        from heavebond.analysis.margins import loops
         from heavebond.analysis.operating import stuck
         from heavebond.basis.presentation import count
 
-        made = StateSpaces(diagram, chosen, wanted, when)
+        made = StateSpaces(diagram, chosen, wanted, when) if loop is None else loops(diagram, loop, when)
         system = made.at()
-    told: dict[str, object] = {"model": diagram.name, "at": made.points.words, "stable": system.stable}
+    judged = system.stability()
+    told: dict[str, object] = {"model": diagram.name, "at": made.points.words, "stable": judged.stable,
+                               "stability": judged.verdict, "reasons": list(judged.reasons)}
     console = terminal.output()
-    console.print(f"{diagram.name} {made.points.words}: {count(len(system.states), 'state')}, "
-                  f"{'stable' if system.stable else 'not stable'}", soft_wrap=True)
+    console.print(f"{diagram.name} {made.points.words}: {count(len(system.states), 'state')}, {judged.verdict}"
+                  f"{': ' if judged.reasons else ''}{'; '.join(judged.reasons)}", soft_wrap=True)
     told["stuck"] = notes = stuck(made.points.assembly, made.points.at())
     for note in notes:
         console.print(note, style="yellow", soft_wrap=True)
     if loop is not None:
         channels, span, found = _cut(system, frequencies)
-        told |= _margins_told(found)
-        _print_margins(found)
+        told |= _crossings_told(found)
+        _print_crossings(found)
     else:
         channels, found = [system.channel(o, i) for i in system.inputs for o in system.outputs], None
         span = _span(channels, frequencies)
@@ -149,54 +152,70 @@ def _print_channels(channels: Sequence[StateSpace], span: Array) -> list[dict[st
     import numpy as np
 
     from heavebond.basis.presentation import number
+    from heavebond.basis.units import read_unit
     from heavebond.commands import terminal
     from heavebond.pictures.plot_linear import channel_name, ratio
 
     rows, told = [], []
-    for channel in channels:
+    for base in channels:
+        channel, scale = base.displayed(), read_unit(base.shown[0]).scale
         gains = np.abs(channel.response(2j * np.pi * span)[:, 0, 0])
         # the gain at rest, at a frequency so low that nothing but a free body moves on
         static = float(channel.response(np.array([1e-9j * span[0]]))[0, 0, 0].real)
         peak = int(np.argmax(gains))
         rows.append((channel_name(channel), ratio(channel), number(static, 4), number(float(gains[peak]), 4),
                      f"{number(float(span[peak]), 4)} Hz"))
-        told.append({"from": channel.inputs[0], "to": channel.outputs[0], "static_gain": static,
-                     "peak_gain": float(gains[peak]), "peak_frequency": float(span[peak]), "proper": channel.proper,
+        told.append({"from": channel.inputs[0], "to": channel.outputs[0], "unit": base.units[2][0],
+                     "static_gain": static * scale, "peak_gain": float(gains[peak]) * scale,
+                     "peak_frequency": float(span[peak]), "proper": channel.proper,
                      "zeros": [] if channel.higher[1].any() else [[z.real, z.imag] for z in channel.zeros()]})
     terminal.output().print(terminal.table("", ("channel", "unit", "gain at rest", "largest gain", "at"), rows, text=2))
     return told
 
 
 # -- a loop ------------------------------------------------------------------------------------------------------------
-def _cut(system: StateSpace, asked: str | None) -> tuple[list[StateSpace], Array, Margins]:
-    from heavebond.analysis.margins import loop_frequencies, margins, open_loop
+def _cut(system: StateSpace, asked: str | None) -> tuple[list[StateSpace], Array, Crossings]:
+    from heavebond.analysis.margins import crossings, loop_frequencies, open_loop
 
     cut = open_loop(system)
-    span = loop_frequencies(cut) if asked is None else _span([cut], asked)
-    return [cut], span, margins(cut, system.stable)
+    found = crossings(cut, system.stability())
+    return [cut], loop_frequencies(cut, found) if asked is None else _span([cut], asked), found
 
 
-def _print_margins(found: Margins) -> None:
+def _print_crossings(found: Crossings) -> None:
     from heavebond.basis.presentation import number, readable_time
     from heavebond.commands import terminal
 
     def row(name: str, margin: Margin | None, words: str) -> tuple[str, str, str]:
-        return (name, words, f"{number(margin.frequency, 4)} Hz") if margin else (name, "without limit", "")
+        if margin is None:
+            return name, "to zero" if name.endswith("downwards") else "infinite", ""
+        at = "above all frequencies" if margin.frequency == float("inf") else f"{number(margin.frequency, 4)} Hz"
+        return name, words, at
 
-    gain, phase, delay = found.least_gain, found.least_phase, found.least_delay
-    terminal.output().print(terminal.table("", ("margin", "", "at"), [
-        row("gain", gain, f"times {number(gain.value, 4)}" if gain else ""),
+    up, down, phase, delay = found.gain_up, found.gain_down, found.least_phase, found.least_delay
+    console = terminal.output()
+    if found.unstable:
+        console.print(f"The closed loop is unstable and has no margins: {'; '.join(found.reasons)}. "
+                      "Where the open loop crosses -1:", style="yellow", soft_wrap=True)
+    console.print(terminal.table("", ("crossing" if found.unstable else "margin", "", "at"), [
+        row("gain, upwards", up, f"times {number(up.value, 4)}" if up else ""),
+        row("gain, downwards", down, f"times {number(down.value, 4)}" if down else ""),
         row("phase", phase, f"{number(phase.value, 4)} deg" if phase else ""),
         row("delay", delay, readable_time(delay.value)[0] if delay else ""),
-        row("distance from -1", found.modulus, number(found.modulus.value, 4))], text=1))
+        row("modulus (1/Ms)", found.modulus, number(found.modulus.value, 4))], text=1))
 
 
-def _margins_told(found: Margins) -> dict[str, object]:
-    def each(margins: Sequence[Margin]) -> list[dict[str, float]]:
-        return [{"value": m.value, "frequency": m.frequency} for m in margins]
+def _crossings_told(found: Crossings) -> dict[str, object]:
+    """The margins for machines; of an unstable loop as `crossings`, with no `margins`."""
+    def one(margin: Margin | None) -> dict[str, float | None] | None:
+        at = None if margin is None or margin.frequency == float("inf") else margin.frequency
+        return None if margin is None else {"value": margin.value, "frequency": at}
 
-    return {"margins": {"gain": each(found.gain), "phase_deg": each(found.phase), "delay_s": each(found.delay),
-                        "modulus": each([found.modulus])[0]}}
+    every = {"gain": [one(m) for m in found.gain], "phase_deg": [one(m) for m in found.phase],
+             "delay_s": [one(m) for m in found.delay], "modulus": one(found.modulus), "gain_up": one(found.gain_up),
+             "gain_down": one(found.gain_down), "least_phase_deg": one(found.least_phase),
+             "least_delay_s": one(found.least_delay)}
+    return {"margins": None, "crossings": every} if found.unstable else {"margins": every}
 
 
 # -- a parameter that moves --------------------------------------------------------------------------------------------
@@ -214,11 +233,14 @@ def _locus(diagram: Model, over: str, when: str | None, output: Path | None) -> 
                                   problem.hint or "Write --over controller.K_p='0 .. 5 1/m'.")]) from None
     found = root_locus(diagram, parameter, span, at=when)
     console = terminal.output()
-    ends = [("growing" if row.real.max() > 0 else "stable") for row in (found.poles[0], found.poles[-1])]
+    ends = [judged.verdict for judged in (found.stability[0], found.stability[-1])]
     console.print(f"{parameter} from {readable(found.values[0], found.unit)} ({ends[0]}) to "
                   f"{readable(found.values[-1], found.unit)} ({ends[1]})", soft_wrap=True)
     for limit in found.limits:
-        console.print(f"limit of stability at {readable(limit, found.unit)}", soft_wrap=True)
+        console.print(f"stability boundary at {readable(limit, found.unit)}", soft_wrap=True)
+    free = dict.fromkeys(e.text for judged in found.stability for e in judged.free)
+    if free:
+        console.print(f"free, and no boundary: {'; '.join(free)}", soft_wrap=True)
     files = [output] if output is not None else []
     if output is not None:
         from heavebond.pictures.plot import save
@@ -228,11 +250,12 @@ def _locus(diagram: Model, over: str, when: str | None, output: Path | None) -> 
         console.print(f"wrote {output}", soft_wrap=True)
     return {"model": diagram.name, "parameter": parameter, "unit": found.unit, "values": found.values.tolist(),
             "poles": [[[s.real, s.imag] for s in row] for row in found.poles.tolist()], "limits": list(found.limits),
+            "stability": [judged.verdict for judged in found.stability], "free": list(free),
             "files": [str(path) for path in files]}
 
 
 # -- files -------------------------------------------------------------------------------------------------------------
-def _draw(name: str, words: str, channels: Sequence[StateSpace], span: Array, found: Margins | None, picture: str,
+def _draw(name: str, words: str, channels: Sequence[StateSpace], span: Array, found: Crossings | None, picture: str,
           until: str | None, output: Path | None) -> list[Path]:
     if output is None:
         return []

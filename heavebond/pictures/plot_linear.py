@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from heavebond.analysis.linear_system import StateSpace
     from heavebond.analysis.locus import RootLocus
-    from heavebond.analysis.margins import Margins
+    from heavebond.analysis.margins import Crossings
     from heavebond.numbers.dae import Array
 
 GRID = "#e4e4e4"
@@ -30,9 +30,10 @@ REACH = 3.0
 CORNER, HALVINGS = 0.02, 6  # steps of a curve that the eye sees, over its size; how often they are halved
 
 
-def plot_bode(channels: Sequence[StateSpace], frequencies: Array, *, title: str = "", margins: Margins | None = None
+def plot_bode(channels: Sequence[StateSpace], frequencies: Array, *, title: str = "", margins: Crossings | None = None
               ) -> Figure:
     """Magnitude (as a ratio, with decibels on the right) and phase over the frequency in Hz, a line for each channel."""
+    channels = [channel.displayed() for channel in channels]
     figure = Figure(figsize=(WIDTH, 7.5), dpi=DPI, layout="constrained")
     figure.get_layout_engine().set(rect=RECT)  # type: ignore[union-attr,call-arg]
     figure_title(figure, title)
@@ -62,9 +63,10 @@ def plot_bode(channels: Sequence[StateSpace], frequencies: Array, *, title: str 
     return figure
 
 
-def plot_nyquist(channels: Sequence[StateSpace], frequencies: Array, *, title: str = "", margins: Margins | None = None
+def plot_nyquist(channels: Sequence[StateSpace], frequencies: Array, *, title: str = "", margins: Crossings | None = None
                  ) -> Figure:
     """The response in the complex plane, a plane for each unit, with the unit circle and -1 for an open loop (`margins`)."""
+    channels = [channel.displayed() for channel in channels]
     units = list(dict.fromkeys(ratio(c) for c in channels))
     figure, planes = _planes(title, len(units))
     for axes, unit in zip(planes, units, strict=True):
@@ -78,7 +80,7 @@ def plot_nyquist(channels: Sequence[StateSpace], frequencies: Array, *, title: s
     return figure
 
 
-def _nyquist(axes: Axes, channels: Sequence[tuple[str, StateSpace]], frequencies: Array, margins: Margins | None) -> None:
+def _nyquist(axes: Axes, channels: Sequence[tuple[str, StateSpace]], frequencies: Array, margins: Crossings | None) -> None:
     """The curves of channels in their colours, and what is looked at in an open loop."""
     reach = 0.0
     for colour, channel in channels:
@@ -127,7 +129,7 @@ def plot_poles(poles: NDArray[np.complex128], zeros: Mapping[str, NDArray[np.com
 
 
 def plot_root_locus(found: RootLocus, *, title: str = "") -> Figure:
-    """The ways of the poles while a parameter moves, coloured by its value; the limits of stability in the legend."""
+    """The ways of the poles while a parameter moves, coloured by its value; the stability boundaries in the legend."""
     figure, axes = _plane(title)
     unit = readable_unit(found.unit, float(np.abs(found.values).max()))
     ends = read_unit(unit).from_si(found.values)  # type: ignore[arg-type]
@@ -139,7 +141,7 @@ def plot_root_locus(found: RootLocus, *, title: str = "") -> Figure:
     axes.plot(found.poles[-1].real, found.poles[-1].imag, "s", color="black", markersize=6, fillstyle="none", zorder=3,
               label=f"at {number(float(values[-1, 0]), 4)}")
     for limit in found.limits:
-        axes.plot([], [], " ", label=f"limit of stability at {readable(limit, found.unit, 4)}")
+        axes.plot([], [], " ", label=f"stability boundary at {readable(limit, found.unit, 4)}")
     figure.colorbar(drawn, ax=axes, label=f"{found.parameter} [{unit_label(unit)}]")
     _s_plane(axes, found.poles.ravel())
     figure.legend(*axes.get_legend_handles_labels(), loc="outside upper right", ncols=4, frameon=False, fontsize=9)
@@ -148,6 +150,7 @@ def plot_root_locus(found: RootLocus, *, title: str = "") -> Figure:
 
 def plot_steps(channels: Sequence[StateSpace], times: Sequence[Array], *, title: str = "") -> Figure:
     """What a step of 1 in its unit makes of each channel, one axes each, with the value that it settles at."""
+    channels = [channel.displayed() for channel in channels]
     n = len(channels)
     figure = Figure(figsize=(WIDTH, max(4.5, 0.9 + 2.2 * n)), dpi=DPI, layout="constrained")
     figure.get_layout_engine().set(rect=RECT)  # type: ignore[union-attr,call-arg]
@@ -261,15 +264,16 @@ def _arrow(axes: Axes, found: NDArray[np.complex128], colour: str) -> None:
                   arrowprops={"arrowstyle": "-|>", "color": colour})
 
 
-def _mark_margins(upper: Axes, lower: Axes, margins: Margins) -> None:
+def _mark_margins(upper: Axes, lower: Axes, margins: Crossings) -> None:
     """Where the gain is 1 and where the phase is -180 degrees, with the margins there."""
+    what = "crossing" if margins.unstable else "margin"
     upper.axhline(1, color="#8c8c8c", linewidth=0.8)
     lower.axhline(-180, color="#8c8c8c", linewidth=0.8)
     for k, margin in enumerate(margins.phase):
         lower.axvline(margin.frequency, color=COLOURS[1], linewidth=0.9, linestyle=DASHES[1])
         upper.axvline(margin.frequency, color=COLOURS[1], linewidth=0.9, linestyle=DASHES[1],
-                      label=f"phase margin {number(margin.value, 3)}°" if k == 0 else None)
-    for k, margin in enumerate(margins.gain):
+                      label=f"phase {what} {number(margin.value, 3)}°" if k == 0 else None)
+    for k, margin in enumerate(m for m in margins.gain if 0 < m.frequency < np.inf):
         upper.axvline(margin.frequency, color=COLOURS[2], linewidth=0.9, linestyle=DASHES[2],
-                      label=f"gain margin {number(margin.value, 3)}" if k == 0 else None)
+                      label=f"gain {what} {number(margin.value, 3)}" if k == 0 else None)
         lower.axvline(margin.frequency, color=COLOURS[2], linewidth=0.9, linestyle=DASHES[2])

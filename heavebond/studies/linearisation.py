@@ -102,7 +102,7 @@ class Linear:
 
 
 class Linearisation:
-    """The Jacobians of an assembly, compiled once: inputs are names of parameters, outputs are signals.
+    """The Jacobians of an assembly, compiled once: inputs are names of parameters, outputs are signals in SI.
 
     `driven` are names of measured inputs: each gives four columns after those of the parameters, for the input and its first
     three derivatives; they are right at points whose pieces begin at their time (see `operating`). UsageError for a name
@@ -120,7 +120,7 @@ class Linearisation:
                    *(u[1 + 4 * known.index(name) + k] for name in driven for k in range(4))])
         # a piece is c0 + c1 s + c2 s**2 + c3 s**3: its k-th derivative at s = 0 is k! c_k
         self._per = np.array([*(1.0 for _ in inputs), *([1.0, 1.0, 0.5, 1 / 6] * len(driven))])
-        sides = (assembly.ode, assembly.alg, stack([signal_expression(assembly, name) for name in outputs]))
+        sides = (assembly.ode, assembly.alg, stack([_in_si(assembly, name) for name in outputs]))
         self._jacobians = ca.Function("jacobians", list(assembly.arguments), [
             ca.jacobian(side, by) for side in sides for by in (x, z, w)])
 
@@ -134,6 +134,12 @@ class Linearisation:
         assembly = self.assembly
         return Linear(tuple(assembly.state_names), self.inputs, self.outputs, f_x, f_w, h_x, h_w, assembly.x_nominal,
                       rigid_states(assembly))
+
+
+def _in_si(assembly: Assembly, name: str) -> ca.SX:
+    """A signal in SI: the formula of an output of the diagram, whatever its unit there, or any other."""
+    shown = assembly.model.show.get(name)
+    return signal_expression(assembly, name) if shown is None else assembly.expression(shown.expr)
 
 
 def rigid_states(assembly: Assembly) -> tuple[bool, ...]:
