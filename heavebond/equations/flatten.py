@@ -16,6 +16,7 @@ from heavebond.equations.connect import Group, Network, connect, drivers, signal
 from heavebond.equations.expand import Bound, Expanded, Leaf, expand
 from heavebond.equations.happening import FlatEvent, Held, held_bounds, leaf_events, with_held
 from heavebond.equations.medium import with_media
+from heavebond.equations.ownership import Names, check_outputs, claim_clocks, claim_names
 from heavebond.equations.parameters import (
     FlatParameter,
     Parameters,
@@ -114,7 +115,10 @@ def flatten(model: Model, also: Iterable[str] = (), widths: float = 1.0) -> Flat
     expanded = expanded if widths == 1 else narrowed(expanded, widths)
     order = formula_order(expanded)
     network = connect(expanded, order)
-    return _Builder(expanded, network, make_parameters(expanded, network, order)).build(tuple(also))
+    problems = Problems()
+    claimed = claim_names(expanded, network, problems)
+    problems.raise_as(ModelError)
+    return _Builder(expanded, network, make_parameters(expanded, network, order), claimed).build(tuple(also))
 
 
 def unclocked(flat: Flat) -> Flat:
@@ -132,10 +136,11 @@ def unclocked(flat: Flat) -> Flat:
 
 
 class _Builder:
-    def __init__(self, expanded: Expanded, network: Network, parameters: Parameters):
+    def __init__(self, expanded: Expanded, network: Network, parameters: Parameters, claimed: Names):
+        self.claimed = claimed
         self.expanded, self.network, self.parameters = expanded, network, parameters
         self.domains = expanded.model.library.domains
-        self.problems = Problems()
+        self.problems = claimed.problems
         self.unknowns: list[Unknown] = []
         self.names: dict[str, int] = {}
         self.time, self.rate = ca.SX.sym("time"), ca.SX.sym("time_rate")
@@ -169,11 +174,13 @@ class _Builder:
         self._numbers_of_a_run()
         check_asked(self.expanded.model, self._resolver(), (q.name for q in self.parameters.independent),
                     {h.name for h in self.held}, self.problems)
+        check_outputs(self.claimed, self.expanded.model.show, self.names)
         self._node_equations()
         self._leaf_equations()
         self._given_inputs()
         self.problems.raise_as(ModelError)
         self._clocks()
+        self.problems.raise_as(ModelError)
         bounds = {s.element_hash(): (u.low, u.high) for s, u in zip(self.levels[0], self.unknowns, strict=True)}
         bounds.update(parameter_bounds(self.expanded, self.parameters))
         bounds.update(held_bounds(self.expanded, self.constants))
@@ -188,6 +195,7 @@ class _Builder:
         """What equations ask of the time becomes what is held between events."""
         found = timed(self.residuals, ((e.owner, e.text, e.place) for e in self.equations), self.time, self.parameters,
                       self.held)
+        claim_clocks(self.claimed, found.held[len(self.held):])
         self.residuals, self.parameters, self.constants = found.residuals, found.parameters, found.parameters.expressions
         self.held, self.events = found.held, [*self.events, *found.events]
         self.equations = [replace(e, kink=None) if k in found.smooth else e for k, e in enumerate(self.equations)]
@@ -258,9 +266,10 @@ class _Builder:
     def _unknown(self, unknown: Unknown, aliases: Iterable[str]) -> None:
         index = len(self.unknowns)
         self.unknowns.append(unknown)
-        self.names[unknown.name] = index
-        for alias in aliases:
-            self.names.setdefault(alias, index)
+        for name in (unknown.name, *aliases):
+            known = self.unknowns[self.names.setdefault(name, index)]
+            assert known is unknown, f"'{name}' is the name of two unknowns: {known.place} and {unknown.place}"
+            assert name in self.claimed.owners, f"nothing was told of '{name}' ({unknown.place})"
 
     def _signal_unknown(self, group: Group) -> None:
         unit = signal_unit(self.expanded, group.ports[0], self.network.units)

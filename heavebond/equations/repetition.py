@@ -28,9 +28,11 @@ def repeated(body: Body, numbers: Mapping[str, int], opened: Callable[[Instance]
         count = _count(instance.repeat, numbers, problems)
         for k in range(1, count + 1):
             part = replace(instance, name=f"{instance.name}_{k}", repeat=None)
+            _check_free(part.name, instance, body.instances, instances, problems)
             instances[part.name] = part
             if k < count:
                 link = f"{instance.name}_{k}_{k + 1}"
+                _check_free(link, instance, body.wires, wires, problems)
                 wires[link] = Wire(link, (End(f"{instance.name}_{k}.b", instance.place),
                                           End(f"{instance.name}_{k + 1}.a", instance.place)), instance.place)
         ends[f"{instance.name}.a"] = f"{instance.name}_1.a"
@@ -38,6 +40,17 @@ def repeated(body: Body, numbers: Mapping[str, int], opened: Callable[[Instance]
     wires = {n: replace(w, ends=tuple(replace(e, path=ends.get(e.path, e.path)) for e in w.ends))
              for n, w in wires.items()}
     return Body(instances, wires)
+
+
+def _check_free(name: str, instance: Instance, written: Mapping[str, Instance | Wire], made: Mapping[str, Instance | Wire],
+                problems: Problems) -> None:
+    """A name that `repeat:` makes is neither written in the file nor made by another `repeat:`."""
+    other = written.get(name) or made.get(name)
+    if other is not None:
+        what = "component" if isinstance(other, Instance) else "node"
+        problems.add("name-twice", f"`repeat:` makes a {what} '{name}' of '{instance.name}' (line {instance.place.line}); "
+                     f"there is one already (line {other.place.line})", other.place,
+                     hint=f"Give the {what} '{name}' or '{instance.name}' another name.")
 
 
 def _in_line(instance: Instance, repeat: Value, component: Component | None, problems: Problems) -> bool:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import combinations
+from itertools import combinations, count
 from math import sqrt
 
 import casadi as ca
@@ -214,9 +214,10 @@ def _full(component: Component, name: str) -> tuple[tuple[str, str], ...]:
 
 
 def _fresh(site: Site, base: str) -> str:
-    """An instance name that is free: `coulomb_friction`, `coulomb_friction_2`, ..."""
-    used = {*site.experiment.model.body.instances, *site.experiment.model.body.wires, *site.experiment.model.parameters}
-    return next(n for n in (base, *(f"{base}_{k}" for k in range(2, 1000))) if n not in used)
+    """An instance name that is free, with the nodes made from it: `coulomb_friction`, `coulomb_friction_2`, ..."""
+    used = {*site.experiment.model.body.instances, *site.experiment.model.body.wires, *site.experiment.model.parameters,
+            *site.expanded.leaves, *site.expanded.junctions}
+    return next(n for n in (base, *(f"{base}_{k}" for k in count(2))) if not {n, f"{n}_end", f"{n}_in", f"{n}_out"} & used)
 
 
 def snake(name: str) -> str:

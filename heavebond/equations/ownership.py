@@ -1,0 +1,166 @@
+"""One owner for every name of the flat model: two things that would be called alike are refused, with both lines."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Hashable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+
+from heavebond.basis.errors import Place, Problems
+from heavebond.equations.connect import Group, Network
+from heavebond.equations.expand import Expanded, Leaf
+from heavebond.equations.happening import Held
+from heavebond.equations.resolver import POWER
+from heavebond.language.definition import Domain
+from heavebond.language.sections import Shown
+from heavebond.text.expression import ExpressionProblem, Name, parse_formula
+from heavebond.text.expression import names as names_in
+
+KNOWN = ("time", "pi")
+# prefixes of parameters that a run has and the machine has not: initial values, factors on measured inputs
+OF_A_RUN = ("initial", "scale")
+
+
+@dataclass(frozen=True)
+class Owner:
+    """The thing that a name means: equal keys are one thing. `what` says it in words; `kind` is node, component, ..."""
+
+    key: Hashable
+    what: str
+    place: Place
+    kind: str
+    path: str  # of the node or component whose name makes the name
+
+
+@dataclass
+class Names:
+    """The owner of each name; a second owner is a problem."""
+
+    problems: Problems
+    owners: dict[str, Owner] = field(default_factory=dict)
+
+    def claim(self, name: str, owner: Owner) -> None:
+        """Give a name to an owner; a problem where another one has it."""
+        first = self.owners.setdefault(name, owner)
+        if first.key != owner.key:
+            other = _renamed(first, owner)
+            self.problems.add("name-twice", f"'{name}' would mean two things: {first.what} ({_line(first)}) "
+                              f"and {owner.what} ({_line(owner)})", other.place, hint=_hint(other))
+
+
+def claim_names(expanded: Expanded, network: Network, problems: Problems) -> Names:
+    """The owners of all names that a diagram gives to variables and parameters.
+
+    The position of a mechanical node counts although it becomes an unknown only where something names it, so that naming it
+    changes no meaning.
+    """
+    found = Names(problems)
+    for name, bound in expanded.parameters.items():
+        found.claim(name, Owner(("parameter", name), f"the parameter {name}", bound.place, "parameter", name))
+    for number, group in enumerate(network.groups):
+        for name, owner in _of_group(expanded, group, number):
+            found.claim(name, owner)
+    for path, leaf in expanded.leaves.items():
+        for name, owner in _of_leaf(expanded, network, path, leaf, problems):
+            found.claim(name, owner)
+    return found
+
+
+def check_outputs(names: Names, show: Mapping[str, Shown], index_of: Mapping[str, int]) -> None:
+    """Check that an output under `show:` with the name of a variable, a parameter or a formula of these is just that, maybe
+    in another unit: `result[name]` and formulas that name it mean one thing."""
+    for shown in show.values():
+        try:
+            used = [name.text for name in names_in(parse_formula(shown.name))]
+        except ExpressionProblem:
+            continue  # a title, which no formula can name
+        if shown.text.strip() == shown.name or not all(n in names.owners or n in KNOWN for n in used):
+            continue
+        meant = shown.expr.text if isinstance(shown.expr, Name) else ""
+        if meant in index_of and index_of[meant] == index_of.get(shown.name):
+            continue
+        owner = names.owners.get(shown.name)
+        what = f"{owner.what} ({_line(owner)})" if owner else "a formula, or the time"
+        names.problems.add("name-twice", f"the output '{shown.name}' is `{shown.text}`, but '{shown.name}' is also {what}",
+                           shown.place, hint=f"Give the output another name, for example `{_plain(shown.name)}_shown`.")
+
+
+def claim_clocks(names: Names, held: Iterable[Held]) -> None:
+    """Claim the names of the held variables that comparisons of the time become."""
+    for clock in held:
+        names.claim(clock.name, Owner(("clock", clock.name), "a switch at an instant, made from a comparison of the time",
+                                      clock.place, "clock", clock.name))
+
+
+def _line(owner: Owner) -> str:
+    return f"line {owner.place.line} of {owner.place.file}"
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"\W+", "_", name).strip("_")
+
+
+def _of_group(expanded: Expanded, group: Group, number: int) -> Iterator[tuple[str, Owner]]:
+    domain = expanded.model.library.domains.get(group.domain)
+    for path in group.aliases:
+        junction = expanded.junctions.get(path)
+        node = junction is not None and path not in group.ports
+        place = junction.place if junction is not None and node else expanded.leaves[path.rpartition(".")[0]].place
+        kind, what = ("node", f"node '{path}'") if node else ("port", f"port '{path}'")
+        if domain is None:
+            yield path, Owner(("signal", number), f"the signal of {what}", place, kind, path)
+            continue
+        for member in _across(domain):
+            yield f"{path}.{member}", Owner(("across", number, member), f"{_word(domain, member)} of {what}", place, kind,
+                                            path)
+
+
+def _across(domain: Domain) -> tuple[str, ...]:
+    return (*domain.across, *((domain.position,) if domain.position else ()))
+
+
+def _word(domain: Domain, member: str) -> str:
+    doc = domain.members[member].doc
+    return f"{member} ({doc})" if doc else member
+
+
+def _of_leaf(expanded: Expanded, network: Network, path: str, leaf: Leaf, problems: Problems) -> Iterator[tuple[str, Owner]]:
+    component = leaf.component
+    if path.partition(".")[0] in OF_A_RUN and component.parameters:
+        problems.add("name-bad", f"'{path}' cannot name a component with parameters; '{path.partition('.')[0]}.' begins the "
+                     "names of parameters of a run (`initial.x`, `scale.u`)", leaf.place,
+                     hint="Take another name.")
+    of = f"of component '{path}' ({component.name})"
+    for kind, entries in (("parameter", component.parameters), ("variable", component.variables)):
+        for name in entries:
+            full = f"{path}.{name}"
+            yield full, Owner((kind, full), f"the {kind} {name} {of}", leaf.place, "component", path)
+    for port, domain_name in network.domains[path].items():
+        domain = expanded.model.library.domains[domain_name]
+        for copy in _copies(expanded, path, port):
+            for member in domain.through:
+                full = f"{path}.{copy}.{member}"
+                yield full, Owner(("through", full), f"{_word(domain, member)} of port '{path}.{copy}'", leaf.place, "port",
+                                  f"{path}.{copy}")
+            full = f"{path}.{copy}.{POWER}"
+            yield full, Owner(("power", full), f"the power over port '{path}.{copy}'", leaf.place, "port", f"{path}.{copy}")
+
+
+def _copies(expanded: Expanded, path: str, port: str) -> list[str]:
+    """A port, or the elements of an array of ports, as far as nodes join them."""
+    if expanded.leaves[path].component.ports[port].count is None:
+        return [port]
+    begin = f"{path}.{port}["
+    return [end.port for junction in expanded.junctions.values() for end in junction.ends if end.name.startswith(begin)]
+
+
+def _renamed(first: Owner, second: Owner) -> Owner:
+    """Which of the two is renamed: a node before a component, that before a port, which belongs to a kind of component."""
+    return min((first, second), key=lambda owner: ("node", "component", "parameter", "port", "clock").index(owner.kind))
+
+
+def _hint(owner: Owner) -> str:
+    name = owner.path.rpartition(".")[2]
+    if owner.kind == "node":
+        return f"Give the node another name, for example `{name}_node: [...]`."
+    return f"Give one of them another name, for example `{name}_2`."
