@@ -79,11 +79,12 @@ equations: |
   x = 2
 """)
     text = "model: m\ncomponents: {press: {is: Press}, load: {is: Mass, m: 1 kg}}\nnodes: {NODE: [press.a, load.a]}\n"
-    assert "'press.x' would mean two things: x (position) of node 'press'" in refused(text.replace("NODE", "press"), tmp_path)
+    said = refused(text.replace("NODE", "press"), tmp_path)
+    assert "'press.x' would mean two things: x (position) of node 'press'" in said
     flattening.flatten(loads(text.replace("NODE", "load"), tmp_path))
 
 
-@pytest.mark.parametrize("inner, words", [
+@pytest.mark.parametrize(("inner", "words"), [
     ({"part": "a"}, ("'a' is both a port and a part",)),
     ({"node": "a"}, ("'rig.a.v'", "node 'rig.a'", "port 'rig.a'")),                 # a node like a port that is not on it
     ({"node": "damper"}, ("'rig.damper.v'", "node 'rig.damper'")),                  # a node like a part on it
@@ -125,7 +126,7 @@ nodes: {wall: [wall.a, leg.a], middle: [leg.b, leg_1.a], end: [leg_1.b]}
     assert "makes a component 'leg_1' of 'leg'" in refused(text)
 
 
-@pytest.mark.parametrize("entry, other", [
+@pytest.mark.parametrize(("entry", "other"), [
     ("load.x: {is: -load.x, unit: m}", "x (position) of node 'load'"),
     ("load.m: {is: load.x, unit: m}", "the parameter m of component 'load' (Mass)"),
     ("y: {is: load.x, unit: m}", "the signal of node 'y'"),
@@ -139,7 +140,8 @@ def test_an_output_named_like_something_else_is_refused(entry, other):
 
 
 def test_an_output_that_is_the_variable_in_another_unit_is_accepted():
-    text = ROPE.replace("NODE", "hook") + "show: {load.x: {unit: mm}, rope.F: {is: rope.F, unit: kN}, load x: {is: load.x, unit: m}}\n"
+    text = ROPE.replace("NODE", "hook") + "show: {load.x: {unit: mm}, " \
+        "rope.F: {is: rope.F, unit: kN}, load x: {is: load.x, unit: m}}\n"
     flattening.flatten(loads(text))
 
 
@@ -174,7 +176,7 @@ def test_no_unknown_takes_the_name_of_another(monkeypatch):
         from heavebond.equations.ownership import Names
         return Names(problems, Everything())
 
-    with pytest.raises(AssertionError, match="'rope.v' is the name of two unknowns"):
+    with pytest.raises(AssertionError, match=r"'rope.v' is the name of two unknowns"):
         flattening.flatten(loads(ROPE.replace("NODE", "rope")))
 
 
