@@ -1,7 +1,7 @@
 """The command line: which commands there are, and how what is wrong ends (message, exit code, JSON).
 
-Exit codes: 0 fine; 1 the model, the data or a run is at fault; 2 wrong usage; 130 interrupted; 141 the reader went away. A
-run is at fault that says so of itself (see `findings`).
+Exit codes: 0 fine; 1 the model, the data or a run is at fault; 2 wrong usage; 130 interrupted by Ctrl-C, 143 by SIGTERM; 141
+the reader went away. A run is at fault that says so of itself (see `findings`).
 """
 
 from __future__ import annotations
@@ -12,12 +12,15 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from signal import Signals
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
 from heavebond import __version__
+from heavebond.basis import interrupts
 from heavebond.basis.errors import HeavebondError, Problem, UsageError, suggest
+from heavebond.basis.writable import write_text
 from heavebond.commands.animate import animate
 from heavebond.commands.arguments import check_writable
 from heavebond.commands.candidates import candidates
@@ -50,7 +53,7 @@ from heavebond.commands.where import where
 if TYPE_CHECKING:
     from heavebond.numbers.findings import Verdict
 
-FINE, AT_FAULT, WRONG_USAGE, INTERRUPTED = 0, 1, 2, 130
+FINE, AT_FAULT, WRONG_USAGE, SIGNALLED = 0, 1, 2, 128
 
 
 class Commands(click.Group):
@@ -64,6 +67,10 @@ class Commands(click.Group):
         return super().resolve_command(ctx, args)
 
     def main(self, args: Sequence[str] | None = None, prog_name: str | None = None, *_: Any, **__: Any) -> NoReturn:
+        with interrupts.listening():
+            self._main(args, prog_name)
+
+    def _main(self, args: Sequence[str] | None, prog_name: str | None) -> NoReturn:
         from heavebond.numbers.findings import listening
 
         given = list(sys.argv[1:] if args is None else args)
@@ -79,20 +86,20 @@ class Commands(click.Group):
         except HeavebondError as error:
             problems, figures = list(error.problems), error.figures
             code = WRONG_USAGE if isinstance(error, UsageError) else AT_FAULT
+            if interrupts.is_interrupt(error):  # it comes of a signal that a library has dropped
+                problems, code = _interrupted()
         except BrokenPipeError:
             _forget_output()
             sys.exit(PIPE_CLOSED)
         except OSError as error:
             problems, code = [Problem("file", f"{error.filename or 'a file'}: {error.strerror or error}")], WRONG_USAGE
         except (click.Abort, KeyboardInterrupt):
-            problems, code = [Problem("interrupted", "interrupted")], INTERRUPTED
+            problems, code = _interrupted()
         except Exception as error:
-            from heavebond.basis.interrupts import is_interrupt
-
-            if not is_interrupt(error):  # a fault of the program: the traceback is wanted, but a reader of JSON is told too
+            if not interrupts.is_interrupt(error):  # a fault of the program, of which a reader of JSON is told too
                 _write(given, command, AT_FAULT, [Problem("internal", f"{type(error).__name__}: {error}")], {})
                 raise
-            problems, code = [Problem("interrupted", "interrupted")], INTERRUPTED
+            problems, code = _interrupted()
         if heard:
             code, problems, figures = _judged(heard, code, problems, figures)
         sys.exit(_end(given, command, code, problems, figures))
@@ -122,6 +129,13 @@ def _judged(heard: list[tuple[str, Verdict]], code: int, problems: list[Problem]
     return (AT_FAULT if code == FINE and verdict_of_all(heard).failed else code), problems, figures
 
 
+def _interrupted() -> tuple[list[Problem], int]:
+    """What is said, and the exit code that shells have for a program that a signal ended."""
+    number = interrupts.last_heard()
+    interrupts.obeyed()
+    return [Problem("interrupted", interrupts.WORDS.get(Signals(number).name, "interrupted"))], SIGNALLED + number
+
+
 def _usage_problem(error: click.UsageError) -> Problem:
     """What click found wrong, with how the command is called."""
     message = error.format_message().rstrip(".")
@@ -138,8 +152,8 @@ def _end(given: list[str], command: str, code: int, problems: list[Problem], fig
     unwritten = _write(given, command, code, problems, figures)
     if unwritten and code == FINE:  # else it was found at the beginning, or is the lesser trouble
         problems, code = [unwritten], WRONG_USAGE
-    if code == INTERRUPTED:
-        print("interrupted", file=sys.stderr)
+    if problems and problems[0].code == "interrupted":
+        print(problems[0].message, file=sys.stderr)
     elif problems:
         print_problems(problems)
     return code
@@ -153,9 +167,7 @@ def _write(given: list[str], command: str, code: int, problems: list[Problem], f
         return None
     document = {"command": command, "ok": code == FINE, "problems": [p.as_dict() for p in problems], **figures}
     try:
-        with open(path, "w", encoding="utf-8") as file:
-            json.dump(_plain(document), file, indent=1, ensure_ascii=False, allow_nan=False)
-            file.write("\n")
+        write_text(path, json.dumps(_plain(document), indent=1, ensure_ascii=False, allow_nan=False) + "\n")
     except OSError as error:
         return Problem("file-unwritable", f"'{path}' cannot be written: {error.strerror or error}")
     return None

@@ -1,13 +1,28 @@
-"""Ctrl-C while a result is finished, and as a library hands it on."""
+"""Ctrl-C and SIGTERM: while a result is finished, as a library hands them on or drops them, and what they leave."""
 
+import json
 import os
 import signal
+import subprocess
+import sys
 import threading
+import time as clock
 from collections.abc import Iterator
+from pathlib import Path
 
+import casadi as ca
 import pytest
 
-from heavebond.basis.interrupts import finishing, is_interrupt
+import heavebond as hb
+from heavebond.basis.interrupts import check, finishing, is_interrupt, listening, obeyed
+
+MODEL = """
+model: pair
+components: {wall: {is: Fixed}, spring: {is: SpringDamper, c: 2 kN/m, d: 20 N*s/m}, cart: {is: Mass, m: 3 kg}}
+nodes: {wall: [wall.a, spring.a], cart: [spring.b, cart.a]}
+initial: {cart.x: 10 mm, cart.v: 0 m/s}
+simulate: {until: 0.5 s, every: 10 ms}
+"""
 
 
 def interrupt() -> None:
@@ -66,3 +81,126 @@ def test_what_a_library_makes_of_it_is_known_again() -> None:
     wrapped.__cause__ = KeyboardInterrupt()
     assert is_interrupt(wrapped) and is_interrupt(KeyboardInterrupt())
     assert not is_interrupt(ValueError()) and not is_interrupt(None)
+
+
+def terminate() -> None:
+    os.kill(os.getpid(), signal.SIGTERM)
+    signal.sigtimedwait((), 0.01)
+
+
+def test_sigterm_is_heard_as_ctrl_c_and_only_within() -> None:
+    def work() -> None:
+        with listening():
+            terminate()
+
+    before = signal.getsignal(signal.SIGTERM)
+    with pytest.raises(KeyboardInterrupt):
+        work()
+    assert signal.getsignal(signal.SIGTERM) == before
+    check()  # what was heard within is forgotten behind it
+
+
+def test_sigterm_is_put_off_while_a_result_is_finished() -> None:
+    said: list[str] = []
+    with listening():
+        with finishing(said.append):
+            terminate()
+        assert len(said) == 1
+
+
+def test_a_signal_that_a_library_drops_is_raised_again() -> None:
+    """An object that CasADi asks for its value while the handler raises: the exception is cleared inside of it."""
+    class Number:
+        def __SX__(self) -> ca.SX:
+            terminate()
+            return ca.SX(1)
+
+    seen = []
+    with listening():
+        try:
+            ca.sin(Number())
+        except Exception as error:  # whatever CasADi makes of it
+            seen.append(error)
+        assert not any(isinstance(error, KeyboardInterrupt) for error in seen)
+        with pytest.raises(KeyboardInterrupt):
+            check()
+        with pytest.raises(KeyboardInterrupt):  # until somebody has done what was asked for
+            check()
+        assert obeyed() == signal.SIGTERM
+        check()
+
+
+def test_no_signal_is_lost_in_formulas_and_runs() -> None:
+    """Alarms at many moments of assembling and integrating, each heard as a signal to end: none is without effect."""
+    model = hb.loads(MODEL)
+    assembly = hb.assemble(model)
+    simulator = hb.Simulator(assembly, "1 s")
+    simulator.run()
+    heard = ended = 0
+    with listening():
+        handler = signal.getsignal(signal.SIGTERM)
+        assert callable(handler)
+        before = signal.signal(signal.SIGALRM, handler)
+        try:
+            for k in range(160):
+                try:
+                    signal.setitimer(signal.ITIMER_REAL, 2e-4 * (1 + k // 2))
+                    (lambda: hb.assemble(model) if k % 2 else simulator.run())()
+                    signal.setitimer(signal.ITIMER_REAL, 0)
+                except KeyboardInterrupt:
+                    ended += 1
+                except Exception as error:
+                    ended += is_interrupt(error)
+                signal.setitimer(signal.ITIMER_REAL, 0)
+                heard += obeyed() is not None
+        finally:
+            signal.setitimer(signal.ITIMER_REAL, 0)
+            signal.signal(signal.SIGALRM, before)
+    assert heard == ended > 20
+
+
+RUNNER = """
+import os, signal, sys, time
+from heavebond.basis.processes import Processes, as_done
+def work(number):
+    os.write(1, b"%d\\n" % os.getpid())
+    time.sleep(1000 if number else 2)
+    return number
+if __name__ == "__main__":
+    with Processes(2) as workers:
+        for _ in as_done(workers, work, [(k, (k,)) for k in range(3)], 3):
+            {end}
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are listed by POSIX means")
+@pytest.mark.parametrize("end", [
+    "os.kill(os.getpid(), signal.SIGKILL)", "os.kill(os.getpid(), signal.SIGTERM)", "os._exit(3)", "sys.exit(3)"])
+def test_workers_end_with_the_process_that_made_them(end: str) -> None:
+    begun = subprocess.Popen([sys.executable, "-c", RUNNER.format(end=end)], stdout=subprocess.PIPE, text=True)
+    said, _ = begun.communicate(timeout=120)  # the end of the output: no process is left that holds it
+    pids = [int(word) for word in said.split()]
+    assert len(set(pids)) == 2 and begun.returncode != 0
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="signals are sent by POSIX means")
+def test_a_study_that_is_terminated_writes_what_was_done(tmp_path: Path) -> None:
+    """As with Ctrl-C: the table of the cases that were done, the JSON file, the exit code, and no process left."""
+    (tmp_path / "m.yaml").write_text(MODEL)
+    begun = subprocess.Popen(
+        [sys.executable, "-c", "from heavebond.cli import main; main()", "sweep", "m.yaml",
+         "--over", "spring.c=1 .. 3 kN/m; 3000", "--measure", "peak(cart.x) in mm", "--processes", "2", "--output", "out",
+         "--json", "told.json"],
+        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    done = tmp_path / "out" / "done"
+    for _ in range(1200):
+        if begun.poll() is not None or (done.is_dir() and len(list(done.glob("*.json"))) > 3):
+            break
+        clock.sleep(0.1)
+    begun.send_signal(signal.SIGTERM)
+    said, _ = begun.communicate(timeout=120)
+    assert begun.returncode == 128 + signal.SIGTERM, said
+    rows = (tmp_path / "out" / "table.csv").read_text().splitlines()
+    assert 3 < len(rows) < 3000 and "terminated" in said
+    told = json.loads((tmp_path / "told.json").read_text())
+    assert not told["ok"] and told["problems"][0]["message"] == "terminated"

@@ -99,7 +99,8 @@ def test_names_become_variables_that_matlab_knows() -> None:
 
 
 @pytest.mark.parametrize(("name", "content", "said"), [
-    ("a.csv", "t,x\n0,1\n", "first column"), ("b.csv", "time [s],x\n0,1\n", "'x' has no unit"), ("c.csv", "", "columns"),
+    ("a.csv", "t,x\n0,1\n", "first column"), ("b.csv", "time [s],x,rows left [1]\n0,1,0\n", "'x' has no unit"),
+    ("c.csv", "", "columns"),
     ("d.mat", "nonsense", ""), ("e.nc", "nonsense", ""), ("f.parquet", "nonsense", ""),
 ])
 def test_other_files_are_refused(name: str, content: str, said: str, tmp_path: Path) -> None:
@@ -107,6 +108,43 @@ def test_other_files_are_refused(name: str, content: str, said: str, tmp_path: P
     with pytest.raises(hb.DataError, match="run-unreadable") as caught:
         hb.read_run(tmp_path / name)
     assert said in str(caught.value)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_file_that_was_cut_off_is_not_read_as_a_whole_run(suffix: str, tmp_path: Path) -> None:
+    """Every place of a small file: within numbers, between rows and variables, before the last byte."""
+    times = np.arange(8) / 7
+    write_run(SavedRun("m", times, {"a.x": np.cos(times), "b.F": 1e5 * times}, {"a.x": "m", "b.F": "N"}, "idas"),
+              tmp_path / f"whole{suffix}")
+    whole = (tmp_path / f"whole{suffix}").read_bytes()
+    cut = tmp_path / f"cut{suffix}"
+    # the line feed behind the last row of a text may be missing
+    places = range(len(whole) - (suffix == ".csv"))
+    for size in places if len(whole) < 2500 else [*places[:1200:7], *places[-1200:]]:
+        cut.write_bytes(whole[:size])
+        with pytest.raises(hb.DataError, match=r"run-unreadable|record-cut-off"):
+            hb.read_run(cut)
+
+
+def test_a_number_cut_at_the_end_of_a_csv_file_is_refused(tmp_path: Path) -> None:
+    run = SavedRun("m", np.arange(3.0), {"x": np.array([0.1, 0.2, 0.026615332])}, {"x": "m"})
+    write_run(run, tmp_path / "run.csv")
+    text = (tmp_path / "run.csv").read_text()
+    (tmp_path / "run.csv").write_text(text[:text.index("0.026615") + 8])
+    with pytest.raises(hb.DataError, match="record-cut-off"):
+        hb.read_run(tmp_path / "run.csv")
+
+
+def test_a_cut_run_is_refused_as_a_record_too(run: hb.Result, tmp_path: Path) -> None:
+    from heavebond.basis.measurements import read_table
+
+    run.save(tmp_path / "r.csv", ["cart.x"])
+    lines = (tmp_path / "r.csv").read_text().splitlines()
+    for kept, said in ((lines[:-1], "ends before its last row"), (lines[:9] + lines[10:], "lacks rows before line 10")):
+        (tmp_path / "r.csv").write_text("\n".join(kept) + "\n")
+        for read in (hb.read_run, read_table):
+            with pytest.raises(hb.DataError, match=said):
+                read(tmp_path / "r.csv")
 
 
 def test_a_mat_file_of_something_else(tmp_path: Path) -> None:

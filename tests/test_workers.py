@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 import signal
 import time as clock
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from heavebond.basis.progress import Progress
 from heavebond.evidence.catalogue import Candidate, candidates
+from heavebond.evidence.diagnosis import diagnose
 from heavebond.evidence.experiment import load_experiment
 from heavebond.evidence.rung import fitted_base, step
-from heavebond.evidence.scoring import Base, Score
+from heavebond.evidence.scoring import Base, Score, scored
 from heavebond.evidence.trial import Trial
 from heavebond.evidence.workers import Workers
 
@@ -77,3 +81,46 @@ def test_ctrl_c_ends_at_once_with_what_was_done(number: int, at: str) -> None:
     for process in multiprocessing.active_children():
         process.join(5)
     assert not multiprocessing.active_children()
+
+
+def _dying(base: Base, candidate: Candidate) -> list[Score]:
+    """The scores of a candidate; the process is killed at the second, for ever, and once at the third."""
+    if candidate.label == CHOSEN[1] or (candidate.label == CHOSEN[2] and not Path("died").exists()):
+        Path("died" if candidate.label == CHOSEN[2] else "dead").touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return scored(base, candidate)
+
+
+def _not_followed(base: Base, trial: Trial, guesses: Sequence[Score], progress: Progress) -> Trial:
+    os.kill(os.getpid(), signal.SIGKILL)
+    return trial
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="processes are killed otherwise here")
+def test_a_worker_that_the_system_kills_costs_its_candidate_only(
+        base: Base, chosen: list[Candidate], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("heavebond.evidence.workers.scored", _dying)
+    with Workers(base, 2) as workers:
+        scores = {c.label: got for c, got in workers.score(chosen)}
+    assert Path("died").exists() and Path("dead").exists()
+    assert set(scores) == set(CHOSEN) and workers.lost == [CHOSEN[1]]
+    assert scores[CHOSEN[0]] and not scores[CHOSEN[1]] and scores[CHOSEN[2]]
+    monkeypatch.setattr("heavebond.evidence.workers.followed", _not_followed)
+    with Workers(base, 2) as workers:
+        begun = [t for _, t in workers.begin([(c, scores[c.label]) for c in chosen if scores[c.label]]) if t is not None]
+        after = {c.label: t for c, t in workers.follow([(t, scores[t.candidate.label]) for t in begun])}
+    assert begun and {label: t.cost for label, t in after.items()} == {t.candidate.label: t.cost for t in begun}
+    assert set(workers.lost) == set(after)
+
+
+def test_a_diagnosis_says_what_it_is_without(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("heavebond.evidence.workers.scored", _killed)
+    found = diagnose("receiver_rig/choked", number=2, classes=("sensor gain",))
+    assert found.steps[0].lost and found.as_dict()["lost"] == sorted(found.steps[0].lost)
+    assert any(line.startswith("Not tried to the end: ") and found.steps[0].lost[0] in line for line in found.words)
+
+
+def _killed(base: Base, candidate: Candidate) -> list[Score]:
+    os.kill(os.getpid(), signal.SIGKILL)
+    return scored(base, candidate)

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from heavebond.basis.errors import HeavebondError, Problem, UsageError, listing, suggest
+from heavebond.basis.writable import new_file, write_text
 from heavebond.evidence.experiment import load_experiment
 from heavebond.language.library import bundled
 from heavebond.language.model import load
@@ -76,7 +77,7 @@ def _made(folder: Path, name: str) -> Started:
     files = []
     for template in sorted(TEMPLATE.iterdir()):
         path = folder / places.get(template.name, template.name)
-        path.write_text(template.read_text(encoding="utf-8").replace("NAME", name), encoding="utf-8")
+        write_text(path, template.read_text(encoding="utf-8").replace("NAME", name))
         files.append(path)
     files += _records(folder / "data" / "hidden.yaml")
     return Started(folder, tuple(files), (folder / f"{name}.yaml",), (folder / "measured.yaml",))
@@ -90,8 +91,9 @@ def _records(hidden: Path) -> Iterable[Path]:
         columns = [run.time]
         columns += [run[signal] + size * noise.standard_normal(len(run.time)) for signal, size in COLUMNS.values()]
         path = hidden.parent / f"{day}.csv"
-        np.savetxt(path, np.column_stack(columns), delimiter=",", header=",".join(["time_s", *COLUMNS]), comments="",
-                   fmt="%.7g")
+        with new_file(path) as fresh:
+            np.savetxt(fresh, np.column_stack(columns), delimiter=",", header=",".join(["time_s", *COLUMNS]), comments="",
+                       fmt="%.7g")
         yield path
 
 
@@ -108,7 +110,7 @@ def _copied(machine: Path, folder: Path) -> Started:
     diagrams = sorted(heads.get("model", []), key=lambda path: path != main)
     experiments = [path for path in heads.get("experiment", []) if _complete(path)]
     readme = folder / "README.md"
-    readme.write_text(_readme(folder.name, machine.name, diagrams, experiments, heads.get("study", [])), encoding="utf-8")
+    write_text(readme, _readme(folder.name, machine.name, diagrams, experiments, heads.get("study", [])))
     return Started(folder, tuple(sorted(p for p in folder.rglob("*") if p.is_file())), tuple(diagrams), tuple(experiments))
 
 

@@ -18,12 +18,12 @@ Moments = NDArray[np.int64]
 NONE = np.iinfo(np.int64).min  # no moment: what NumPy and pandas hold for it
 DAY = 86_400_000_000_000  # ns
 MISSING = {"", "nan", "na", "n/a", "nat", "null", "none", "-", "?"}
-_TIME = r"(?P<time>\d{1,2}:\d{2}:\d{2}(\.\d{1,9})?|\d{1,2}:\d{2})"
-_YEAR_FIRST = re.compile(rf"(?P<year>\d{{4}})[-/](?P<month>\d{{1,2}})[-/](?P<day>\d{{1,2}})([T ]{_TIME})?"
-                         r"(?P<zone>Z|[+-]\d{2}:?\d{2})?")
-_YEAR_LAST = re.compile(rf"(?P<one>\d{{1,2}})(?P<mark>[./-])(?P<two>\d{{1,2}})[./-](?P<year>\d{{4}})( {_TIME})?")
-_OF_DAY = re.compile(r"(?P<h>\d{1,2}):(?P<m>\d{2}):(?P<s>\d{2})(\.(?P<f>\d{1,9}))?")
-_SHORT = re.compile(r"\d{1,3}:\d{2}(\.\d+)?")
+_TIME = r"(?P<time>[0-9]{1,2}:[0-9]{2}:[0-9]{2}(\.[0-9]{1,9})?|[0-9]{1,2}:[0-9]{2})"
+_YEAR_FIRST = re.compile(rf"(?P<year>[0-9]{{4}})[-/](?P<month>[0-9]{{1,2}})[-/](?P<day>[0-9]{{1,2}})([T ]{_TIME})?"
+                         r"(?P<zone>Z|[+-][0-9]{2}:?[0-9]{2})?")
+_YEAR_LAST = re.compile(rf"(?P<one>[0-9]{{1,2}})(?P<mark>[./-])(?P<two>[0-9]{{1,2}})[./-](?P<year>[0-9]{{4}})( {_TIME})?")
+_OF_DAY = re.compile(r"(?P<h>[0-9]{1,2}):(?P<m>[0-9]{2}):(?P<s>[0-9]{2})(\.(?P<f>[0-9]{1,9}))?")
+_SHORT = re.compile(r"[0-9]{1,3}:[0-9]{2}(\.[0-9]+)?")
 
 
 @dataclass(frozen=True, eq=False)

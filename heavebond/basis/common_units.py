@@ -25,7 +25,7 @@ _SYMBOLS: dict[str, tuple[Fraction, tuple[int, ...], str, str]] = {
 _BASE = ("m", "kg", "s", "A", "K")
 _UNITS = {prefix + symbol: (_PREFIXES[prefix] * size, powers, counts)
           for symbol, (size, powers, prefixes, counts) in _SYMBOLS.items() for prefix in ["", *prefixes]}
-_FACTOR = re.compile(r"([*/])([A-Za-z]+)(?:\*\*(-?\d{1,2}))?(?![^*/])")
+_FACTOR = re.compile(r"([*/])([A-Za-z]+)(?:\*\*(-?[0-9]{1,2}))?(?![^*/])")
 
 
 def common_unit(text: str) -> tuple[float, Mapping[str, Fraction], str] | None:

@@ -122,7 +122,7 @@ def unit_label(unit: str) -> str:
     """A unit as it is printed on paper: `m**3/s` as m³/s, `kN*s/m` as kN·s/m, `1` as a dash."""
     if unit == "1":
         return "–"
-    text = re.sub(r"\*\*(-?\d+)", lambda found: found.group(1).translate(_POWERS), unit)
+    text = re.sub(r"\*\*(-?[0-9]+)", lambda found: found.group(1).translate(_POWERS), unit)
     return text.replace("*", "·").replace("degC", "°C").replace("um", "µm")
 
 

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import ctypes
 import multiprocessing
 import os
 import signal
+import sys
+import threading
 import time as clock
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
 from multiprocessing.synchronize import Event
 from typing import Any, TypeVar
 
+from heavebond.basis.interrupts import SIGNALS, check
 from heavebond.basis.threads import single
 
 T = TypeVar("T")
@@ -18,6 +22,9 @@ K = TypeVar("K")
 Lost = tuple[tuple[K, tuple[Any, ...]], BaseException]  # a job, its key and what is given, and how it ended
 ALONE = 2  # a job may never have begun when others took its process away: only so many deaths alone are its own
 LISTEN = 5.0  # seconds without a result after which it is asked whether any worker is left
+WATCH = 1.0  # seconds between two looks whether the parent is there
+GRACE = 2.0  # seconds that processes have to end by themselves
+PR_SET_PDEATHSIG = 1  # of Linux's prctl
 _stop: Event | None = None  # of a process that works for another one: set where what it does is not wanted any more
 
 
@@ -56,15 +63,17 @@ class Workers(Executor):
 
 
 class Processes(Workers):
-    """So many processes, each begun by `begin(*given)`; on leaving, what still runs and tells its progress to `heed` ends.
+    """So many processes, each begun by `begin(*given)`; on leaving, what still runs and tells its progress to `heed` ends,
+    after a while also what does not. All of them end with the process that made them, however that ends.
 
-    (A process that is killed while it hands over a result would leave the pool waiting for the rest of it for ever.)
+    (A process that is killed while it hands over a result would leave the pool waiting for the rest of it for ever: in the
+    while that they are given, results are handed over.)
     """
 
     def __init__(self, number: int, begin: Callable[..., None] | None = None, given: tuple[Any, ...] = ()):
         self.number, self.context = number, multiprocessing.get_context("fork" if forks() else "spawn")
         self.stop = self.context.Event()
-        self.begin = (self.stop, begin, given)
+        self.begin = (os.getpid(), self.stop, begin, given)
         self.pool = self._pool()
 
     def _pool(self) -> ProcessPoolExecutor:
@@ -82,16 +91,51 @@ class Processes(Workers):
 
     def __exit__(self, *_: object) -> None:
         self.stop.set()
-        self.shutdown(cancel_futures=True)
+        working = list((self.pool._processes or {}).values())
+        self.shutdown(wait=False, cancel_futures=True)
+        until = clock.monotonic() + GRACE
+        for process in working:
+            process.join(max(0.0, until - clock.monotonic()))
+            if process.is_alive():  # in an integration, which nobody wants any more
+                process.kill()
+        self.shutdown()
 
 
-def _begun(stop: Event, begin: Callable[..., None] | None, given: tuple[Any, ...]) -> None:
+def _begun(parent: int, stop: Event, begin: Callable[..., None] | None, given: tuple[Any, ...]) -> None:
     global _stop
     _stop = stop
-    single()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that collects
+    for number in set(SIGNALS) - {signal.SIGINT}:
+        signal.signal(number, signal.SIG_DFL)
+    _die_with(parent)
+    single()
     if begin is not None:
         begin(*given)
+
+
+def _die_with(parent: int) -> None:
+    """End this process when its parent is gone, however that ended: nobody would collect what it finds.
+
+    Linux sends a signal then. Elsewhere a thread looks once a second (as CasADi holds the interpreter during an integration,
+    between two of them).
+    """
+    if sys.platform == "linux":
+        prctl = ctypes.CDLL(None, use_errno=True).prctl
+        if prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0) == 0:
+            if os.getppid() != parent:  # it went before the call
+                os._exit(1)
+            return
+    threading.Thread(target=_watch, args=(parent,), daemon=True).start()
+
+
+def _watch(parent: int) -> None:
+    begun_by = multiprocessing.parent_process()
+    if sys.platform == "win32" and begun_by is not None:  # the number of a parent that is gone stays
+        begun_by.join()
+    else:
+        while os.getppid() == parent:
+            clock.sleep(WATCH)
+    os._exit(1)
 
 
 def as_done(executor: Executor, function: Callable[..., T], jobs: Iterable[tuple[K, tuple[Any, ...]]], ahead: int,
@@ -121,6 +165,7 @@ def as_done(executor: Executor, function: Callable[..., T], jobs: Iterable[tuple
                 workers.renew()
         if not running:
             return
+        check()
         lost: list[Lost[K]] = []
         ended = wait(running, LISTEN, FIRST_COMPLETED).done
         if not ended and isinstance(executor, Workers):

@@ -1,4 +1,8 @@
-"""Runs as files: written with their units as CSV, Parquet, MAT or NetCDF, and read back."""
+"""Runs as files: written with their units as CSV, Parquet, MAT or NetCDF, and read back.
+
+A file that was cut off is refused by every format: Parquet ends with its own index, NetCDF begins with the number of values,
+MAT ends with the names of what stands before them, and in CSV the last column counts the rows that are still to come.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heavebond.basis.errors import DataError, Problem, UsageError, suggest
+from heavebond.basis.text_tables import ROWS_LEFT, check_rows_left
+from heavebond.basis.writable import new_file
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -58,7 +64,9 @@ class SavedRun:
 
 def write_run(run: SavedRun, path: str | Path) -> None:
     """Write a run as its file's suffix says (see SUFFIXES); UsageError for another one, or what is to be installed."""
-    _form(Path(path), "written")[0](run, Path(path))
+    write = _form(Path(path), "written")[0]
+    with new_file(path) as fresh:
+        write(run, fresh)
 
 
 def read_run(path: str | Path) -> SavedRun:
@@ -100,19 +108,28 @@ def _from_table(table: pd.DataFrame, path: Path, model: str, solver: str = "") -
     without = [str(c) for c, head in zip(table.columns, heads, strict=True) if head is None]
     if without:
         raise _not_a_run(path, f"column '{without[0]}' has no unit in brackets")
+    wordy = [str(c) for k, c in enumerate(table.columns) if table.dtypes.iloc[k].kind not in "fiu"]
+    if wordy:
+        raise _not_a_run(path, f"column '{wordy[0]}' holds something that is not a number")
     known = [(head["name"], head["unit"], table.iloc[:, k].to_numpy(float)) for k, head in enumerate(heads) if head]
     return SavedRun(model, known[0][2], {name: values for name, _, values in known[1:]},
                     {name: unit for name, unit, _ in known[1:]}, solver)
 
 
 def _write_csv(run: SavedRun, path: Path) -> None:
-    run.to_pandas().to_csv(path)
+    run.to_pandas().assign(**{ROWS_LEFT: range(len(run.time) - 1, -1, -1)}).to_csv(path)
 
 
 def _read_csv(path: Path) -> SavedRun:
     import pandas as pd
 
-    return _from_table(pd.read_csv(path), path, path.stem)
+    head = list(pd.read_csv(path, nrows=0).columns)
+    if "time [s]" in head[:1] and ROWS_LEFT not in head[-1:]:
+        raise _not_a_run(path, f"its last column is not '{ROWS_LEFT}', which tells that no row is missing")
+    table = pd.read_csv(path)
+    if head[-1:] == [ROWS_LEFT]:
+        check_rows_left(path, table.pop(ROWS_LEFT).to_numpy(float))
+    return _from_table(table, path, path.stem)
 
 
 def _parquet_missing(verb: str) -> UsageError:
@@ -164,9 +181,10 @@ def _write_mat(run: SavedRun, path: Path) -> None:
         return np.array(texts, dtype=object).reshape(-1, 1)
 
     columns = {variable: run.values[name][:, None] for variable, name in zip(variables, names, strict=True)}
-    savemat(str(path), {"time": run.time[:, None], **columns, "model": run.model, "signals": cells(names),
+    # what a reader needs comes last: a file that was cut off lacks it
+    savemat(str(path), {"time": run.time[:, None], **columns, "solver": run.solver, "model": run.model,
                         "variables": cells(variables), "units": cells([run.units[name] for name in names]),
-                        "solver": run.solver}, appendmat=False)
+                        "signals": cells(names)}, appendmat=False)
 
 
 def _read_mat(path: Path) -> SavedRun:

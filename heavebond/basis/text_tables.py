@@ -16,17 +16,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heavebond.basis.errors import DataError, Place, Problem, Problems
+from heavebond.basis.numerals import number, plain
 from heavebond.basis.units import Unit, UnitProblem, read_unit
 
 Array = NDArray[np.float64]
 Cells = list[tuple[int, list[str]]]
 SEPARATORS = {"\t": "tabs", ";": "semicolons", ",": "commas"}
 SHOWN = 5
+# The last column of a saved run: the number of rows that follow. A file that was cut off does not end with 0.
+ROWS_LEFT = "rows left [1]"
 _MISSING = {"", "nan", "na", "n/a", "null", "none", "-", "?"}
-_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
-_DECIMAL_POINT = re.compile(r"[+-]?\d*\.\d+([eE][+-]?\d+)?")
-_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")  # 1,234: one and a quarter, or a thousand and more?
-_GROUPED = re.compile(r"[+-]?\d{1,3}(([.' ]\d{3})+,\d+|([,' ]\d{3})+\.\d+|(,\d{3}){2,}|(\.\d{3}){2,})")
+_DECIMAL_COMMA = re.compile(r"[+-]?[0-9]*,[0-9]+([eE][+-]?[0-9]+)?")
+_DECIMAL_POINT = re.compile(r"[+-]?[0-9]*\.[0-9]+([eE][+-]?[0-9]+)?")
+_THOUSANDS = re.compile(r"[+-]?[1-9][0-9]{0,2},[0-9]{3}")  # 1,234: one and a quarter, or a thousand and more?
+_GROUPED = re.compile(r"[+-]?[0-9]{1,3}(([.' ][0-9]{3})+,[0-9]+|([,' ][0-9]{3})+\.[0-9]+|(,[0-9]{3}){2,}|(\.[0-9]{3}){2,})")
 _LONGEST_UNIT = 12
 # As they stand in the files of programs, and as they are read here.
 _SPELT = (("°C", "degC"), ("°F", "degF"), ("°", "deg"), ("µ", "u"), ("μ", "u"), ("²", "**2"), ("³", "**3"), ("^", "**"),
@@ -64,10 +67,27 @@ def read_text_columns(path: Path) -> TextColumns:
         problems.add("record-empty", f"'{path.name}' has names but no rows", sheet.place(sheet.header[0], 0))
     problems.raise_as(DataError)
     names = tuple(sheet.header[1])
+    if names[-1] == ROWS_LEFT:
+        check_rows_left(path, found[-1][0] if found[-1][0] is not None else np.zeros(0))
     numbers = {name: values for name, (values, _) in zip(names, found, strict=True) if values is not None}
     words = {name: [cells[k] for _, cells in rows] for k, name in enumerate(names) if name not in numbers}
     lines = np.array([line for line, _ in rows], dtype=np.int64)
     return TextColumns(names, lines, numbers, text, sheet.separator, dict(zip(names, units, strict=False)), words)
+
+
+def check_rows_left(path: Path, left: Array) -> None:
+    """DataError unless the counts of rows still to come, the last column of a saved run, fall to 0: the file was cut off
+    while it was written or copied, or rows were removed."""
+    expected = np.arange(len(left) - 1, -1, -1)
+    if len(left) and np.array_equal(left, expected):
+        return
+    steady = left[:-1] == left[:1] - np.arange(len(left))[:-1]  # the last one may be cut itself
+    line = len(left) + 1 if steady.all() else int(np.argmin(steady)) + 2
+    what = "ends before its last row" if steady.all() else f"lacks rows before line {line}"
+    raise DataError([Problem("record-cut-off", f"'{path}' is not whole: it {what}", Place(str(path), line),
+                             "It was cut off by a full disk, a killed process or a broken copy: make it again. Where rows "
+                             f"were removed on purpose, remove the column '{ROWS_LEFT}', and use the file as a record.",
+                             (f"its column '{ROWS_LEFT}' counts the rows that are still to come",))])
 
 
 def unit_in_file(text: str) -> Unit | None:
@@ -236,7 +256,7 @@ def _with_points(sheet: _Sheet, rows: Cells) -> tuple[Cells, str]:
 
 def _is_number(cell: str) -> bool:
     try:
-        float(cell)
+        number(cell)
     except ValueError:
         return False
     return True
@@ -248,15 +268,16 @@ def _is_written_number(cell: str) -> bool:
 
 def _numbers(cells: list[str]) -> tuple[Array | None, list[int]]:
     """The numbers of a column, NaN where one is missing (None if all is text), and the rows that are text."""
-    try:
-        return np.array(cells, dtype=np.float64), []
-    except ValueError:
-        pass
+    if plain(cells):
+        try:
+            return np.array(cells, dtype=np.float64), []
+        except ValueError:
+            pass
     values = np.full(len(cells), np.nan)
     bad = []
     for row, cell in enumerate(cells):
         if _is_number(cell):
-            values[row] = float(cell)
+            values[row] = number(cell)
         elif cell.lower() not in _MISSING:
             bad.append(row)
     if bad and np.isnan(values).all() and not any(_DECIMAL_COMMA.fullmatch(cells[row]) for row in bad):

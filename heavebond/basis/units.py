@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from heavebond.basis.common_units import common_unit
 from heavebond.basis.errors import suggest
+from heavebond.basis.numerals import NUMBER
 
 if TYPE_CHECKING:
     from pint import UnitRegistry
@@ -26,16 +27,15 @@ PINT_BASE = {"[length]": "m", "[mass]": "kg", "[time]": "s", "[current]": "A", "
              "[substance]": "mol", "[luminosity]": "cd"}
 ONE: Dimension = ()
 
-NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _LETTERS = "A-Za-zµΩ°"
-_UNDER = r"/\([A-Za-z]\w*(?:\*\*\d+|[*/][A-Za-z]\w*)*\)"                         # /(s*Pa)
+_UNDER = r"/\([A-Za-z]\w*(?:\*\*[0-9]+|[*/][A-Za-z]\w*)*\)"                         # /(s*Pa)
 UNIT = (rf"(?:1/)?[{_LETTERS}%][\w°%µΩ]*"                                        # kN
-        rf"(?:\*\*-?\d{{1,2}}(?!\d)|\^-?\d+|[*/·](?=[{_LETTERS}])[\w°%µΩ]+)*"   # *s, /m, **2
+        rf"(?:\*\*-?[0-9]{{1,2}}(?![0-9])|\^-?[0-9]+|[*/·](?=[{_LETTERS}])[\w°%µΩ]+)*"   # *s, /m, **2
         rf"(?:{_UNDER})?|1(?:{_UNDER})?")
 _QUANTITY = re.compile(rf"\s*({NUMBER})(?:\s+({UNIT}))?\s*$")
 _RANGE = re.compile(rf"\s*({NUMBER})(?:\s+({UNIT}))?\s*\.\.\s*({NUMBER})(?:\s+({UNIT}))?\s*$")
 _BAND = re.compile(rf"\s*({NUMBER})(?:\s+({UNIT}))?\s*\+-\s*({NUMBER})(?:\s+({UNIT}))?\s*$")
-_DECIMAL_COMMA = re.compile(r"\d,\d")
+_DECIMAL_COMMA = re.compile(r"[0-9],[0-9]")
 
 
 LONGEST_QUANTITY = 200
@@ -356,7 +356,7 @@ def generic_unit(text: str) -> Unit:
     dimension = ONE
     for sign, factor in re.findall(r"(^|(?<!\*)[*/](?!\*))\s*((?:[^*/]|\*\*)+)", _without_brackets(text.strip())):
         base, _, power = factor.strip().partition("**")
-        if not re.fullmatch(r"-?\d{1,2}|", power) or not re.fullmatch(r"\$[A-Za-z]\w*(\.(effort|flow))?|[^$]+", base):
+        if not re.fullmatch(r"-?[0-9]{1,2}|", power) or not re.fullmatch(r"\$[A-Za-z]\w*(\.(effort|flow))?|[^$]+", base):
             raise UnitProblem("unit-unknown", f"'{text}' is not a unit", "Write for example $U, $U/s or $Y/$U.")
         part: Dimension = ((base, Fraction(1)),) if base.startswith("$") else declared_unit(base).dimension
         dimension = times(dimension, part, Fraction(power or 1) * (-1 if sign == "/" else 1))

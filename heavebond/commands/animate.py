@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from heavebond.commands.arguments import blamed_on_settings, check_writable, json_option, set_option, with_settings
+from heavebond.commands.arguments import Number, blamed_on_settings, check_writable, json_option, set_option, with_settings
 
 
 @click.command(short_help="Make a moving picture of a run.")
@@ -17,7 +17,7 @@ from heavebond.commands.arguments import blamed_on_settings, check_writable, jso
               help="Draw a variable or an output over time below. May be repeated; without it the first outputs.")
 @click.option("--until", metavar="TIME", help="How long to simulate, e.g. --until '2 min'.")
 @click.option("--every", metavar="TIME", help="Time between output points, e.g. --every '10 ms'.")
-@click.option("--speed", metavar="NUMBER", type=click.FloatRange(0, min_open=True), default=1.0, show_default=True,
+@click.option("--speed", metavar="NUMBER", type=Number(0, min_open=True), default=1.0, show_default=True,
               help="How fast it plays; 1 is real time.")
 @set_option
 @json_option

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import os
+import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -12,6 +14,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from heavebond.basis.errors import HeavebondError, Problem, Problems, UsageError, suggest
+from heavebond.basis.numerals import NUMBER as NUMBER_FORM
+from heavebond.basis.numerals import whole
 
 if TYPE_CHECKING:
     from heavebond.language.model import Model
@@ -19,6 +23,26 @@ if TYPE_CHECKING:
     from heavebond.text.expression import Expr
 
 Command = TypeVar("Command", bound=Callable[..., Any])
+
+
+class Number(click.FloatRange):
+    """A finite number within bounds, with the digits 0 to 9."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if isinstance(value, str) and not re.fullmatch(NUMBER_FORM, value.strip()):
+            self.fail(f"{value!r} is not a number.", param, ctx)
+        if not math.isfinite(float(value)):
+            self.fail(f"{value!r} is too large a number.", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+class Whole(click.IntRange):
+    """A whole number within bounds, with the digits 0 to 9."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if isinstance(value, str) and whole(value.strip().removeprefix("-")) is None:
+            self.fail(f"{value!r} is not a whole number.", param, ctx)
+        return super().convert(value, param, ctx)
 
 
 def json_option(command: Command) -> Command:
@@ -173,10 +197,12 @@ def check_writable(path: Path, suffixes: Sequence[str] = ()) -> None:
 
     if path.is_dir():
         reason = "it is a folder"
-    elif path.exists():
-        reason = "" if os.access(path, os.W_OK) else "permission denied"
+    elif path.exists() and not os.access(path, os.W_OK):
+        reason = "permission denied"
     else:
-        reason = why_unwritable(path.parent)
+        # the new file is made beside the old one; a device or a pipe is written directly
+        target = Path(os.path.realpath(path))
+        reason = "" if target.exists() and not target.is_file() else why_unwritable(target.parent)
     if reason:
         raise UsageError([Problem("file-unwritable", f"'{path}' cannot be written: {reason}")])
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from heavebond.commands.arguments import check_writable, json_option
+from heavebond.commands.arguments import Number, Whole, check_writable, json_option
 
 if TYPE_CHECKING:
     from heavebond.evidence.diagnosis import Diagnosis
@@ -24,10 +24,10 @@ RANKED = 12  # candidates that are shown
 @click.argument("experiment")
 @click.option("--auto", is_flag=True, help="Add effect after effect until nothing more earns its place.")
 @click.option("--only", "classes", metavar="CLASS", multiple=True, help="Try effects of this class only. May be repeated.")
-@click.option("--seconds", type=click.FloatRange(0, min_open=True), default=600.0, show_default=True,
+@click.option("--seconds", type=Number(0, min_open=True), default=600.0, show_default=True,
               help="Begin no refit after so long in a step.")
-@click.option("--processes", type=click.IntRange(1), help="Processes that search side by side [default: all processors].")
-@click.option("--samples", type=click.IntRange(100), metavar="N", help="Search on the beginning of what is fitted, so many "
+@click.option("--processes", type=Whole(1), help="Processes that search side by side [default: all processors].")
+@click.option("--samples", type=Whole(100), metavar="N", help="Search on the beginning of what is fitted, so many "
               "points in time [default: all, or 5000 of more than 30000].")
 @click.option("--folder", metavar="FOLDER", type=click.Path(path_type=Path, file_okay=False),
               help="Where the files go [default: beside EXPERIMENT].")
@@ -42,6 +42,7 @@ def diagnose(experiment: str, auto: bool, classes: tuple[str, ...], seconds: flo
     (NAME_report.html). Figures count on records that were not fitted; where there are none, on stretches that are held
     out. Ctrl-C ends the search with what was found so far.
     """
+    from heavebond.basis.writable import write_text
     from heavebond.commands import terminal
     from heavebond.evidence.diagnosis import diagnose as diagnosed
     from heavebond.evidence.experiment import load_experiment
@@ -64,7 +65,7 @@ def diagnose(experiment: str, auto: bool, classes: tuple[str, ...], seconds: flo
     added = [*found.findings, *([found.shape] if found.shape is not None else [])]
     files = write_findings(given, added, targets)
     proposed = write_proposal(found.separation, targets.proposal) if found.separation is not None else []
-    page.write_text(report(found, _where(found), written=files), encoding="utf-8")
+    write_text(page, report(found, _where(found), written=files))
     console = terminal.output()
     for path in (*files, *proposed, page):
         console.print(f"wrote {path}", soft_wrap=True)
@@ -81,6 +82,7 @@ def diagnose(experiment: str, auto: bool, classes: tuple[str, ...], seconds: flo
 def _where(found: Diagnosis) -> Where | None:
     """What the places of the first diagram ask for; None where that cannot be told, or the user ends it."""
     from heavebond.basis.errors import HeavebondError
+    from heavebond.basis.interrupts import obeyed
     from heavebond.commands import terminal
     from heavebond.evidence.misfit import where
 
@@ -88,6 +90,7 @@ def _where(found: Diagnosis) -> Where | None:
         with terminal.working("looking where it fails"):
             return where(found.searched, values=found.fitted)
     except (HeavebondError, KeyboardInterrupt):
+        obeyed()
         return None
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from heavebond.basis.errors import Problem, UsageError
+from heavebond.basis.writable import write_text
 from heavebond.commands.arguments import (
     blamed_on_settings,
     check_writable,
@@ -70,7 +71,7 @@ def _write(path: Path, picture: str) -> dict[str, object]:
     from heavebond.commands import terminal
 
     try:
-        path.write_text(picture, encoding="utf-8", newline="\n")
+        write_text(path, picture)
     except OSError as error:
         raise UsageError([Problem("file-unwritable", f"'{path}' cannot be written: {error.strerror or error}")]) from None
     terminal.output().print(f"wrote {path}", soft_wrap=True)

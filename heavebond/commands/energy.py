@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING
 import click
 
 from heavebond.basis.errors import Problem, UsageError
+from heavebond.basis.writable import write_text
 from heavebond.commands.arguments import (
+    Number,
     blamed_on_settings,
     check_new,
     check_picture,
@@ -34,9 +36,9 @@ if TYPE_CHECKING:
 @click.option("--close", "closed", multiple=True, metavar="BLOCK",
               help="Count a block as one component, in table and pictures, e.g. --close ahc. May be repeated.")
 @click.option("--close-all", is_flag=True, help="Count every block as one component.")
-@click.option("--reduce", "share", metavar="SHARE", type=click.FloatRange(0, 100, min_open=True),
+@click.option("--reduce", "share", metavar="SHARE", type=Number(0, 100, min_open=True),
               help="Keep the components that make up so many per cent of the activity, and neutralise the others.")
-@click.option("--error", "limit", metavar="PERCENT", type=click.FloatRange(0, min_open=True), default=5.0, show_default=True,
+@click.option("--error", "limit", metavar="PERCENT", type=Number(0, min_open=True), default=5.0, show_default=True,
               help="With --reduce: leave what would move an output by more than this.")
 @click.option("--write", "written", metavar="FILE", type=click.Path(path_type=Path),
               help="With --reduce: write the reduced diagram, which extends MODEL (.yaml).")
@@ -80,7 +82,7 @@ def energy(model: str, until: str | None, every: str | None, audited: bool, sank
         _print_reduced(reduced)
         told["reduced"] = reduced.as_dict()
         if written is not None and reduced.removed:
-            written.write_text(reduced.diagram(written), encoding="utf-8", newline="\n")
+            write_text(written, reduced.diagram(written))
             files.append(written)
     for path in files:
         console.print(f"wrote {path}", soft_wrap=True)

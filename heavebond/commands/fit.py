@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from heavebond.commands.arguments import check_new, check_picture, json_option, picture_option
+from heavebond.commands.arguments import Whole, check_new, check_picture, json_option, picture_option
 
 if TYPE_CHECKING:
     from heavebond.evidence.experiment import Experiment
@@ -21,9 +21,9 @@ HEAD = ("parameter", "before", "fitted", "95 % interval", "range")
 
 @click.command(short_help="Fit the free parameters of an experiment to its records.")
 @click.argument("experiment")
-@click.option("--starts", type=click.IntRange(1), default=1, show_default=True,
+@click.option("--starts", type=Whole(1), default=1, show_default=True,
               help="Try so many starting points within the ranges.")
-@click.option("--segments", type=click.IntRange(1), default=1, show_default=True,
+@click.option("--segments", type=Whole(1), default=1, show_default=True,
               help="Begin with multiple shooting over so many segments of each record.")
 @click.option("--robust", is_flag=True, help="Let outliers pull less (soft-L1 loss).")
 @click.option("--profile", "profiled", metavar="PARAMETER", multiple=True,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from heavebond.basis.errors import Problem, UsageError
+from heavebond.basis.writable import new_file
 from heavebond.commands.arguments import (
     at_options,
     blamed_on_settings,
@@ -298,11 +299,13 @@ def _save_matrices(system: StateSpace, path: Path) -> None:
                 ("states", system.states), ("inputs", system.inputs), ("outputs", system.outputs), ("state_units", states),
                 ("input_units", inputs), ("output_units", outputs))}}
     try:
-        if path.suffix == ".npz":
-            np.savez(path, **held)
-        else:
-            from scipy.io import savemat
+        with new_file(path) as fresh:
+            if path.suffix.lower() == ".npz":
+                with open(fresh, "wb") as file:  # to a path NumPy would append a suffix in lower case
+                    np.savez(file, **held)
+            else:
+                from scipy.io import savemat
 
-            savemat(path, held)
+                savemat(str(fresh), held, appendmat=False)
     except OSError as error:
         raise UsageError([Problem("file-unwritable", f"'{path}' cannot be written: {error.strerror or error}")]) from None

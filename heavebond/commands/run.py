@@ -11,6 +11,7 @@ import click
 
 from heavebond.basis.errors import Problem, UsageError
 from heavebond.commands.arguments import (
+    Number,
     assembled,
     blamed_on_settings,
     check_picture,
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
 @click.option("--save", "saved", metavar="FILE", multiple=True, type=click.Path(path_type=Path),
               help="Write the time series (.csv, .parquet, .mat or .nc). May be repeated.")
 @picture_option("Where to draw; without --plot all outputs of the diagram are drawn")
-@click.option("--rtol", metavar="NUMBER", type=click.FloatRange(0, 0.1, min_open=True), default=1e-8, show_default=True,
+@click.option("--rtol", metavar="NUMBER", type=Number(0, 0.1, min_open=True), default=1e-8, show_default=True,
               help="Relative tolerance of the integrator.")
 @click.option("--solver", metavar="NAME",
               help="Which solver integrates: idas (the default), cvodes, rosenbrock (compiled), or auto.")
@@ -45,7 +46,7 @@ if TYPE_CHECKING:
               help="Run the programs in the FMUs of the diagram. Do so only with FMUs you trust.")
 @click.option("--verify", "verified", is_flag=True, help="Repeat with tighter tolerances and a tenth of the widths of all "
               "transitions; tell which outputs move.")
-@click.option("--within", metavar="SHARE", type=click.FloatRange(0, 1, min_open=True), default=0.01, show_default=True,
+@click.option("--within", metavar="SHARE", type=Number(0, 1, min_open=True), default=0.01, show_default=True,
               help="With --verify: by how much of its range an output may move.")
 @json_option
 def run(model: str, settings: tuple[str, ...], until: str | None, every: str | None, plotted: tuple[str, ...],

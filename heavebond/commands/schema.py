@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from heavebond.basis.errors import Problem, UsageError
+from heavebond.basis.writable import write_text
 from heavebond.commands.arguments import check_writable, json_option
 
 NAME = "heavebond.schema.json"
@@ -36,12 +37,12 @@ def schema(folder: Path, output: Path | None) -> dict[str, object]:
     if output is None:
         path.parent.mkdir(exist_ok=True)
     check_writable(path, (".json",))
-    path.write_text(json.dumps(make(library([folder])), ensure_ascii=False, separators=(",", ":")) + "\n", encoding="utf-8")
+    write_text(path, json.dumps(make(library([folder])), ensure_ascii=False, separators=(",", ":")) + "\n")
     files.append(path)
     settings = folder / ".vscode" / "settings.json"
     snippet = {"yaml.schemas": {_from(folder, path): "*.yaml"}}
     if path.parent == settings.parent and not settings.exists():
-        settings.write_text(json.dumps(snippet, indent=2) + "\n", encoding="utf-8")
+        write_text(settings, json.dumps(snippet, indent=2) + "\n")
         files.append(settings)
     else:
         console().print("Put this into the settings of your editor (.vscode/settings.json):", soft_wrap=True)

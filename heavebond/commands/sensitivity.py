@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from heavebond.commands.arguments import (
+    Whole,
     assembled,
     blamed_on_settings,
     check_picture,
@@ -34,9 +35,9 @@ HEAD = ("parameter", "value", "influence", "1 % more moves it by", "at")
 @set_option
 @click.option("--until", metavar="TIME", help="How long to simulate, e.g. --until '2 min'.")
 @click.option("--every", metavar="TIME", help="Time between output points, e.g. --every '10 ms'.")
-@click.option("--most", metavar="N", type=click.IntRange(1), default=60, show_default=True,
+@click.option("--most", metavar="N", type=Whole(1), default=60, show_default=True,
               help="Try so many parameters where none are named.")
-@click.option("--rows", metavar="N", type=click.IntRange(1), default=15, show_default=True,
+@click.option("--rows", metavar="N", type=Whole(1), default=15, show_default=True,
               help="Parameters to list for each signal.")
 @picture_option("Draw bars, and what the strongest do over time")
 @json_option

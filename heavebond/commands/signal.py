@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from heavebond.commands.arguments import (
+    Number,
     assembled,
     blamed_on_settings,
     check_picture,
@@ -32,7 +33,7 @@ DIAGRAMS = (".yaml", ".yml", "")
 @click.option("--from", "begin", metavar="TIME", help="From when on it counts, e.g. --from '60 s'.")
 @click.option("--to", "end", metavar="TIME", help="Until when it counts.")
 @click.option("--segment", metavar="TIME", help="How long the pieces are that the spectrum is averaged from.")
-@click.option("--slope", metavar="NUMBER", type=click.FloatRange(1, 20), default=3.0, show_default=True,
+@click.option("--slope", metavar="NUMBER", type=Number(1, 20), default=3.0, show_default=True,
               help="Exponent of the S-N curve, for the equivalent range.")
 @click.option("--time", metavar="COLUMN", help="Of a record: the column of the times in s [default: the first].")
 @set_option

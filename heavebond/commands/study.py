@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from heavebond.commands.arguments import json_option, scheduler_option
+from heavebond.basis.writable import write_text
+from heavebond.commands.arguments import Whole, json_option, scheduler_option
 
 if TYPE_CHECKING:
     from heavebond.studies.campaign import StudyResult
@@ -22,7 +23,7 @@ LISTED = 12  # rows of a sample that are shown
 @click.argument("file", metavar="STUDY")
 @click.option("--output", metavar="FOLDER", type=click.Path(path_type=Path, file_okay=False),
               help="Where tables and pictures go [default: a folder of the study's name].")
-@click.option("--processes", type=click.IntRange(1), help="Cases worked side by side [default: all processors].")
+@click.option("--processes", type=Whole(1), help="Cases worked side by side [default: all processors].")
 @click.option("--fresh", is_flag=True, help="Work all cases out anew, also those done already.")
 @scheduler_option
 @json_option
@@ -130,7 +131,7 @@ def _diagram(result: StudyResult, folder: Path) -> list[Path]:
     if result.calibrated is None:
         return []
     path = folder / "calibrated.yaml"
-    path.write_text(calibrated_diagram(result.study, result.calibrated, path), encoding="utf-8")
+    write_text(path, calibrated_diagram(result.study, result.calibrated, path))
     return [path]
 
 

@@ -7,7 +7,8 @@ from pathlib import Path
 import click
 
 from heavebond.basis.errors import Problem, UsageError
-from heavebond.commands.arguments import json_option, scheduler_option, set_option, settings_of
+from heavebond.basis.writable import write_text
+from heavebond.commands.arguments import Whole, json_option, scheduler_option, set_option, settings_of
 from heavebond.commands.study import work_out
 
 
@@ -23,13 +24,13 @@ from heavebond.commands.study import work_out
                    "the spread), one_at_a_time (both ends of each), local (exact slopes).")
 @click.option("--worst", type=click.Choice(["highest", "lowest"]),
               help="Seek the worst within the ranges by exact gradients instead.")
-@click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Which sample is drawn.")
+@click.option("--seed", type=Whole(0), default=1, show_default=True, help="Which sample is drawn.")
 @click.option("--from", "begin", metavar="TIME", default="", help="From when on a run counts, e.g. --from '72 s'.")
 @click.option("--to", "end", metavar="TIME", default="", help="Until when it is run.")
 @click.option("--plot", "plotted", metavar="SIGNAL", multiple=True, help="Draw a signal of all cases. May be repeated.")
 @click.option("--output", metavar="FOLDER", type=click.Path(path_type=Path, file_okay=False),
               help="Where study, tables and pictures go [default: a folder MODEL_sweep].")
-@click.option("--processes", type=click.IntRange(1), help="Cases worked side by side [default: all processors].")
+@click.option("--processes", type=Whole(1), help="Cases worked side by side [default: all processors].")
 @click.option("--fresh", is_flag=True, help="Work all cases out anew, also those done already.")
 @scheduler_option
 @set_option
@@ -60,8 +61,8 @@ def sweep(model: str, overs: tuple[str, ...], measures: tuple[str, ...], sample:
         if values:
             words = f"{path.stem} with other values."
             changed = Change(settings=values).diagram(path.stem, words, extended_from(diagram, path))
-            diagram.write_text(changed, encoding="utf-8")
-        (folder / "study.yaml").write_text(text, encoding="utf-8")
+            write_text(diagram, changed)
+        write_text(folder / "study.yaml", text)
     except OSError as error:
         raise UsageError([Problem("file-unwritable", f"'{folder}' cannot be written: {error.strerror or error}")]) from None
     return work_out(load_study(folder / "study.yaml"), folder, processes, fresh, scheduler)

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import IO, TYPE_CHECKING, NoReturn
 
 from heavebond.basis.errors import Problem
+from heavebond.basis.interrupts import check
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -93,9 +94,13 @@ def _print_problem(console: Console, problem: Problem) -> None:
 def working(words: str) -> Iterator[Callable[[str], None]]:
     """Say on a terminal what is being done while it is; nothing elsewhere. Gives a function that tells how far it is."""
     if not sys.stderr.isatty():
-        yield lambda text: None
+        yield lambda text: check()
         return
     # a copy of the terminal: during an integration the solver's own words are caught from file descriptor 2
     with open(os.dup(sys.stderr.fileno()), "w", encoding=sys.stderr.encoding) as copy, \
             _console(copy).status(words, spinner="dots") as status:
-        yield lambda text: status.update(f"{words}: {text}")
+        def told(text: str) -> None:
+            check()
+            status.update(f"{words}: {text}")
+
+        yield told

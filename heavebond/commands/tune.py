@@ -12,6 +12,7 @@ import click
 
 from heavebond.basis.errors import ModelError, Problem, UsageError
 from heavebond.commands.arguments import (
+    Whole,
     blamed_on_settings,
     check_new,
     check_picture,
@@ -45,13 +46,13 @@ TIMES = 3  # a free parameter without a range may grow to so many times its valu
               help="A value of the run that ref(...) is taken from. May be repeated.")
 @set_option
 @click.option("--method", default="trust", show_default=True, help="trust, slsqp or ipopt.")
-@click.option("--explore", type=click.IntRange(0), default=5, show_default=True,
+@click.option("--explore", type=Whole(0), default=5, show_default=True,
               help="Plain runs at points spread over the ranges before the search.")
-@click.option("--starts", type=click.IntRange(1), default=1, show_default=True,
+@click.option("--starts", type=Whole(1), default=1, show_default=True,
               help="Search from so many of the best of these.")
 @click.option("--robustness/--no-robustness", default=True, show_default=True,
               help="Tell what moves the cost around the best, and how far the limit of stability is.")
-@click.option("--sweep", "grid", metavar="N", type=click.IntRange(2), help="Compare with a sweep of N x N points.")
+@click.option("--sweep", "grid", metavar="N", type=Whole(2), help="Compare with a sweep of N x N points.")
 @click.option("--write", "written", metavar="DIAGRAM", type=click.Path(path_type=Path),
               help="Write a diagram that extends the model with the tuned values (.yaml, must be new).")
 @picture_option("Draw the cost surface and the way of the search (two free parameters, with --sweep)")

@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+from heavebond.basis.interrupts import obeyed
 from heavebond.basis.progress import Progress
 from heavebond.evidence.catalogue import Candidate, candidates
 from heavebond.evidence.experiment import Experiment
@@ -123,6 +124,7 @@ def _looked_back(way: Way, stepping: Stepping, say: Progress) -> tuple[Way, bool
         try:
             others = _without(way, k, say)
         except KeyboardInterrupt:
+            obeyed()
             return way, True
         if others is None:
             k += 1

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from heavebond.basis.errors import HeavebondError, Problem, UsageError, listing, suggest
-from heavebond.basis.interrupts import finishing
+from heavebond.basis.interrupts import finishing, obeyed
 from heavebond.basis.progress import Progress
 from heavebond.basis.threads import single_threaded
 from heavebond.evidence.catalogue import Candidate, candidates
@@ -66,6 +66,7 @@ class Diagnosis:
         """Everything for machines."""
         return {
             "verdict": self.verdict, "words": list(self.words), "partial": any(step.partial for step in self.steps),
+            "lost": sorted({label for step in self.steps for label in step.lost}),
             "steps": [f.as_dict() for f in self.findings],
             "shape": self.shape and self.shape.as_dict(), "ladder": [r.as_dict() for r in self.ladder],
             "ranking": [_ranked(s) for s in self.steps],
@@ -130,6 +131,7 @@ def diagnose(experiment: Experiment | str | Path, *, auto: bool = False, number:
     apart = _separation(come.findings, say) if said == "one_of" else None
     told = (*words(said, rungs, come.findings, come.steps, shape), *map(as_near, come.values),
             *(apart.words if apart is not None else ()),
+            *_lost(come.steps),
             *([SEVERAL] if said == "shape" and come.findings and not auto else []), *_limits(classes, cut(part, experiment)))
     return Diagnosis(experiment, said, told, rungs, tuple(come.findings), tuple(come.steps), shape, base,
                      _noise(ladder[0].comparison), clock.perf_counter() - began, apart, part)
@@ -164,6 +166,13 @@ def _noticeable(way: Way, last: Step) -> tuple[Way, Step]:
     return (), replace(way[0].step, chosen=None, cluster=(), partial=last.partial)
 
 
+def _lost(steps: Sequence[Step]) -> list[str]:
+    """What the search is without, as the system ended a process."""
+    lost = list(dict.fromkeys(label for step in steps for label in step.lost))
+    return [f"Not tried to the end: {listing(lost, 4)}. The processes that worked on this died, also when it was tried "
+            "again alone (killed, or out of memory). Fewer `--processes`, or `--samples`, need less memory."] if lost else []
+
+
 def _limits(classes: Sequence[str], looked: str) -> list[str]:
     """What was left out of the search."""
     only = f"Tried were only effects of {'this class' if len(classes) == 1 else 'these classes'}: {listing(classes)}."
@@ -195,6 +204,7 @@ def _separation(findings: Sequence[Finding], say: Progress) -> Separation | None
         return separate([Alternative(f"{t.candidate.kind} {t.candidate.place}", t.experiment, t.values,
                                      t.samples + t.samples_held_out) for t in best.values()], progress=say)
     except (KeyboardInterrupt, HeavebondError):
+        obeyed()
         return None
 
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from heavebond.basis.errors import SimulationError
+from heavebond.basis.interrupts import obeyed
 from heavebond.basis.progress import Progress
 from heavebond.evidence.catalogue import Candidate, candidates
 from heavebond.evidence.experiment import Experiment
@@ -46,7 +47,8 @@ EARNED = 12.0
 class Step:
     """One rung: the experiment that was diagnosed, its best fit of what was free (chi-square per sample on what was and was
     not fitted), the tests on what that leaves, all scores and refits, best first, what was chosen, and those that the
-    records cannot tell from it (the chosen one first). `partial`: not all that was planned was refitted."""
+    records cannot tell from it (the chosen one first). `partial`: not all that was planned was refitted; `lost` are the
+    candidates whose process died."""
 
     experiment: Experiment
     values: dict[str, float]
@@ -65,6 +67,7 @@ class Step:
     unseen: tuple[Candidate, ...]
     partial: bool
     seconds: float
+    lost: tuple[str, ...] = ()
 
     @property
     def bic(self) -> float:
@@ -130,9 +133,11 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
                 say("comparing the best closely")
                 refits.trials |= _polished(workers, list(refits.trials.values()), {c.label: g for c, g in (*leading, *rest)})
         except KeyboardInterrupt:
+            obeyed()
             partial, left, twins = True, leftover(base, scores), {}
     trials = list(refits.trials.values())
-    return _judged(base, (held, n_held), left, scores, trials, twins, partial, clock.perf_counter() - began)
+    made = _judged(base, (held, n_held), left, scores, trials, twins, partial, clock.perf_counter() - began)
+    return replace(made, lost=tuple(dict.fromkeys(workers.lost)))
 
 
 def _polished(workers: Workers, trials: Sequence[Trial], guesses: Mapping[str, Sequence[Score]]) -> dict[str, Trial]:

@@ -26,6 +26,7 @@ class Workers:
         self.base = base
         self.number = number or processors()
         self.processes: Processes | None = None
+        self.lost: list[str] = []  # candidates whose process died
 
     def __enter__(self) -> Workers:
         if self.number > 1:
@@ -41,32 +42,42 @@ class Workers:
 
     def score(self, candidates: Sequence[Candidate], until: float = float("inf")) -> Iterator[tuple[Candidate, list[Score]]]:
         """The scores of each candidate, in the order in which they are done; those not begun at `until` are left out."""
-        return self._each(_score, scored, [(c,) for c in candidates], candidates, until)
+        return self._each(_score, scored, [(c,) for c in candidates], candidates, until, [[] for _ in candidates])
 
     def begin(self, jobs: Sequence[tuple[Candidate, Sequence[Score]]], least: float = 0.0, until: float = float("inf")
               ) -> Iterator[tuple[Candidate, Trial | None]]:
         """The first steps of each refit, in the order in which they are done; those not begun at `until` are left out.
         `least` as in `begun`."""
-        return self._each(_begin, begun, [(c, guesses, least) for c, guesses in jobs], [c for c, _ in jobs], until)
+        return self._each(_begin, begun, [(c, guesses, least) for c, guesses in jobs], [c for c, _ in jobs], until,
+                          [None] * len(jobs))
 
     def follow(self, jobs: Sequence[tuple[Trial, Sequence[Score]]], until: float = float("inf")
                ) -> Iterator[tuple[Candidate, Trial]]:
         """Each refit that was begun followed, in the same way."""
-        return self._each(_follow, followed, jobs, [t.candidate for t, _ in jobs], until)
+        return self._each(_follow, followed, jobs, [t.candidate for t, _ in jobs], until, [t for t, _ in jobs])
 
     def polish(self, jobs: Sequence[tuple[Trial, Sequence[Score], Trial | None]]) -> Iterator[tuple[Candidate, Trial]]:
         """Each trial followed to the end of its valley, or of that to which another one leads."""
-        return self._each(_polish, polished, jobs, [job[0].candidate for job in jobs], float("inf"))
+        return self._each(_polish, polished, jobs, [job[0].candidate for job in jobs], float("inf"),
+                          [trial for trial, _, _ in jobs])
 
     def _each(self, remote: Callable[..., T], here: Callable[..., T], jobs: Sequence[tuple[Any, ...]],
-              keys: Sequence[Candidate], until: float) -> Iterator[tuple[Candidate, T]]:
+              keys: Sequence[Candidate], until: float, instead: Sequence[T]) -> Iterator[tuple[Candidate, T]]:
+        """What comes of each job, by its candidate; of one whose process dies (killed, out of memory), also when it is tried
+        again alone, the value of `instead`, and its candidate is noted in `lost`."""
         if self.processes is None:
             for key, job in zip(keys, jobs, strict=True):
                 if clock.perf_counter() > until:
                     return
                 yield key, here(self.base, *job)
             return
-        yield from as_done(self.processes, remote, list(zip(keys, jobs, strict=True)), self.number + 1, until)
+
+        def died(number: int, _: BaseException) -> T:
+            self.lost.append(keys[number].label)
+            return instead[number]
+
+        for number, found in as_done(self.processes, remote, list(enumerate(jobs)), self.number + 1, until, died):
+            yield keys[number], found
 
 
 def _kept(base: Base) -> None:

@@ -9,9 +9,10 @@ from functools import partial
 from pathlib import Path
 
 from heavebond.basis.errors import Problem, UsageError
+from heavebond.basis.numerals import whole
 from heavebond.basis.presentation import readable_unit
 from heavebond.basis.units import Unit, read_unit
-from heavebond.basis.writable import why_unwritable
+from heavebond.basis.writable import why_unwritable, write_text
 from heavebond.evidence.change import Change, block, quoted
 from heavebond.evidence.experiment import FIXED, Experiment, load_experiment
 from heavebond.evidence.finding import Finding
@@ -155,7 +156,8 @@ class Targets:
 def _counted(name: str, more: int) -> str:
     """`rig` as `rig_2`, `rig_2` as `rig_3`."""
     base, _, number = name.rpartition("_")
-    return f"{base}_{int(number) + more}" if base and number.isdigit() else f"{name}_{1 + more}"
+    last = whole(number)
+    return f"{base}_{last + more}" if base and last is not None else f"{name}_{1 + more}"
 
 
 def write_findings(before: Experiment, findings: Sequence[Finding], targets: Targets) -> list[Path]:
@@ -204,8 +206,7 @@ def write(path: Path, text: str) -> None:
 
 def _new(path: Path, text: str) -> None:
     try:
-        with path.open("x", encoding="utf-8") as file:
-            file.write(text)
+        write_text(path, text, exclusive=True)
     except FileExistsError:
         raise UsageError(f"{path} exists already", hint="Give another name, or remove it first.") from None
     except OSError as error:

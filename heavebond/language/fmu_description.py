@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from heavebond.basis.errors import ModelError, Problem, listing
+from heavebond.basis.numerals import number
 from heavebond.basis.units import UnitProblem, declared_unit, dimension_of, dimension_text, read_unit
 from heavebond.language.definition import Foreign, ForeignVariable
 from heavebond.text.expression import KEYWORDS
@@ -103,7 +104,7 @@ class _Units:
         if not text:
             return None, 1.0, 0.0
         try:  # `N.m/s2` for `N*m/s**2`
-            unit = read_unit(re.sub(r"(?<=[A-Za-z])(-?\d)", r"**\1", text.replace(".", "*").replace("^", "")))
+            unit = read_unit(re.sub(r"(?<=[A-Za-z])(-?[0-9])", r"**\1", text.replace(".", "*").replace("^", "")))
         except UnitProblem:
             return None, 1.0, 0.0
         base_text = dimension_text(unit.dimension)
@@ -119,8 +120,12 @@ def _variable(v: Any, names: _Names, units: _Units) -> tuple[ForeignVariable, st
 def _number(v: Any, found: ForeignVariable) -> float:
     """The start value in SI."""
     text = str(v.start if v.start is not None else 0).strip().lower()
-    number = float({"true": 1, "false": 0}.get(text, text.split()[0] if text else 0))
-    return number * found.scale + found.offset
+    try:
+        start = number({"true": "1", "false": "0"}.get(text, text.split()[0] if text else "0"))
+    except ValueError:
+        raise ModelError([Problem("fmu-unusable", f"the start value of {found.own}, '{text[:30]}', is not a number", None,
+                                  "Export it again, with decimal points.")]) from None
+    return start * found.scale + found.offset
 
 
 def _text(path: Path, description: Any, known: dict[str, list[tuple[ForeignVariable, str | None, Any]]]) -> str:

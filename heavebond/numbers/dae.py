@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from heavebond.basis.errors import ModelError, Problem, Problems, UsageError, listing, suggest
 from heavebond.basis.garbage import put_off
+from heavebond.basis.interrupts import check
 from heavebond.basis.units import UnitProblem, check_unit, parse_quantity
 from heavebond.equations.flatten import Flat, flatten
 from heavebond.equations.reduce import Reduced, reduce
@@ -153,7 +154,13 @@ def assemble(model: Model, also: Iterable[str] = (), widths: float = 1.0) -> Ass
     """YAML meaning to runnable equations; `also` names positions wanted beside those the diagram itself names, `widths` is
     a factor on the widths of all transitions."""
     with put_off():
-        return build(reduce(flatten(model, sorted(set(also)), widths)))
+        flat = flatten(model, sorted(set(also)), widths)
+        check()
+        reduced = reduce(flat)
+        check()
+        made = build(reduced)
+        check()
+        return made
 
 
 def build(reduced: Reduced) -> Assembly:

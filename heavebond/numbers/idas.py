@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, redirect_stderr
 from dataclasses import dataclass
 from functools import lru_cache
+from threading import RLock
 from typing import Any
 
 import casadi as ca
@@ -23,6 +24,7 @@ from heavebond.numbers.dae import Array, Integrand
 MOST_STEPS = 300_000
 # Share of the way to the first output point that a first step without a known x' is tried with; steps double at first.
 FIRST_STEP = 1e-9
+_TURN = RLock()
 LARGE = 100  # unknowns from which on a system is large
 
 
@@ -119,7 +121,12 @@ def integrator_options(dae: Mapping[str, ca.SX], tolerances: Tolerances) -> dict
 @contextmanager
 def caught_errors() -> Iterator[list[str]]:
     """Catch what is written to standard error: the time and step at which SUNDIALS gave up are said only there, by C
-    itself or by CasADi through Python's `sys.stderr`."""
+    itself or by CasADi through Python's `sys.stderr`. These belong to the process, so that threads take turns."""
+    with _TURN:
+        yield from _caught()
+
+
+def _caught() -> Iterator[list[str]]:
     sys.stderr.flush()
     kept, file = os.dup(2), _file(os.getpid())
     begin = os.lseek(file, 0, os.SEEK_END)

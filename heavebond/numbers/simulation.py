@@ -5,6 +5,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from threading import RLock
 
 import casadi as ca
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from heavebond.basis.buffered import Buffered
 from heavebond.basis.errors import Problem, SimulationError, UsageError
+from heavebond.basis.interrupts import check
 from heavebond.basis.units import UnitProblem, check_unit, parse_quantity, unit
 from heavebond.language.definition import Value
 from heavebond.language.model import Model
@@ -60,7 +62,8 @@ def simulate(model: Model | Assembly, until: Time | None = None, *, every: Time 
 
 
 class Simulator:
-    """An integrator built once for one grid of output times, to be run with many parameter values."""
+    """An integrator built once for one grid of output times, to be run with many parameter values. Runs that several threads
+    ask for are made one after the other."""
 
     def __init__(self, assembly: Assembly, until: Time | None = None, *, every: Time | None = None,
                  times: Array | None = None, tolerances: Tolerances | None = None,
@@ -71,7 +74,7 @@ class Simulator:
         stand in the quadratures; `free_start` adds the states at the first time to the sensitivities (see `run_from`); what
         can be taken from another simulator (`like`) is not made again; `driven` are inputs to be taken instead of the
         records'."""
-        self.assembly = assembly
+        self.assembly, self._turn = assembly, RLock()
         check_allowed(assembly.flat, allow_fmu, sensitivities := tuple(sensitivities))
         self.tolerances = tolerances or Tolerances()
         self.parameters = sensitivities
@@ -141,12 +144,14 @@ class Simulator:
 
     def run(self, parameters: Mapping[str, float | str] | None = None) -> Result:
         """One run; `parameters` overrides values by name."""
+        check()
         assembly = self.assembly.with_parameters(parameters) if parameters else self.assembly
         began = clock.perf_counter()
         u = self.pieces.at(np.array([self.time[0]]))[:, 0]
-        first = start(assembly, float(self.time[0]), u, self.start_equations)
-        moved = tangent(self.start_equations, first, u, self.along) if self.sensitivities else None
-        return self._result(assembly, first, moved, began)
+        with self._turn:
+            first = start(assembly, float(self.time[0]), u, self.start_equations)
+            moved = tangent(self.start_equations, first, u, self.along) if self.sensitivities else None
+            return self._result(assembly, first, moved, began)
 
     def run_from(self, x: Array, parameters: Mapping[str, float | str] | None = None) -> Result:
         """One run from given states x (n_x,) in SI instead of the diagram's start; after the parameters, the
@@ -169,7 +174,8 @@ class Simulator:
 
     def _result(self, assembly: Assembly, first: Start, moved: Tangent | None, began: float) -> Result:
         started = clock.perf_counter()
-        found = self._integrate(assembly, first, moved)
+        with self._turn:
+            found = self._integrate(assembly, first, moved)
         seconds = {"start": started - began, "integration": clock.perf_counter() - started}
         statistics = {"solver": self.solver.name, "why": self.solver.why, "seconds": seconds,
                       "start_steps": first.steps, **found.statistics}
@@ -231,6 +237,7 @@ class Simulator:
                 failed = str(error)
         if failed:
             said = "".join(heard)
+            check()
             if "KeyboardInterrupt" in said:  # CasADi makes it a failure of the right side
                 raise KeyboardInterrupt
             raise self._failure(assembly, first, failed + "\n" + said)

@@ -8,6 +8,7 @@ import numpy as np
 
 from heavebond.basis.errors import Problem, UsageError
 from heavebond.basis.presentation import number, unit_label
+from heavebond.basis.writable import new_file, write_text
 from heavebond.numbers.dae import Array
 from heavebond.pictures.markup import data_block, element, page
 from heavebond.pictures.motion import Motion
@@ -74,11 +75,12 @@ def save_animation(motion: Motion, path: Path, *, speed: float = 1.0) -> Path:
                                   f"Write {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}.")])
     try:
         if suffix == ".html":
-            path.write_text(animation_page(motion, speed), encoding="utf-8", newline="\n")
+            write_text(path, animation_page(motion, speed))
         else:
             from heavebond.pictures.film import save_film
 
-            save_film(motion, path, speed)
+            with new_file(path) as fresh:
+                save_film(motion, fresh, speed)
     except OSError as error:
         raise UsageError([Problem("file-unwritable", f"'{path}' cannot be written: {error.strerror or error}")]) from None
     return path

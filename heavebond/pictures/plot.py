@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from heavebond.basis.errors import Problem, UsageError, listing, suggest
 from heavebond.basis.presentation import converted, number, quantity, readable_unit, unit_label, written
 from heavebond.basis.units import read_unit
+from heavebond.basis.writable import new_file
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -276,8 +277,8 @@ def save(figure: Figure, path: str | Path) -> Path:
                                   f"Write {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}.")])
     dated = {".png": None, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}[path.suffix.lower()]
     try:
-        with rc_context({"svg.hashsalt": "heavebond", "svg.fonttype": "path"}):
-            figure.savefig(path, metadata=dated)
+        with rc_context({"svg.hashsalt": "heavebond", "svg.fonttype": "path"}), new_file(path) as fresh:
+            figure.savefig(fresh, metadata=dated)
     except OSError as error:
         raise UsageError([Problem("file-unwritable", f"'{path}' cannot be written: {error.strerror or error}")]) \
             from None

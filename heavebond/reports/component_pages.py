@@ -13,6 +13,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from heavebond.basis.presentation import number, unit_label
+from heavebond.basis.writable import write_text
 from heavebond.language.definition import Component, Domain, EquationLine, Parameter, Sought, Variable
 from heavebond.language.library import bundled, example, library
 from heavebond.pictures.drawing import symbol_picture
@@ -53,7 +54,7 @@ def write_pages(folder: Path) -> int:
     for name, text in made.items():
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8")
+        write_text(path, text)
     return sum(name.endswith(".svg") for name in made)
 
 

@@ -22,6 +22,7 @@ import casadi as ca
 import numpy as np
 
 from heavebond.basis.errors import Problem, SimulationError, UsageError
+from heavebond.basis.interrupts import check
 from heavebond.numbers.dae import Array, Assembly
 from heavebond.numbers.idas import caught_errors, integrator_options
 from heavebond.numbers.initialise import Start, Tangent, start, tangent
@@ -192,6 +193,7 @@ class Adjoint:
             except RuntimeError as error:
                 failed = str(error)
         said = "".join(heard)
+        check()
         if failed and "KeyboardInterrupt" in said:  # CasADi makes it a failure of the right side
             raise KeyboardInterrupt
         if failed:

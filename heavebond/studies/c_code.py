@@ -9,6 +9,7 @@ from pathlib import Path
 import casadi as ca
 
 from heavebond import __version__
+from heavebond.basis.writable import write_text
 from heavebond.language.model import Model
 from heavebond.studies.portable import Portable, Quantity, portable
 
@@ -23,7 +24,7 @@ def export_c(model: Model, path: str | Path, inputs: Iterable[str] = ()) -> Port
     path = Path(path)
     prefix = c_name(path.stem)
     made = portable(model, inputs, f"{prefix}_")
-    path.write_text(c_text(made, prefix), encoding="utf-8")
+    write_text(path, c_text(made, prefix))
     return made
 
 

@@ -18,9 +18,11 @@ from typing import Any
 from heavebond import __version__
 from heavebond.basis.cluster import Cluster
 from heavebond.basis.errors import Problem, UsageError
+from heavebond.basis.interrupts import obeyed
 from heavebond.basis.processes import Processes, as_done, processors
 from heavebond.basis.progress import Progress
 from heavebond.basis.units import Unit
+from heavebond.basis.writable import write_text
 from heavebond.language.definition import FileInput
 from heavebond.studies.axes import StudyCase
 from heavebond.studies.calibration import Calibrated, calibrate
@@ -107,6 +109,7 @@ def run_study(study: Study | str | Path, *, folder: Path | None = None, processe
             for k, outcome in _outcomes(study, Kept.at(folder, study), fresh, executor, number, say):
                 found[k] = outcome
         except KeyboardInterrupt:
+            obeyed()
             say("interrupted")
     return StudyResult(study, tuple(found[k] for k in sorted(found)), units, jobs, calibrated)
 
@@ -225,10 +228,7 @@ class Kept:
 
     def write(self, name: str, found: Mapping[str, Any]) -> None:
         """Keep something by that name."""
-        path = self.folder / f"{name}.json"
-        fresh = path.with_suffix(".new")
-        fresh.write_text(json.dumps({"fingerprint": self.fingerprint, "found": found}), encoding="utf-8")
-        fresh.replace(path)  # at once: never half a file
+        write_text(self.folder / f"{name}.json", json.dumps({"fingerprint": self.fingerprint, "found": found}))
 
 
 def fingerprint(study: Study) -> str:

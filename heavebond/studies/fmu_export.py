@@ -24,6 +24,7 @@ from xml.etree import ElementTree as Xml
 from heavebond import __version__
 from heavebond.basis.errors import Problem, UsageError
 from heavebond.basis.units import Unit
+from heavebond.basis.writable import new_file
 from heavebond.language.model import Model
 from heavebond.numbers.simulation import grid
 from heavebond.studies.c_code import SOURCES, c_name, c_text
@@ -32,7 +33,7 @@ from heavebond.studies.portable import Portable, Quantity, derived, portable
 COMPILERS = ("cc", "gcc", "clang")
 SYSTEMS = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib"), "win32": ("windows", ".dll")}
 STAMP = (1980, 1, 1, 0, 0, 0)  # of every file in the archive, so that the same diagram gives the same bytes
-STRUCTURED = re.compile(r"(der\()*[A-Za-z_]\w*(\[\d+\])?(\.[A-Za-z_]\w*(\[\d+\])?)*\)*")
+STRUCTURED = re.compile(r"(der\()*[A-Za-z_]\w*(\[[0-9]+\])?(\.[A-Za-z_]\w*(\[[0-9]+\])?)*\)*")
 
 
 def export_fmu(model: Model, path: str | Path, inputs: Iterable[str] = ()) -> Portable:
@@ -47,7 +48,7 @@ def export_fmu(model: Model, path: str | Path, inputs: Iterable[str] = ()) -> Po
              "sources/fmi3.c": _wrapper().encode(), "sources/buildDescription.xml": _build_description(identifier)}
     folder, suffix = platform_of()
     files[f"binaries/{folder}/{identifier}{suffix}"] = _compiled(compiler, source)
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+    with new_file(path) as fresh, zipfile.ZipFile(fresh, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, content in files.items():
             archive.writestr(zipfile.ZipInfo(name, STAMP), content, zipfile.ZIP_DEFLATED)
     return made

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heavebond.basis.errors import Problems, suggest
+from heavebond.basis.numerals import whole
 from heavebond.basis.units import Range, UnitProblem, parse_range
 from heavebond.language import reading
 from heavebond.text.source import Mapping as Entries
@@ -158,7 +159,8 @@ def _drawn(chosen: Entries, over: Mapping[str, Range], problems: Problems) -> Sa
 
 def _whole(node: Node, what: str, least: int, problems: Problems) -> int | None:
     text = reading.text(node, what, problems)
-    if not text.isdigit() or not least <= int(text) <= MOST:
+    number = whole(text)
+    if number is None or not least <= number <= MOST:
         problems.add("count-wrong", f"{what}: '{text}' is not a whole number from {least} to {MOST}", node.place)
         return None
-    return int(text)
+    return number

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from heavebond.basis.errors import ModelError, Place, Problem, Problems, UsageError, listing, suggest
+from heavebond.basis.numerals import whole
 from heavebond.basis.units import Range, UnitProblem, parse_quantity
 from heavebond.language import reading
 from heavebond.language.definition import FileInput
@@ -339,10 +340,11 @@ def _count(node: Node | None, what: str, least: int, problems: Problems) -> int 
     if node is None:
         return None
     text = reading.text(node, what, problems)
-    if not text.isdigit() or int(text) < least:
+    number = whole(text)
+    if number is None or number < least:
         problems.add("count-wrong", f"{what}: '{text}' is not a whole number from {least} on", node.place)
         return None
-    return int(text)
+    return number
 
 
 # -- calibration -------------------------------------------------------------------------------------------------------

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from heavebond.basis.errors import Problem, UsageError
 from heavebond.basis.presentation import number
 from heavebond.basis.units import Range
+from heavebond.basis.writable import new_file, write_text
 from heavebond.studies.campaign import StudyResult
 from heavebond.studies.casework import Outcome
 from heavebond.studies.study import SIMULATIONS
@@ -201,7 +202,7 @@ def write_files(result: StudyResult, folder: Path) -> list[Path]:
         files["signals.csv"] = _csv(_signal_rows(result))
     try:
         for name, content in files.items():
-            (folder / name).write_text(content, encoding="utf-8")
+            write_text(folder / name, content)
     except OSError as error:
         raise UsageError([Problem("file-unwritable", f"'{folder}' cannot be written: {error.strerror or error}")]) from None
     return [folder / name for name in files] + _parquet(result, folder)
@@ -220,7 +221,8 @@ def _parquet(result: StudyResult, folder: Path) -> list[Path]:
     if find_spec("pyarrow") is None:
         return []
     path = folder / "table.parquet"
-    to_pandas(result).to_parquet(path, engine="pyarrow", index=False)
+    with new_file(path) as fresh:
+        to_pandas(result).to_parquet(fresh, engine="pyarrow", index=False)
     return [path]
 
 

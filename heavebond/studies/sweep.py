@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from heavebond.basis.errors import Problem, UsageError, listing, suggest
+from heavebond.basis.numerals import whole
 from heavebond.basis.units import Range, UnitProblem, parse_range
 from heavebond.studies.sampling import BALANCED, DRAWN, KINDS, NAMED
 
@@ -55,10 +56,10 @@ def read_over(text: str) -> Over:
         wanted = parse_range(words)
     except UnitProblem as problem:
         raise UsageError([Problem(problem.code, f"--over {text}: {problem.message}", None, problem.hint)]) from None
-    if steps and (not steps.isdigit() or int(steps) < 2):
+    if steps and (whole(steps) or 0) < 2:
         raise UsageError([Problem("number-wrong", f"--over {text}: '{steps}' is not how many values there are, both ends "
                                   "among them", None, "Write for example `; 9`.")])
-    return Over(path, (), words, wanted, int(steps) if steps else 0)
+    return Over(path, (), words, wanted, whole(steps) or 0)
 
 
 def read_measure(text: str) -> tuple[str, str]:
@@ -121,15 +122,16 @@ def _sample(sweep: Sweep) -> str:
     kind, _, number = (part.strip() for part in sweep.sample.partition(":"))
     if kind in NAMED and not number:
         return kind
-    if kind not in DRAWN or not number.isdigit():
+    points = whole(number)
+    if kind not in DRAWN or points is None:
         said = f"{kind}:64" if kind in DRAWN else ""
         raise UsageError([Problem("sample-unknown", f"--sample {sweep.sample}: this does not say how to sample", None,
                                   f"Write --sample {said}." if said else suggest(kind, KINDS) or
                                   f"Write {listing([f'{k}:64' for k in DRAWN] + list(NAMED), 9)}.")])
-    if kind in BALANCED and int(number) & (int(number) - 1):
+    if kind in BALANCED and points & (points - 1):
         raise UsageError([Problem("sample-unbalanced", f"--sample {sweep.sample}: {number} is no power of two", None,
-                                  f"Write --sample {kind}:{1 << int(number).bit_length() - 1} or "
-                                  f"{kind}:{1 << int(number).bit_length()}.")])
+                                  f"Write --sample {kind}:{1 << points.bit_length() - 1} or "
+                                  f"{kind}:{1 << points.bit_length()}.")])
     return f"{{{kind}: {number}, seed: {sweep.seed}}}"
 
 

@@ -33,7 +33,7 @@ _WORDS = {"exp": r"\exp", "log": r"\ln", "sin": r"\sin", "cos": r"\cos", "tan": 
 _SUM, _SIGNED, _PRODUCT, _FRACTION, _POWER, _ATOM = range(6)
 _DIFFERENCE = re.compile(r"d([pTxVwm])")
 _SPECIAL = re.compile(r"[&%#$_{}]")
-_NUMBERED = re.compile(r"([A-Za-z]+?)(\d+)")
+_NUMBERED = re.compile(r"([A-Za-z]+?)([0-9]+)")
 
 
 def equation_tex(equation: Equation, own: Iterable[str] = ()) -> str:
@@ -148,7 +148,7 @@ class _Names:
         if not isinstance(of, Name) or (split := self._split(of)) is None:
             return rf"\frac{{\mathrm{{d}}}}{{\mathrm{{d}}t}}\left({self.of(of)}\right)", _FRACTION
         letter, index = split
-        return rf"\dot{{{letter}}}" + (f"_{{{index}}}" if index else ""), _ATOM
+        return rf"[0-9]ot{{{letter}}}" + (f"_{{{index}}}" if index else ""), _ATOM
 
     def _name(self, name: Name, indexed: str = "") -> str:
         split = self._split(name)

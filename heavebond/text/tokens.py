@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NoReturn
 
+from heavebond.basis.numerals import whole
 from heavebond.basis.units import UNIT, UnitProblem, read_unit
 
 KEYWORDS = {"and", "or", "not", "for", "in"}
@@ -30,7 +31,7 @@ class Token:
 
 
 _SKIP = re.compile(r"[ \t]+")
-_NUMBER = re.compile(r"(?:\d+(?:\.(?!\.)\d*)?|\.\d+)(?:[eE][+-]?\d+)?")
+_NUMBER = re.compile(r"(?:[0-9]+(?:\.(?!\.)[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 _UNIT_AFTER = re.compile(rf"[ \t]+({UNIT})(?![\w(])")
 _NAME = re.compile(r"[A-Za-z_]\w*")
 _OPERATOR = re.compile(r"\*\*|\.\.|<=|>=|==|!=|[-+*/(),=<>.\[\]]")
@@ -90,7 +91,7 @@ def _without_last_factor(unit: str) -> str:
 
 def _refuse_after_number(text: str, number: str, at: int, units: bool) -> None:
     after = text[at:at + 2]
-    if after[:1] == "," and after[1:].isdigit() and not _in_call(text, at):
+    if after[:1] == "," and whole(after[1:]) is not None and not _in_call(text, at):
         raise ExpressionProblem("decimal-comma", f"a decimal comma in '{number}{after}'", at - len(number),
                                 len(number) + 2, f"Write '{number}.{after[1:]}'.")
     if glued := _NAME.match(text, at):
