@@ -18,8 +18,9 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 
 from heavebond import __version__
-from heavebond.basis import interrupts
 from heavebond.basis.errors import HeavebondError, Problem, UsageError, suggest
+from heavebond.basis.interrupts import WORDS, is_interrupt, last_heard, obeyed
+from heavebond.basis.interrupts import listening as signals_heard
 from heavebond.basis.writable import write_text
 from heavebond.commands.animate import animate
 from heavebond.commands.arguments import check_writable
@@ -67,7 +68,7 @@ class Commands(click.Group):
         return super().resolve_command(ctx, args)
 
     def main(self, args: Sequence[str] | None = None, prog_name: str | None = None, *_: Any, **__: Any) -> NoReturn:
-        with interrupts.listening():
+        with signals_heard():
             self._main(args, prog_name)
 
     def _main(self, args: Sequence[str] | None, prog_name: str | None) -> NoReturn:
@@ -86,7 +87,7 @@ class Commands(click.Group):
         except HeavebondError as error:
             problems, figures = list(error.problems), error.figures
             code = WRONG_USAGE if isinstance(error, UsageError) else AT_FAULT
-            if interrupts.is_interrupt(error):  # it comes of a signal that a library has dropped
+            if is_interrupt(error):  # it comes of a signal that a library has dropped
                 problems, code = _interrupted()
         except BrokenPipeError:
             _forget_output()
@@ -96,7 +97,7 @@ class Commands(click.Group):
         except (click.Abort, KeyboardInterrupt):
             problems, code = _interrupted()
         except Exception as error:
-            if not interrupts.is_interrupt(error):  # a fault of the program, of which a reader of JSON is told too
+            if not is_interrupt(error):  # a fault of the program, of which a reader of JSON is told too
                 _write(given, command, AT_FAULT, [Problem("internal", f"{type(error).__name__}: {error}")], {})
                 raise
             problems, code = _interrupted()
@@ -131,9 +132,9 @@ def _judged(heard: list[tuple[str, Verdict]], code: int, problems: list[Problem]
 
 def _interrupted() -> tuple[list[Problem], int]:
     """What is said, and the exit code that shells have for a program that a signal ended."""
-    number = interrupts.last_heard()
-    interrupts.obeyed()
-    return [Problem("interrupted", interrupts.WORDS.get(Signals(number).name, "interrupted"))], SIGNALLED + number
+    number = last_heard()
+    obeyed()
+    return [Problem("interrupted", WORDS.get(Signals(number).name, "interrupted"))], SIGNALLED + number
 
 
 def _usage_problem(error: click.UsageError) -> Problem:
