@@ -231,7 +231,7 @@ def test_an_output_whose_formula_has_no_value_is_a_failure(tmp_path: Path) -> No
     text = WINCH.replace("18 kN", "-18 kN").replace("{is: load.x, unit: m}", '{is: "(load.x/(1 m))**1.5", unit: 1}')
     said, _ = command(tmp_path, text)
     assert said.exit_code == 1
-    assert "load is no number from" in said.stderr and "the formula of the output" in said.stderr
+    assert "load is no number from" in said.stderr and "the formula of load has no value" in said.stderr
 
 
 def test_what_python_runs_is_warned_of_and_has_its_verdict() -> None:
@@ -362,3 +362,50 @@ initial: {load.x: 0 m, load.v: 0 m/s}
         switched = " ".join(CliRunner().invoke(main, words).output.split())
         assert "friction.mode is 0 there (1 sliding forwards, -1 backwards, 0 stuck) and stays so" in switched, words
         assert "friction.told" not in switched
+
+
+def test_a_case_of_a_sweep_that_ran_away_has_no_numbers_but_a_problem(tmp_path: Path) -> None:
+    """The drive holds back, or pushes along; the first case is fine, the numbers of the other are not told."""
+    (tmp_path / "winch.yaml").write_text(WINCH.replace("=18 kN*s/m*load.v", "=k*load.v").replace(
+        "components:", "parameters: {k: -18 kN*s/m}\ncomponents:", 1), encoding="utf-8")
+    said = CliRunner().invoke(main, [
+        "sweep", str(tmp_path / "winch.yaml"), "--over", "k=-18 kN*s/m, 18 kN*s/m", "--measure", "final(load) in m",
+        "--processes", "1", "--output", str(tmp_path / "swept"), "--json", str(tmp_path / "told.json")])
+    assert said.exit_code == 0, said.output
+    fine, away = json.loads((tmp_path / "told.json").read_text(encoding="utf-8"))["cases"]
+    assert (fine["problem"], fine["outside"]) == ("", "") and fine["values"]
+    assert "a million typical sizes" in away["problem"] and not away["values"]
+
+
+def test_cases_of_a_sweep_that_leave_a_range_are_named_on_standard_error(tmp_path: Path) -> None:
+    (tmp_path / "sucking.yaml").write_text(SUCKING, encoding="utf-8")
+    said = CliRunner().invoke(main, [
+        "sweep", str(tmp_path / "sucking.yaml"), "--over", "oil.V=2 L, 200 L", "--measure", "peak(oil.p) in bar",
+        "--processes", "1", "--output", str(tmp_path / "swept"), "--json", str(tmp_path / "told.json")])
+    assert said.exit_code == 0, said.output
+    cases = json.loads((tmp_path / "told.json").read_text(encoding="utf-8"))["cases"]
+    assert [bool(case["outside"]) for case in cases] == [True, False]
+    assert "oil.p goes to -490 bar" in said.stderr and said.stderr.count("warning:") == 1
+
+
+def test_compare_and_tune_carry_the_verdict(tmp_path: Path) -> None:
+    """A tuned machine that sucks its oil to below vacuum, and one laid beside a record, say so as a plain run does."""
+    (tmp_path / "sucking.yaml").write_text(SUCKING, encoding="utf-8")
+    rows = "\n".join(f"{k / 10},{10 - 25 * k}" for k in range(21))
+    (tmp_path / "pressures.csv").write_text(f"time_s,p_bar\n{rows}\n", encoding="utf-8")
+    (tmp_path / "suction.yaml").write_text("""
+experiment: suction
+model: sucking.yaml
+time: {column: time_s, unit: s}
+records: {test: {file: pressures.csv, use: validate}}
+outputs: {pressure: {is: oil.p, column: p_bar, unit: bar}}
+""", encoding="utf-8")
+    told = tmp_path / "told.json"
+    said = CliRunner().invoke(main, ["compare", str(tmp_path / "suction.yaml"), "--json", str(told)])
+    assert said.exit_code == 0, said.output
+    assert said.stderr.startswith("warning: oil.p goes to -490 bar")
+    assert [f["run"] for f in findings(json.loads(told.read_text(encoding="utf-8")))] == ["suction, test"]
+    said = CliRunner().invoke(main, ["tune", str(tmp_path / "sucking.yaml"), "--free", "oil.V=1 .. 3 L", "--cost",
+                                     "mean((oil.p/(1 bar) + 240)**2)", "--no-robustness", "--json", str(told)])
+    assert said.exit_code == 0, said.output
+    assert [f["part"] for f in findings(json.loads(told.read_text(encoding="utf-8")))] == ["oil"]

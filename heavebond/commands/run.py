@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -59,7 +60,9 @@ def run(model: str, settings: tuple[str, ...], until: str | None, every: str | N
     from heavebond.basis.saved import SUFFIXES
     from heavebond.commands import terminal
     from heavebond.language.model import load
+    from heavebond.numbers.findings import tell
     from heavebond.numbers.simulation import Tolerances, simulate
+    from heavebond.numbers.validity import without_value
     from heavebond.studies.verification import verify
     from heavebond.text.expression import names as names_in
 
@@ -77,6 +80,8 @@ def run(model: str, settings: tuple[str, ...], until: str | None, every: str | N
     listed = list(assembly.model.show) or assembly.state_names or [u.name for u in assembly.flat.unknowns]
     names = list(dict.fromkeys([*listed, *plotted]))
     figures = _figures(result, names)
+    if not result.verdict.failed and any(not math.isfinite(float(f["rms"])) for f in figures.values()):
+        tell(f"{assembly.model.name}, outputs", without_value(result.signals(names), result.time))
     console = terminal.output()
     console.print(terminal.table(
         f"{assembly.model.name}, 0 to {result.time[-1]:g} s", ("output", "unit", "min", "max", "rms", "final"),

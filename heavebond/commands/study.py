@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 
 LISTED = 12  # rows of a sample that are shown
+TOLD = 3  # cases that leave a range that are told one by one
 
 
 @click.command(short_help="Work out a study: cases tuned, measured and laid beside published numbers.")
@@ -79,6 +80,11 @@ def _tell(result: StudyResult) -> None:
     modes = list(mode_rows(result))
     if modes:
         console.print(terminal.table("modes that swing", ("case", "frequency", "damping", "components"), modes, text=4))
+    outside = [o for o in result.outcomes if o.outside]
+    for outcome in outside[:TOLD]:
+        terminal.warn(f"warning: {result.case_of(outcome).name or result.study.name}: {outcome.outside}")
+    if len(outside) > TOLD:
+        terminal.warn(f"warning: {len(outside) - TOLD} more cases leave a range (`outside` in study.json)")
     for outcome in result.outcomes:
         case = result.case_of(outcome).name
         for text, value in outcome.limits.items():

@@ -64,6 +64,7 @@ def tune(study: str, free: tuple[str, ...], cost: str | None, limits: tuple[str,
     --cost."""
     from heavebond.commands import terminal
     from heavebond.numbers.dae import assemble
+    from heavebond.numbers.simulation import simulate
     from heavebond.studies.objective import Objective
     from heavebond.studies.robustness import robustness as around
     from heavebond.studies.tuning import sweep
@@ -82,6 +83,8 @@ def tune(study: str, free: tuple[str, ...], cost: str | None, limits: tuple[str,
         result = tuned(objective, task, explore=explore, starts=starts, method=method, progress=progress)
         swept = sweep(objective, [grid] * len(task.free), progress=progress) if grid else None
         robust = around(objective, result, progress=progress) if robustness else None
+        if task.end is not None or assembly.model.until is not None:
+            simulate(assembly.with_parameters(result.values), task.end)  # for its verdict
     _tell(asked.name, assembly, result, robust, swept)
     files = _files(asked, result, robust, swept, output, written, settings_of("--set", settings))
     return {**_figures(asked.name, result), "robustness": _robust_figures(robust), "files": list(map(str, files))}

@@ -31,6 +31,7 @@ from heavebond.evidence.records import measure
 from heavebond.evidence.residuals import AT_END, BROKEN, Column, Descent, Residuals
 from heavebond.evidence.shooting import Shooting
 from heavebond.numbers.dae import Array
+from heavebond.numbers.findings import tell as hear
 
 NORMAL_95 = 1.959963984540054
 
@@ -160,7 +161,10 @@ def fit(experiment: Experiment | str | Path, *, starts: int = 1, segments: int =
                                        "record of that input: measure the reference and put the controller into the "
                                        "diagram, or the end stops. Else narrow the ranges under `free:`, or correct it.")])
     say("comparing")
-    return _finished(problem, best, costs)
+    found = _finished(problem, best, costs)
+    for record in found.after.records.values():
+        hear(f"{experiment.name}, {record.name}", record.result.verdict)
+    return found
 
 
 def _shot(problem: Residuals, start: Array, segments: int, progress: Progress) -> Array:

@@ -9,7 +9,7 @@ a diagram in the making may go there, and a short while may not matter.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -101,7 +101,7 @@ def _of_stretch(s: Stretch, duration: float) -> Iterator[Finding]:
     for lost in imbalance:
         advice = MAKES if lost.made else OPEN
         yield Finding("energy", lost.owner, lost.owner, lost.time, lost.missing, lost.limit, "W", advice)
-    yield from _without_value(s.assembly, list(shown), outputs, s.time[chosen])
+    yield from without_value(dict(zip(shown, outputs, strict=False)), s.time[chosen]).findings
 
 
 def _closely(s: Stretch, looked_at: Sequence[int], at: Points, duration: float) -> Iterator[Finding]:
@@ -130,13 +130,15 @@ def _formulas(assembly: Assembly) -> dict[str, ca.SX]:
     return found
 
 
-def _without_value(assembly: Assembly, names: Sequence[str], values: Array, time: Array) -> Iterator[Finding]:
-    """The outputs whose formulas have no value somewhere, though all variables have one."""
-    for name, finite, course in zip(names, np.isfinite(values), values, strict=False):
-        if not finite.all():
-            at, shown = int(np.argmin(finite)), assembly.model.show[name]
-            yield Finding("not-finite", name, "", float(time[at]), float(course[at]), None, shown.unit,
-                          NO_VALUE.format(f"the formula of the output ({shown.text})"))
+def without_value(signals: Mapping[str, Array], time: Array) -> Verdict:
+    """The verdict on signals by name or formula (N,) at times: that each has a value, whatever the variables have."""
+    found = []
+    for name, course in signals.items():
+        if not np.isfinite(course).all():
+            at = int(np.argmin(np.isfinite(course)))
+            found.append(Finding("not-finite", name, "", float(time[at]), float(course[at]), None, "1",
+                                 NO_VALUE.format(f"the formula of {name}")))
+    return verdict(found)
 
 
 def _culprit(flat: Flat, values: Array) -> str:

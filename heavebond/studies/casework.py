@@ -17,6 +17,7 @@ from heavebond.basis.progress import Progress
 from heavebond.basis.units import Unit, read_unit
 from heavebond.language.model import Model
 from heavebond.numbers.dae import Array, Assembly, assemble
+from heavebond.numbers.findings import Verdict
 from heavebond.numbers.result import Result, unknown_signal
 from heavebond.numbers.simulation import Simulator, grid
 from heavebond.studies.axes import StudyCase, case_at, changed
@@ -37,7 +38,8 @@ MOST_POINTS = 5000
 class Outcome:
     """What came out of one case by one procedure (empty where nothing is tuned): numbers in SI by name, the limits of the
     tuning (above zero where exceeded), the modes, signals over time in their units; slopes of numbers by parameters and
-    these parameters (`at`), in SI, where that is asked for; or the problem that kept it from it."""
+    these parameters (`at`), in SI, where that is asked for; what left its range (`outside`, a sentence); or the problem that
+    kept it from it: a run that means nothing is one."""
 
     case: int
     procedure: str = ""
@@ -50,6 +52,7 @@ class Outcome:
     signal_units: Mapping[str, str] = field(default_factory=dict)
     seconds: float = 0.0
     problem: str = ""
+    outside: str = ""
     slopes: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     at: Mapping[str, float] = field(default_factory=dict)
 
@@ -87,9 +90,10 @@ def _worked(study: Study, case: StudyCase, procedure: Procedure | None, progress
         assembly = assembly.with_parameters(tuned.values)
     by = tuple(name for level in case.levels for name in level.along)
     told, run, slopes = measured(study, assembly, by)
+    verdict = run.verdict.raise_if_failed() if run is not None else Verdict()
     time, signals = _signals(study, run)
     return Outcome(0, values={**values, **told}, limits=dict(limits), message=message, modes=_modes(study, assembly),
-                   time=time, signals=signals, slopes=slopes,
+                   time=time, signals=signals, slopes=slopes, outside=verdict.text if verdict.findings else "",
                    at={name: assembly.parameter_values[name] for name in by},
                    signal_units={name: run.unit(name) for name in signals} if run is not None else {})
 

@@ -177,7 +177,7 @@ def with_zeros(values: Complex, a: Array) -> Complex:
     exact = eigenvalues(a)
     if exact.all():
         return values
-    found = values.copy()
+    found = values.astype(complex)
     found[_matched(exact, values)] = exact
     return found
 

@@ -254,5 +254,6 @@ def as_dict(result: StudyResult) -> dict[str, Any]:
             "calibrated": result.calibrated.as_dict() if result.calibrated is not None else None,
             "rows": [dict(zip(head, row, strict=True)) for row in rows],
             "cases": [{"case": result.case_of(o).name, "procedure": o.procedure, "values": dict(o.values),
-                       "limits": dict(o.limits), "message": o.message, "modes": list(o.modes), "problem": o.problem}
+                       "limits": dict(o.limits), "message": o.message, "modes": list(o.modes), "problem": o.problem,
+                       "outside": o.outside}
                       for o in result.outcomes]}
