@@ -71,7 +71,8 @@ def judged(stretches: Sequence[Stretch]) -> Verdict:
     duration = max((float(s.time[-1]) for s in stretches), default=0.0) - min((float(s.time[0]) for s in stretches),
                                                                               default=0.0)
     with np.errstate(over="ignore", invalid="ignore"):  # what has run away may overflow
-        found = [f for s in stretches for f in _of_stretch(s, duration)]
+        longest = max((len(s.time) for s in stretches), default=0)
+        found = [f for s in stretches for f in _of_stretch(s, duration, len(s.time) == longest)]
         if len(stretches) == 1:
             found += _growing(stretches[0])
     return verdict(found)
@@ -83,7 +84,8 @@ def at_point(assembly: Assembly, point: Point) -> Verdict:
     return verdict(list(_outside(assembly.flat.unknowns, values, np.array([point.t]), 0.0)))
 
 
-def _of_stretch(s: Stretch, duration: float) -> Iterator[Finding]:
+def _of_stretch(s: Stretch, duration: float, balanced: bool) -> Iterator[Finding]:
+    """What is wrong in one part of a run; the power balance, whose laws are those of all parts, where it is wanted."""
     flat, reduced, n = s.assembly.flat, s.assembly.reduced, len(s.time)
     states = {j: k for k, (j, order) in enumerate(reduced.states) if order == 0}
     yield from _outside([flat.unknowns[j] for j in states], s.x[list(states.values())], s.time, duration)
@@ -94,7 +96,7 @@ def _of_stretch(s: Stretch, duration: float) -> Iterator[Finding]:
     looked_at = [j for j, u in enumerate(flat.unknowns) if u.name in wrong or (j not in states and _ranged(u))]
     if looked_at:
         yield from _closely(s, looked_at, _spread(n, n if wrong else WATCHED), duration)
-    if not np.isfinite(values).all():
+    if not balanced or not np.isfinite(values).all():
         return
     shown = _formulas(s.assembly)
     imbalance, outputs = balance(s.assembly, columns, values, list(shown.values()))
