@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -9,20 +10,23 @@ import click
 from heavebond.commands.arguments import blamed_on_settings, json_option, set_option, with_settings
 
 if TYPE_CHECKING:
+    from heavebond.basis.errors import Problem
     from heavebond.numbers.dae import Assembly
     from heavebond.numbers.initialise import Start
     from heavebond.numbers.start_equations import Point
 
 
 @click.command(short_help="Check a diagram; tell its states, loops, index and start.")
-@click.argument("model")
+@click.argument("model", metavar="FILE")
 @click.option("--names", "listed", is_flag=True, help="List every variable and parameter by its name.")
 @set_option
 @json_option
 def check(model: str, listed: bool, settings: tuple[str, ...]) -> dict[str, object]:
-    """Check the diagram MODEL: what it contains, its states, loops and index, where its start comes from.
+    """Check the diagram FILE: what it contains, its states, loops and index, where its start comes from; and whether the
+    components of your own that it uses create power.
 
-    MODEL is a YAML file or the name of a bundled diagram (cmc_ahc, cmc_ahc/passive).
+    FILE is a YAML file or the name of a bundled diagram (cmc_ahc, cmc_ahc/passive). A file that begins with `component:` is
+    checked as a component: its units, equations and power.
     """
     from heavebond.basis.errors import StartError
     from heavebond.commands.terminal import output, working
@@ -32,6 +36,9 @@ def check(model: str, listed: bool, settings: tuple[str, ...]) -> dict[str, obje
     from heavebond.numbers.validity import at_point
     from heavebond.reports.summary import summary
 
+    path = _component_file(model)
+    if path is not None:
+        return _check_component(path)
     with blamed_on_settings(settings):
         with working("assembling"):
             assembly = assemble(with_settings(load(model), settings))
@@ -50,9 +57,72 @@ def check(model: str, listed: bool, settings: tuple[str, ...]) -> dict[str, obje
         if failure:
             console.print()
             raise failure
+        powers = _check_powers(assembly)
         if first is not None:
             tell(assembly.model.name, at_point(assembly, first))
-    return found.as_dict()
+    return {**found.as_dict(), "power": [problem.as_dict() for problem in powers]}
+
+
+def _check_powers(assembly: Assembly) -> list[Problem]:
+    """Print what is not declared about the powers of the user's components; ModelError where one creates power."""
+    from heavebond.basis.errors import ModelError
+    from heavebond.commands.terminal import output, working
+    from heavebond.language.power_terms import CREATED, power_problems, used
+
+    model = assembly.model
+    with working("checking the power of components"):
+        found = list(power_problems(used(model.library, [model.body]), model.library.domains))
+    created = [problem for problem in found if problem.code == CREATED]
+    for problem in found:
+        if problem not in created:
+            output().print(str(problem), style="yellow", soft_wrap=True, markup=False, highlight=False)
+    if created:
+        raise ModelError(created)
+    return found
+
+
+def _component_file(name: str) -> Path | None:
+    """The path of a file whose first key is `component:`."""
+    from heavebond.basis.errors import HeavebondError
+    from heavebond.text.source import read
+
+    path = Path(name)
+    if not (path.is_file() and path.suffix in (".yaml", ".yml")):
+        return None
+    try:
+        return path if next(iter(read(path).root.items), "") == "component" else None
+    except HeavebondError:
+        return None  # told when it is read as a diagram
+
+
+def _check_component(path: Path) -> dict[str, object]:
+    """Units, balance and power of a component; ModelError with what is wrong."""
+    from heavebond.basis.errors import ModelError
+    from heavebond.commands.terminal import output, working
+    from heavebond.language.component_file import parse_component
+    from heavebond.language.laws import check as check_laws
+    from heavebond.language.library import library
+    from heavebond.language.power import check_power
+    from heavebond.language.power_terms import power_problems, used
+    from heavebond.text.source import read
+
+    known = library([path.parent, path.parent.parent])
+    component = parse_component(read(path), known.domains)
+    if not component.composite:
+        check_laws(component, known.domains)
+    console = output()
+    with working("checking its power"):
+        report = check_power(component, known.domains)
+        found = list(power_problems([component, *used(known, [component.body])], known.domains))
+    console.print(f"Component {component.name}", style="bold")
+    console.print("  units and equations agree" if not component.composite else "  a block: its parts are checked with it",
+                  soft_wrap=True)
+    if report.holds:
+        console.print(f"  {report.verdict.partition(': ')[2]}", soft_wrap=True)
+    if found:
+        raise ModelError(found)
+    return {"component": component.name, "power": {"tried": report.tried, "exempt": report.exempt,
+                                                   "imbalance": report.imbalance, "problems": []}}
 
 
 def _names(assembly: Assembly) -> object:

@@ -95,6 +95,20 @@ def check_power(component: Component, domains: Mapping[str, Domain], seed: int =
     return PowerReport(component.name, tried, worst.imbalance, worst.dissipation, notes=worst.notes)
 
 
+def powers(component: Component, domains: Mapping[str, Domain], seed: int = 0) -> tuple[tuple[str, ...], Array]:
+    """The names of the ports, and for each motion (n,) of the trial that goes worst: power in, d(stores)/dt, dissipates,
+    unbalanced, the size below which nothing is a power, and the power in at each port."""
+    found = []
+    for bound in _bindings(component, domains):
+        trial = _Trial(component, domains, bound, seed)
+        rows = np.array([np.concatenate([terms[:4], [APPARENT * terms[4]], terms[6:]]) for terms, _, _ in trial.motions()])
+        lost = np.abs(rows[:, 0] - rows[:, 1:4].sum(axis=1)) + np.maximum(-rows[:, 2], 0)
+        sizes = np.abs(rows[:, [1, 2, 3, *range(5, rows.shape[1])]]).max(axis=1) + rows[:, 4]
+        found.append((float((lost / np.where(sizes > 0, sizes, 1.0)).max()), tuple(trial.ports), rows))
+    _, ports, rows = max(found, key=lambda item: item[0])
+    return ports, rows
+
+
 def _exempt(component: Component) -> str:
     if component.composite:
         return "its power is the sum of its parts"
@@ -334,9 +348,9 @@ class _Trial:
         residual, jacobian = self.system(y, p, t)
         return np.asarray(residual).ravel(), np.asarray(jacobian).reshape(-1, len(y))
 
-    def report(self) -> PowerReport:
-        """Draw motions until there are enough, and keep the worst."""
-        tried, begun, worst = 0, 0, PowerReport(self.component.name, 0)
+    def motions(self) -> Iterator[tuple[Array, Array, Array]]:
+        """The terms, parameters and jets of motions, until there are enough."""
+        tried, begun = 0, 0
         with np.errstate(all="ignore"):
             while tried < DRAWS and begun < ATTEMPTS * DRAWS:
                 begun += 1
@@ -345,7 +359,14 @@ class _Trial:
                 if p is None or y is None:
                     continue
                 tried += 1
-                worst = self._worse(worst, np.asarray(self.terms(y, p, t)).ravel(), p, y)
+                yield np.asarray(self.terms(y, p, t)).ravel(), p, y
+
+    def report(self) -> PowerReport:
+        """The worst of many motions."""
+        tried, worst = 0, PowerReport(self.component.name, 0)
+        for terms, p, y in self.motions():
+            tried += 1
+            worst = self._worse(worst, terms, p, y)
         tried = tried if tried >= ENOUGH * DRAWS else 0
         return PowerReport(self.component.name, tried, worst.imbalance, worst.dissipation, notes=worst.notes)
 
