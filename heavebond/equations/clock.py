@@ -8,12 +8,12 @@ T does to the motion is known (see `numbers.jumps`). At T itself what comes afte
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import casadi as ca
 
-from heavebond.basis.errors import Place
+from heavebond.basis.errors import Place, Problems
 from heavebond.basis.units import DIMENSIONLESS
 from heavebond.equations.happening import FlatEvent, FlatReset, Held
 from heavebond.equations.parameters import FlatParameter, Parameters
@@ -42,6 +42,31 @@ def clocked(residual: ca.SX, time: ca.SX, constants: set[int]) -> tuple[ca.SX, l
     walk = _Walk(time, constants)
     rebuilt = walk.rebuilt(ca.Function("residual", [stack(symbols)], [residual]), symbols)
     return (rebuilt, walk.found, walk.kinked) if walk.found else (residual, [], True)
+
+
+def check_steps(residuals: Iterable[ca.SX], told: Iterable[tuple[str, str, Place]], numbers: ca.SX,
+                problems: Problems) -> None:
+    """`floor` of what moves between events jumps where no event stops the integrator: `floor-moves` for each equation in
+    which the argument depends on more than the `numbers` (parameters and held variables)."""
+    constants = {s.element_hash() for s in split(numbers)}
+    for residual, (_, text, place) in zip(residuals, told, strict=True):
+        if "floor" in text and any(not {s.element_hash() for s in ca.symvar(a)} <= constants for a in _floored(residual)):
+            problems.add("floor-moves", f"floor(...) of something that moves jumps within '{text}'", place,
+                         hint="Write it in `then:` of a `when:`, which sets a held variable at every sample or crossing.")
+
+
+def _floored(expression: ca.SX) -> Iterator[ca.SX]:
+    """The arguments of `floor` in a scalar expression."""
+    waiting, seen = [expression], set[int]()
+    while waiting:
+        node = waiting.pop()
+        if node.element_hash() in seen or node.is_constant() or node.is_symbolic():
+            continue
+        seen.add(node.element_hash())
+        parts = [node.dep(k) for k in range(node.n_dep())]
+        if node.op() == ca.OP_FLOOR:
+            yield parts[0]
+        waiting += parts
 
 
 @dataclass(frozen=True)

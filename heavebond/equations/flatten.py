@@ -11,7 +11,7 @@ import casadi as ca
 from heavebond.basis.errors import ModelError, Place, Problems
 from heavebond.basis.units import DIMENSIONLESS, ONE, Dimension, Unit, declared_unit, dimension_text, read_unit
 from heavebond.equations.asked import check_asked
-from heavebond.equations.clock import timed
+from heavebond.equations.clock import check_steps, timed
 from heavebond.equations.connect import Group, Network, connect, drivers, signal_unit
 from heavebond.equations.expand import Bound, Expanded, Leaf, expand
 from heavebond.equations.happening import FlatEvent, Held, held_bounds, leaf_events, with_held
@@ -193,8 +193,10 @@ class _Builder:
 
     def _clocks(self) -> None:
         """What equations ask of the time becomes what is held between events."""
-        found = timed(self.residuals, ((e.owner, e.text, e.place) for e in self.equations), self.time, self.parameters,
-                      self.held)
+        told = [(e.owner, e.text, e.place) for e in self.equations]
+        check_steps(self.residuals, told, self.parameters.p, self.problems)
+        self.problems.raise_as(ModelError)
+        found = timed(self.residuals, told, self.time, self.parameters, self.held)
         claim_clocks(self.claimed, found.held[len(self.held):])
         self.residuals, self.parameters, self.constants = found.residuals, found.parameters, found.parameters.expressions
         self.held, self.events = found.held, [*self.events, *found.events]

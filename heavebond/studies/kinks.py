@@ -1,4 +1,4 @@
-"""The kinks of laws: where max, min, abs, sign and if_else switch, and whether two runs are on the same side."""
+"""The kinks of laws: where max, min, abs, sign, floor and if_else switch, and whether two runs are on the same side."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from heavebond.text.symbols import stack
 _DIFFERENCES = {ca.OP_FMAX: "max", ca.OP_FMIN: "min", ca.OP_LT: "if_else", ca.OP_LE: "if_else", ca.OP_EQ: "if_else",
                 ca.OP_NE: "if_else"}
 _ARGUMENTS = {ca.OP_FABS: "abs", ca.OP_SIGN: "sign"}
-JUMPS = ("sign", "if_else")
+JUMPS = ("sign", "floor", "if_else")
 
 
 @dataclass(frozen=True)
@@ -99,4 +99,6 @@ def _kinks(expression: ca.SX) -> Iterator[tuple[str, ca.SX]]:
             yield _DIFFERENCES[operation], parts[0] - parts[1]
         elif operation in _ARGUMENTS:
             yield _ARGUMENTS[operation], parts[0]
+        elif operation == ca.OP_FLOOR:
+            yield "floor", ca.sin(np.pi * parts[0])  # changes its sign where the argument passes a whole number
         waiting += parts

@@ -28,7 +28,7 @@ SECOND: Dimension = (("s", Fraction(1)),)
 Lookup = Callable[[Name], Dimension]
 LARGEST_EXPONENT = 100
 
-_DIMENSIONLESS = {"exp", "log", "sin", "cos", "tan", "tanh", "asin", "acos", "atan"}
+_DIMENSIONLESS = {"exp", "log", "sin", "cos", "tan", "tanh", "asin", "acos", "atan", "floor"}
 
 
 def check_equation(equation: Equation, lookup: Lookup) -> None:

@@ -111,6 +111,8 @@ def _function(op: int, a: Interval, b: Interval) -> Interval:
         return 0.0, inf
     if op in (ca.OP_TANH, ca.OP_SIGN):
         return (-1.0 if a[0] < 0 else 0.0), (1.0 if a[1] > 0 else 0.0)
+    if op == ca.OP_FLOOR:
+        return a[0] - 1, a[1]
     if op in (ca.OP_SIN, ca.OP_COS):
         return -1.0, 1.0
     if op in (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_AND, ca.OP_OR, ca.OP_NOT):

@@ -24,7 +24,7 @@ from heavebond.text.expression import (
     names,
 )
 
-NONSMOOTH = {"min", "max", "abs", "sign", "if_else"}
+NONSMOOTH = {"min", "max", "abs", "sign", "floor", "if_else"}
 # operations of CasADi that jump or turn at a point, though their second derivative is zero everywhere else
 CORNERS = {ca.OP_FMIN, ca.OP_FMAX, ca.OP_FABS, ca.OP_FMOD, ca.OP_REMAINDER, ca.OP_COPYSIGN, ca.OP_SIGN, ca.OP_FLOOR,
            ca.OP_CEIL, ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_IF_ELSE_ZERO}
@@ -35,7 +35,7 @@ _COMPARE: dict[str, Callable[[ca.SX, ca.SX], ca.SX]] = {
 }
 _ONE_ARGUMENT: dict[str, Callable[[ca.SX], ca.SX]] = {
     "sqrt": ca.sqrt, "exp": ca.exp, "log": ca.log, "sin": ca.sin, "cos": ca.cos, "tan": ca.tan, "tanh": ca.tanh,
-    "asin": ca.asin, "acos": ca.acos, "atan": ca.atan, "abs": ca.fabs, "sign": ca.sign,
+    "asin": ca.asin, "acos": ca.acos, "atan": ca.atan, "abs": ca.fabs, "sign": ca.sign, "floor": ca.floor,
 }
 Derivative = Callable[[ca.SX], ca.SX]
 Lookup = Callable[[str, Name], ca.SX]

@@ -132,6 +132,8 @@ class _Names:
             return rf"\sqrt{{{args[0]}}}", _ATOM
         if expr.function == "abs":
             return rf"\left\lvert {args[0]} \right\rvert", _ATOM
+        if expr.function == "floor":
+            return rf"\left\lfloor {args[0]} \right\rfloor", _ATOM
         if expr.function == "if_else":
             return (rf"\begin{{cases}} {args[1]} & \text{{if }} {args[0]} \\ "
                     rf"{args[2]} & \text{{otherwise}} \end{{cases}}", _SUM)
