@@ -1,0 +1,111 @@
+"""Elements of bond graphs beside the formulas of Karnopp, Margolis and Rosenberg."""
+
+from __future__ import annotations
+
+import numpy as np
+from library_check import agree, checks, part, run
+
+E, F = np.array([-3.0, 0.0, 0.5, 7.0]), np.array([2.0, 1.0, -4.0, 0.3])
+
+
+@checks("TF", "MTF")
+def test_transformer() -> None:
+    """e_1 = m e_2, f_2 = m f_1 with f_2 counted out of it: what goes in comes out."""
+    for found, m in ((part("TF", m=2.5)({"a.f": F, "b.e": E}), 2.5), (part("MTF")({"a.f": F, "b.e": E, "m": 2*F}), 2*F)):
+        agree(found["a.e"], m*E)
+        agree(-found["b.f"], m*F)
+
+
+@checks("GY", "MGY")
+def test_gyrator() -> None:
+    """e_1 = r f_2, e_2 = r f_1 with f_2 counted out of it."""
+    for found, r in ((part("GY", r=2.5)({"a.f": F, "b.f": -E}), 2.5), (part("MGY")({"a.f": F, "b.f": -E, "r": 2*F}), 2*F)):
+        agree(found["a.e"], r*E)
+        agree(found["b.e"], r*F)
+
+
+@checks("Junction0")
+def test_junction_of_one_effort() -> None:
+    found = part("Junction0", n=2, m=2)({"a[1].e": E, "a[1].f": F, "a[2].f": 2*F, "b[1].f": E})
+    for bond in ("a[2]", "b[1]", "b[2]"):
+        agree(found[f"{bond}.e"], E)
+    agree(found["b[2].f"], -3*F - E)
+
+
+@checks("Junction1")
+def test_junction_of_one_flow() -> None:
+    found = part("Junction1", n=2, m=2)({"a[1].f": F, "a[1].e": E, "a[2].e": 2*E, "b[1].e": F})
+    agree(found["a[2].f"], F)
+    for bond in ("b[1]", "b[2]"):
+        agree(found[f"{bond}.f"], -F)
+    agree(found["b[2].e"], 3*E - F)
+
+
+def oscillator(time: np.ndarray, e: float, inertia: float, R: float, C: float) -> tuple[np.ndarray, np.ndarray]:
+    """Flow and effort of C where a step of effort e stands before I, R and C on one flow."""
+    decay, swing = R/(2*inertia), np.sqrt(1/(inertia*C) - (R/(2*inertia))**2)
+    f = e/(inertia*swing)*np.exp(-decay*time)*np.sin(swing*time)
+    return f, e*(1 - np.exp(-decay*time)*(np.cos(swing*time) + decay/swing*np.sin(swing*time)))
+
+
+@checks("Se", "I", "R", "C")
+def test_elements_on_one_flow_swing_as_the_formula_says() -> None:
+    """As a bond graph, with k = 2 at the source."""
+    result = run("""\
+model: bonds
+components:
+  source: {is: Se, u: 3 W, k: 2}
+  one:    {is: Junction1, m: 3}
+  mass:   {is: I, I: 2 J}
+  spring: {is: C, C: 0.01 s/W}
+  damper: {is: R, R: 3 W}
+nodes:
+  feed:   [source.a, "one.a[1]"]
+  mass:   ["one.b[1]", mass.a]
+  spring: ["one.b[2]", spring.a]
+  damper: ["one.b[3]", damper.a]
+simulate: {until: 3 s, every: 10 ms}
+""", rtol=1e-9, atol=1e-11)
+    f, e = oscillator(result.time, 6.0, 2.0, 3.0, 0.01)
+    agree(result["one.f"], f, rtol=1e-6, size=0.5)
+    agree(result["spring.a.e"], e, rtol=1e-6, size=6.0)
+    agree(result["damper.a.e"], 3*f, rtol=1e-6, size=1.5)
+
+
+@checks("Sf", "I", "R", "C", "Se")
+def test_elements_in_the_other_domains() -> None:
+    """Their port takes the effort and the flow of its domain: force, torque, pressure, voltage."""
+    result = run("""\
+model: domains
+components:
+  push:  {is: Se, u: 6 N, k: -1}
+  mass:  {is: I, I: 2 kg}
+  drag:  {is: R, R: 3 N*s/m}
+  turn:  {is: Sf, u: 5 rad/s}
+  wheel: {is: R, R: 4 N*m*s/rad}
+  pump:  {is: Sf, u: 1e-4 m**3/s, k: -1}
+  oil:   {is: C, C: 1e-11 m**3/Pa}
+  cell:  {is: Sf, u: 2 A, k: -1}
+  coil:  {is: I, I: 0.5 H}
+  wire:  {is: R, R: 10 V/A}
+  brake: {is: R, R: 2 N*s/m}
+  lamp:  {is: R, R: 1 V/A}
+  earth: {is: ElectricalGround}
+nodes:
+  body:   [mass.a, drag.a]
+  still:  [push.a, brake.a]
+  shaft:  [turn.a, wheel.a]
+  hose:   [pump.a, oil.a]
+  clamp:  [cell.a, wire.a]
+  second: [coil.a, lamp.a]
+  zero:   [earth.a]
+initial: {body.v: 4 m/s, oil.a.p: 0 Pa, coil.a.i: 3 A}
+simulate: {until: 1 s, every: 10 ms}
+""", rtol=1e-9, atol=1e-11)
+    t = result.time
+    agree(result["body.v"], 4*np.exp(-1.5*t), rtol=1e-6, size=4.0)          # m v' = -R v
+    agree(result["brake.a.f"], 6.0, size=6.0)                               # the source takes -6 N
+    agree(result["wheel.a.tau"], 20.0)
+    agree(result["hose.p"], 1e7*t, rtol=1e-6, size=1e7)
+    agree(result["clamp.u"], 20.0)
+    agree(result["coil.a.i"], 3*np.exp(-2*t), rtol=1e-6, size=3.0)          # L i' = -R i around the loop
