@@ -218,14 +218,12 @@ class Solution:
         p = [q.value for q in self.flat.parameters]
         number = len(columns[0]) if columns else 1
         starts = np.array([guess.get(name, 0.0) for name in self._names_of(self.rest)])
-        explicit, implicit = [], []
-        for k in range(number):
-            fixed = [np.array([c[k] for c in columns]), p, 0.0, 1.0]
-            explicit.append(np.asarray(self.explicit(*fixed), float).ravel())
-            if self.rest:
-                implicit.append(self._newton(starts, fixed))
+        points = np.array(columns) if columns else np.zeros((0, 1))
+        explicit = np.asarray(self.explicit(points, p, 0.0, 1.0), float).reshape(len(self.symbols), -1)
+        explicit = np.broadcast_to(explicit, (len(self.symbols), number))
+        implicit = [self._newton(starts, [points[:, k], p, 0.0, 1.0]) for k in range(number)] if self.rest else []
         found = Found()
-        values = [*(np.array(explicit).T if explicit else []), *(np.array(implicit).T if implicit else []), *columns]
+        values = [*explicit, *(np.array(implicit).T if implicit else []), *columns]
         value_of = {s.element_hash(): np.asarray(v).reshape(shape) for s, v in
                     zip([*self.symbols, *self.rest, *self.given], values, strict=True)}
         found.update({name: value_of[s.element_hash()] for s, name in self.names if s.element_hash() in value_of})

@@ -91,14 +91,20 @@ components:
   brake: {is: R, R: 2 N*s/m}
   lamp:  {is: R, R: 1 V/A}
   earth: {is: ElectricalGround}
+  v_1: {is: VelocitySensor}
+  v_2: {is: VelocitySensor}
+  w_1: {is: ShaftSpeedSensor}
+  p_1: {is: PressureSensor}
+  u_1: {is: VoltageSensor}
+  u_2: {is: VoltageSensor}
 nodes:
-  body:   [mass.a, drag.a]
-  still:  [push.a, brake.a]
-  shaft:  [turn.a, wheel.a]
-  hose:   [pump.a, oil.a]
-  clamp:  [cell.a, wire.a]
-  second: [coil.a, lamp.a]
-  zero:   [earth.a]
+  body:   [mass.a, drag.a, v_1.a]
+  still:  [push.a, brake.a, v_2.a]
+  shaft:  [turn.a, wheel.a, w_1.a]
+  hose:   [pump.a, oil.a, p_1.a]
+  clamp:  [cell.a, wire.a, u_1.b]
+  second: [coil.a, lamp.a, u_2.b]
+  zero:   [earth.a, u_1.a, u_2.a]
 initial: {body.v: 4 m/s, oil.a.p: 0 Pa, coil.a.i: 3 A}
 simulate: {until: 1 s, every: 10 ms}
 """, rtol=1e-9, atol=1e-11)
@@ -107,5 +113,5 @@ simulate: {until: 1 s, every: 10 ms}
     agree(result["brake.a.f"], 6.0, size=6.0)                               # the source takes -6 N
     agree(result["wheel.a.tau"], 20.0)
     agree(result["hose.p"], 1e7*t, rtol=1e-6, size=1e7)
-    agree(result["clamp.u"], 20.0)
+    agree(result["clamp.v"], 20.0)
     agree(result["coil.a.i"], 3*np.exp(-2*t), rtol=1e-6, size=3.0)          # L i' = -R i around the loop

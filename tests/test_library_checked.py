@@ -14,7 +14,7 @@ for _path in sorted(Path(__file__).parent.glob("test_library_*.py")):
     if _path.stem != Path(__file__).stem:
         importlib.import_module(_path.stem)
 
-FOLDERS: tuple[str, ...] = ()
+FOLDERS: tuple[str, ...] = ("bond_graph", "rotational", "signal", "translational")
 
 
 @pytest.mark.parametrize("folder", FOLDERS)

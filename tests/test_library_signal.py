@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
-from library_check import agree, checks, part, run
+from library_check import CHECKED, Array, _seen, agree, checks, part, run
+from numpy.typing import ArrayLike, NDArray
+from scipy.integrate import cumulative_trapezoid
+from scipy.interpolate import BSpline, RegularGridInterpolator
+from scipy.special import gamma
 
 import heavebond as hb
 from heavebond.basis.errors import ModelError
@@ -78,3 +84,237 @@ simulate: {until: 1 s}
         hb.simulate(hb.loads(text))
     assert [p.code for p in caught.value.problems] == ["floor-moves"]
     assert "then:" in str(caught.value)
+
+
+# -- blocks without memory ----------------------------------------------------------------------------------------------
+U, W = np.array([-3.0, -0.5, 0.0, 0.2, 4.0]), np.array([2.0, -0.5, 1.0, 0.1, -7.0])
+TIME = np.linspace(-0.0, 5.0, 101)
+ACROSS, ALONG = np.repeat([-1.0, 0.0, 0.3, 1.0, 2.2, 9.0], 4), np.tile([-2.0, -0.7, 0.4, 3.0], 6)
+HEIGHTS = [5.0, -2.0, 3.0, 0.5, 0.0, -1.0, 4.0, 2.0, -6.0]
+STATIC: list[tuple[str, dict[str, object], dict[str, object], object]] = [
+    ("Absolute", {"u": "0 V"}, {"u": U}, np.where(U < 0, -U, U)),
+    ("And", {}, {"u_1": [0, 0, 1, 1], "u_2": [0, 1, 0, 1]}, [0, 0, 0, 1]),
+    ("Or", {}, {"u_1": [0, 0, 1, 1], "u_2": [0, 1, 0, 1]}, [0, 1, 1, 1]),
+    ("Not", {}, {"u": [0, 1]}, [1, 0]),
+    ("Constant", {"k": "3 V"}, {"time": TIME}, 3.0),
+    ("DeadBand", {"u": "0 V", "g": "0.3 V"}, {"u": U}, np.sign(U)*np.maximum(np.abs(U) - 0.3, 0)),
+    ("Division", {"u_1": "0 V", "u_2": "1 A"}, {"u_1": U, "u_2": W}, U/W),
+    ("Product", {"u_1": "0 V", "u_2": "1 A"}, {"u_1": U, "u_2": W}, U*W),
+    ("Sum", {"u_1": "0 V", "u_2": "0 V", "k_1": 2.0, "k_2": -3.0}, {"u_1": U, "u_2": W}, 2*U - 3*W),
+    ("Maximum", {"u_1": "0 V", "u_2": "0 V"}, {"u_1": U, "u_2": W}, np.where(U > W, U, W)),
+    ("Minimum", {"u_1": "0 V", "u_2": "0 V"}, {"u_1": U, "u_2": W}, np.where(U < W, U, W)),
+    ("Gain", {"u": "0 V", "k": "4 N/V"}, {"u": U}, 4*U),
+    ("SensorGain", {"u": "0 V", "e": -0.02}, {"u": U}, 0.98*U),
+    ("SensorOffset", {"u": "0 V", "offset": "0.3 V"}, {"u": U}, U + 0.3),
+    ("SensorDrift", {"u": "0 V", "r": "0.3 V/s"}, {"u": 2.0, "time": TIME}, 2 + 0.3*TIME),
+    ("SidedGain", {"u": "0 V", "e": 0.1}, {"u": U}, np.where(U > 0, U, 1.1*U)),
+    ("Saturation", {"u": "0 V", "u_min": "-1 V", "u_max": "2 V"}, {"u": U}, np.clip(U, -1, 2)),
+    ("HeaveController", {"K_p": "0.5 1/m", "K_v": "0.2 s/m"}, {"z": U, "v": W}, np.clip(-0.5*U - 0.2*W, -1, 1)),
+    ("Lookup", {"u": "0 V", "x": "[-1 V, 0 V, 2 V]", "v": "[5 N, 1 N, -3 N]"}, {"u": U},
+     np.interp(U, [-1, 0, 2], [5, 1, -3])),
+    ("TableSource", {"t": "[1 s, 2 s, 4 s]", "v": "[5 N, 1 N, -3 N]"}, {"time": TIME},
+     np.interp(TIME, [1, 2, 4], [5, 1, -3])),
+    ("Lookup2", {"u_1": "0 V", "u_2": "0 A", "x_1": "[0 V, 1 V, 3 V]", "x_2": "[-1 A, 1 A]", "v": "[1, 2, 3, 5, 8, 13]"},
+     {"u_1": ACROSS, "u_2": ALONG},
+     RegularGridInterpolator(([0.0, 1.0, 3.0], [-1.0, 1.0]), np.array([[1, 2], [3, 5], [8, 13.0]]))(
+         (np.clip(ACROSS, 0, 3), np.clip(ALONG, -1, 1)))),
+    ("SignalCurve", {"u": "0 V", "x_0": "0.2 V", "x_r": "2 V", **{f"y_{k + 1}": f"{h} V" for k, h in enumerate(HEIGHTS)}},
+     {"u": U}, U + BSpline(np.arange(-9.0, 10.0), [0, 0, 0, *HEIGHTS, 0, 0, 0], 3)(np.clip(2*(U - 0.2), -4, 4))),
+    ("Ramp", {"rate": "2 V/s", "t_s": 1.0, "t_e": 3.0, "start": "0.5 V"}, {"time": TIME}, 0.5 + 2*(np.clip(TIME, 1, 3) - 1)),
+    ("Sine", {"a": "2 V", "T": 3.0, "phi": 0.4, "offset": "1 V"}, {"time": TIME}, 1 + 2*np.sin(2*np.pi/3*TIME + 0.4)),
+    ("RegularSea", {"a": 2.0, "T": 8.0, "t_r": 3.0}, {"time": TIME},
+     2*(1 - np.exp(-(TIME/3)**3))*np.sin(2*np.pi*TIME/8)),
+]
+for _name, *_ in STATIC:
+    CHECKED.setdefault(_name, []).append(f"{__name__}.test_block_without_memory")
+
+
+@pytest.mark.parametrize(("component", "parameters", "given", "expected"), STATIC, ids=[row[0] for row in STATIC])
+def test_block_without_memory(component: str, parameters: dict[str, object], given: dict[str, ArrayLike],
+                              expected: ArrayLike) -> None:
+    found = part(component, **parameters)(given)
+    agree(found["z" if component == "RegularSea" else "u" if component == "HeaveController" else "y"], expected, size=1.0)
+
+
+# -- motions and signals over time --------------------------------------------------------------------------------------
+@pytest.mark.parametrize(("component", "given", "fastest", "hardest"), [
+    ("PolynomialMotion", {"T": 2.0}, 15/8*3/2, 10/np.sqrt(3)*3/2**2),
+    ("SCurveMotion", {"T": 2.0}, 2*3/2, 2*np.pi*3/2**2),
+    ("TrapezoidalMotion", {"v": "2 m/s", "a": "4 m/s**2"}, 2.0, 4.0),
+    ("TrapezoidalMotion", {"v": "5 m/s", "a": "4 m/s**2"}, np.sqrt(3*4), 4.0)])  # the way is too short for 5 m/s
+def test_motion_goes_from_place_to_place_within_its_stated_rates(component: str, given: dict[str, object], fastest: float,
+                                                                 hardest: float) -> None:
+    t = np.linspace(0, 6, 6001)
+    found = part(component, start="-1 m", end="2 m", t_s=1.0, **given)({"time": t})
+    y, w = found["y"], found["w"]
+    agree(np.array([y[0], y[t < 1][-1], y[-1]]), [-1, -1, 2])
+    agree(cumulative_trapezoid(w, t, initial=0) - 1, y, rtol=1e-5, size=1.0)  # w is the rate of y; step 1 ms
+    agree(w.max(), fastest, rtol=1e-3)                                        # a corner lies between two points
+    agree(np.abs(np.diff(w)/np.diff(t)).max(), hardest, rtol=1e-5)            # difference over 1 ms
+    other = part(component, start="2 m", end="-1 m", t_s=1.0, **given)({"time": t})
+    agree(other["y"], 1 - y, size=1.0)                                        # the way back is the same
+
+
+for _name in ("PolynomialMotion", "SCurveMotion", "TrapezoidalMotion"):
+    CHECKED.setdefault(_name, []).append(f"{__name__}.test_motion_goes_from_place_to_place_within_its_stated_rates")
+
+
+@checks("Chirp")
+def test_chirp() -> None:
+    """The phase is the integral of the frequency, which grows evenly and then stays."""
+    t = np.linspace(0, 6, 6001)
+    y = part("Chirp", a="2 V", f_1=1.0, f_2=5.0, T=4.0, offset="1 V")({"time": t})["y"]
+    phase = 2*np.pi*cumulative_trapezoid(np.interp(t, [0, 4], [1, 5]), t, initial=0)
+    agree(y, 1 + 2*np.sin(phase), rtol=1e-7, size=1.0)
+
+
+@checks("Multisine")
+def test_multisine() -> None:
+    """n lines of equal size at multiples of f_0, with the given root mean square and Schroeder's low peak."""
+    t = np.arange(0, 2, 1e-3)
+    y = part("Multisine", n=10, f_0=0.5, rms="3 V")({"time": t})["y"]
+    agree(np.sqrt(np.mean(y**2)), 3.0)
+    lines = np.abs(np.fft.rfft(y))*2/len(t)
+    agree(lines[1:11], 3*np.sqrt(2/10))
+    agree(lines[11:], 0.0, size=1.0)
+    assert np.abs(y).max()/3 == pytest.approx(1.9, abs=0.1)
+
+
+@checks("IrregularSea")
+def test_irregular_sea_has_the_moments_of_its_spectrum() -> None:
+    """H_s = 4 sqrt(m_0); mean period T_1 = 2 pi m_0/m_1 = 0.772 T_p of a Pierson-Moskowitz spectrum; no two seeds alike."""
+    t = np.arange(200, 10200, 0.5)
+    sea = part("IrregularSea", H_s=3.0, T_p=10.0, t_r=5.0, n=200, seed=7)({"time": t})["z"]
+    assert 4*sea.std() == pytest.approx(3.0, rel=0.02)
+    power, f = np.abs(np.fft.rfft(sea))**2, np.fft.rfftfreq(len(t), 0.5)
+    mean_period = power.sum()/(power*f).sum()
+    # closed form of S ~ w**-5 exp(-1.25 (w_p/w)**4): T_1/T_p = 1.25**(1/4)/... = Gamma(1)/(Gamma(3/4) 1.25**(1/4))
+    assert mean_period == pytest.approx(10/(gamma(0.75)*1.25**0.25), rel=0.02)
+    other = part("IrregularSea", H_s=3.0, T_p=10.0, t_r=5.0, n=200, seed=8)({"time": t})["z"]
+    assert abs(np.corrcoef(sea, other)[0, 1]) < 0.1
+    peaked = part("IrregularSea", H_s=3.0, T_p=10.0, t_r=5.0, n=200, seed=7, gamma=3.3)({"time": t})["z"]
+    # 1 - 0.287 log(gamma) is a fit of DNV-RP-C205 to the peaked spectrum
+    assert 4*peaked.std() == pytest.approx(3.0, rel=0.04)
+    agree(part("IrregularSea", H_s=3.0, T_p=10.0, t_r=5.0)({"time": 0.0})["z"], 0.0, size=1.0)
+
+
+# -- linear dynamics ----------------------------------------------------------------------------------------------------
+@checks("FirstOrderLag", "Integrator", "FilteredDerivative", "SecondOrderLag", "RateLimit")
+def test_rates_of_lags() -> None:
+    agree(part("FirstOrderLag", u="0 V", T_1=0.2)({"u": U, "y": W})["der(y)"], (U - W)/0.2)
+    agree(part("Integrator", u="0 V", k="3 N/(V*s)")({"u": U})["der(y)"], 3*U)
+    found = part("FilteredDerivative", u="0 V", T_f=0.02)({"u": U, "z": W})
+    agree(found["y"], (U - W)/0.02)
+    agree(found["der(z)"], (U - W)/0.02)
+    # y'' + 2 zeta w y' + w**2 y = w**2 u with y' = w z
+    w = 2*np.pi*5
+    found = part("SecondOrderLag", u="0 V", f_n=5.0, zeta=0.3)({"u": U, "y": W, "z": 0.4})
+    agree(found["der(y)"], w*0.4)
+    agree(w*found["der(z)"], w**2*U - w**2*W - 2*0.3*w*(w*0.4))
+    # a rate limit: the wanted rate below the limit (1e-3 off at 0.7 of it), the limit above
+    wanted = np.array([-50.0, -1.0, 0.0, 0.7, 3.0])
+    rate = part("RateLimit", u="0 V", r_max="2 V/s", T_f=1e-3)({"u": 1 + 1e-3*wanted, "y": 1.0, "z": 1.0})["der(y)"]
+    agree(rate, np.clip(wanted, -2, 2), rtol=1e-4, size=2.0)
+
+
+def response(component: str, frequency: Array, names: list[str], **given: object) -> NDArray[np.complex128]:
+    """Frequency response of a linear block, whose matrices are read from its law by unit vectors."""
+    law, n = part(component, u="0 V", **given), len(names)
+    rates = [f"der({name})" for name in names]
+    points = np.vstack([np.eye(n + 1)])
+    found = law({"u": points[:, n], **{name: points[:, k] for k, name in enumerate(names)}})
+    A = np.array([found[r][:n] for r in rates])
+    B = np.array([found[r][n] for r in rates])
+    C, D = found["y"][:n], found["y"][n]
+    s = 2j*np.pi*frequency
+    return np.array([C @ np.linalg.solve(k*np.eye(n) - A, B) + D for k in s])
+
+
+@checks("Delay", "DelayChain")
+def test_delays() -> None:
+    """exp(-s T): gain 1 and phase -2 pi f T within 1 degree at the stated frequencies; a chain is (1 + s T/n)**-n."""
+    for m, reach in ((1, 0.27), (2, 0.73), (3, 1.23), (4, 1.77)):
+        f = np.linspace(0.01, reach, 40)/0.5
+        found = response("Delay", f, [*(f"w[{k + 1}]" for k in range(m)), *(f"z[{k + 1}]" for k in range(m))], T=0.5, m=m)
+        agree(np.abs(found), 1.0, rtol=1e-8)
+        error = np.degrees(np.angle(found*np.exp(2j*np.pi*f*0.5)))
+        # the reaches are stated to 0.01, where the error grows as the power 4 m + 1 of f T: 4 to 10 %
+        assert np.abs(error).max() == pytest.approx(1.0, abs=0.1)
+    f = np.array([0.1, 1.0, 3.0])
+    found = response("DelayChain", f, [f"z[{k + 1}]" for k in range(4)], T=0.5, n=4)
+    agree(found.real, ((1 + 2j*np.pi*f*0.5/4)**-4).real)
+    agree(found.imag, ((1 + 2j*np.pi*f*0.5/4)**-4).imag)
+
+
+@checks("TransferFunction", "StateSpace", "StateSpace22")
+def test_linear_systems_have_their_frequency_response() -> None:
+    f = np.array([0.01, 0.2, 1.5])
+    s = 2j*np.pi*f
+    found = response("TransferFunction", f, ["z[1]", "z[2]"], a="[2, 6, 4]", b="[1, 1, 3]", T=0.5)
+    q = 0.5*s
+    expected = (q**2 + q + 3)/(2*q**2 + 6*q + 4)
+    agree(np.array([found.real, found.imag]), np.array([expected.real, expected.imag]))
+    A, B, C = np.array([[-1.0, 2.0], [-3.0, -0.5]]), np.array([0.5, 1.0]), np.array([2.0, -1.0])
+    found = response("StateSpace", f, ["x[1]", "x[2]"], A="[-1 1/s, 2 1/s, -3 1/s, -0.5 1/s]", B="[0.5 1/s, 1 1/s]",
+                     C="[2, -1]", D=0.7)
+    expected = np.array([C @ np.linalg.solve(k*np.eye(2) - A, B) + 0.7 for k in s])
+    agree(np.array([found.real, found.imag]), np.array([expected.real, expected.imag]))
+    law = part("StateSpace22", u_1="0 V", u_2="0 N", A="[-1 1/s, 2 1/s, -3 1/s, -0.5 1/s]", B_1="[0.5 1/(V*s), 1 1/(V*s)]",
+               B_2="[3 1/(N*s), -2 1/(N*s)]", C_1="[2 m, -1 m]", C_2="[1 Pa, 4 Pa]", D_11="0.1 m/V", D_12="0.2 m/N",
+               D_21="0.3 Pa/V", D_22="0.4 Pa/N")
+    x, u = np.array([0.3, -0.8]), np.array([2.0, 5.0])
+    found = law({"x[1]": x[0], "x[2]": x[1], "u_1": u[0], "u_2": u[1]})
+    rates = A @ x + np.array([[0.5, 3.0], [1.0, -2.0]]) @ u
+    agree([found["der(x[1])"], found["der(x[2])"]], rates)
+    agree([found["y_1"], found["y_2"]], np.array([[2.0, -1.0], [1.0, 4.0]]) @ x + np.array([[0.1, 0.2], [0.3, 0.4]]) @ u)
+
+
+# -- switches and samplers ----------------------------------------------------------------------------------------------
+SWITCHED = """\
+model: switched
+components:
+  comparator: {is: Comparator, u: "=1 V*sin(2*pi*time/1 s + 0.5)", level: 0.2 V}
+  switch: {is: Switch, u_1: 3 N, u_2: "=-1 N*time/1 s", u: "=1 V*sin(2*pi*time/1 s + 0.5)", level: 0.2 V}
+  relay:  {is: Relay, u: "=1 V*sin(2*pi*time/1 s + 0.5)", u_on: 0.6 V, u_off: -0.3 V, y_on: 5 A, y_off: 1 A}
+  step:   {is: Step, t_s: 0.73 s, before: 1 V, after: 4 V}
+  pulse:  {is: Pulse, t_s: 0.31 s, width: 0.42 s, height: 4 V, rest: 1 V}
+  square: {is: SquareWave, low: 1 V, high: 4 V, T: 0.4 s, duty: 0.3, t_s: 0.1 s}
+  hold:   {is: SampleHold, u: "=1 V*time/1 s", T_s: 0.17 s, t_0: 0.05 s}
+  late:   {is: DelayedSampleHold, u: "=1 V*time/1 s", T_s: 0.17 s, T_d: 0.06 s, t_0: 0.05 s}
+simulate: {until: 2 s, every: 1.37 ms}
+"""
+
+
+@checks("Comparator", "Switch", "Relay", "Step", "Pulse", "SquareWave", "SampleHold", "DelayedSampleHold")
+def test_what_switches_does_so_at_its_instants() -> None:
+    result = run(SWITCHED)
+    t = result.time
+    u = np.sin(2*np.pi*t + 0.5)
+    relay = [1.0 if np.sin(0.5) > 0.6 else 0.0]
+    for value in u[1:]:
+        relay.append(1.0 if value > 0.6 else 0.0 if value < -0.3 else relay[-1])
+    sample = np.floor((t - 0.05)/0.17 + 1e-9)
+    taken = np.where(t >= 0.05, 0.05 + 0.17*sample, 0.0)
+    put = np.floor((t - 0.11)/0.17 + 1e-9)
+    expected = {
+        "comparator.y": (u > 0.2).astype(float), "switch.y": np.where(u > 0.2, 3.0, -t),
+        "relay.y": 1 + 4*np.array(relay), "step.y": np.where(t >= 0.73, 4.0, 1.0),
+        "pulse.y": np.where((t >= 0.31) & (t < 0.73), 4.0, 1.0),
+        "square.y": np.where((t >= 0.1) & (np.mod(t - 0.1 + 1e-9, 0.4) < 0.12), 4.0, 1.0),
+        "hold.y": taken, "late.y": np.where(t >= 0.11, 0.05 + 0.17*put, 0.0)}
+    for name, values in expected.items():
+        agree(result[name], values, rtol=1e-6, size=1.0)
+
+
+@checks("Record")
+def test_record(tmp_path: Path) -> None:
+    (tmp_path / "r.csv").write_text("time,heave\n0,1\n0.5,3\n1.0,-2\n", encoding="utf-8")
+    model = hb.loads("""\
+model: record
+components:
+  part: {is: Record, u: {file: r.csv, column: heave, unit: mm, between: linear, time: {column: time, unit: s}}}
+simulate: {until: 1 s, every: 50 ms}
+""", tmp_path)
+    result = hb.simulate(model)
+    _seen.add("Record")
+    agree(result["part.y"], np.interp(result.time, [0, 0.5, 1], [1e-3, 3e-3, -2e-3]), size=1e-3)
