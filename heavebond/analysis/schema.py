@@ -144,7 +144,9 @@ def component_file(known: Library) -> Schema:
     """A component."""
     domain: Schema = {"anyOf": [{"enum": list(known.domains)}, {"type": "string", "pattern": r"^\$"}]}
     signal = _object({"signal": {"enum": ["in", "out"]}, "unit": UNIT, "doc": TEXT}, ["signal", "unit"])
-    port = _object({"domain": domain, "doc": TEXT, "count": COUNT}, ["domain"])
+    port = _object({"domain": domain, "doc": TEXT, "count": COUNT,
+                    "prescribed": _said("its motion must not depend on what acts on it here; written without a value", {})},
+                   ["domain"])
     parameter = _object({
         "unit": UNIT, "doc": TEXT, "min": QUANTITY, "max": QUANTITY, "default": QUANTITY, "neutral": QUANTITY,
         "integer": _said("a whole number; written without a value", {}), "class": TEXT, "try": TEXT, "wakes_with": WORDS,

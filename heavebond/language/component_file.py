@@ -116,7 +116,8 @@ class _Parser:
             elif isinstance(item, Mapping) and "signal" in item.items:
                 signals[name] = self._signal(key, item)
             elif isinstance(item, Mapping):
-                reading.known_keys(item, ("domain", "doc", "count"), f"port '{name}'", self.problems, ("domain",))
+                known = ("domain", "doc", "count", "prescribed")
+                reading.known_keys(item, known, f"port '{name}'", self.problems, ("domain",))
                 domain = item.items.get("domain")
                 if domain is not None:
                     self._port(ports, key, reading.text(domain, "domain", self.problems), domain.place, item)
@@ -135,7 +136,8 @@ class _Parser:
         if entry is not None:
             doc = reading.text(entry.items.get("doc"), "doc", self.problems)
             count = self._count(entry)
-        ports[key.text] = Port(key.text, domain, key.place, doc, count)
+        prescribed = entry is not None and "prescribed" in entry.items
+        ports[key.text] = Port(key.text, domain, key.place, doc, count, prescribed)
 
     def _count(self, node: Mapping) -> Expr | None:
         """How many it is a list of, by whole numbers."""

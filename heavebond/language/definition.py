@@ -53,13 +53,15 @@ class Domain:
 
 @dataclass(frozen=True)
 class Port:
-    """A power port; `domain` may be `$D` (taken from what it is wired to), `count` makes it an array."""
+    """A power port; `domain` may be `$D` (taken from what it is wired to), `count` makes it an array. The motion at a port
+    that is `prescribed` must not depend on what the component does there."""
 
     name: str
     domain: str
     place: Place
     doc: str = ""
     count: Expr | None = None
+    prescribed: bool = False
 
 
 @dataclass(frozen=True)

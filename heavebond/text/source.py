@@ -43,7 +43,7 @@ class Scalar:
 
 
 # keys written without a value, as in `{integer, min: 1}`
-FLAGS = ("integer", "width")
+FLAGS = ("integer", "width", "prescribed")
 
 
 @dataclass(frozen=True)
