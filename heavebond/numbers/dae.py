@@ -216,8 +216,8 @@ def _check_prescribed(reduced: Reduced) -> None:
         flow = flat.expanded.model.library.domains[port.domain].flow
         motion = reduced.express(flat.levels[0][flat.names[f"{path}.{port.name}.{flow}"]])
         if own & _felt(reduced, motion):
-            problems.add("port-not-prescribed", f"what moves port {port.name} of '{path}' would have to feel '{path}', whose "
-                         "law gives it no push: momentum and energy would be made", leaf.place,
+            problems.add("port-not-prescribed", f"what moves port {port.name} of '{path}' would have to feel '{path}', "
+                         "whose law gives it no push: momentum and energy would be made", leaf.place,
                          hint=f"Join {path}.{port.name} to what stands still or is driven, whatever acts on it (Fixed, "
                          "PositionSource ...); between two bodies take an elastic law, such as Contact or EndStop.")
     problems.raise_as(ModelError)
