@@ -119,16 +119,23 @@ def _tell(found: Verification, told: dict[str, object]) -> None:
 
 
 def _changes(result: Result) -> list[str]:
-    """How often the run went on with other states, and why it did first."""
+    """What a run changed on its way: its equations, its solver, its states."""
+    from heavebond.basis.errors import listing
     from heavebond.basis.presentation import count
 
-    changes = result.statistics.get("state_changes", [])
-    assert isinstance(changes, list)
-    if not changes:
-        return []
-    first = changes[0]
-    before, after = (", ".join(first[k]) for k in ("before", "after"))
-    return [f"{count(len(changes), 'change')} of states, the first at {first['time']:.4g} s: {before} -> {after}"]
+    said, fills = [], result.statistics.get("fills")
+    if isinstance(fills, dict):
+        said.append(f"begun anew with a short bore of oil or gas on {listing(fills['nodes'])}, which store none: "
+                    f"before, {fills['why']}. A Volume or a Receiver there of the real size takes its place.")
+    for key, what in (("solver_changes", "solver"), ("state_changes", "states")):
+        changes = result.statistics.get(key, [])
+        assert isinstance(changes, list)
+        if changes:
+            first = changes[0]
+            before, after = (", ".join([first[k]] if isinstance(first[k], str) else first[k]) for k in ("before", "after"))
+            said.append(f"{count(len(changes), 'change')} of {what}, the first at {first['time']:.4g} s: "
+                        f"{before} -> {after}")
+    return said
 
 
 def _figures(result: Result, names: Sequence[str]) -> dict[str, dict[str, float | str]]:

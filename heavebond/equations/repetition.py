@@ -32,9 +32,13 @@ def repeated(body: Body, numbers: Mapping[str, int], opened: Callable[[Instance]
             instances[part.name] = part
             if k < count:
                 link = f"{instance.name}_{k}_{k + 1}"
-                _check_free(link, instance, body.wires, wires, problems)
+                joined: tuple[End, ...] = ()
+                if link in wires and wires[link].place.file == "with_component":  # joined to it from without
+                    joined = wires[link].ends
+                else:
+                    _check_free(link, instance, body.wires, wires, problems)
                 wires[link] = Wire(link, (End(f"{instance.name}_{k}.b", instance.place),
-                                          End(f"{instance.name}_{k + 1}.a", instance.place)), instance.place)
+                                          End(f"{instance.name}_{k + 1}.a", instance.place), *joined), instance.place)
         ends[f"{instance.name}.a"] = f"{instance.name}_1.a"
         ends[f"{instance.name}.b"] = f"{instance.name}_{count}.b"
     wires = {n: replace(w, ends=tuple(replace(e, path=ends.get(e.path, e.path)) for e in w.ends))

@@ -32,7 +32,8 @@ class Member:
 @dataclass(frozen=True)
 class Domain:
     """What a wire of one kind carries: `across` is shared at a node, `through` sums to zero. `reference` is the component
-    that stands for the surroundings: the ground, a tank; `medium` the one that sets what flows in a circuit."""
+    that stands for the surroundings: the ground, a tank; `medium` the one that sets what flows in a circuit; `fills` the
+    component, with its settings, that a node without storage is given where a run stops without."""
 
     name: str
     members: dict[str, Member]
@@ -44,6 +45,7 @@ class Domain:
     power: str | None
     reference: str | None = None
     medium: str | None = None
+    fills: tuple[str, tuple[tuple[str, str], ...]] | None = None
 
     def role(self, member: str) -> str:
         """The member's own name for `effort` and `flow` as generic ports write them."""

@@ -118,7 +118,8 @@ def _domains() -> dict[str, Domain]:
 
 
 def _domain(name: str, node: Mapping, problems: Problems) -> Domain:
-    keys = ("effort", "flow", "across", "through", "position", "power", "members", "doc", "reference", "medium")
+    keys = ("effort", "flow", "across", "through", "position", "power", "members", "doc", "reference", "medium",
+            "fills")
     reading.known_keys(node, keys, f"domain '{name}'", problems, required=("across", "through", "members"))
     members = {}
     entries = reading.mapping(node.items.get("members"), "members", problems)
@@ -139,7 +140,16 @@ def _domain(name: str, node: Mapping, problems: Problems) -> Domain:
         return reading.text(node.items.get(key), key, problems) or None
 
     return Domain(name, members, listed("across"), listed("through"), single("effort"), single("flow"),
-                  single("position"), single("power"), single("reference"), single("medium"))
+                  single("position"), single("power"), single("reference"), single("medium"), _fills(node, problems))
+
+
+def _fills(node: Mapping, problems: Problems) -> tuple[str, tuple[tuple[str, str], ...]] | None:
+    """The component that fills a node without storage, and its settings."""
+    entry = reading.mapping(node.items.get("fills"), "fills", problems)
+    if entry is None:
+        return None
+    values = {key: reading.text(item, key, problems) for key, item in entry.items.items()}
+    return values.pop("is", ""), tuple(values.items())
 
 
 def _figure(entry: Mapping, key: str, problems: Problems) -> float | None:

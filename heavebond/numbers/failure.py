@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from heavebond.basis.errors import Problem, SimulationError, listing
 from heavebond.equations import explain
 from heavebond.equations.rank import losses
+from heavebond.language.library import is_bundled
 from heavebond.numbers.dae import Array, Assembly
 from heavebond.numbers.findings import RUNAWAY
 from heavebond.numbers.initialise import Start
@@ -27,6 +28,7 @@ NEAR = 1e-5
 # and in a run that went on: they are zero but for rounding
 SINGULAR = 1e-14
 LOOKED_AT = 60
+TIGHT = 1e-6  # relative tolerances from which on there is nothing to loosen
 FOLDED = ("The links of a mechanism come to lie in one line there, from where it could go on in two ways: its constraints "
           "depend on each other. No choice of states helps; change a length a little, or add what decides (a spring).")
 _TIME = re.compile(r"[Aa]t t ?= ?([-+.\deE]+)")
@@ -44,9 +46,10 @@ def explain_failure(simulator: Simulator, assembly: Assembly, first: Start, said
     else:
         last = _state_before(simulator, assembly, first, stopped)
     notes: list[str] = []
-    hint = "Check the parameters of these components, or loosen the tolerances (--rtol 1e-6)."
+    loosen = _loosen(simulator.tolerances.rtol)
+    hint = f"Check the parameters of these components{loosen}."
     if last is not None:
-        cause, notes = _cause(assembly, first, last.t, last.x, last.z, last.p, last.u)
+        cause, notes = _cause(assembly, first, last, loosen)
         hint = FOLDED if chart is not None and chart.folded(last) else cause or hint
     words = [line for line in said.splitlines() if "IDA" in line or "SUNDIALS" in line.upper()]
     solver = re.findall(r"IDA_[A-Z_]+", said)
@@ -96,7 +99,13 @@ def _state_before(simulator: Simulator, assembly: Assembly, first: Start, stoppe
     return None
 
 
-def _cause(assembly: Assembly, first: Start, t: float, x: Array, z: Array, p: Array, u: Array) -> tuple[str, list[str]]:
+def _loosen(rtol: float) -> str:
+    """The advice to loosen the tolerances, where they are tight."""
+    return ", or loosen the tolerances (--rtol 1e-6)" if rtol < TIGHT else ""
+
+
+def _cause(assembly: Assembly, first: Start, last: Point, loosen: str) -> tuple[str, list[str]]:
+    t, x, z, p, u = last.values()[:5]
     ode, alg = (np.array(v).ravel() for v in assembly.rates(t, x, z, p, u, 1.0))
     begun = (first.x, first.z) if len(first.x) == len(x) and len(first.z) == len(z) else (x * 0, z * 0)
     pivots, begin = (np.array(assembly.pivots(t, *at, p, u, 1.0)).ravel() for at in ((x, z), begun))
@@ -130,9 +139,25 @@ def _cause(assembly: Assembly, first: Start, t: float, x: Array, z: Array, p: Ar
         return f"{listing(names, 2)} run away: an instability, a wrong sign or a very stiff element.", notes
     fastest = names or assembly.algebraic_names
     verb = "changes" if len(fastest) == 1 else "change"
-    return (f"{listing(fastest, 2)} {verb} fastest: a kink or jump there that the solver cannot step over. Smooth it "
-            "(smooth_sign(v, v_t) for sign(v), signed_sqrt for a root), let it happen as an event (a Step for a jump in "
-            "time, a DryFriction for a sign, `when:` in a component), or loosen the tolerances.", notes)
+    said = f"{listing(fastest, 2)} {verb} fastest: a kink or jump there that the solvers cannot step over. "
+    parts = list(dict.fromkeys(part for name in fastest for part in _leaves(assembly, name)))
+    own = [part for part in parts if not is_bundled(assembly.flat.expanded.leaves[part].component.path)]
+    if parts and not own:
+        return (f"{said}The parts there are {listing(parts, 4)}, all of the library: look for one whose size or rating does "
+                "not fit its neighbours, or for a volume, a mass or a time constant far below theirs"
+                f"{loosen}. If they are right, this is a fault of the library: please report it with the diagram.", notes)
+    return (f"{said}Smooth it{' in ' + listing(own, 4) if own else ''} (smooth_sign(v, v_t) for sign(v), signed_sqrt for a "
+            "root), let it happen as an event (a Step for a jump in time, a DryFriction for a sign, `when:` in a component)"
+            f"{loosen}.", notes)
+
+
+def _leaves(assembly: Assembly, name: str) -> list[str]:
+    """The parts in whose equations a state or an algebraic unknown stands."""
+    flat, n = assembly.flat, len(assembly.flat.unknowns)
+    reduced = assembly.reduced
+    j = next((c[0] for c in (*reduced.states, *reduced.algebraic) if reduced.name(c) == name), None)
+    owners = dict.fromkeys(flat.equations[i].owner for i, row in enumerate(flat.entries) if any(c % n == j for c, _ in row))
+    return [owner for owner in owners if owner in flat.expanded.leaves]
 
 
 def _grown(assembly: Assembly, x: Array, t: float) -> str:

@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from heavebond.basis.buffered import Buffered
-from heavebond.numbers.dae import Array, Integrand
+from heavebond.numbers.dae import Array, Assembly, Integrand
 
 # Steps between two output points, after which a run is given up: at a value that is no number IDAS would halve its
 # step for minutes.
@@ -25,6 +25,8 @@ MOST_STEPS = 300_000
 # Share of the way to the first output point that a first step without a known x' is tried with; steps double at first.
 FIRST_STEP = 1e-9
 _TURN = RLock()
+RESTS = (0.01, 0.1, 1.0, 10.0, 100.0)  # s; when a machine that is left alone is looked at
+MOST_STEPS_TO_REST = 20_000
 LARGE = 100  # unknowns from which on a system is large
 
 
@@ -49,11 +51,16 @@ class Idas:
     without x', by a step so short that none is needed.
     """
 
-    def __init__(self, made: Integrand, stops: Array, tolerances: Tolerances, most_steps: int = MOST_STEPS):
+    def __init__(self, made: Integrand, stops: Array, tolerances: Tolerances, most_steps: int = MOST_STEPS,
+                 strict: bool = False):
+        """`strict` puts the algebraic unknowns under error control, too: with shorter steps Newton's method begins nearer
+        to what it looks for."""
         self._orders = _orders(made.dae)
         self._dae, self._begin = _ordered(made.dae, self._orders), float(stops[0])
         self._outputs = [float(t) for t in stops[1:]] if len(stops) > 1 else [self._begin + 1.0]
         self._options = {**integrator_options(made.dae, tolerances), "max_num_steps": most_steps}
+        if strict:
+            self._options["suppress_algebraic"] = False
         self._usual = self._last = self._made({})
         self._blind: Buffered | None = None
 
@@ -106,6 +113,29 @@ def _ordered(dae: Mapping[str, ca.SX], orders: Mapping[str, list[int]]) -> dict[
     moved = {name: dae[name][orders[unknown]] for name, unknown in (("x", "x"), ("ode", "x"), ("z", "z"), ("alg", "z"))
              } if orders else {}
     return {**dae, **moved}
+
+
+def at_rest(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array) -> Iterator[tuple[Array, Array]]:
+    """x (n_x,) and z (n_z,) of a machine that is left alone with inputs and time held still, at ever later instants."""
+    symbols = assembly.arguments
+    x_s, z_s = ca.SX.sym("x", len(x)), ca.SX.sym("z", len(z))
+    x_size, z_size = assembly.x_nominal, assembly.z_nominal
+    given = (t, x_s * x_size, z_s * z_size, p, u, 0.0)
+    ode, alg = ca.substitute([assembly.ode / x_size, assembly.alg], list(symbols), [ca.SX(g) for g in given])
+    dae = {"x": x_s, "z": z_s, "ode": ode, "alg": alg}
+    options = {**integrator_options(dae, Tolerances(1e-6, 1e-8)), "max_num_steps": MOST_STEPS_TO_REST,
+               "suppress_algebraic": False}
+    now = x / x_size, z / z_size
+    with caught_errors():
+        for begin, end in zip((0.0, *RESTS[:-1]), RESTS, strict=True):
+            try:
+                found = ca.integrator("rest", "idas", dae, begin, end, options)(x0=now[0], z0=now[1])
+            except RuntimeError:
+                return
+            now = np.array(found["xf"]).ravel(), np.array(found["zf"]).ravel()
+            if not np.all(np.isfinite(np.concatenate(now))):
+                return
+            yield now[0] * x_size, now[1] * z_size
 
 
 def integrator_options(dae: Mapping[str, ca.SX], tolerances: Tolerances) -> dict[str, Any]:

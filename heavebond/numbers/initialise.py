@@ -6,9 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from heavebond.basis.errors import StartError
 from heavebond.basis.newton import Found, Frame, System, continued, least_change, newton, settled, weights
 from heavebond.numbers import start_failure
 from heavebond.numbers.dae import Array, Assembly
+from heavebond.numbers.idas import at_rest
 from heavebond.numbers.start_equations import Point, StartEquations, StartSystem
 from heavebond.text.symbols import uniform
 
@@ -110,6 +112,7 @@ class _Search:
         self.frame = Frame(self.nominal, *equations.bounds)
         self.y0 = self._guess()
         self.widening = 1.0
+        self.shut_in: tuple[str, ...] = ()
         self.steps = 0
 
     def _guess(self) -> Array:
@@ -141,17 +144,17 @@ class _Search:
             y = newton(self._scaled(equations.approach), y, self.frame).y
         y = self._search(y)
         if equations.steady or equations.solved_for:
-            start_failure.undetermined(equations, self._point(y), self.nominal)
+            self.shut_in = start_failure.undetermined(equations, self._point(y), self.nominal)
         return self._settle(y)
 
     def _search(self, first: Array) -> Array:
         """The first of these that leads to a solution: Newton's method from the guess; continuation in the widths of
         regularised laws; continuation in what is out of balance at the guess; for a steady start, letting the machine
         settle; continuation with rounded corners, since where a contact is open or a valve shut at the guess its force has
-        no gradient there; Newton's method from points around the guess."""
+        no gradient there; integrating it until it rests; Newton's method from points around the guess."""
         system = self._scaled(self.equations.all)
         best: Found | None = None
-        for attempt in range(5 + SHIFTS):
+        for attempt in range(6 + SHIFTS):
             found = self._attempt(system, first, attempt)
             self.steps += found.steps
             if found.good:
@@ -171,7 +174,25 @@ class _Search:
             return settled(system, self._slowed, first, self.frame)
         if attempt == 4:
             return self._sharpened(system, first)
-        return newton(system, first + self.nominal * self._shift(attempt - 4), self.frame)
+        if attempt == 5 and self.equations.steady:
+            return self._come_to_rest(system, first)
+        return newton(system, first + self.nominal * self._shift(attempt - 5), self.frame)
+
+    def _come_to_rest(self, system: System, first: Array) -> Found:
+        """Where the machine comes to rest by itself, by the integrator, from a consistent point at the guess: valves that
+        are shut there open as pressures rise, whatever gradient they had. Newton's method is tried from later points."""
+        y, found = first.copy(), Found(first, np.full(1, np.inf), 0)
+        inner = slice(self.n_x, self.n_x + self.n_z)
+        try:
+            y = self._settle(y)
+        except StartError:
+            return found
+        for x, z in at_rest(self.assembly, self.t, y[: self.n_x], y[inner], self._point(y).p, self.u):
+            y[: self.n_x], y[inner] = x, z
+            found = newton(system, y, self.frame)
+            if found.good:
+                break
+        return found
 
     def _slowed(self, before: Array, step: float) -> System:
         """The equations of a steady start with (x - before)/step for each rate that is to vanish."""
@@ -251,6 +272,7 @@ class _Search:
             asked = conditions.get(j) if order == 0 else None
             moved = abs(y[k] - self.y0[k]) > 1e-9 * self.nominal[k]
             why = "asked for" if asked and not asked.guess else "solved from a guess" if asked else \
+                "shut in: kept" if assembly.state_names[k] in self.shut_in else \
                 f"solved ({self.equations.initial.mode or 'conditions'})" if moved or self.equations.steady else \
                 "declared start" if assembly.flat.unknowns[j].start else "default"
             table.append(StartLine(assembly.state_names[k], asked.value.text if asked else "", float(point.x[k]),

@@ -29,7 +29,7 @@ from heavebond.numbers.jumps import EventEquations
 from heavebond.numbers.result import Along, Result, Stayed
 from heavebond.numbers.solvers import DEFAULT, RETYPE, Choice, Integrator, algebraic_left, chosen, integrator
 from heavebond.numbers.start_equations import StartEquations
-from heavebond.numbers.switching import MOST_STEPS_BETWEEN, MOST_STEPS_IN_CHART, Switching, settled
+from heavebond.numbers.switching import MOST_STEPS_AHEAD, MOST_STEPS_BETWEEN, MOST_STEPS_IN_CHART, Switching, settled
 from heavebond.numbers.trace import Frame, Trace
 from heavebond.text.expression import constant
 from heavebond.text.symbols import stack
@@ -48,15 +48,19 @@ def simulate(model: Model | Assembly, until: Time | None = None, *, every: Time 
     Both default to what the diagram says under `simulate:`. `parameters` overrides values by name. `sensitivities`
     names parameters with respect to which the derivative of every signal is wanted (`result.sensitivity`). Errors are
     controlled to rtol and to atol times each unknown's nominal size. `solver` is idas, cvodes, rosenbrock or auto (see
-    `solvers`), by default what the diagram says, else idas; UsageError where it cannot integrate the diagram. The programs
-    in FMUs are run with `allow_fmu` only; a diagram with FMUs is refused otherwise. Warns (RunWarning) unless the verdict of
-    the run on itself (`result.verdict`) is clean. Raises StartError where no consistent
-    start exists and SimulationError where the integration fails; a given Assembly is not built anew.
+    `solvers` and `fallback`), by default what the diagram says, else auto; UsageError where it cannot integrate the diagram.
+    The programs in FMUs are run with `allow_fmu` only; a diagram with FMUs is refused otherwise. Warns (RunWarning) unless
+    the verdict of the run on itself (`result.verdict`) is clean. Raises StartError where no consistent start exists and
+    SimulationError where the integration fails; a given Assembly is not built anew.
     """
+    from heavebond.numbers.fallback import run_by_auto
+
     assembly = model if isinstance(model, Assembly) else assemble(model, also)
     written = assembly.model.solver
-    result = Simulator(assembly, until, every=every, tolerances=Tolerances(rtol, atol), sensitivities=sensitivities,
-                       solver=solver or (written.text if written else None), allow_fmu=allow_fmu).run(parameters)
+    asked = solver or (written.text if written else "auto")
+    simulator = Simulator(assembly, until, every=every, tolerances=Tolerances(rtol, atol), sensitivities=sensitivities,
+                          solver=asked, allow_fmu=allow_fmu)
+    result = run_by_auto(simulator, parameters, allow_fmu) if asked == "auto" else simulator.run(parameters)
     tell(assembly.model.name, result.verdict)
     return result
 
@@ -97,12 +101,19 @@ class Simulator:
         self._known_slopes: dict[int, ca.Function] = {}
         self._hoist = Buffered(self.integrand.hoist)
         self._keep = np.searchsorted(self.stops, self.time)
+        self.charts = charts
         self.switching = self._switching(charts) if assembly.flat.events or charts.needed else None
 
-    def _switching(self, charts: Charts) -> Switching:
-        return Switching(charts, self._framed, self.integrals, self.stops, self.inputs,
-                         lambda made, grid: integrator(self.solver.name, made, grid, self.tolerances,
-                                                       MOST_STEPS_IN_CHART if charts.needed else MOST_STEPS_BETWEEN))
+    def change_solvers(self) -> None:
+        """From now on, the other solver goes on from the last accepted point where one stops (see `Switching`)."""
+        self.switching = self._switching(self.charts, changes=True)
+
+    def _switching(self, charts: Charts, changes: bool = False) -> Switching:
+        def build(name: str, made: Integrand, grid: Array) -> Integrator:
+            most = MOST_STEPS_IN_CHART if charts.needed else MOST_STEPS_AHEAD if len(grid) > 2 else MOST_STEPS_BETWEEN
+            return integrator(name, made, grid, self.tolerances, most)
+
+        return Switching(charts, self._framed, self.integrals, self.stops, self.inputs, build, self.solver.name, changes)
 
     def _made(self, assembly: Assembly, quadratures: ca.SX | None) -> Integrand:
         """What is integrated; with the sensitivities, parameters move that follow the start or are held, too."""

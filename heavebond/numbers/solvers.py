@@ -1,10 +1,11 @@
 """The integrators by name: which of them can be used for a diagram, and all of them called alike.
 
-`idas` (variable-order BDF for x' = f, 0 = g) takes every diagram. `cvodes` is the same family of methods for x' = f alone:
-fewer evaluations and less bookkeeping a step. `rosenbrock` is a one-step method of order 5 (linearly implicit, L-stable),
-compiled to machine code before its first step, since interpreted it is slower than IDAS; it pays where one grid of times
-is run often. C. W. Gear, 1971; A. C. Hindmarsh et al., SUNDIALS, 2005, doi:10.1145/1089014.1089020; E. Hairer and G. Wanner,
-Solving Ordinary Differential Equations II, 1996, IV.7.
+`auto`, the default of plain runs, begins with IDAS and changes where that stops (see `fallback`). `idas` (variable-order
+BDF for x' = f, 0 = g) takes every diagram. `cvodes` is the same family of methods for x' = f alone: fewer evaluations and
+less bookkeeping a step. `rosenbrock` is a one-step method of order 5 (linearly implicit, L-stable), compiled to machine
+code before its first step, since interpreted it is slower than IDAS; it pays where one grid of times is run often. C. W.
+Gear, 1971; A. C. Hindmarsh et al., SUNDIALS, 2005, doi:10.1145/1089014.1089020; E. Hairer and G. Wanner, Solving Ordinary
+Differential Equations II, 1996, IV.7.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from heavebond.numbers.dae import Array, Assembly, Integrand
 from heavebond.numbers.idas import MOST_STEPS, Idas, Tolerances, integrator_options
 
 DEFAULT = "idas"
+STRICT = "idas_strict"  # IDAS with its algebraic unknowns under error control, to which `auto` changes
 COMPILERS = ("gcc", "clang", "cc")
 FLAGS = ("-O2",)  # a tenth faster than -O1 for two thirds more time to compile; -O3 gains nothing
 RETYPE = "Type `--solver {0}` (in Python `solver='{0}'`, in the diagram `simulate: {{solver: {0}}}`)"
@@ -52,18 +54,14 @@ class Integrator(Protocol):
 
 
 def chosen(asked: str | None, assembly: Assembly, changes_states: bool) -> Choice:
-    """The solver that was asked for by name, IDAS by default; `auto` is CVODES where it can be used.
+    """The solver that was asked for by name; by default, and for `auto`, IDAS.
 
     `changes_states` says whether a run may go on in other states than it begins with. UsageError for a name that is none
     and for a solver that cannot integrate the diagram.
     """
-    if asked is None:
+    if asked is None or asked == "auto":
         return Choice(DEFAULT, "the default")
     _check(asked, assembly, changes_states)
-    if asked == "auto":
-        left = assembly.algebraic_names
-        return Choice("idas", f"algebraic unknowns are left: {listing(left, 3)}") if left else \
-            Choice("cvodes", "no algebraic unknowns are left")
     written = assembly.model.solver
     return Choice(asked, "as the diagram says" if written is not None and written.text == asked else "asked for")
 
@@ -95,8 +93,7 @@ def algebraic_left(names: list[str], place: Place | None = None) -> Problem:
     """Why CVODES cannot be used."""
     number, them = ("algebraic unknowns", "them") if len(names) > 1 else ("an algebraic unknown", "it")
     return Problem("solver-algebraic", f"cvodes cannot run this diagram, which has {number}: {listing(names, 4)}", place,
-                   f"{RETYPE.format('idas')}, the default, which solves for {them} on its way. `auto` takes cvodes where it "
-                   "can.")
+                   f"{RETYPE.format('idas')}, the default, which solves for {them} on its way.")
 
 
 def compiler() -> str | None:
@@ -107,8 +104,14 @@ def compiler() -> str | None:
 def integrator(solver: str, made: Integrand, stops: Array, tolerances: Tolerances, most_steps: int = MOST_STEPS
                ) -> Integrator:
     """An integrator of a name that `chosen` gave."""
-    return Idas(made, stops, tolerances, most_steps) if solver == "idas" else Explicit(solver, made, stops, tolerances,
-                                                                                      most_steps)
+    if solver in (DEFAULT, STRICT):
+        return Idas(made, stops, tolerances, most_steps, solver == STRICT)
+    return Explicit(solver, made, stops, tolerances, most_steps)
+
+
+def other(solver: str, loops: bool) -> str:
+    """What `auto` changes to where a solver stops, for a system with or without algebraic unknowns."""
+    return DEFAULT if solver != DEFAULT else STRICT if loops else "cvodes"
 
 
 class Explicit:

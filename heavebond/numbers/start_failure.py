@@ -21,6 +21,7 @@ AT = "at the start"
 DEPENDENT, DISAGREE = 1e-8, 1e-6
 JUST_AFTER = 1e-3  # s
 # what a hint names at most
+SHARE = 1e-3  # of an unknown in a direction that nothing decides, from which on it takes part
 MOST_NAMED = 6
 
 # what brings a state to rest, by its unit
@@ -240,15 +241,16 @@ def _settling(equations: StartEquations, system: StartSystem, point: Point, size
     return [assembly.parameter_names[own[k]] for k in chosen[:MOST_NAMED // 2]]
 
 
-def undetermined(equations: StartEquations, point: Point, sizes: Array) -> None:
-    """StartError for what a steady start, or the parameters that it solves for, leave open."""
+def undetermined(equations: StartEquations, point: Point, sizes: Array) -> tuple[str, ...]:
+    """StartError for what a steady start, or the parameters that it solves for, leave open. Pressures of what is shut in may
+    be any: they keep their guess, and their names are returned."""
     residual, jacobian = equations.with_guesses.at(point)
     if not np.all(np.isfinite(jacobian)):
-        return
+        return ()
     jacobian = jacobian * sizes
     jacobian = jacobian * weights(residual, jacobian)[:, None]
     if factors(jacobian) is not None:
-        return
+        return ()
     _, values, right = np.linalg.svd(jacobian, full_matrices=True)
     null = right[int((values > 1e-10 * max(values.max(initial=0.0), 1e-300)).sum()):]
     assembly = equations.assembly
@@ -257,7 +259,10 @@ def undetermined(equations: StartEquations, point: Point, sizes: Array) -> None:
     if not equations.steady:
         null = null[np.abs(null[:, len(names) - len(solved):]).max(axis=1, initial=0.0) > 1e-6] if len(null) else null
     if not len(null):
-        return
+        return ()
+    shut_in = [name for name, share in zip(names, np.abs(null).max(axis=0), strict=True) if share > SHARE]
+    if set(shut_in) <= _pressures(assembly):
+        return tuple(shut_in)
     notes, suggestions = [], list[str]()
     for direction in null:
         share = np.abs(direction)
@@ -267,6 +272,13 @@ def undetermined(equations: StartEquations, point: Point, sizes: Array) -> None:
         notes.append(f"one of: {listing(involved, MOST_NAMED)}")
         suggestions.append(next((i for i in involved if i not in suggestions), involved[0]))
     raise StartError([_open(equations, point, notes, suggestions)])
+
+
+def _pressures(assembly: Assembly) -> set[str]:
+    """The states that are pressures of oil or gas: in the domains that say what fills a node."""
+    members = {domain.across[0] for domain in assembly.model.library.domains.values() if domain.fills}
+    return {name for (j, _), name in zip(assembly.reduced.states, assembly.state_names, strict=True)
+            if assembly.flat.unknowns[j].role == "across" and name.rpartition(".")[2] in members}
 
 
 def _solve_open(equations: StartEquations, names: list[str]) -> Problem:

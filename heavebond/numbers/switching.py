@@ -8,6 +8,7 @@ states decide the other unknowns (`charts`); shortly before they do not any more
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -21,10 +22,10 @@ from heavebond.numbers.crossings import crossing, suspects
 from heavebond.numbers.dae import Array, Integrand
 from heavebond.numbers.initialise import Start, Tangent
 from heavebond.numbers.jumps import Moved
-from heavebond.numbers.solvers import Integrator
+from heavebond.numbers.solvers import Integrator, other
 from heavebond.numbers.start_equations import Point
 from heavebond.numbers.timetable import same_instant, timetable
-from heavebond.numbers.trace import ChartChange, Frame, Instant, Now, Record, Trace
+from heavebond.numbers.trace import ChartChange, Frame, Instant, Now, Record, SolverChange, Trace
 
 FIRST, MOST = 8, 1024  # points of the first stretch after a cut; each further one has twice as many
 LOOKS = 1000  # conditions and charts are looked at in so many points of a run at least, and at every output
@@ -34,16 +35,21 @@ PRECISION = 1e-2  # of the distance at which two instants are one: to what a cro
 # So many events of conditions within this share of the run are chattering, and so many of one condition: the hops of a ball
 # that falls to 0.05 of its height reach the rounding of time after as many.
 CHATTER, AGAIN, WITHIN = 30, 4, 1e-8
-# What IDAS and CVODES say where the user interrupts, and where a run leads nowhere: no event comes before that. At the end
-# of a chart they may crawl; there they get so many steps between two points only.
+# What IDAS and CVODES say where the user interrupts, and where a run leads nowhere or crawls behind an event that is not
+# known yet (a piston that has passed its stop empties its chamber): stretches are halved so often, then it is given up. At
+# the end of a chart they may crawl; there they get so many steps between two points only.
 INTERRUPTED, CRAWLS = ("IDA_RES_FAIL", "CV_RHSFUNC_FAIL"), ("IDA_TOO_MUCH_WORK", "CV_TOO_MUCH_WORK")
+MOST_CRAWLS = 4
 MOST_STEPS_IN_CHART = 5000
-# Steps between two points of other such runs, after which they are given up; a run has a thousand points at least.
+# Steps between two points of other such runs, after which they are given up; a run has a thousand points at least. Where
+# several points are gone to at once, the event may lie before: those steps are then gone point by point.
+MOST_STEPS_AHEAD = 3000
 MOST_STEPS_BETWEEN = 30_000
 MOST_CASCADES = 100  # events that set off each other at one instant
 MOST_HALVINGS = 40  # of a step in which a chart ends
+MOST_SOLVER_CHANGES = 200
 
-Build = Callable[[Integrand, Array], Integrator]
+Build = Callable[[str, Integrand, Array], Integrator]
 
 
 @dataclass(frozen=True)
@@ -63,11 +69,13 @@ class Switching:
 
     `framed` makes the equations in a chart, with `integrals` (integrals and their sensitivities) after the other states;
     `inputs` gives at times the integrator's inputs, the first `n_u` of them those of the assembly, the others factors of the
-    integrals; `build` makes an integrator that stops at times.
+    integrals; `build` makes an integrator by its name that stops at times, `solver` is the name of the first. With `changes`
+    the other solver goes on where one stops (see `other`).
     """
 
     def __init__(self, charts: Charts, framed: Callable[[Chart], Frame], integrals: int, stops: Array,
-                 inputs: Callable[[Array], Array], build: Build):
+                 inputs: Callable[[Array], Array], build: Build, solver: str, changes: bool = False):
+        self.first_solver, self.solver, self.changes, self.failed_at = solver, solver, changes, -np.inf
         self.charts, self.integrals, self.stops, self.inputs, self._build = charts, integrals, stops, inputs, build
         self._framed, self._frames = framed, {id(charts.home): framed(charts.home)}
         self.home = self._frames[id(charts.home)]
@@ -95,6 +103,7 @@ class Switching:
 
     def _run(self, first: Start, moved: Tangent | None) -> Trace:
         now = self._begin(first, moved)
+        self.solver, self.failed_at = self.first_solver, -np.inf
         record = Record(now, self.stops, self.same)
         self._write(now, record)
         equations = self.home.equations
@@ -123,14 +132,14 @@ class Switching:
 
     def _until(self, now: Now, limit: float, record: Record) -> Now:
         """Go on to a time, through the events of conditions on the way; what is passed is written down."""
-        begun = FIRST if self.conditions or self.charts.needed else MOST
+        begun = FIRST if self.conditions or self.charts.needed or self.changes else MOST
         points, halvings = begun, 0
         while now.t < limit - self.same:
             times = self._coming(now, limit, points, halvings)
             try:
                 y, z = self._advance(now, times, record)
             except RuntimeError as error:
-                now, points, halvings = self._failed(now, times, points, halvings, error, record)
+                now, points, halvings = self._mended(now, times, points, halvings, error, record)
                 continue
             reached = self._in_chart(now, times, y, z)
             if not reached and (turned := self._turned(now, halvings, record)) is not None:
@@ -157,12 +166,28 @@ class Switching:
             times = np.append(times[times < limit - self.same], limit)
         return _even(now.t, times, self.same) if not halvings else now.t + (times[:1] - now.t) / 2**halvings
 
+    def _mended(self, now: Now, times: Array, points: int, halvings: int, error: RuntimeError, record: Record
+                ) -> tuple[Now, int, int]:
+        """As `_failed`; where that finds no event and no other chart, the other solver goes on from here, once."""
+        try:
+            return self._failed(now, times, points, halvings, error, record)
+        except RuntimeError as final:
+            said = str(final)
+            if not self.changes or any(word in said for word in INTERRUPTED) or now.t <= self.failed_at \
+                    or len(record.solver_changes) >= MOST_SOLVER_CHANGES:
+                raise
+        before, self.failed_at = self.solver, now.t
+        self.solver = other(before, bool(len(now.z)))
+        record.solver_changes.append(SolverChange(now.t, before, self.solver, reason(said)))
+        return now, 1, 0
+
     def _failed(self, now: Now, times: Array, points: int, halvings: int, error: RuntimeError, record: Record
                 ) -> tuple[Now, int, int]:
         """Where to go on after the integrator has failed, in steps of how many points and with how many halvings: what comes
         after an event that is not known yet, or after the end of a chart, may be out of its equations' reach."""
         interrupted, crawls = (any(word in str(error) for word in words) for words in (INTERRUPTED, CRAWLS))
-        if interrupted or not (self.charts.needed or (self.conditions and not crawls)):
+        if interrupted or not (self.charts.needed or self.conditions) \
+                or (crawls and not self.charts.needed and halvings >= MOST_CRAWLS):
             raise error
         if self.charts.needed and self._strain(now) >= ENOUGH and (changed := self._changed(now, record)) is not None:
             return changed, FIRST, 0
@@ -228,16 +253,17 @@ class Switching:
     def _advance(self, now: Now, times: Array, record: Record) -> tuple[Array, Array]:
         """y and z at times (n,), equally far apart."""
         n, integrators = len(times), now.frame.integrators
-        if n not in integrators:
-            integrators[n] = self._build(now.frame.own_time(), np.arange(n + 1.0))
+        key = (self.solver, n)
+        if key not in integrators:
+            integrators[key] = self._build(self.solver, now.frame.own_time(), np.arange(n + 1.0))
         middle = (np.append(now.t, times[:-1]) + times) / 2
         self.last = Stretch(now, float(times[-1] - now.t) / n)
         a, d = np.full(n, now.t), np.full(n, self.last.step)
-        found = integrators[n](x0=now.y, z0=now.z, p=now.given, u=np.vstack([self.inputs(middle), a, d]))
+        found = integrators[key](x0=now.y, z0=now.z, p=now.given, u=np.vstack([self.inputs(middle), a, d]))
         y, z = np.array(found["xf"]).reshape(len(now.y), n), np.array(found["zf"]).reshape(len(now.z), n)
         if not np.all(np.isfinite(y)):
             raise RuntimeError("a value became infinite or not a number")
-        record.steps += int(integrators[n].stats().get("nsteps", 0))
+        record.steps += int(integrators[key].stats().get("nsteps", 0))
         return y, self._settled(now, y, z, times)
 
     def _settled(self, now: Now, y: Array, z: Array, times: Array) -> Array:
@@ -382,6 +408,11 @@ class Switching:
     def _write(self, now: Now, record: Record) -> None:
         """The point where it is a stop."""
         record.write(now, np.array([now.t]), now.y[:, None], now.z[:, None])
+
+
+def reason(said: str) -> str:
+    """The solver's own word for why it stopped."""
+    return next(iter(re.findall(r"(?:IDA|CV)_[A-Z_]+", said)), said.strip().splitlines()[-1][:160] if said.strip() else "")
 
 
 def settled(loops: ca.Function | None, x: Array, z: Array, p: ca.DM | Array, times: Array, inputs: Array) -> Array:

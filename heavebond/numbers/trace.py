@@ -40,6 +40,16 @@ class ChartChange:
 
 
 @dataclass(frozen=True)
+class SolverChange:
+    """Where a solver stopped and another went on from the last point that was accepted, and why it stopped."""
+
+    time: float
+    before: str
+    after: str
+    why: str
+
+
+@dataclass(frozen=True)
 class Stay:
     """The stops (N,) of a run that were passed in other states than those of its diagram: x and z there as in `Trace`."""
 
@@ -73,7 +83,7 @@ class Frame:
     equations: EventEquations
     made: Integrand
     loops: ca.Function | None
-    integrators: dict[int, Integrator] = field(default_factory=dict)
+    integrators: dict[tuple[str, int], Integrator] = field(default_factory=dict)
 
     @property
     def assembly(self) -> Assembly:
@@ -141,6 +151,7 @@ class Record:
         self.z = [np.zeros((len(first.z), n))]
         self.instants: list[Instant] = []
         self.changes: list[ChartChange] = []
+        self.solver_changes: list[SolverChange] = []
         self.passed: list[tuple[float, tuple[int, ...]]] = []
         self.steps = 0
 
@@ -179,6 +190,8 @@ class Record:
         statistics: dict[str, object] = {"nsteps": self.steps}
         if self.changes:
             statistics["state_changes"] = [vars(change) for change in self.changes]
+        if self.solver_changes:
+            statistics["solver_changes"] = [vars(change) for change in self.solver_changes]
         return Trace(x, z, self.y[n_y - integrals:], self.p[held], self.dp[held].transpose(1, 0, 2), tuple(self.instants),
                      statistics, tuple(stays[1:]))
 

@@ -1,0 +1,124 @@
+"""The default of plain runs, `auto`: IDAS, and what is done where it stops.
+
+1. Where algebraic unknowns are pressures of nodes that hold no oil or gas of their own, their balance of flows may have no
+   slope (valves that are shut on all sides) or turn its corners faster than any step. Each of these nodes is then given what
+   its domain says under `fills:`, the oil in a short bore, and the run begins anew: its pressures are states.
+2. Else the run is made again in stretches. Where a solver stops, the other one goes on from the last accepted point:
+   CVODES, or with algebraic unknowns IDAS with these under error control, and IDAS again where that stops.
+
+Each change stands in the statistics of the run, `fills` and `solver_changes`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import casadi as ca
+import numpy as np
+
+from heavebond.basis.errors import HeavebondError, Problem, SimulationError, StartError
+from heavebond.equations.connect import connect
+from heavebond.equations.parameters import formula_order
+from heavebond.language.definition import Value
+from heavebond.language.model import Model
+from heavebond.language.sections import Condition
+from heavebond.numbers.dae import Assembly, assemble
+from heavebond.numbers.initialise import start
+from heavebond.numbers.result import Result
+from heavebond.text.expression import Number
+from heavebond.text.symbols import split
+
+if TYPE_CHECKING:
+    from heavebond.numbers.simulation import Simulator
+
+
+def run_by_auto(simulator: Simulator, parameters: Mapping[str, float | str] | None, allow_fmu: bool) -> Result:
+    """A run that changes its equations or its solver where IDAS stops; where nothing helps, the error of the last attempt
+    that got as far as integrating, else the first."""
+    try:
+        return simulator.run(parameters)
+    except (StartError, SimulationError) as error:
+        if not _may_help(error.problems[0]):
+            raise
+        first = error
+    assembly = simulator.assembly.with_parameters(parameters) if parameters else simulator.assembly
+    again, fills = simulator, unfilled(assembly)
+    if isinstance(first, StartError) and not fills:
+        raise first
+    try:
+        if fills:
+            again = type(simulator)(filled(assembly, fills), times=simulator.time, tolerances=simulator.tolerances,
+                                    sensitivities=simulator.parameters, allow_fmu=allow_fmu)
+            parameters = None
+            try:
+                return _told(again.run(), fills, first)
+            except SimulationError as error:
+                if not _may_help(error.problems[0]):
+                    raise
+        again.change_solvers()
+        return _told(again.run(parameters), fills, first)
+    except HeavebondError as error:
+        raise (error if error.problems[0].code == "integration-failed" else first) from None
+
+
+def _may_help(problem: Problem) -> bool:
+    """Whether another system or solver could do what failed: not where events went wrong."""
+    return not problem.code.startswith("event")
+
+
+def _told(result: Result, fills: Mapping[str, str], why: HeavebondError) -> Result:
+    """The result with what was filled, and why, in its statistics."""
+    if not fills:
+        return result
+    return replace(result, statistics={**result.statistics, "fills": {
+        "nodes": list(fills), "components": [f"fill_{k}" for k in range(1, 1 + len(fills))],
+        "why": why.problems[0].message}})
+
+
+def unfilled(assembly: Assembly) -> dict[str, str]:
+    """The nodes whose pressure is no state but follows from a balance of flows, with their domains, where these say what
+    fills a node."""
+    flat, domains = assembly.flat, assembly.model.library.domains
+    states = set(assembly.state_names)
+    free = {s.element_hash() for s in split(assembly.arguments[2])}
+    found = {}
+    for group in connect(flat.expanded, formula_order(flat.expanded)).groups if free else ():
+        domain = domains.get(group.domain)
+        if domain is None or domain.fills is None or (name := f"{group.name}.{domain.across[0]}") in states:
+            continue
+        if free & {s.element_hash() for s in ca.symvar(assembly.reduced.express(flat.levels[0][flat.names[name]]))}:
+            found[group.name] = domain.name
+    return found
+
+
+def filled(assembly: Assembly, nodes: Mapping[str, str]) -> Assembly:
+    """The assembly of the diagram with its nodes filled; their pressures begin where they stood at the start."""
+    flat = assembly.flat
+    model = _with_guesses(assembly, nodes)
+    for k, (node, domain) in enumerate(nodes.items(), 1):
+        fills = model.library.domains[domain].fills
+        assert fills is not None
+        model = model.with_component(f"fill_{k}", fills[0], {"a": node}, dict(fills[1]))
+    made = assemble(model, [u.name for u in flat.unknowns if u.role == "position"])
+    known = assembly.parameter_values
+    return replace(made, p=np.array([known.get(name, value) for name, value in made.parameter_values.items()]))
+
+
+def _with_guesses(assembly: Assembly, nodes: Mapping[str, str]) -> Model:
+    """The diagram with the pressures of its nodes at the start as guesses, as far as there is one."""
+    model, flat = assembly.model, assembly.flat
+    try:
+        point = start(assembly)
+    except StartError:
+        return model
+    u = np.zeros(assembly.arguments[4].numel())
+    values = np.array(assembly.values(point.t, point.x, point.z, point.p, u, 1.0)).ravel()
+    conditions = dict(model.initial.conditions)
+    for name in (f"{node}.{member}" for node, domain in nodes.items() for member in model.library.domains[domain].across):
+        value, unknown = float(values[flat.names[name]]), flat.unknowns[flat.names[name]]
+        if np.isfinite(value) and name not in conditions and unknown.place is not None:
+            given = Value(Number(value, unknown.unit, 0), f"{value:.6g}", unknown.place, si=True)
+            conditions[name] = Condition(name, given, True, unknown.place)
+    return replace(model, initial=replace(model.initial, conditions=conditions))
