@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 # installed once, and again when the dependencies change
 READY := $(VENV)/.ready
 
-.PHONY: demo test test-slow lint types pages docs bench scaling fuzz false-alarms confusion detectability compensator clean
+.PHONY: demo test test-slow lint types pages docs bench scaling fuzz mutants false-alarms confusion detectability compensator clean
 
 demo: $(READY)
 	$(BIN)/heavebond demo --output demo
@@ -42,6 +42,10 @@ scaling: $(READY)
 # 100 000 random diagrams: hours; goes on where it was stopped
 fuzz: $(READY)
 	$(BIN)/python -m benchmarks.fuzz
+
+# 20 000 mutants of the bundled files: hours; goes on where it was stopped
+mutants: $(READY)
+	$(BIN)/python -m benchmarks.fuzz.mutate
 
 # the study of the diagnosis: hours; each goes on where it was stopped
 false-alarms confusion detectability compensator: $(READY)

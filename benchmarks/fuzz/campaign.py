@@ -7,6 +7,7 @@ import resource
 import signal
 from collections.abc import Callable
 from multiprocessing.connection import Connection
+from typing import Any
 
 from benchmarks.fuzz.diagrams import Diagram
 from benchmarks.fuzz.judging import Verdict, judge
@@ -17,44 +18,49 @@ ASLEEP = 30
 BRIEF = 1e-3
 
 
-def _serve(pipe: Connection, limit: float) -> None:
+def _serve(pipe: Connection, limit: float, judged: Callable[..., Any] | None) -> None:
     while (task := pipe.recv()) is not None:
         # the kernel ends the process, wherever it computes
         spent = resource.getrusage(resource.RUSAGE_SELF)
         resource.setrlimit(resource.RLIMIT_CPU, (int(spent.ru_utime + spent.ru_stime + limit) + 1, resource.RLIM_INFINITY))
-        pipe.send(judge(*task))
+        pipe.send((judged or judge)(*task))
+
+
+def _unfinished(task: tuple[int, str], outcome: str, what: str, seconds: float) -> Verdict:
+    return Verdict(task[0], outcome, what, seconds)
 
 
 class Judge:
     """A process that judges one diagram after the other, each within `limit` seconds of processor time.
 
-    It is a copy of this one, with everything imported and the library read, so that a new one costs nothing.
+    It is a copy of this one, with everything imported and the library read, so that a new one costs nothing. The function
+    that judges may be another one; `fault` makes the verdict on a task that was not finished (task, outcome, what, seconds).
     """
 
-    def __init__(self, limit: float):
+    def __init__(self, limit: float, judged: Callable[..., Any] | None = None, fault: Callable[..., Any] | None = None):
         self.limit, self.done = limit, 0
+        self.judged, self.fault = judged, fault or _unfinished
         self._begin()
 
     def _begin(self) -> None:
         context = mp.get_context("fork")
         self.pipe, other = context.Pipe()
-        self.process = context.Process(target=_serve, args=(other, self.limit), daemon=True)
+        self.process = context.Process(target=_serve, args=(other, self.limit, self.judged), daemon=True)
         self.process.start()
         other.close()
         self.done = 0
 
-    def __call__(self, seed: int, text: str) -> Verdict:
+    def __call__(self, *task: Any) -> Any:
         """The verdict; a process that dies is a traceback, one that is late a hang."""
         if self.done >= RENEW:
             self.close()
             self._begin()
         self.done += 1
-        self.pipe.send((seed, text))
+        self.pipe.send(task)
         fault, what = "hang", f"more than {self.limit:g} s"
         try:
             if self.pipe.poll(ASLEEP * (self.limit + 1)):
-                found: Verdict = self.pipe.recv()
-                return found
+                return self.pipe.recv()
         except EOFError:
             self.process.join()
             if self.process.exitcode != -signal.SIGXCPU:
@@ -62,7 +68,7 @@ class Judge:
         self.process.kill()
         self.process.join()
         self._begin()
-        return Verdict(seed, fault, what, self.limit)
+        return self.fault(task, fault, what, self.limit)
 
     def close(self) -> None:
         """End the process."""

@@ -185,6 +185,10 @@ def suggest(word: str, candidates: Iterable[str]) -> str:
     return "Did you mean " + " or ".join(f"'{by_lower[n]}'" for n in near) + "?"
 
 
+# where no name is near, and there are too many to list
+NAMES_LISTED = "`heavebond check --names` lists them all."
+
+
 def nearest(word: str, candidates: Iterable[str]) -> str | None:
     """The candidate that `word` most likely means, if any."""
     found = suggest(word, candidates)

@@ -117,7 +117,8 @@ def column(table: Table, name: str, place: Place | None = None) -> Array:
     file = table.path.name
     if name not in table.header:
         raise DataError([Problem("record-column-unknown", f"'{file}' has no column '{name}'", place,
-                                 suggest(name, table.header), (f"its columns are {listing(table.header)}",))])
+                                 suggest(name, table.header) or "Name one of its columns.",
+                                 (f"its columns are {listing(table.header)}",))])
     if name in table.aside:
         why, hint = table.aside[name]
         raise DataError([Problem("record-column-kind", f"'{name}' of '{file}' {why}", place, hint)])
@@ -260,14 +261,16 @@ def _must_exist(path: Path, place: Place | None) -> None:
     if path.is_file():
         return
     if path.is_dir():
-        raise DataError([Problem("record-missing", f"'{path}' is a folder, not a record", place)])
+        raise DataError([Problem("record-missing", f"'{path}' is a folder, not a record", place,
+                                 "Give a file in it.")])
     if not path.parent.is_dir():
-        raise DataError([Problem("record-missing", f"there is no folder '{path.parent}' for '{path.name}'",
-                                 place)])
+        raise DataError([Problem("record-missing", f"there is no folder '{path.parent}' for '{path.name}'", place,
+                                 "Check the path; it counts from the folder of the file that names it.")])
     files = sorted(f.name for f in path.parent.iterdir() if f.is_file())
     notes = (f"files there: {listing(files)}",) if files else ("the folder has no files",)
     raise DataError([Problem("record-missing", f"there is no file '{path.name}' in '{path.parent}'", place,
-                             suggest(path.name, files), notes)])
+                             suggest(path.name, files) or "Put the record there, or give the path of another one; it "
+                             "counts from the folder of the file that names it.", notes)])
 
 
 def _read_parquet(path: Path) -> Table:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from heavebond.basis.errors import DataError, Problem, UsageError, suggest
+from heavebond.basis.errors import DataError, Problem, UsageError, listing, suggest
 from heavebond.basis.text_tables import ROWS_LEFT, check_rows_left
 from heavebond.basis.writable import new_file
 
@@ -51,7 +51,8 @@ class SavedRun:
 
     def __getitem__(self, name: str) -> Array:
         if name not in self.values:
-            raise UsageError([Problem("name-unknown", f"this run holds no '{name}'", None, suggest(name, self.values))])
+            raise UsageError([Problem("name-unknown", f"this run holds no '{name}'", None,
+                                      suggest(name, self.values) or f"It holds {listing(self.values)}.")])
         return self.values[name]
 
     def to_pandas(self) -> pd.DataFrame:
@@ -75,7 +76,8 @@ def read_run(path: str | Path) -> SavedRun:
     read = _form(path, "read")[1]
     if not path.is_file():
         near = [p.name for p in sorted(path.parent.glob("*")) if p.suffix in SUFFIXES] if path.parent.is_dir() else []
-        raise UsageError([Problem("file-missing", f"there is no file '{path}'", None, suggest(path.name, near))])
+        raise UsageError([Problem("file-missing", f"there is no file '{path}'", None,
+                                  suggest(path.name, near) or "Check the path; it counts from the current folder.")])
     try:
         return read(path)
     except (DataError, UsageError):

@@ -8,7 +8,7 @@ from math import inf
 
 import casadi as ca
 
-from heavebond.basis.errors import Place, suggest
+from heavebond.basis.errors import NAMES_LISTED, Place, suggest
 from heavebond.basis.units import ONE, Dimension, Unit, declared_unit
 from heavebond.language.definition import Domain
 from heavebond.text.dimensions import SECOND, dimension
@@ -128,7 +128,7 @@ class Resolver:
 
     def _unknown(self, path: str, name: Name) -> ExpressionProblem:
         powers = [f"{port}.{POWER}" for port in self.bonds] if path.endswith(f".{POWER}") else []
-        hint = suggest(path, powers or [*self.names, *self.constants]) or "`heavebond check --names` lists them all."
+        hint = suggest(path, powers or [*self.names, *self.constants]) or NAMES_LISTED
         return ExpressionProblem("name-unknown", f"nothing here is called '{name.text}'", name.column, name.length,
                                  hint)
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from heavebond.basis import metrics
-from heavebond.basis.errors import DataError, ModelError, Place, Problems, listing, suggest
+from heavebond.basis.errors import NAMES_LISTED, DataError, ModelError, Place, Problems, listing, suggest
 from heavebond.basis.lateness import Lateness, lateness
 from heavebond.basis.presentation import count, number, readable_time
 from heavebond.basis.screening import outliers
@@ -269,7 +269,7 @@ def _check_free(assembly: Assembly, experiment: Experiment, problems: Problems) 
             inner = name.removeprefix("initial.")
             hint = "It follows from other parameters by a formula." if name in flat.constants else \
                 f"Give it a value in the diagram first: `initial: {{{inner}: ...}}`." if inner in flat.names else \
-                suggest(name, units)
+                suggest(name, units) or NAMES_LISTED
             problems.add("free-unknown", f"'{name}' is no parameter that may be free", place, hint=hint)
             continue
         unit = units[name]

@@ -13,7 +13,7 @@ from heavebond.basis.errors import ModelError, Place, Problem, Problems, listing
 from heavebond.basis.units import Range, UnitProblem, parse_range, unit
 from heavebond.language import reading
 from heavebond.language.definition import FileInput
-from heavebond.language.model import Model, beside, find, load_beside
+from heavebond.language.model import Model, beside, beside_hint, find, load_beside
 from heavebond.language.sections import Condition, Setting, Shown, read_conditions, read_settings, shown_as
 from heavebond.text.expression import constant, parse_formula
 from heavebond.text.source import Mapping, Node, Scalar, Source, read
@@ -150,7 +150,8 @@ def _load(path: Path, chain: tuple[Path, ...]) -> Experiment:
         kind = next((k for k in ("model", "component", "study") if k in root.items), None)
         hint = "This file describes a diagram; `heavebond run` runs it. An experiment says which records lie beside it: " \
             "`heavebond new FOLDER` makes one to begin with." if kind == "model" else \
-            f"This file describes a {kind}." if kind else suggest("experiment", root.items)
+            f"This file describes a {kind}." if kind else \
+            suggest("experiment", root.items) or "An experiment begins with `experiment: name`."
         raise ModelError([Problem("not-an-experiment", f"{source.name} is no experiment: it has no `experiment:`",
                                   root.place, hint)])
     problems = Problems()
@@ -170,11 +171,12 @@ def _base(source: Source, chain: tuple[Path, ...], problems: Problems) -> Experi
         return None
     target = beside(source.path.parent, reading.text(node, "extends", problems))
     if target.resolve() in (*chain, source.path.resolve()):
-        raise ModelError([Problem("extends-circle", f"{source.name} extends itself", node.place)])
+        raise ModelError([Problem("extends-circle", f"{source.name} extends itself", node.place,
+                                  "One of them must be an experiment of its own, without `extends:`.")])
     if not target.is_file():
         near = [p.name for p in sorted(source.path.parent.glob("*.yaml"))]
         raise ModelError([Problem("file-missing", f"there is no file {target.name}", node.place,
-                                  suggest(target.name, near))])
+                                  suggest(target.name, near) or beside_hint(source.path, near))])
     return _load(target, (*chain, source.path.resolve()))
 
 

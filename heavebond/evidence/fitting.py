@@ -21,7 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
-from heavebond.basis.errors import HeavebondError, Problem, SimulationError, UsageError, suggest
+from heavebond.basis.errors import HeavebondError, Problem, SimulationError, UsageError, listing, suggest
 from heavebond.basis.progress import Progress, numbered
 from heavebond.basis.threads import single_threaded
 from heavebond.evidence.comparison import Comparison, RecordComparison, compare_record
@@ -254,7 +254,8 @@ def profile(result: Fit, name: str, *, progress: Progress | None = None) -> tupl
 
     names = [p.name for p in result.parameters]
     if name not in names:
-        raise UsageError([Problem("free-unknown", f"'{name}' was not fitted", None, suggest(name, names))])
+        raise UsageError([Problem("free-unknown", f"'{name}' was not fitted", None,
+                                  suggest(name, names) or f"Fitted were: {listing(names)}.")])
     problem = Residuals(result.experiment)
     k = names.index(name)
     best = np.array([c.inner(p.value) for c, p in zip(problem.columns, result.parameters, strict=True)])

@@ -162,13 +162,18 @@ def beside(folder: Path, name: str) -> Path:
     return inside if not path.exists() and inside.is_file() else path
 
 
+def beside_hint(path: Path, near: list[str]) -> str:
+    """What to give where a file names another one that is not there, and none is called alike."""
+    return f"The path counts from the folder of {path.name}" + (f"; there are {listing(near, 4)}." if near else ".")
+
+
 def load_beside(source: Source, node: Node, problems: Problems) -> Model:
     """The diagram that an experiment or a study names; ModelError with near names where there is none."""
     target = beside(source.path.parent, reading.text(node, "model", problems))
     if not target.is_file():
         near = [p.name for p in sorted(source.path.parent.glob("*.yaml"))]
         raise ModelError([Problem("file-missing", f"there is no diagram {target.name} beside {source.name}", node.place,
-                                  suggest(target.name, near))])
+                                  suggest(target.name, near) or beside_hint(source.path, near))])
     return load(target)
 
 

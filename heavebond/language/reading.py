@@ -18,6 +18,7 @@ T = TypeVar("T", Expr, Equation)
 IDENTIFIER = re.compile(r"[A-Za-z_]\w*")
 RESERVED = {*KEYWORDS, "time", "pi"}
 SWITCHES = {"on": 1, "yes": 1, "true": 1, "off": 0, "no": 0, "false": 0}
+FARTHEST = 100  # of a place in a drawing, which is laid out on a grid
 BETWEEN = ("spline", "linear", "hold")
 
 
@@ -332,8 +333,13 @@ def column_values(node: Mapping, name: str, source: Source, problems: Problems) 
 def _position(node: Node, problems: Problems) -> tuple[float, ...] | None:
     numbers = [s.text for s in words(node, "at", problems)]
     try:
-        return tuple(float(n) for n in numbers)
+        place = tuple(float(n) for n in numbers)
     except ValueError:
         problems.add("at-bad", "`at:` holds two numbers, the place in the drawing", node.place,
                      hint="Write for example `at: [3, 1]`.")
         return None
+    if not all(abs(n) <= FARTHEST for n in place):  # not a number too
+        problems.add("at-bad", f"`at: [{', '.join(numbers)}]` lies off any sheet", node.place,
+                     hint=f"Places in a drawing go from -{FARTHEST} to {FARTHEST}; parts stand some 2 apart.")
+        return None
+    return place

@@ -9,7 +9,7 @@ from math import inf
 
 import casadi as ca
 
-from heavebond.basis.errors import ModelError, Place, Problem
+from heavebond.basis.errors import ModelError, Place, Problem, listing, suggest
 from heavebond.language.definition import Component, Domain, Formula, Variable, When
 from heavebond.text.expression import Expr, ExpressionProblem, Name, names
 from heavebond.text.incidence import Entry, Interval, classify
@@ -149,7 +149,9 @@ class _Builder:
             text = f"{head}.{self.domains[self.bound[port]].role(member)}"
         if text in self.levels[0]:
             return self.levels[0][text]
-        raise ExpressionProblem("name-unknown", f"'{name.text}' is not known here", name.column, name.length)
+        raise ExpressionProblem("name-unknown", f"'{name.text}' is not known here", name.column, name.length,
+                              suggest(text, known := [*self.parameters, *self.held, *self.levels[0]])
+                              or f"{self.component.name} knows {listing(known)}; an index counts from 1.")
 
     def _der(self, expression: ca.SX) -> ca.SX:
         """d/dt by the chain rule; the explicit dependence on time carries the factor `time_rate` (1, or 0 when the

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from heavebond.basis.errors import ModelError, Problem, Problems, UsageError, listing, suggest
+from heavebond.basis.errors import NAMES_LISTED, ModelError, Problem, Problems, UsageError, listing, suggest
 from heavebond.basis.garbage import put_off
 from heavebond.basis.interrupts import check
 from heavebond.basis.units import UnitProblem, check_unit, parse_quantity
@@ -84,7 +84,7 @@ class Assembly:
                 held = any(name == h.name for h in self.flat.held)
                 dependent = name in self.flat.constants
                 hint = f"What it starts at is called 'initial.{name}'." if held else \
-                    "It follows from other parameters by a formula." if dependent else suggest(name, index)
+                    "It follows from other parameters by a formula." if dependent else suggest(name, index) or NAMES_LISTED
                 raise UsageError([Problem("parameter-unknown", f"'{name}' cannot be set", None, hint)])
             p[index[name]] = self._number(name, given, index[name])
         return replace(self, p=p)

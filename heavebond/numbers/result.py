@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heavebond.basis.buffered import Buffered
-from heavebond.basis.errors import Problem, UsageError, suggest
+from heavebond.basis.errors import Problem, UsageError, listing, suggest
 from heavebond.basis.saved import SavedRun, write_run
 from heavebond.basis.units import dimension_text, read_unit
 from heavebond.numbers.dae import Array, Assembly
@@ -126,8 +126,9 @@ class Result:
             raise self._no_sensitivity(parameter)
         delays = [delay for i in self.instants for event, delay in zip(i.names, i.delays, strict=True) if event == name]
         if not -len(delays) <= number < len(delays):
+            names = dict.fromkeys(n for _, n in self.events)
             raise UsageError([Problem("event-missing", f"'{name}' happened {len(delays)} times in this run", None,
-                                      suggest(name, dict.fromkeys(n for _, n in self.events)))])
+                                      suggest(name, names) or f"Events of this run: {listing(names) or 'none'}.")])
         return float(delays[number][self.along.names.index(parameter)])
 
     def evaluate(self, raw: ca.SX) -> Array:

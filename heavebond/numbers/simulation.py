@@ -206,7 +206,8 @@ class Simulator:
                           statistics, found.quadratures[:n_q, stops], along, found.held[:, stops], instants, stays)
 
         others = ((np.flatnonzero(stay.at[keep]), stay) for stay in found.stays)
-        stays = tuple((at, taken(stay.assembly, at, stay.x, stay.z)) for at, stay in others)
+        # a stay may pass between two output points
+        stays = tuple((at, taken(stay.assembly, at, stay.x, stay.z)) for at, stay in others if len(at))
         result = taken(assembly, np.arange(len(keep)), found.x, found.z, stays)
         self._check_decided(result)
         return result

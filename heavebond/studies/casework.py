@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from heavebond.basis.errors import HeavebondError, ModelError, Place, Problems, UsageError, suggest
+from heavebond.basis.errors import NAMES_LISTED, HeavebondError, ModelError, Place, Problems, UsageError, suggest
 from heavebond.basis.processes import Stopped, heed
 from heavebond.basis.progress import Progress
 from heavebond.basis.units import Unit, read_unit
@@ -214,7 +214,7 @@ def _check_along(study: Study, assembly: Assembly, problems: Problems) -> None:
         assert axis is not None and axis.sampling is not None
         if name not in units:
             problems.add("parameter-unknown", f"'{name}' is no parameter by which a slope could be taken", axis.place,
-                         hint=suggest(name, units))
+                         hint=suggest(name, units) or NAMES_LISTED)
         elif units[name].dimension != axis.sampling.over[name].unit.dimension:
             problems.add("unit-wrong", f"the range of {name} is in {axis.sampling.over[name].unit.text}; "
                          f"{units[name].text} is needed", axis.place)

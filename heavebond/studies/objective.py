@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from heavebond.basis.errors import HeavebondError, Problem, SimulationError, StartError, UsageError, suggest
+from heavebond.basis.errors import NAMES_LISTED, HeavebondError, Problem, SimulationError, StartError, UsageError, suggest
 from heavebond.basis.units import Range, UnitProblem, parse_range
 from heavebond.numbers.dae import Array, Assembly
 from heavebond.numbers.result import Result
@@ -289,7 +289,7 @@ def check_ranges(assembly: Assembly, ranges: Mapping[str, Range]) -> None:
     for name, wanted in ranges.items():
         if name not in units:
             raise UsageError([Problem("free-unknown", f"'{name}' is no parameter that may be free", None,
-                                      suggest(name, units))])
+                                      suggest(name, units) or NAMES_LISTED)])
         if units[name].dimension != wanted.unit.dimension:
             plain = wanted.unit.text == "1"
             told = "has no unit" if plain else f"is in {wanted.unit.text}"

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from heavebond.basis.errors import Problem, UsageError, suggest
+from heavebond.basis.errors import NAMES_LISTED, Problem, UsageError, suggest
 from heavebond.basis.progress import Progress
 from heavebond.basis.units import UnitProblem, check_unit, parse_quantity
 from heavebond.numbers.dae import Array, Assembly
@@ -102,7 +102,7 @@ def _width(assembly: Assembly, name: str, text: str) -> float:
     units = {q.name: q.unit for q in assembly.flat.parameters}
     if name not in units:
         raise UsageError([Problem("parameter-unknown", f"'{name}' is no parameter that may be uncertain", None,
-                                  suggest(name, units))])
+                                  suggest(name, units) or NAMES_LISTED)])
     try:
         number, given = parse_quantity(text)
         if given is not None and given.text == "%":
