@@ -22,8 +22,8 @@ from heavebond.basis.errors import HeavebondError
 from heavebond.language.library import bundled
 from heavebond.numbers.simulation import Simulator
 
-MACHINES = ("examples/spring.yaml", "examples/cylinder.yaml", "examples/end_cushion.yaml", "examples/thermal_resistance.yaml",
-            "examples/receiver.yaml", "examples/dc_motor.yaml", "examples/torsion_spring.yaml", "quarter_car/quarter_car.yaml")
+EXAMPLES = ("spring", "cylinder", "end_cushion", "thermal_resistance", "receiver", "dc_motor", "torsion_spring")
+MACHINES = (*(f"examples/{name}.yaml" for name in EXAMPLES), "quarter_car/quarter_car.yaml")
 WEIGHT = """
 model: hung
 components: {wall: {is: Fixed}, spring: {is: Spring, c: 1 kN/m}, load: {is: Mass, m: 1 kg, AT}}
@@ -71,7 +71,8 @@ def test_a_machine_that_is_another_one_is_seen(monkeypatch: pytest.MonkeyPatch) 
         return Same(replace(given, parts=parts), lambda name: name)
 
     monkeypatch.setitem(RELATIONS, "stiffer", stiffer)
-    with sandbox(Mutant(0, bundled("models") / "examples", "spring.yaml", dict(files_of("examples/spring.yaml")), "", ())) as path:
+    spring = Mutant(0, bundled("models") / "examples", "spring.yaml", dict(files_of("examples/spring.yaml")), "", ())
+    with sandbox(spring) as path:
         found, = compared(path, ("stiffer",), 1)
     assert found.outcome == "different"
 

@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
+from heavebond.studies.validity import beyond, beyond_at, told
 
 import heavebond as hb
 from benchmarks.fuzz.judging import WRONG, violation
@@ -28,7 +29,6 @@ from heavebond.reports.summary import summary
 from heavebond.studies.energy import table
 from heavebond.studies.linearisation import Linearisation, start_point
 from heavebond.studies.modal_energy import energy_shares
-from heavebond.studies.validity import beyond, beyond_at, told
 
 POINTS = 200
 EVERY = 10  # one mutant in so many goes through all
