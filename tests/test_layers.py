@@ -18,8 +18,8 @@ ROW = re.compile(r"^\|[^|]*\| `([\w.]+)` \|", re.MULTILINE)
 ONLY_IMPORTER = {"yaml": "text.source", "pint": "basis.units"}
 # loaded inside functions only, so that `import heavebond` and `heavebond --help` stay quick
 HEAVY = {"casadi", "numpy", "scipy", "pandas", "matplotlib", "networkx", "rich", "pint"}
-QUICK = ("__init__", "cli", "commands.terminal", "basis.errors", "basis.interrupts", "basis.numerals", "basis.progress",
-         "basis.writable")
+QUICK = ("__init__", "cli", "commands.terminal", "basis.errors", "basis.interrupts", "basis.limits",
+         "basis.numerals", "basis.progress", "basis.writable")
 
 
 def _name(path: Path) -> str:

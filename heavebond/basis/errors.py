@@ -6,6 +6,8 @@ import difflib
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
+from heavebond.basis.limits import PROBLEMS_SHOWN
+
 WIDEST_EXCERPT = 110
 LONGEST_MESSAGE = 400
 FEW = 3  # candidates with the same last word that are named
@@ -93,7 +95,9 @@ class HeavebondError(Exception):
         if isinstance(problems, str):
             problems = [Problem(self.default_code, problems, hint=hint)]
         self.problems = tuple(problems)
-        super().__init__("\n\n".join(str(p) for p in self.problems))
+        more = len(self.problems) - PROBLEMS_SHOWN
+        super().__init__("\n\n".join([*(str(p) for p in self.problems[:PROBLEMS_SHOWN]),
+                                      *([f"and {more} more problems"] if more > 0 else [])]))
 
     default_code = "error"
 
@@ -137,24 +141,29 @@ class Problems:
     """Collects the problems of one stage, so that a user sees all of them at once."""
 
     found: list[Problem] = field(default_factory=list)
+    _known: set[Problem] = field(default_factory=set)
 
     def add(self, code: str, message: str, place: Place | None = None, *, hint: str = "",
             notes: Iterable[str] = ()) -> None:
         """Note a problem and go on; the same problem at the same place is noted once."""
         problem = Problem(code, message, place, hint, tuple(notes))
-        if problem not in self.found:
+        if problem not in self._known:
+            self._known.add(problem)
             self.found.append(problem)
 
     def extend(self, error: HeavebondError) -> None:
         """Note the problems of an error that was caught."""
-        self.found += [p for p in error.problems if p not in self.found]
+        for problem in error.problems:
+            if problem not in self._known:
+                self._known.add(problem)
+                self.found.append(problem)
 
     def raise_as(self, kind: type[HeavebondError] = ModelError) -> None:
         """Raise all that was noted as one error, in the order of the lines; do nothing where nothing was."""
         if self.found:
-            files = list(dict.fromkeys(p.place.file for p in self.found if p.place))
+            files = {f: k for k, f in enumerate(dict.fromkeys(p.place.file for p in self.found if p.place))}
             raise kind(sorted(self.found, key=lambda p: (
-                (files.index(p.place.file), p.place.line, p.place.column) if p.place else (len(files), 0, 0))))
+                (files[p.place.file], p.place.line, p.place.column) if p.place else (len(files), 0, 0))))
 
 
 def suggest(word: str, candidates: Iterable[str]) -> str:

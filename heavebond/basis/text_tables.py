@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heavebond.basis.errors import DataError, Place, Problem, Problems
+from heavebond.basis.limits import COLUMNS
 from heavebond.basis.numerals import number, plain
 from heavebond.basis.units import Unit, UnitProblem, read_unit
 
@@ -178,6 +179,10 @@ def _cut(file: str, text: str) -> _Sheet:
 
 def _check_header(sheet: _Sheet, problems: Problems) -> None:
     line, names = sheet.header
+    if len(names) > COLUMNS:
+        raise DataError([Problem("record-columns", f"the row of names has {len(names)} columns; up to {COLUMNS} are read",
+                                 Place(sheet.file, line),
+                                 "Keep the columns that are needed; is the table turned on its side?")])
     if names and all(_is_number(name) for name in names):
         above = line > 1 and sheet.lines[line - 2].lstrip().startswith("#")
         hint = "Remove the # in front of the names." if above else "Write for example `time_s,heave_m`."
@@ -191,13 +196,14 @@ def _check_header(sheet: _Sheet, problems: Problems) -> None:
     elif len(names) == 1 and (found := _columns_below(sheet)):
         problems.add("record-header", f"the first row has one column, those below have {found}", sheet.place(line, 0),
                      hint="Put a # in front of every line above the row of names.")
+    first: dict[str, int] = {}
     for k, name in enumerate(names):
         if not name:
             problems.add("record-header", f"column {k + 1} has no name", sheet.place(line, k),
                          hint="Give each column a name in the first row.")
-        elif name in names[:k]:
+        elif first.setdefault(name, k) != k:
             problems.add("record-column-twice",
-                         f"two columns are called '{name}' (columns {names.index(name) + 1} and {k + 1})",
+                         f"two columns are called '{name}' (columns {first[name] + 1} and {k + 1})",
                          sheet.place(line, k), hint="Give each column a name of its own.")
 
 

@@ -10,6 +10,7 @@ from typing import IO, TYPE_CHECKING, NoReturn
 
 from heavebond.basis.errors import Problem
 from heavebond.basis.interrupts import check
+from heavebond.basis.limits import PROBLEMS_SHOWN
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -63,12 +64,13 @@ def warn(line: str) -> None:
 def print_problems(problems: Sequence[Problem]) -> None:
     """Problems on standard error, as `str(Problem)` has them, with a count where there are several."""
     console = messages()
-    for k, problem in enumerate(problems):
+    for k, problem in enumerate(problems[:PROBLEMS_SHOWN]):
         if k:
             console.print()
         _print_problem(console, problem)
     if len(problems) > 1:
-        console.print(f"\n{len(problems)} problems", style="bold red")
+        shown = f", the first {PROBLEMS_SHOWN} are shown" if len(problems) > PROBLEMS_SHOWN else ""
+        console.print(f"\n{len(problems)} problems{shown}", style="bold red")
 
 
 def _print_problem(console: Console, problem: Problem) -> None:

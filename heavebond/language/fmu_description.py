@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from heavebond.basis.errors import ModelError, Problem, listing
+from heavebond.basis.limits import FMU_VARIABLES
 from heavebond.basis.numerals import number
 from heavebond.basis.units import UnitProblem, declared_unit, dimension_of, dimension_text, read_unit
 from heavebond.language.definition import Foreign, ForeignVariable
@@ -36,6 +37,9 @@ def described(path: Path) -> tuple[str, Foreign]:
         raise _unusable(path, "is for model exchange only", "Export it for co-simulation: it then brings its solver.")
     variables = [v for v in description.modelVariables
                  if v.causality in ("input", "output", "parameter") and v.type in NUMBERS]
+    if len(variables) > FMU_VARIABLES:
+        raise _unusable(path, f"has {len(variables)} inputs, outputs and parameters; up to {FMU_VARIABLES} are read",
+                        "Export it with those that are needed.")
     arrays = [v.name for v in variables if v.dimensions and v.causality != "parameter"]
     other = [v.name for v in description.modelVariables if v.causality == "input" and v.type not in NUMBERS]
     if arrays or other:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from heavebond.basis.errors import Problem, SimulationError
+from heavebond.basis.errors import Problem, SimulationError, either
 from heavebond.numbers.charts import ENOUGH, Chart, Charts, columns_of
 from heavebond.numbers.charts import MOST as MOST_STRAIN
 from heavebond.numbers.crossings import crossing, suspects
@@ -35,6 +35,9 @@ PRECISION = 1e-2  # of the distance at which two instants are one: to what a cro
 # So many events of conditions within this share of the run are chattering, and so many of one condition: the hops of a ball
 # that falls to 0.05 of its height reach the rounding of time after as many.
 CHATTER, AGAIN, WITHIN = 30, 4, 1e-8
+# So many events of conditions within this share of the run slide along a condition: five million of them would be needed for
+# the whole run, hours of work. A converter at 100 kHz over a second stays a factor of 25 below.
+SLIDING, SLIDES_WITHIN = 500, 1e-4
 # What IDAS and CVODES say where the user interrupts, and where a run leads nowhere or crawls behind an event that is not
 # known yet (a piston that has passed its stop empties its chamber): stretches are halved so often, then it is given up. At
 # the end of a chart they may crawl; there they get so many steps between two points only.
@@ -392,10 +395,24 @@ class Switching:
         return begun
 
     def _check_chatter(self, time: float, events: list[int], record: Record) -> None:
-        record.passed = [*record.passed[1 - CHATTER:], (time, tuple(events))]
-        for passed, most in ((record.passed, CHATTER), ([p for p in record.passed if p[1] == tuple(events)], AGAIN)):
+        record.passed = [*record.passed[1 - SLIDING:], (time, tuple(events))]
+        if len(record.passed) == SLIDING and time - record.passed[0][0] < SLIDES_WITHIN * self.span:
+            raise self._sliding(time, record)
+        last = record.passed[-CHATTER:]
+        for passed, most in ((last, CHATTER), ([p for p in last if p[1] == tuple(events)], AGAIN)):
             if len(passed) >= most and time - passed[-most][0] < WITHIN * self.span:
                 raise self._chattering(time, events, f"happens {most} times within {time - passed[-most][0]:.2g} s")
+
+    def _sliding(self, time: float, record: Record) -> SimulationError:
+        """What switches to and fro so fast that the run would not come to its end."""
+        found = [self.home.equations.events[i] for i in dict.fromkeys(i for _, events in record.passed for i in events)]
+        took = time - record.passed[0][0]
+        return SimulationError([Problem(
+            "event-sliding", f"{either(event.name for event in found)} switched {SLIDING} times within {took:.2g} s, at t = "
+            f"{time:.6g} s: at this rate the run would take {self.span / took * SLIDING:.1g} of them", found[0].place,
+            "What it switches drives it back at once. Make its band (of a Relay, `u_on` and `u_off`) as wide as that of the "
+            "real part, give what it drives an inertia or a lag, or let a Saturation with a steep Gain take its place.",
+            tuple(event.text for event in found))])
 
     def _chattering(self, time: float, events: Sequence[int], what: str) -> SimulationError:
         found = [self.home.equations.events[i] for i in events]

@@ -14,6 +14,7 @@ from typing import Protocol, Union
 import yaml
 
 from heavebond.basis.errors import ModelError, Place, Problem, Problems
+from heavebond.basis.limits import ENTRIES
 
 Node = Union["Scalar", "Mapping", "Sequence"]
 # A file beyond this is not a diagram; YAML is read with marks, which costs some 100 times the text in memory.
@@ -221,6 +222,11 @@ class _Builder:
             if depth > DEEPEST_NESTING:
                 self.problems.add("too-deep", f"entries are nested more than {DEEPEST_NESTING} deep",
                                   self.place(event.start_mark), hint="Remove the brackets that are too many.")
+                break
+            if len(events) > ENTRIES:
+                self.problems.add("file-too-long", f"{self.name} has more than {ENTRIES} keys and values",
+                                  self.place(event.start_mark),
+                                  hint="Is this a record? Parts that repeat are written once, with `repeat`.")
                 break
             events.append(event)
         return events

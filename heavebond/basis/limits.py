@@ -1,0 +1,8 @@
+"""Sizes beyond which input is refused: each far above what serves a purpose, and low enough that the refusal comes soon."""
+
+from __future__ import annotations
+
+PROBLEMS_SHOWN = 20  # of one command; all are counted
+COLUMNS = 5_000  # of a record
+ENTRIES = 200_000  # keys and values of a YAML file; a chain of 5000 parts has some 60 000
+FMU_VARIABLES = 5_000  # inputs, outputs and parameters of an FMU that becomes a component

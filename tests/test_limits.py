@@ -1,0 +1,99 @@
+"""Input that is too large is refused early, in a sentence; problems are counted and the first twenty shown."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+import heavebond as hb
+from heavebond.basis import limits
+from heavebond.basis.errors import ModelError, Place, Problem, Problems
+from heavebond.basis.measurements import read_table
+from heavebond.cli import main
+from heavebond.language import fmu_description
+from heavebond.text.source import parse
+
+
+def unconnected(number: int) -> str:
+    parts = "".join(f"  s{k}: {{is: Spring, c: 1 kN/m}}\n" for k in range(number))
+    return f"model: many\ncomponents:\n{parts}nodes: {{}}\nsimulate: {{until: 1 s}}\n"
+
+
+def test_ten_thousand_problems_are_compared_by_their_hash(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each new problem was compared with all before it: counted are the comparisons, which must not grow with the square."""
+    compared = 0
+    equal = Problem.__eq__
+
+    def counted(self: Problem, other: object) -> bool:
+        nonlocal compared
+        compared += 1
+        return equal(self, other)
+
+    monkeypatch.setattr(Problem, "__eq__", counted)
+    problems = Problems()
+    for _ in range(2):
+        for k in range(3000):
+            problems.add("code", f"part {k}", Place("file", k + 1))
+    assert len(problems.found) == 3000 and compared < 9000
+
+
+def test_problems_are_counted_and_the_first_twenty_shown(tmp_path: Path) -> None:
+    (tmp_path / "many.yaml").write_text(unconnected(40))
+    ended = CliRunner().invoke(main, ["check", str(tmp_path / "many.yaml")])
+    assert ended.exit_code == 1
+    assert ended.output.count("[port-unconnected]") + ended.output.count("[port-open]") <= limits.PROBLEMS_SHOWN
+    assert "80 problems, the first 20 are shown" in ended.output
+    with pytest.raises(hb.ModelError) as caught:
+        hb.assemble(hb.loads(unconnected(40)))
+    assert len(caught.value.problems) == 80 and str(caught.value).endswith("and 60 more problems")
+
+
+def test_a_record_with_a_hundred_thousand_columns_is_refused_before_its_cells_are_read(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("heavebond.basis.text_tables._numbers", lambda cells: pytest.fail("cells are read"))
+    names = ",".join(f"c{k}" for k in range(100_000))
+    (tmp_path / "wide.csv").write_text(f"{names}\n{names.replace('c', '')}\n")
+    with pytest.raises(hb.DataError, match=r"100000 columns; up to 5000 are read \[record-columns\]"):
+        read_table(tmp_path / "wide.csv")
+
+
+def test_a_file_of_hundreds_of_thousands_of_keys_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("heavebond.text.source.ENTRIES", 2000)
+    parse("model: a\nnodes:\n" + "".join(f"  k{k}: v\n" for k in range(900)))
+    with pytest.raises(ModelError, match=r"more than 2000 keys and values \[file-too-long\]"):
+        parse("model: a\nnodes:\n" + "".join(f"  k{k}: v\n" for k in range(1100)))
+    assert limits.ENTRIES < 2 * 280_000
+
+
+def test_an_fmu_with_sixty_thousand_parameters_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    variable: dict[str, Any] = {"causality": "parameter", "type": "Real", "dimensions": []}
+    told = SimpleNamespace(fmiVersion="3.0", coSimulation=object(), unitDefinitions=[],
+                           modelVariables=[SimpleNamespace(name=f"p{k}", **variable) for k in range(60_000)])
+    monkeypatch.setattr(fmu_description, "_read", lambda path: told)
+    monkeypatch.setattr(fmu_description, "_variable", lambda *given: pytest.fail("variables are read"))
+    with pytest.raises(ModelError, match="60000 inputs, outputs and parameters; up to 5000 are read"):
+        fmu_description.described(tmp_path / "large.fmu")
+
+
+SLIDING = """
+model: sliding
+components:
+  drive: {is: ForceSource, u: "=10 N*sw.y"}
+  load: {is: Mass, m: 1 kg}
+  sw: {is: Relay, u_on: BAND m/s, u_off: -BAND m/s, y_on: -1, y_off: 1, u: "=n.v"}
+nodes: {n: [drive.a, load.a]}
+initial: {n.x: 0 m, n.v: 0.01 m/s}
+simulate: {until: 10 s}
+"""
+
+
+def test_a_relay_in_sliding_mode_ends_with_a_message_that_names_it() -> None:
+    with pytest.raises(hb.SimulationError, match=r"'sw\.[^\n]* switched 500 times within [^\n]*\[event-sliding\]") as caught:
+        hb.simulate(hb.loads(SLIDING.replace("BAND", "1e-6")))
+    assert "u_on" in caught.value.problems[0].hint
+    # the same relay with a band that a machine has
+    assert len(hb.simulate(hb.loads(SLIDING.replace("BAND", "0.2")), until="5 s").events) > 50
