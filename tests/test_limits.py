@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -97,3 +99,28 @@ def test_a_relay_in_sliding_mode_ends_with_a_message_that_names_it() -> None:
     assert "u_on" in caught.value.problems[0].hint
     # the same relay with a band that a machine has
     assert len(hb.simulate(hb.loads(SLIDING.replace("BAND", "0.2")), until="5 s").events) > 50
+
+
+RIGID = """
+model: rigid
+components: {wall: {is: Fixed}, spring: {is: Spring, c: STIFF kN/m}, load: {is: Mass, m: 250 kg}}
+nodes: {top: [wall.a, spring.a], bottom: [spring.b, load.a]}
+initial: {bottom.x: BEGIN}
+simulate: {until: 2 s}
+"""
+
+
+@pytest.mark.parametrize("stiffness", ["1e200", "1e250", "1e300"])
+def test_a_stiffness_beyond_what_solvers_count_is_refused_at_the_start(stiffness: str) -> None:
+    """In a process of its own: without the check the integrator neither goes on nor ends."""
+    script = f"""
+import heavebond as hb
+for x in ("1 mm", "0 mm"):
+    model = hb.loads('''{RIGID}'''.replace("STIFF", "{stiffness}").replace("BEGIN", x))
+    try:
+        hb.simulate(model)
+    except hb.HeavebondError as error:
+        print(error.problems[0].code)
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120, check=False)
+    assert done.stdout.split() == ["rate-too-large"] * 2, (done.stdout, done.stderr)

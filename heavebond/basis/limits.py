@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+# 1/s in nominal sizes: solvers square such rates, which overflows from 1e154 on, and then neither go on nor end
+RATE = 1e100
 PROBLEMS_SHOWN = 20  # of one command; all are counted
 COLUMNS = 5_000  # of a record
 ENTRIES = 200_000  # keys and values of a YAML file; a chain of 5000 parts has some 60 000

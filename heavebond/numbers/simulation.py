@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from heavebond.basis.buffered import Buffered
 from heavebond.basis.errors import Problem, SimulationError, UsageError
 from heavebond.basis.interrupts import check
+from heavebond.basis.limits import RATE
 from heavebond.basis.units import UnitProblem, check_unit, parse_quantity, unit
 from heavebond.language.definition import Value
 from heavebond.language.model import Model
@@ -36,6 +37,7 @@ from heavebond.text.symbols import stack
 
 Time = float | str
 MOST_NEWTON = 20  # steps to the algebraic unknowns from what IDAS interpolated
+ASIDE = 1e-3  # of each state's nominal size: how far from the start its stiffness is felt
 POINTS = 1000  # output points where nothing is said
 
 
@@ -239,6 +241,7 @@ class Simulator:
             x = first.x if moved is None else np.concatenate([first.x, moved.x.T.ravel()])
             z = first.z if moved is None else np.concatenate([first.z, moved.z.T.ravel()])
             return self._trace(x[:, None], z[:, None], np.zeros((self.integrals, 1)), {})
+        self._check_rates(assembly, first)
         attempt = self.attempt if self.switching is None else self.switching.run
         failed, said = "", ""
         with caught_errors() as heard:
@@ -254,6 +257,18 @@ class Simulator:
                 raise KeyboardInterrupt
             raise self._failure(assembly, first, failed + "\n" + said)
         return found
+
+    def _check_rates(self, assembly: Assembly, first: Start) -> None:
+        """SimulationError where a state near the start changes faster than solvers can count."""
+        u = self.pieces.at(np.array([first.t]))[:, 0]
+        near = first.x + ASIDE * assembly.x_nominal
+        rates = np.abs(np.array(assembly.rates(first.t, near, first.z, first.p, u, 1.0)[0]).ravel()) / assembly.x_nominal
+        if (fast := np.flatnonzero(rates > RATE)).size:
+            name = assembly.state_names[fast[0]]
+            raise SimulationError([Problem(
+                "rate-too-large", f"{name} would change by {rates[fast[0]]:.1g} times its nominal size a second, near the "
+                f"start; up to {RATE:g} can be integrated", None, "Look for a stiffness, a gain or a mass out of range "
+                "by many powers of ten. What is rigid is wired to one node.")])
 
     def _failure(self, assembly: Assembly, first: Start, said: str) -> SimulationError:
         from heavebond.numbers.failure import explain_failure

@@ -216,7 +216,8 @@ class _Builder:
 
     def _shallow_events(self) -> list[yaml.Event]:
         """PyYAML's events as long as entries are not nested too deeply (its scanner takes n**2 for n brackets)."""
-        events, depth = [], 0
+        events: list[yaml.Event] = []
+        depth = 0
         for event in yaml.parse(self.text, Loader=self.loader):
             depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
             if depth > DEEPEST_NESTING:
