@@ -150,7 +150,7 @@ class _Names:
         if not isinstance(of, Name) or (split := self._split(of)) is None:
             return rf"\frac{{\mathrm{{d}}}}{{\mathrm{{d}}t}}\left({self.of(of)}\right)", _FRACTION
         letter, index = split
-        return rf"[0-9]ot{{{letter}}}" + (f"_{{{index}}}" if index else ""), _ATOM
+        return rf"\dot{{{letter}}}" + (f"_{{{index}}}" if index else ""), _ATOM
 
     def _name(self, name: Name, indexed: str = "") -> str:
         split = self._split(name)
