@@ -156,7 +156,7 @@ def test_the_values_are_better_than_those_that_a_search_by_gradients_finds() -> 
             target = given[quantity].get(case.index)
             if target is not None:
                 total += (({**numbers, **gains}[quantity] - target.value) / (width * target.value)) ** 2
-    assert total == pytest.approx(21.5, rel=0.03)     # the gains of the page are rounded
+    assert total == pytest.approx(20.7, rel=0.03)     # the gains of the page are rounded
 
 
 @pytest.mark.complete

@@ -120,6 +120,7 @@ def study() -> Schema:
     window = _object({"from": TIME, "to": TIME}, description="the time that counts")
     tune = _object({
         "free": ranges, "cost": _said("a formula of numbers of a run"), "limits": _said("comparisons that must hold", WORDS),
+        "stable": _said("whether the tuned machine must be stable at rest", {"enum": ["on", "off"]}),
         "over": _each(values, "sets of values, each with its weight"),
         "uncertain": _each(TEXT, "how far parameters may be off: `20 %`"),
         "by": _each({"type": ["object", "null"]}, "procedures")}, ["free", "cost"])
@@ -165,7 +166,8 @@ def component_file(known: Library) -> Schema:
         "when": _each(event, "what happens at an instant"), **BODY, "stores": _said("energy stored", FORMULA),
         "dissipates": _said("power lost", FORMULA), "unbalanced": _object({"power": FORMULA, "why": TEXT}, ["power", "why"]),
         "power": _said("`source`, or `controlled,` and why"), "requires": _said("relations between parameters", WORDS),
-        "effect": _effect(domain)}, ["component", "summary"])
+        "effect": _effect(domain), "sliding": _each(QUANTITY, "what makes its dry friction slide where it is linearised")},
+        ["component", "summary"])
 
 
 def _effect(domain: Schema) -> Schema:

@@ -63,7 +63,7 @@ def work_out(asked: Study, folder: Path, processes: int | None, fresh: bool, sch
 
 def _tell(result: StudyResult) -> None:
     from heavebond.commands import terminal
-    from heavebond.studies.study_table import mode_rows, shown
+    from heavebond.studies.study_table import mode_rows, shown, stability_rows
 
     console = terminal.output()
     _tell_calibration(result)
@@ -85,6 +85,9 @@ def _tell(result: StudyResult) -> None:
         terminal.warn(f"warning: {result.case_of(outcome).name or result.study.name}: {outcome.outside}")
     if len(outside) > TOLD:
         terminal.warn(f"warning: {len(outside) - TOLD} more cases leave a range (`outside` in study.json)")
+    stability = list(stability_rows(result))
+    if stability:
+        console.print(terminal.table("stability of what was tuned", ("case", "procedure", ""), stability, text=3))
     for outcome in result.outcomes:
         case = result.case_of(outcome).name
         for text, value in outcome.limits.items():

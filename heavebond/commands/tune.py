@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -41,6 +41,8 @@ TIMES = 3  # a free parameter without a range may grow to so many times its valu
 @click.option("--cost", metavar="FORMULA", help="What is to be small, e.g. 'rms(crown.x)/ref(rms(crown.x))'.")
 @click.option("--limit", "limits", metavar="FORMULA", multiple=True,
               help="What must be kept, e.g. 'peak(extension) < 3.8 m' or 'damping(least) > 0.1'. May be repeated.")
+@click.option("--stable/--no-stable", default=None,
+              help="Whether the tuned machine must be stable at rest [default: as the study says, else it must].")
 @click.option("--evaluate", metavar="'FROM .. TO'", help="The time that counts, e.g. '72 .. 96 s'; else the whole run.")
 @click.option("--reference", metavar="PATH=VALUE", multiple=True,
               help="A value of the run that ref(...) is taken from. May be repeated.")
@@ -59,7 +61,7 @@ TIMES = 3  # a free parameter without a range may grow to so many times its valu
 @json_option
 def tune(study: str, free: tuple[str, ...], cost: str | None, limits: tuple[str, ...], evaluate: str | None,
          reference: tuple[str, ...], settings: tuple[str, ...], method: str, explore: int, starts: int, robustness: bool,
-         grid: int | None, written: Path | None, output: Path | None) -> dict[str, object]:
+         stable: bool | None, grid: int | None, written: Path | None, output: Path | None) -> dict[str, object]:
     """Minimise the cost of STUDY, a YAML file or a bundled one (cmc_ahc/quality_index), or of a DIAGRAM by --free and
     --cost."""
     from heavebond.commands import terminal
@@ -74,6 +76,8 @@ def tune(study: str, free: tuple[str, ...], cost: str | None, limits: tuple[str,
     if written is not None:
         check_new(written, (".yaml",))
     asked = _asked(study, cost, limits, evaluate, reference)
+    if stable is not None:
+        asked = replace(asked, task=replace(asked.task, stable=stable))
     with blamed_on_settings(settings), terminal.working("tuning") as progress:
         assembly = assemble(with_settings(asked.model, settings))
         task = replace(asked.task, free={**asked.task.free, **_free(assembly, free)}) if free else asked.task
@@ -104,6 +108,7 @@ def _asked(name: str, cost: str | None, limits: tuple[str, ...], evaluate: str |
     """The study, with what the options say instead; for a diagram the options alone."""
     from heavebond.language.model import load
     from heavebond.studies.objective import Task
+    from heavebond.studies.rest_stability import STABLE
     from heavebond.studies.study import load_study
 
     try:
@@ -114,7 +119,8 @@ def _asked(name: str, cost: str | None, limits: tuple[str, ...], evaluate: str |
             raise
         model = load(name)
         task, name = Task({}, cost), model.name
-    task = replace(task, cost=cost or task.cost, limits=(*task.limits, *limits))
+    task = replace(task, cost=cost or task.cost, limits=(*task.limits, *(text for text in limits if text != STABLE)),
+                   stable=task.stable or STABLE in limits)
     if reference:
         task = replace(task, reference=settings_of("--reference", reference))
     if evaluate is not None:
@@ -160,19 +166,24 @@ def _free(assembly: Assembly, texts: tuple[str, ...]) -> dict[str, Range]:
 def _tell(name: str, assembly: Assembly, result: Tuned, robust: Robustness | None, swept: tuple[list[Array], Array] | None
           ) -> None:
     from heavebond.commands import terminal
+    from heavebond.studies.rest_stability import STABLE
+    from heavebond.studies.rest_stability import words as stability_words
 
     console = terminal.output()
     console.print(_table(name, assembly, result.task, result))
     before = f"before {result.before:.5g}" if math.isfinite(result.before) else "before: beyond the limit of stability"
     console.print(f"cost {result.cost:.5g} ({before}), {result.runs} runs that cost {result.simulations:.0f} simulations: "
                   f"{result.message}", soft_wrap=True)
-    for text, value in result.limits.items():
+    for text, value in ((t, v) for t, v in result.limits.items() if t != STABLE):
         console.print(f"limit {text}: " + (f"exceeded by {100 * value:.3g} %" if value > 1e-4 else
                                            f"kept, {100 * -value:.3g} % to spare" if value < -1e-3 else "just kept"),
                       soft_wrap=True)
     if len(result.cost_of_cases) > 1:
         rows = [(case, f"{cost:.5g}") for case, cost in result.cost_of_cases.items()]
         console.print(terminal.table("", ("case", "cost"), rows))
+    stability = stability_words(result.stability, asked=result.task.stable)
+    for line in (*_end_words(result), *stability, *_boundary_words(result)):
+        console.print(line, style="yellow" if "NOT STABLE" in line else None, soft_wrap=True)
     if robust is not None:
         console.print()
         console.print(_changes(assembly, result, robust))
@@ -213,20 +224,30 @@ def _changes(assembly: Assembly, result: Tuned, robust: Robustness) -> object:
 def _words(result: Tuned, robust: Robustness) -> Iterator[str]:
     from heavebond.evidence.writing import quantity
 
-    if math.isfinite(robust.damping):
-        yield f"linearised at its start, the machine has a least damping ratio of {robust.damping:.3g}" + \
-            (": at rest it is not stable by itself, in motion its friction decides" if robust.damping < 0 else "")
-    turns = "stable" if robust.damping < 0 else "unstable"
-    for margin in robust.margins:
-        ends = " and ".join(f"at {factor:.3g}" for factor in (margin.down, margin.up) if factor is not None)
-        yield f"{margin.name}: " + (f"{ends} of its value the linearised machine turns {turns}" if ends else
-                                    "no limit of stability within a factor of 100")
     if len(result.cost_of_cases) > 1:
         yield f"the worst case is {robust.worst[0]}, cost {robust.worst[1]:.5g}"
     if robust.ellipse is not None:
         widths = ", ".join(f"{name} +-{quantity(width, result.task.free[name].unit)}"
                            for name, width in robust.ellipse.widths.items())
         yield f"the cost rises by less than 1 % within {widths}"
+
+
+def _end_words(result: Tuned) -> Iterator[str]:
+    from heavebond.evidence.writing import quantity
+
+    for name, end in result.at_end.items():
+        wanted = result.task.free[name]
+        yield f"{name} ended at the {end} end of its range, {quantity(result.values[name], wanted.unit)}: what is beyond " \
+            "was not looked at"
+
+
+def _boundary_words(result: Tuned) -> Iterator[str]:
+    """How far the boundary of stability is along each free parameter."""
+    turns = "unstable" if result.stability.stable else "stable"
+    for name, pair in (result.stability.boundary or {}).items():
+        factors = " and ".join(f"at {factor:.3g}" for factor in pair if factor is not None)
+        yield f"{name}: " + (f"{factors} of its value the machine turns {turns}" if factors else
+                             "no boundary of stability within a factor of 100")
 
 
 def _files(asked: Asked, result: Tuned, robust: Robustness | None, swept: tuple[list[Array], Array] | None,
@@ -250,6 +271,7 @@ def _files(asked: Asked, result: Tuned, robust: Robustness | None, swept: tuple[
 
 def _figures(name: str, result: Tuned) -> dict[str, object]:
     return {"study": name, "values": result.values, "cost": result.cost, "before": result.before,
+            "stability": asdict(result.stability), "at_end": result.at_end,
             "cases": result.cost_of_cases, "limits": result.limits, "runs": result.runs,
             "simulations": result.simulations, "message": result.message,
             "paths": [[{"values": s.values, "cost": s.cost} for s in path] for path in result.paths]}

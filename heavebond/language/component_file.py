@@ -31,7 +31,8 @@ from heavebond.text.source import Mapping, Node, Scalar, Source
 T = TypeVar("T")
 COMPONENT_KEYS = (
     "component", "summary", "restrictions", "source", "ports", "parameters", "variables", "equations", "when",
-    "components", "nodes", "stores", "dissipates", "unbalanced", "power", "requires", "effect", "domain", "symbol")
+    "components", "nodes", "stores", "dissipates", "unbalanced", "power", "requires", "effect", "domain", "symbol",
+    "sliding")
 _EQUALS = re.compile(r"(?<![<>=!])=(?!=)")
 _EACH = re.compile(r"each\s+([A-Za-z_]\w*)\s+in\s+(.+?)\.\.(.+?):\s*")
 
@@ -81,7 +82,26 @@ class _Parser:
             source=reading.text(root.items.get("source"), "source", problems),
             symbol=reading.text(root.items.get("symbol"), "symbol", problems),
             effect=effects.effect(root.items.get("effect")),
+            sliding=self._sliding(root.items.get("sliding"), parameters, variables),
         )
+
+    def _sliding(self, node: Node | None, parameters: Dictionary[str, Parameter], variables: Dictionary[str, Variable]
+                 ) -> dict[str, float]:
+        """What is set where the dry friction of a component is linearised as it slides, in SI."""
+        entries = reading.mapping(node, "sliding", self.problems, "Write `sliding: {F_c: 0 N}`.")
+        found: dict[str, float] = {}
+        held = {name: variable for name, variable in variables.items() if variable.held is not None}
+        own: dict[str, Parameter | Variable] = {**parameters, **held}
+        for name, item in (entries.items if entries else {}).items():
+            if name not in own:
+                self.problems.add("sliding-unknown", f"`sliding`: '{name}' is no parameter and no held variable of this "
+                                  "component", item.place, hint=suggest(name, own))
+                continue
+            assert entries is not None
+            number = self._bound(entries, name, own[name].unit, entries.keys[name])
+            if number is not None:
+                found[name] = number
+        return found
 
     def _power(self, node: Node | None) -> str:
         said = reading.text(node, "power", self.problems)

@@ -158,7 +158,8 @@ class Parameter:
     `neutral` is the value at which an effect is absent: such a parameter is a dormant effect, called `kind`, `sought`
     within a range when it wakes and with it those it `wakes_with`.
     `medium` names the parameter of the circuit's medium whose value it takes where it is not given.
-    A `width` is that of a transition which makes a law smooth: results should not depend on it.
+    A `width` is that of a transition which makes a law smooth: results should not depend on it. One in the unit of a speed
+    is that of dry friction around rest.
     """
 
     name: str
@@ -305,6 +306,7 @@ class Foreign:
 class Component:
     """A component file: ports, parameters, variables, equations and, for a block, what it is composed of.
 
+    `sliding` is what is set where dry friction is linearised as it slides, for laws whose slope at rest is no width.
     `symbol` names the picture that stands for it in drawings; without one it is drawn as a box. `foreign` is the FMU
     that sets its held variables.
     """
@@ -330,6 +332,7 @@ class Component:
     source: str = ""
     symbol: str = ""
     effect: Effect | None = None
+    sliding: dict[str, float] = field(default_factory=dict)
     foreign: Foreign | None = None
 
     @property

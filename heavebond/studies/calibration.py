@@ -285,7 +285,8 @@ def _differentiated(study: Study, assembly: Assembly, gains: Mapping[str, float]
 
 
 def _following(objective: Objective, gains: Mapping[str, float], own: Mapping[str, float]) -> dict[str, Array]:
-    """d gains / d p (k,) for each calibrated parameter, at an optimum; a gain at an end of its range stays there."""
+    """d gains / d p (k,) for each calibrated parameter, at an optimum; a gain at an end of its range stays there, and
+    gains at the boundary of stability move along it."""
     shares = objective.shares([gains[name] for name in objective.names])
     moving = [k for k, share in enumerate(shares) if AT_END < share < 1 - AT_END]
     found = {name: np.zeros(len(gains)) for name in own}
@@ -298,6 +299,14 @@ def _following(objective: Objective, gains: Mapping[str, float], own: Mapping[st
         return np.asarray((high - low) / (2 * STEP * width))
 
     by_gains = np.array([bend(objective.names[k], float(objective.span[k]))[moving] for k in moving]).T
+    edge = objective.boundary([*objective.names, *own], values)
     for name, width in own.items():
-        found[name][moving] = -np.linalg.lstsq(by_gains, bend(name, width)[moving], rcond=None)[0]
+        right = bend(name, width)[moving]
+        if edge is None:
+            found[name][moving] = -np.linalg.lstsq(by_gains, right, rcond=None)[0]
+        else:  # stationary along the boundary, on which the gains stay
+            along, moved = edge[moving], edge[len(objective.names) + list(own).index(name)]
+            size = float(np.abs(by_gains).max()) / max(float(np.abs(along).max()), 1e-300)
+            whole = np.block([[by_gains, size * along[:, None]], [size * along[None, :], np.zeros((1, 1))]])
+            found[name][moving] = -np.linalg.lstsq(whole, np.append(right, size * moved), rcond=None)[0][:-1]
     return found

@@ -72,8 +72,11 @@ class StudyResult:
         return float(self.units[quantity].from_si(found)) if found is not None else math.nan
 
     def difference(self, outcome: Outcome, quantity: str, source: int = 0) -> float:
-        """(ours - theirs) / |theirs|, NaN where one is missing or theirs is zero."""
+        """(ours - theirs) / |theirs|, NaN where one is missing or theirs is zero, and where ours is of gains that are not
+        stable: no number of such a machine is met."""
         ours, theirs = self.value(outcome, quantity), self.published(outcome, quantity, source)
+        if outcome.unstable:
+            return math.nan
         return (ours - theirs) / abs(theirs) if theirs else math.nan
 
     def of(self, *levels: str, procedure: str = "") -> Outcome:

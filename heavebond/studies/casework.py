@@ -25,6 +25,7 @@ from heavebond.studies.costs import FUNCTIONALS, Cost, Evaluator, read_cost, rea
 from heavebond.studies.linearisation import ModesAtStart
 from heavebond.studies.modal import NUMBERS, chosen_mode, modal_number
 from heavebond.studies.objective import Objective, check_free, check_ranges, check_smooth
+from heavebond.studies.rest_stability import words as stability_words
 from heavebond.studies.study import COST, SIMULATIONS, Calibration, Measure, Packed, Procedure, Study
 from heavebond.studies.tuning import Tuned, sweep_in_turn, tune
 from heavebond.text.expression import ExpressionProblem, names, parse_formula
@@ -38,8 +39,9 @@ MOST_POINTS = 5000
 class Outcome:
     """What came out of one case by one procedure (empty where nothing is tuned): numbers in SI by name, the limits of the
     tuning (above zero where exceeded), the modes, signals over time in their units; slopes of numbers by parameters and
-    these parameters (`at`), in SI, where that is asked for; what left its range (`outside`, a sentence); or the problem that
-    kept it from it: a run that means nothing is one."""
+    these parameters (`at`), in SI, where that is asked for; the margins of stability of what was tuned, with its `words`,
+    and the parameters at an end of their range; what left its range (`outside`, a sentence); or the problem that kept it
+    from it: a run that means nothing is one."""
 
     case: int
     procedure: str = ""
@@ -55,6 +57,13 @@ class Outcome:
     outside: str = ""
     slopes: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     at: Mapping[str, float] = field(default_factory=dict)
+    stability: Mapping[str, Any] = field(default_factory=dict)
+    at_end: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def unstable(self) -> bool:
+        """Whether what was tuned is known not to be stable: it meets nothing."""
+        return self.stability.get("stable") is False
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
@@ -83,10 +92,13 @@ def _worked(study: Study, case: StudyCase, procedure: Procedure | None, progress
     values: dict[str, float] = {}
     limits: Mapping[str, float] = {}
     message = ""
+    stability: Mapping[str, Any] = {}
+    at_end: Mapping[str, str] = {}
     if study.task is not None and procedure is not None:
         tuned = tuned_by(Objective(assembly, study.task), procedure, progress)
         values = {**tuned.values, COST: tuned.cost, SIMULATIONS: tuned.simulations}
-        limits, message = tuned.limits, tuned.message
+        limits, message, at_end = tuned.limits, tuned.message, tuned.at_end
+        stability = {**asdict(tuned.stability), "words": list(stability_words(tuned.stability, asked=study.task.stable))}
         assembly = assembly.with_parameters(tuned.values)
     by = tuple(name for level in case.levels for name in level.along)
     told, run, slopes = measured(study, assembly, by)
@@ -94,6 +106,7 @@ def _worked(study: Study, case: StudyCase, procedure: Procedure | None, progress
     time, signals = _signals(study, run)
     return Outcome(0, values={**values, **told}, limits=dict(limits), message=message, modes=_modes(study, assembly),
                    time=time, signals=signals, slopes=slopes, outside=verdict.text if verdict.findings else "",
+                   stability=stability, at_end=at_end,
                    at={name: assembly.parameter_values[name] for name in by},
                    signal_units={name: run.unit(name) for name in signals} if run is not None else {})
 

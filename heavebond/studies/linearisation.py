@@ -178,13 +178,18 @@ class ModesAtStart:
 
     def at(self, settings: Mapping[str, float | str]) -> tuple[Start, list[Mode]]:
         """The start and the modes with these parameters set; StartError where there is no start."""
-        assembly = self.assembly.with_parameters(settings) if settings else self.assembly
-        first = start(assembly, 0.0, self.u, self.equations)
+        first = self.start(settings)
         return first, self.linearisation.at(start_point(first, self.u)).modes()
 
-    def slope(self, first: Start, mode: Mode, names: Sequence[str]) -> NDArray[np.complex128]:
-        """d s / d p (m,) for named parameters, the start moving along; zero for a multiple eigenvalue."""
+    def start(self, settings: Mapping[str, float | str]) -> Start:
+        """The start with these parameters set; StartError where there is none."""
+        return start(self.assembly.with_parameters(settings) if settings else self.assembly, 0.0, self.u, self.equations)
+
+    def slope(self, first: Start, mode: Mode, names: Sequence[str], at: Point | None = None) -> NDArray[np.complex128]:
+        """d s / d p (m,) for named parameters, the start moving along; zero for a multiple eigenvalue. `at` is the point
+        that was linearised, where parameters are others there than at the start."""
         assembly, n_x = self.assembly, len(first.x)
+        at = at or start_point(first, self.u)
         product = np.vdot(mode.left, mode.right)
         if abs(product) < DEFECTIVE or not names:
             return np.zeros(len(names), dtype=complex)
@@ -194,10 +199,9 @@ class ModesAtStart:
         moved = tangent(self.equations, first, self.u, directions)
         v, left = mode.right * assembly.x_nominal, (mode.left / np.conj(product)) / assembly.x_nominal
         if len(first.z):  # the vectors of the whole system: f and g by x and z
-            f_z, g_x, g_z = (np.array(j.full()) for j in self._loops(*start_point(first, self.u).values()))
+            f_z, g_x, g_z = (np.array(j.full()) for j in self._loops(*at.values()))
             v, left = np.append(v, -np.linalg.solve(g_z, g_x @ v)), np.append(left, -np.linalg.solve(g_z.T, f_z.T @ left))
-        slopes = [np.array(s.full()) for s in self._slopes(*start_point(first, self.u).values(), v.real, v.imag, left.real,
-                                                           left.imag)]
+        slopes = [np.array(s.full()) for s in self._slopes(*at.values(), v.real, v.imag, left.real, left.imag)]
         by = np.vstack([moved.x, moved.z, moved.p])
         assert by.shape[0] == slopes[0].size and n_x <= slopes[0].size
         return np.asarray((slopes[0] @ by + 1j * (slopes[1] @ by)).ravel())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -16,7 +16,9 @@ from heavebond.numbers.result import Result
 from heavebond.numbers.simulation import Simulator, Tolerances, grid
 from heavebond.studies.adjoint import CHARTS, Adjoint
 from heavebond.studies.costs import Cost, Evaluator, read_cost, read_limit
+from heavebond.studies.dry_friction import slopes_over
 from heavebond.studies.linearisation import ModesAtStart
+from heavebond.studies.rest_stability import STABLE, AtRest, RestStability
 from heavebond.studies.sampled import SAMPLED
 
 # The quality index of the reference runs is seen to about 1e-6 at these; tighter only costs time.
@@ -27,6 +29,7 @@ TOLERANCES = Tolerances(1e-6, 1e-8)
 FEW = 5
 POINTS_FOR_SIZES = 400
 POINTS_FOR_CURVATURE = 200
+POINTS_FOR_SLOPES = 2000
 # Where the diagram's own values are beyond the limit of stability, so many points are asked for one that is not.
 DRAWN = 20
 # A signal that has become so many times larger or smaller than what it is divided by gets a new size.
@@ -36,6 +39,8 @@ RESIZE = 3.0
 GROWN = 3.0
 # A limit counts as kept where it is exceeded by less than this share of its right side.
 KEPT = 1e-4
+# Within so much of it (a damping ratio), the limit of stability is what holds a search.
+AT_BOUNDARY = 5e-4
 
 
 @dataclass(frozen=True)
@@ -51,7 +56,7 @@ class Case:
 class Task:
     """What to tune: free parameters with ranges, a cost, limits (`peak(extension) < 3 m`), the time that is evaluated,
     the values that make the reference run, the cases over which the cost is averaged, what is set where modes are
-    computed, and how uncertain other parameters are (in their base units)."""
+    computed, how uncertain other parameters are (in their base units), and whether the machine must be stable at rest."""
 
     free: Mapping[str, Range]
     cost: str
@@ -62,6 +67,7 @@ class Task:
     cases: tuple[Case, ...] = (Case("diagram", {}),)
     modes: Mapping[str, float | str] = field(default_factory=dict)
     uncertain: Mapping[str, str] = field(default_factory=dict)
+    stable: bool = True
 
 
 def ranges(texts: Mapping[str, str]) -> dict[str, Range]:
@@ -121,6 +127,7 @@ class Objective:
         self.weights = weights / weights.sum()
         self._assemblies = [assembly.with_parameters(dict(case.settings)) for case in task.cases]
         self.quiet = next((y for y in self.spread(DRAWN, 0) if self.calm(y)), self.start)
+        self.limits = (*task.limits, STABLE) if task.stable else task.limits
         self.cases = [self._case(*pair) for pair in zip(task.cases, self._assemblies, strict=True)]
         self._seen: dict[bytes, Evaluation] = {}
 
@@ -178,7 +185,8 @@ class Objective:
 
     def at(self, values: Mapping[str, float]) -> Evaluation:
         """Cost and limits without gradients with any parameters set (SI), the others as in the diagram."""
-        return self._together(self.shares([values[n] for n in self.names]), [self._values(c, values) for c in self.cases])
+        return self._together(self.shares([values[n] for n in self.names]), [self._values(c, values) for c in self.cases],
+                              self._stable(values, ()))
 
     def _values(self, case: RunCase, values: Mapping[str, float]) -> list[tuple[float, Array]] | None:
         self._count(1)
@@ -191,7 +199,8 @@ class Objective:
         """Cost, limits and gradients at y; the mean over the cases, the worst case for limits."""
         key = _key(y)
         if key not in self._seen or (self._seen[key].gradient is None and np.isfinite(self._seen[key].cost)):
-            found = self._together(y, [self._slopes(case, y) for case in self.cases])
+            stable = self._stable(self.values(y), self.names)
+            found = self._together(y, [self._slopes(case, y) for case in self.cases], stable)
             known = [case.curvature for case in self.cases if case.curvature is not None]
             if found.gradient is not None and len(known) == len(self.cases):
                 whole = sum((w * c for w, c in zip(self.weights, known, strict=True)), np.zeros((len(y), len(y))))
@@ -206,13 +215,23 @@ class Objective:
         except (SimulationError, StartError):
             return None
 
-    def _together(self, y: Array, found: list[list[tuple[float, Array]] | None]) -> Evaluation:
+    def _stable(self, values: Mapping[str, float], named: Sequence[str]) -> list[tuple[float, Array]]:
+        """The limit of stability with its slope by the named parameters, the worst of the cases; none where it is off."""
+        if not self.task.stable:
+            return []
+        try:
+            return [max((machine.limit(values, named) for machine in self.machines), key=lambda pair: pair[0])]
+        except HeavebondError:  # no start: the runs say so
+            return [(np.inf, np.zeros(len(named)))]
+
+    def _together(self, y: Array, found: list[list[tuple[float, Array]] | None], stable: list[tuple[float, Array]]
+                  ) -> Evaluation:
         runs = [f for f in found if f is not None]
         cases = {c.case.name: np.inf if f is None else f[0][0] for c, f in zip(self.cases, found, strict=True)}
         if len(runs) < len(found) or not np.isfinite([f[0][0] for f in runs]).all():
-            return Evaluation(y, np.inf, np.full(len(self.task.limits), np.inf), cases)
+            return Evaluation(y, np.inf, np.full(len(self.limits), np.inf), cases)
         cost = float(sum(w * f[0][0] for w, f in zip(self.weights, runs, strict=True)))
-        worst = [max((f[k] for f in runs), key=lambda pair: pair[0]) for k in range(1, len(self.costs))]
+        worst = [*(max((f[k] for f in runs), key=lambda pair: pair[0]) for k in range(1, len(self.costs))), *stable]
         limits = np.array([value for value, _ in worst])
         if not runs[0][0][1].size:
             return Evaluation(y, cost, limits, cases)
@@ -241,6 +260,15 @@ class Objective:
         """Whether the machine has a start from which no mode grows so much in a run that it would decide the cost."""
         return self.growth(y) < GROWN
 
+    def instability(self, y: Array) -> float:
+        """The limit of stability, above zero where it is not kept; -1 where it is off."""
+        return max((value for value, _ in self._stable(self.values(y), ())), default=-1.0)
+
+    def boundary(self, named: Sequence[str], values: Mapping[str, float]) -> Array | None:
+        """The slope of the limit of stability by named parameters (m,), None where values (SI) are not at that limit."""
+        found = self._stable(values, named)
+        return found[0][1] if found and found[0][0] > -AT_BOUNDARY else None
+
     def growth(self, y: Array) -> float:
         """By which exponent the least stable mode grows in a run, the worst of the cases; infinite without a start."""
         key = _key(y)
@@ -258,13 +286,34 @@ class Objective:
         first, found = modes.at(self.values(y))
         return np.asarray(modes.slope(first, max(found, key=lambda m: m.value.real), self.names).real * self.span)
 
-    def damping(self, values: Mapping[str, float]) -> float:
-        """The least damping ratio of the machine at its start with parameters in SI, the worst of the cases; NaN where
-        there is no start."""
-        try:
-            return min(min((m.damping for m in modes.at(values)[1] if m.value), default=1.0) for modes in self._modes)
-        except HeavebondError:
-            return float("nan")
+    def at_rest(self, values: Mapping[str, float]) -> tuple[Case, RestStability, AtRest] | None:
+        """The least stable case at its operating point with parameters in SI; None where a case has no equilibrium.
+        StartError where one has no start."""
+        found = [(case, machine, machine.at(values)) for case, machine in zip(self.task.cases, self.machines, strict=True)]
+        there = [(case, machine, rest) for case, machine, rest in found if rest is not None]
+        return max(there, key=lambda f: f[2].worst) if len(there) == len(found) else None
+
+    @cached_property
+    def machines(self) -> list[RestStability]:
+        """The cases as machines at rest, as modelled: what is set where modes are computed is not set here."""
+        found = [RestStability(assembly, float(self.times[-1])) for assembly in self._assemblies]
+        self._follow(found, self.values(self.quiet))
+        return found
+
+    def follow(self, values: Mapping[str, float]) -> None:
+        """Take the slopes of dry friction from the motion at other values; what was known of limits is forgotten."""
+        self._follow(self.machines, values)
+        self._seen = {}
+
+    def _follow(self, machines: Sequence[RestStability], values: Mapping[str, float]) -> None:
+        for machine in machines:
+            with suppress(SimulationError, StartError, UsageError):  # then the slopes at rest and while sliding must do
+                rest = machine.at(values)
+                if rest is not None and len(rest.variants) > 1:
+                    times = np.union1d(np.linspace(self.task.begin, self.times[-1], POINTS_FOR_SLOPES), [0.0])
+                    run = Simulator(machine.assembly, times=times, tolerances=TOLERANCES).run(dict(values))
+                    self._count(1)
+                    machine.shares = slopes_over(machine.assembly, machine.frictions, run)
 
     @cached_property
     def _modes(self) -> list[ModesAtStart]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,8 +17,6 @@ from heavebond.studies.tuning import Tuned
 SHARE = 0.1  # by which every free parameter is moved
 RISE = 0.01  # of the cost, at the edge of the ellipse
 STEP = 2e-3  # of a range, in which gradients are differenced: long against the errors of runs, short against the ellipse
-FURTHEST = 100.0  # a parameter is not multiplied or divided by more in search of the limit of stability
-GROWING = 1.3
 
 
 @dataclass(frozen=True)
@@ -39,8 +37,8 @@ class Change:
 
 @dataclass(frozen=True)
 class Margin:
-    """The factors by which a parameter may fall and grow, the others held, until the least damped mode of the linearised
-    machine at its start has no damping left; None where that is not met within a factor of a hundred."""
+    """The factors by which a parameter may fall and grow, the others held, until the machine at rest turns unstable (or
+    stable); None where that is not met within a factor of a hundred."""
 
     name: str
     down: float | None
@@ -84,13 +82,12 @@ def robustness(problem: Objective, tuned: Tuned, *, progress: Progress | None = 
             value = centre[name] + sign * width
             found = problem.at({**tuned.values, name: value})
             share = sign * width / abs(centre[name]) if centre[name] else sign * np.inf
-            limits = dict(zip(problem.task.limits, found.limits.tolist(), strict=True))
+            limits = dict(zip(problem.limits, found.limits.tolist(), strict=True))
             changes.append(Change(name, value, share, found.cost, limits))
-    say("limits of stability")
-    margins = tuple(Margin(name, *(_factor(problem, tuned.values, name, up) for up in (False, True)))
-                    for name in problem.names if tuned.values[name])
+    margins = tuple(Margin(name, *factors) for name, factors in (tuned.stability.boundary or {}).items())
     worst = max(tuned.cost_of_cases.items(), key=lambda pair: pair[1])
-    return Robustness(tuple(changes), problem.damping(tuned.values), margins, worst, _ellipse(problem, tuned))
+    damping = np.nan if tuned.stability.damping is None else tuned.stability.damping
+    return Robustness(tuple(changes), damping, margins, worst, _ellipse(problem, tuned))
 
 
 def uncertainties(problem: Objective) -> dict[str, float]:
@@ -111,29 +108,6 @@ def _width(assembly: Assembly, name: str, text: str) -> float:
     except UnitProblem as problem:
         raise UsageError([Problem(problem.code, f"uncertainty of {name}: {problem.message}", None, problem.hint)]) from None
     return abs(number)
-
-
-def _factor(problem: Objective, best: Mapping[str, float], name: str, up: bool) -> float | None:
-    """By how much a parameter may be multiplied until the damping changes its sign."""
-    def damping(factor: float) -> float:
-        return problem.damping({**best, name: factor * best[name]})
-
-    return _crossing(damping, up)
-
-
-def _crossing(damping: Callable[[float], float], up: bool) -> float | None:
-    from scipy.optimize import brentq
-
-    near, first = 1.0, damping(1.0)
-    while 1 / FURTHEST < near < FURTHEST:
-        far = near * GROWING if up else near / GROWING
-        here = damping(far)
-        if not np.isfinite(here) or not np.isfinite(first):
-            return None
-        if (here > 0) != (first > 0):
-            return float(brentq(damping, near, far, xtol=1e-4))
-        near = far
-    return None
 
 
 def _ellipse(problem: Objective, tuned: Tuned) -> Ellipse | None:

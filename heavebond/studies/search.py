@@ -76,7 +76,7 @@ class _Seen:
         """As a run that breaks down, without a run, where the machine has lost the stability that it began with."""
         y = np.clip(y, 0, 1)
         if self.path and self.problem.calm(self.path[0].at) and not self.problem.calm(y):
-            return Evaluation(y, np.inf, np.full(len(self.problem.task.limits), np.inf), {})
+            return Evaluation(y, np.inf, np.full(len(self.problem.limits), np.inf), {})
         return self.plain(y)
 
     def slopes(self, y: Array) -> Evaluation:
@@ -287,7 +287,7 @@ def _slsqp(seen: _Seen, first: Array, most_steps: int) -> str:
 
     begin = seen.plain(first).cost
     broken = BROKEN * abs(begin) if np.isfinite(begin) else BROKEN
-    n, k = len(first), len(seen.problem.task.limits)
+    n, k = len(first), len(seen.problem.limits)
 
     def finite(value: Any) -> float:
         return float(value) if np.isfinite(value) else broken
@@ -336,7 +336,7 @@ class _Costs(ca.Callback):
     def __init__(self, seen: _Seen):
         ca.Callback.__init__(self)
         self.seen = seen
-        self.n, self.k = len(seen.problem.names), 1 + len(seen.problem.task.limits)
+        self.n, self.k = len(seen.problem.names), 1 + len(seen.problem.limits)
         self.construct("costs", {})
 
     def get_n_in(self) -> int:

@@ -23,6 +23,7 @@ from heavebond.language.sections import read_settings
 from heavebond.studies.axes import Axis, StudyCase, case_at, indices, read_axes, read_numbers
 from heavebond.studies.objective import Case, Task
 from heavebond.studies.published import Beside, read_beside
+from heavebond.studies.rest_stability import STABLE
 from heavebond.studies.sampling import read_ranges
 from heavebond.studies.search import METHODS
 from heavebond.text.expression import constant
@@ -30,7 +31,8 @@ from heavebond.text.source import Mapping, Node, Scalar, Source, read
 
 STUDY_KEYS = ("study", "summary", "model", "cases", "evaluate", "reference", "modes", "tune", "measure", "beside",
               "calibrate", "pictures", "notes")
-TUNE_KEYS = ("free", "cost", "limits", "over", "uncertain", "by")
+TUNE_KEYS = ("free", "cost", "limits", "stable", "over", "uncertain", "by")
+ASKED = {"on": True, "off": False}
 GRADIENT_KEYS = ("explore", "starts", "method")
 PICTURES = ("signals", "curves", "map", "histogram", "tornado", "indices")
 # the kinds of samples that a picture can be drawn of
@@ -237,10 +239,25 @@ def _study(source: Source, model: Model, problems: Problems) -> Study:
 def _task(entry: Mapping, source: Source, window: tuple[float, float | None], reference: dict[str, float | str],
           modes: Dictionary[str, float | str], problems: Problems) -> Task:
     items = entry.items
-    limits = tuple(s.text for s in reading.words(items.get("limits"), "limits", problems))
+    words = reading.words(items.get("limits"), "limits", problems)
+    limits = tuple(s.text for s in words if s.text != STABLE)
+    stable = _stable(items.get("stable"), problems)
+    for word in words if not stable else ():
+        if word.text == STABLE:
+            problems.add("stable-twice", "`stable` stands under `limits:` and is off", word.place,
+                         hint="Remove one of them.")
     return Task(read_ranges(items.get("free"), "free", problems), reading.text(items.get("cost"), "cost", problems), limits,
                 *window, reference, _over(items.get("over"), source, problems) or (Case("diagram", {}),), modes,
-                _widths(items.get("uncertain"), problems))
+                _widths(items.get("uncertain"), problems), stable)
+
+
+def _stable(node: Node | None, problems: Problems) -> bool:
+    """Whether the tuned machine must be stable at rest: it must unless `stable: off` is said."""
+    said = reading.text(node, "stable", problems, "on")
+    if said not in ASKED:
+        problems.add("stable-unknown", f"`stable: {said}` has no meaning", node.place if node is not None else None,
+                     hint="Write `stable: off` where the tuned machine need not be stable at rest; without it, it must.")
+    return ASKED.get(said, True)
 
 
 def _window(node: Node | None, what: str, problems: Problems) -> tuple[float | None, float | None]:

@@ -125,7 +125,7 @@ def _given(result: StudyResult, outcome: Outcome, name: str, source: int) -> str
     theirs, off = result.published(outcome, name, source), result.difference(outcome, name, source)
     if math.isnan(theirs):
         return ""
-    return number(theirs, 6) + (f" ({percent(off)})" if math.isfinite(off) else "")
+    return number(theirs, 6) + (" (unstable)" if outcome.unstable else f" ({percent(off)})" if math.isfinite(off) else "")
 
 
 def percent(share: float) -> str:
@@ -143,6 +143,20 @@ def mode_rows(result: StudyResult) -> Iterator[tuple[str, str, str, str]]:
                 yield (result.case_of(outcome).name if first else "", f"{mode['frequency']:.4g} Hz",
                        f"{mode['damping']:.3g}", ", ".join(parts[:5]))
                 first = False
+
+
+def stability_rows(result: StudyResult) -> Iterator[tuple[str, str, str]]:
+    """Case, procedure and what is to be said of the stability of what was tuned."""
+    for outcome in result.outcomes:
+        for k, said in enumerate(stability_summary(outcome)):
+            yield (result.case_of(outcome).name if not k else "", outcome.procedure if not k else "", said)
+
+
+def stability_summary(outcome: Outcome) -> list[str]:
+    """Whether it is stable with its damping and its loop, and the parameters that ended at an end of their range."""
+    said = outcome.stability.get("words", [])
+    kept = [text for k, text in enumerate(said) if not k or text.startswith("loop through")]
+    return kept + [f"{name} ended at the {end} end of its range" for name, end in outcome.at_end.items()]
 
 
 def calibration_rows(result: StudyResult) -> Iterator[tuple[str, ...]]:
@@ -254,6 +268,6 @@ def as_dict(result: StudyResult) -> dict[str, Any]:
             "calibrated": result.calibrated.as_dict() if result.calibrated is not None else None,
             "rows": [dict(zip(head, row, strict=True)) for row in rows],
             "cases": [{"case": result.case_of(o).name, "procedure": o.procedure, "values": dict(o.values),
-                       "limits": dict(o.limits), "message": o.message, "modes": list(o.modes), "problem": o.problem,
-                       "outside": o.outside}
+                       "limits": dict(o.limits), "stability": dict(o.stability), "at_end": dict(o.at_end),
+                       "message": o.message, "modes": list(o.modes), "problem": o.problem, "outside": o.outside}
                       for o in result.outcomes]}

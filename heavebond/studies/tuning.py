@@ -8,11 +8,13 @@ from itertools import islice
 
 import numpy as np
 
-from heavebond.basis.errors import Problem, UsageError, suggest
+from heavebond.basis.errors import HeavebondError, Problem, UsageError, suggest
 from heavebond.basis.progress import Progress, numbered
 from heavebond.language.model import Model
 from heavebond.numbers.dae import Array, Assembly, assemble
-from heavebond.studies.objective import Evaluation, Objective, Task
+from heavebond.studies.floquet import DECIDED, largest_multiplier
+from heavebond.studies.objective import KEPT, Evaluation, Objective, Task
+from heavebond.studies.rest_stability import Stability, crossing, describe
 from heavebond.studies.search import APART, METHODS, Found, search
 
 # Points of the hypercube are drawn so many times more often than they are run, where the linearised machine tells which
@@ -21,6 +23,8 @@ DRAWN = 4
 # From a point at the limit of stability that lies apart from what was found, and costs at most so much more (of the cost),
 # another search begins.
 PROMISING = 0.15
+# Such an edge is looked at from so far inside (of the range), and a value nearer than this to an end of its range is at it.
+INSIDE, AT_END = 0.005, 1e-3
 
 
 @dataclass(frozen=True)
@@ -35,7 +39,8 @@ class Step:
 class Tuned:
     """The best values in SI, their cost, the cost per case, the limits (below zero where kept, relative), the path of
     every start, and how much was computed: `simulations` counts a run with k sensitivities as 1 + k plain runs, and the
-    gradients of k costs by a run backwards as 2 + k/2."""
+    gradients of k costs by a run backwards as 2 + k/2. `stability` holds the margins of the best values; `at_end` the
+    parameters that ended at the lower or the upper end of their range."""
 
     task: Task
     values: dict[str, float]
@@ -47,6 +52,8 @@ class Tuned:
     runs: int
     simulations: float
     message: str
+    stability: Stability
+    at_end: dict[str, str]
 
 
 def tune(model: Model | Assembly | Objective, task: Task, *, explore: int = 5, starts: int = 1, seed: int = 0,
@@ -70,9 +77,65 @@ def tune(model: Model | Assembly | Objective, task: Task, *, explore: int = 5, s
     for first in _edges(problem, min(found, key=_rank), say):
         found.append(search(problem, first, method, most_steps, say, found))
     best = min(found, key=_rank)
-    limits = dict(zip(task.limits, best.best.limits.tolist(), strict=True))
-    return Tuned(task, problem.values(best.best.at), best.best.cost, _before(problem), dict(best.best.cases),
-                 limits, tuple(_path(problem, f) for f in found), problem.runs, problem.simulations, best.message)
+    if task.stable:
+        problem.follow(problem.values(best.best.at))  # over the motion that the best gains leave
+        if problem.instability(best.best.at) > KEPT:
+            found.append(best := search(problem, best.best.at, method, most_steps, say))
+    limits = dict(zip(problem.limits, best.best.limits.tolist(), strict=True))
+    values = problem.values(best.best.at)
+    say("margins of stability")
+    return Tuned(task, values, best.best.cost, _before(problem), dict(best.best.cases),
+                 limits, tuple(_path(problem, f) for f in found), problem.runs, problem.simulations, best.message,
+                 stability_of(problem, values), ends(problem, values, {}))
+
+
+def stability_of(problem: Objective, values: Mapping[str, float]) -> Stability:
+    """The margins of stability at values of the free parameters (SI): of its equilibrium, else of its periodic run."""
+    try:
+        problem.follow(values)
+        worst = problem.at_rest(values)
+    except HeavebondError:
+        return Stability("", None)
+    if worst is None:
+        return _of_runs(problem, values)
+    case, machine, rest = worst
+
+    def score(name: str, factor: float) -> float:
+        try:
+            found = problem.at_rest({**values, name: factor * values[name]})
+        except HeavebondError:
+            return np.nan
+        return found[2].worst if found is not None else np.nan
+
+    boundary = {name: (crossing(lambda f, n=name: score(n, f), False),  # type: ignore[misc]
+                       crossing(lambda f, n=name: score(n, f), True))  # type: ignore[misc]
+                for name in values if values[name]}
+    return describe(machine, rest, case.name, list(values), values, boundary)
+
+
+def _of_runs(problem: Objective, values: Mapping[str, float]) -> Stability:
+    """By the largest Floquet multiplier of the runs of all cases; not decided where one does not end in a period."""
+    found = {case.case.name: largest_multiplier(case.plain.assembly.with_parameters(dict(values)), float(problem.times[-1]))
+             for case in problem.cases}
+    known = {name: size for name, size in found.items() if size is not None}
+    if len(known) < len(found):
+        return Stability("", None)
+    case = max(known, key=lambda name: known[name])
+    stable = None if abs(known[case] - 1) <= DECIDED else known[case] < 1
+    return Stability("periodic run", stable, case=case, multiplier=known[case])
+
+
+def ends(problem: Objective, values: Mapping[str, float], swept: Mapping[str, Sequence[float]]) -> dict[str, str]:
+    """Which parameters are at the lower or the upper end of what was allowed, their range or the values of a sweep."""
+    found = {}
+    for name, low, span in zip(problem.names, problem.low, problem.span, strict=True):
+        numbers = swept.get(name, ())
+        least, most = (max(low, min(numbers)), min(low + span, max(numbers))) if numbers else (low, low + span)
+        if values[name] <= least + AT_END * span:
+            found[name] = "lower"
+        elif values[name] >= most - AT_END * span:
+            found[name] = "upper"
+    return found
 
 
 def sweep_in_turn(problem: Objective, begin: Mapping[str, float | str], sweeps: Sequence[tuple[str, Sequence[float]]], *,
@@ -92,9 +155,10 @@ def sweep_in_turn(problem: Objective, begin: Mapping[str, float | str], sweeps: 
         values = min(steps[-len(numbers):], key=lambda pair: (not pair[1].kept, pair[1].cost))[0].values
     best, found = min(steps, key=lambda pair: (not pair[1].kept, pair[1].cost))
     runs, simulations = problem.runs, problem.simulations
-    limits = dict(zip(problem.task.limits, found.limits.tolist(), strict=True))
+    limits = dict(zip(problem.limits, found.limits.tolist(), strict=True))
     return Tuned(problem.task, best.values, best.cost, _before(problem), dict(found.cases), limits,
-                 (tuple(step for step, _ in steps),), runs, simulations, "swept")
+                 (tuple(step for step, _ in steps),), runs, simulations, "swept", stability_of(problem, best.values),
+                 ends(problem, best.values, dict(sweeps)))
 
 
 def _rank(found: Found) -> tuple[bool, float]:
@@ -111,7 +175,7 @@ def _edges(problem: Objective, found: Found, say: Progress) -> list[Array]:
             if at is None or abs(at - found.best.at[k]) < APART:
                 continue
             point = found.best.at.copy()
-            point[k] = at
+            point[k] = at - INSIDE * np.sign(at - point[k]) if problem.task.stable else at
             say(f"looking at the limit of stability of {name}")
             if problem.plain(point).kept and problem.cost(point) < found.best.cost + PROMISING * abs(found.best.cost):
                 points.append(point)
@@ -119,14 +183,14 @@ def _edges(problem: Objective, found: Found, say: Progress) -> list[Array]:
 
 
 def limit_of_stability(problem: Objective, y: Array, k: int, end: float) -> float | None:
-    """The share at which the linearised machine at its start turns unstable (or stable) while the k-th unknown goes from
-    its value to `end`, the others held; None where both are on one side."""
+    """The share at which the linearised machine turns unstable (or stable) while the k-th unknown goes from its value to
+    `end`, the others held; None where both are on one side. Where stability is a limit, it is that of this limit."""
     from scipy.optimize import brentq
 
     def growth(share: float) -> float:
         point = y.copy()
         point[k] = share
-        return problem.growth(point)
+        return problem.instability(point) if problem.task.stable else problem.growth(point)
 
     first, last = growth(float(y[k])), growth(end)
     if not (np.isfinite(first) and np.isfinite(last)) or (first < 0) == (last < 0):
@@ -149,7 +213,8 @@ def starting_points(problem: Objective, explore: int, starts: int, seed: int, sa
     Where the linearised machine is stable at some points and not at others, only the stable ones are run.
     """
     drawn = problem.spread(DRAWN * explore, seed)
-    points = list(islice((y for y in drawn if problem.calm(y)), 1 + explore)) if explore else []
+    points = list(islice((y for y in drawn if problem.calm(y) and problem.instability(y) <= 0), 1 + explore)
+                  ) if explore else []
     found: list[Evaluation] = []
     for number, point in enumerate(points or islice(problem.spread(explore, seed), 1 + explore), 1):
         say(f"exploring {number} of {1 + explore}")
