@@ -1,7 +1,7 @@
 """The command line: which commands there are, and how what is wrong ends (message, exit code, JSON).
 
-Exit codes: 0 fine; 1 the model, the data or a run is at fault; 2 wrong usage; 130 interrupted by Ctrl-C, 143 by SIGTERM; 141
-the reader went away. A run is at fault that says so of itself (see `findings`).
+Exit codes: 0 fine; 1 the model, the data or a run is at fault; 2 wrong usage; 70 a fault of heavebond itself; 130
+interrupted by Ctrl-C, 143 by SIGTERM; 141 the reader went away. A run is at fault that says so of itself (see `findings`).
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -54,7 +55,7 @@ from heavebond.commands.where import where
 if TYPE_CHECKING:
     from heavebond.numbers.findings import Verdict
 
-FINE, AT_FAULT, WRONG_USAGE, SIGNALLED = 0, 1, 2, 128
+FINE, AT_FAULT, WRONG_USAGE, OWN_FAULT, SIGNALLED = 0, 1, 2, 70, 128
 
 
 class Commands(click.Group):
@@ -97,13 +98,17 @@ class Commands(click.Group):
         except (click.Abort, KeyboardInterrupt):
             problems, code = _interrupted()
         except Exception as error:
-            if not is_interrupt(error):  # a fault of the program, of which a reader of JSON is told too
-                _write(given, command, AT_FAULT, [Problem("internal", f"{type(error).__name__}: {error}")], {})
-                raise
-            problems, code = _interrupted()
-        if heard:
-            code, problems, figures = _judged(heard, code, problems, figures)
-        sys.exit(_end(given, command, code, problems, figures))
+            problems, code = _interrupted() if is_interrupt(error) else ([own_fault(error, given)], OWN_FAULT)
+        try:
+            if heard:
+                code, problems, figures = _judged(heard, code, problems, figures)
+            code = _end(given, command, code, problems, figures)
+        except BrokenPipeError:
+            _forget_output()
+            code = PIPE_CLOSED
+        except Exception as error:
+            code = _end([], command, OWN_FAULT, [own_fault(error, given)], {})
+        sys.exit(code)
 
     def _run(self, given: list[str], prog_name: str | None) -> tuple[int, dict[str, object]]:
         try:
@@ -135,6 +140,29 @@ def _interrupted() -> tuple[list[Problem], int]:
     number = last_heard()
     obeyed()
     return [Problem("interrupted", WORDS.get(Signals(number).name, "interrupted"))], SIGNALLED + number
+
+
+def own_fault(error: Exception, given: Sequence[str]) -> Problem:
+    """The problem for an exception that is none of the project's own; its full trace goes to a file."""
+    import platform
+    import tempfile
+    import traceback
+
+    said = (str(error).strip().splitlines() or [""])[0]
+    head = f"heavebond {__version__}, Python {platform.python_version()}, {platform.platform()}\n" \
+           f"command: {shlex.join(['heavebond', *given])}\n\n"
+    try:
+        with tempfile.NamedTemporaryFile("w", prefix="heavebond-fault-", suffix=".txt", delete=False, encoding="utf-8",
+                                         errors="backslashreplace") as file:
+            file.write(head + "".join(traceback.format_exception(error)))
+        where = f"The trace is in {file.name}"
+    except OSError as unwritten:
+        where = f"The trace could not be written ({unwritten.strerror or unwritten})"
+    if isinstance(error, MemoryError):
+        return Problem("memory", "the memory of this machine does not suffice", None, "Ask for fewer output points (a "
+                       f"longer `every`), a shorter run, or fewer workers. {where}.")
+    return Problem("internal", f"a fault of heavebond itself, not of your files: {type(error).__name__}: {said}", None,
+                   f"{where}. Report it with that file and the files of the command to who maintains heavebond for you.")
 
 
 def _usage_problem(error: click.UsageError) -> Problem:
@@ -212,7 +240,7 @@ def _forget_output() -> None:
 def main() -> None:
     """Model machines from diagrams, simulate them and lay them over their measurements.
 
-    Exit codes: 0 fine, 1 the model or the data is at fault, 2 wrong usage.
+    Exit codes: 0 fine, 1 the model or the data is at fault, 2 wrong usage, 70 a fault of heavebond itself.
     """
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from heavebond.basis.quoting import file_stem
 from heavebond.basis.writable import write_text
 from heavebond.commands.arguments import Whole, json_option, scheduler_option
 
@@ -150,5 +151,5 @@ def _pictures(result: StudyResult, folder: Path) -> list[Path]:
 
     if not result.outcomes:
         return []
-    return [save(plot_study(result, picture), folder / f"{picture.name}{suffix}")
+    return [save(plot_study(result, picture), folder / f"{file_stem(picture.name)}{suffix}")
             for picture in result.study.pictures for suffix in (".svg", ".png")]

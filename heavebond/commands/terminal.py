@@ -6,11 +6,12 @@ import contextlib
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from typing import IO, TYPE_CHECKING, NoReturn
+from typing import IO, TYPE_CHECKING, Any, NoReturn
 
 from heavebond.basis.errors import Problem
 from heavebond.basis.interrupts import check
 from heavebond.basis.limits import PROBLEMS_SHOWN
+from heavebond.basis.quoting import visible
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -32,10 +33,16 @@ def messages() -> Console:
 
 def _console(file: IO[str]) -> Console:
     from rich.console import Console
+    from rich.segment import Segment
 
     class Terminal(Console):
         def on_broken_pipe(self) -> NoReturn:
             raise BrokenPipeError
+
+        def render(self, *given: Any, **options: Any) -> Iterator[Segment]:
+            """What is printed, without characters of names and records that would steer the terminal."""
+            for segment in super().render(*given, **options):
+                yield segment if segment.control else segment._replace(text=visible(segment.text))
 
     # a file has no width; 80 characters would fold tables for nobody's sake
     width = None if file.isatty() or "COLUMNS" in os.environ else PLAIN_WIDTH

@@ -8,12 +8,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from heavebond.basis.quoting import file_stem
 from heavebond.evidence.experiment import Experiment, Output, moved
 from heavebond.language.model import Model, extended
 from heavebond.text.expression import parse_formula
 from heavebond.text.source import parse
 
-_PLAIN = re.compile(r"[\w.+\-*/ ]*[\w)]")
+_PLAIN = re.compile(r"[-+]?[\w.](?:[\w.+\-*/ ]*[\w)])?")
+_UNWRITTEN = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\ufeff\ud800-\udfff]")
 
 
 @dataclass(frozen=True)
@@ -61,7 +63,7 @@ class Change:
 
     def diagram(self, name: str, summary: str, extends: str) -> str:
         """The text of the diagram that extends the one before."""
-        lines = [f"model: {name}", f"summary: {quoted(summary)}", f"extends: {quoted(extends)}"]
+        lines = [f"model: {quoted(name)}", f"summary: {quoted(summary)}", f"extends: {quoted(extends)}"]
         lines += block("components", {k: _part(p) for k, p in self.components.items()})
         lines += block("nodes", {k: f"[{', '.join(ends)}]" for k, ends in self.nodes.items()})
         lines += block("set", {k: quoted(v) for k, v in self.settings.items()})
@@ -70,7 +72,7 @@ class Change:
 
     def on_model(self, model: Model, name: str = "", summary: str = "", path: Path | None = None) -> Model:
         """The changed diagram; `path` is the file that it would be."""
-        path = path or model.path.with_name(f"{name or model.name}.yaml")
+        path = path or model.path.with_name(f"{file_stem(name or model.name)}.yaml")
         text = self.diagram(name or model.name, summary or model.summary or model.name, model.path.name)
         return extended(model, parse(text, path, path.name))
 
@@ -93,7 +95,8 @@ def quoted(text: str) -> str:
     if _PLAIN.fullmatch(text) and "  " not in text and text.lower() not in ("yes", "no", "on", "off", "true", "false",
                                                                          "null", "~"):
         return text
-    return '"' + text.replace("\\", "\\\\").replace('"', '\\"').replace("\n", " ") + '"'
+    escaped = text.replace("\\", "\\\\").replace('"', '\\"').replace("\n", " ")
+    return '"' + _UNWRITTEN.sub(lambda found: f"\\u{ord(found.group()):04x}", escaped) + '"'
 
 
 def _part(part: Part) -> str:

@@ -20,6 +20,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from heavebond.basis.quoting import file_stem
 from heavebond.basis.units import Unit, read_unit
 from heavebond.equations.flatten import flatten
 from heavebond.equations.reduce import reduce
@@ -136,7 +137,7 @@ class Beside:
         flat = flatten(experiment.model_for(record), wanted)
         self.nodes = nodes_of(flat)
         self.places = places_of(flat, self.nodes)
-        self.file = folder / f"{record.name}.csv"
+        self.file = folder / f"{file_stem(record.name)}.csv"
         self._write(np.zeros((len(self.time), len(self.nodes))))
         self.assembly = build(reduce(with_virtual_sources(flat, self.nodes, self.file)))
         self.locals = _locals(self.assembly)

@@ -39,6 +39,7 @@ Time = float | str
 MOST_NEWTON = 20  # steps to the algebraic unknowns from what IDAS interpolated
 ASIDE = 1e-3  # of each state's nominal size: how far from the start its stiffness is felt
 POINTS = 1000  # output points where nothing is said
+MOST_POINTS = 10_000_000  # output points of a run
 
 
 def simulate(model: Model | Assembly, until: Time | None = None, *, every: Time | None = None,
@@ -371,10 +372,12 @@ def grid(model: Model, until: Time | None, every: Time | None) -> Array:
             "every-too-long", f"every ({step:g} s) is longer than until ({end:g} s): there would be no output point between "
             "the start and the end", None,
             f"Make `every` shorter, or `until` longer; `every` of {end:g} s gives the two ends alone.")])
-    number = int(np.floor(end / step * (1 + 1e-12)))
-    if number > 50_000_000:
-        raise UsageError([Problem("too-many-points", f"{number} output points are too many", None,
-                                  "Make `every` longer.")])
+    wanted = end / step * (1 + 1e-12)
+    if not wanted <= MOST_POINTS:
+        raise UsageError([Problem("too-many-points", f"every {step:g} s until {end:g} s makes {wanted:.3g} output points; "
+                                  f"the most is {MOST_POINTS}", None, f"Make `every` {end / MOST_POINTS:.3g} s or longer, "
+                                  "or `until` shorter.")])
+    number = int(np.floor(wanted))
     times = np.arange(number + 1) * step
     return np.asarray(times if end - times[-1] < 1e-9 * end else np.append(times, end))
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from xml.sax.saxutils import escape, quoteattr
 
+from heavebond.basis.quoting import xml
 from heavebond.language.model import Model
 from heavebond.pictures.bond_graph import WORD, Bond, BondGraph, Vertex, bond_graph, told
 from heavebond.pictures.bond_layout import Point, places
@@ -52,8 +52,8 @@ def _page(model: Model, graph: BondGraph, lines: list[str], box: Box) -> str:
     y = box.bottom + 36
     return "\n".join([
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{whole_x}" height="{whole_y}" '
-        f'viewBox="{left} {top} {whole_x} {whole_y}" font-family={quoteattr(FONT)} fill="none" stroke-linejoin="round">',
-        f"<title>{escape(model.name)}, bond graph</title>",
+        f'viewBox="{left} {top} {whole_x} {whole_y}" font-family="{FONT}" fill="none" stroke-linejoin="round">',
+        f"<title>{xml(model.name)}, bond graph</title>",
         f'<rect x="{left}" y="{top}" width="{whole_x}" height="{whole_y}" fill="#ffffff"/>',
         _text(left + EDGE, top + EDGE + 4, f"{model.name}: bond graph", TITLE.size, "#000000", True, "start"), *lines,
         *_legend(graph, left + EDGE, y),
@@ -105,7 +105,7 @@ def _through(box: Box, start: Point, end: Point) -> bool:
 def _text(x: float, y: float, text: str, size: int, colour: str, bold: bool, align: str = "middle") -> str:
     weight = ' font-weight="bold"' if bold else ""
     return f'<text x="{x:.1f}" y="{y:.1f}" font-size="{size}"{weight} fill="{colour}" text-anchor="{align}">' \
-        f"{escape(text)}</text>"
+        f"{xml(text)}</text>"
 
 
 # -- bonds -------------------------------------------------------------------------------------------------------------
@@ -141,7 +141,7 @@ def _bond(graph: BondGraph, bond: Bond, ends: tuple[Point, Point]) -> list[str]:
     colour = COLOURS.get(bond.domain, OTHER)
     late = any(graph.vertices[key].derivative for key in (bond.tail, bond.head))
     dashed = ' stroke-dasharray="4 3"' if bond.modulated else ""
-    said = escape(f"{bond.domain}, power counts from {bond.tail} to {bond.head}")
+    said = xml(f"{bond.domain}, power counts from {bond.tail} to {bond.head}")
     tip = (u - BARB * (0.8 * along[0] - 0.6 * along[1]), v - BARB * (0.8 * along[1] + 0.6 * along[0]))
     lines = [f'<path class="bond" d="M{x:.1f} {y:.1f} L{u:.1f} {v:.1f}" stroke="{colour}" stroke-width="1.6"{dashed}>'
              f"<title>{said}</title></path>",

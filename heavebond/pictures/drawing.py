@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from xml.sax.saxutils import escape, quoteattr
 
 from heavebond.basis.presentation import number, unit_label
+from heavebond.basis.quoting import xml
 from heavebond.equations.connect import connect
 from heavebond.equations.expand import expand
 from heavebond.language.definition import Component
@@ -103,8 +103,8 @@ def symbol_picture(component: Component) -> str:
     left, top = round(extent.left) - 4, round(extent.top) - 4
     width, height = round(extent.right) + 4 - left, round(extent.bottom) + 4 - top
     lines = [f'<svg xmlns="http://www.w3.org/2000/svg" width="{round(1.5 * width)}" height="{round(1.5 * height)}" '
-             f'viewBox="{left} {top} {width} {height}" font-family={quoteattr(FONT)} fill="none" stroke-linejoin="round">',
-             f"<title>{escape(_clean(component.name))}</title>",
+             f'viewBox="{left} {top} {width} {height}" font-family="{FONT}" fill="none" stroke-linejoin="round">',
+             f"<title>{xml(component.name)}</title>",
              f'<rect x="{left}" y="{top}" width="{width}" height="{height}" fill="#ffffff"/>',
              *_picture(shape, _colour(main), main, marked=False)]
     for anchor in shape.anchors:
@@ -144,8 +144,8 @@ def _page(model: Model, drawn: Drawn, look: Look) -> str:
     whole_x, whole_y = round(box.right + EDGE) - left, round(box.bottom + EDGE) - top
     lines = [
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{whole_x}" height="{whole_y}" '
-        f'viewBox="{left} {top} {whole_x} {whole_y}" font-family={quoteattr(FONT)} fill="none" stroke-linejoin="round">',
-        f"<title>{escape(_clean(model.name))}</title>",
+        f'viewBox="{left} {top} {whole_x} {whole_y}" font-family="{FONT}" fill="none" stroke-linejoin="round">',
+        f"<title>{xml(model.name)}</title>",
         f'<rect x="{left}" y="{top}" width="{whole_x}" height="{whole_y}" fill="#ffffff"/>',
         *_lettered(heading.moved(0, extent.top - shift), "#000000", "heading"),
         *_sheet(drawn, look), *legend[0], "</svg>"]
@@ -185,7 +185,7 @@ def _item(item: Item, look: Look, reached: frozenset[tuple[int, int]]) -> list[s
     """A part; `reached` are the points where wires end, to mark a port at that of its anchors which is in use."""
     kind = item.part.component
     lines = [f'<g class="part" transform="translate({item.x} {item.y})">',
-             f"<title>{escape(_clean(f'{item.part.path}: {kind.name}. {kind.summary}'))}</title>"]
+             f"<title>{xml(f'{item.part.path}: {kind.name}. {kind.summary}')}</title>"]
     main = item.shape.domain or next((d for d in item.part.ports.values() if d != "signal"), "signal")
     colour = look.part(item, main)
     if item.inside is not None:
@@ -220,7 +220,7 @@ def _element(mark: Mark, marked: bool) -> str:
     if domain and not marked:
         given["color"] = _colour(domain)
         given.setdefault("stroke", "currentColor")
-    return f"<{mark.tag} " + " ".join(f"{name}={quoteattr(value)}" for name, value in given.items()) + "/>"
+    return f"<{mark.tag} " + " ".join(f'{name}="{xml(value)}"' for name, value in given.items()) + "/>"
 
 
 def _writing(mark: Mark, turn: tuple[int, int, int, int], colour: str) -> str:
@@ -236,7 +236,7 @@ def _writing(mark: Mark, turn: tuple[int, int, int, int], colour: str) -> str:
     fill = {"name": "#000000" if colour != WARNING else WARNING, "quiet": QUIET}.get(style, colour)
     name = ' class="part"' if style == "name" else ""
     return (f'<text{name} x="{x:g}" y="{y:g}" font-size="{size:g}"{weight}{slant} fill="{fill}" '
-            f'text-anchor="{given.get("text-anchor", "middle")}">{escape(_clean(mark.text))}</text>')
+            f'text-anchor="{given.get("text-anchor", "middle")}">{xml(mark.text)}</text>')
 
 
 def _inside(item: Item, drawn: Drawn, colour: str, look: Look) -> list[str]:
@@ -274,7 +274,7 @@ def _wire(line: Strand, look: Look) -> list[str]:
     lines = []
     if marked:
         lines.append(f'<path d="{paths}" stroke="{HALO}" stroke-width="10" stroke-linecap="round"/>')
-    told = f"<title>{escape(line.net.path)}: {look.paint.text(value)}</title>" if look.paint and value is not None else ""
+    told = f"<title>{xml(line.net.path)}: {look.paint.text(value)}</title>" if look.paint and value is not None else ""
     head = f'<path class="wire" d="{paths}" stroke="{colour}" stroke-width="{width}"'
     lines.append(f"{head}>{told}</path>" if told else f"{head}/>")
     lines += [f'<circle class="dot" cx="{x}" cy="{y}" r="3" fill="{colour}"/>' for x, y in line.wire.dots]
@@ -313,7 +313,7 @@ def _lettered(text: Lettering, colour: str, what: str) -> list[str]:
             fill = QUIET if style.quiet else colour
             name = f' class="{what}"' if k == 0 else ""
             lines.append(f'<text{name} x="{x:g}" y="{base:g}" font-size="{style.size}"{_face(style)} fill="{fill}" '
-                         f'text-anchor="{text.align}">{escape(_clean(line.text))}</text>')
+                         f'text-anchor="{text.align}">{xml(line.text)}</text>')
         y += line.height
     return lines
 
@@ -327,13 +327,7 @@ def _tag(line: Line, x: float, y: float, align: str) -> list[str]:
     left = {"start": x, "middle": x - line.width / 2, "end": x - line.width}[align]
     return [f'<rect x="{left:g}" y="{y + 1:g}" width="{line.width:g}" height="{line.height - 1}" rx="3" fill="{WARNING}"/>',
             f'<text class="tag" x="{left + line.width / 2:g}" y="{y + line.style.size:g}" font-size="{line.style.size}" '
-            f'font-weight="bold" fill="#ffffff" text-anchor="middle">{escape(_clean(line.text))}</text>']
-
-
-def _clean(text: str) -> str:
-    """A text without the control characters that XML cannot hold."""
-    return "".join(c if c in "\t\n" or " " <= c <= "\ud7ff" or "\ue000" <= c <= "\ufffd" or c > "\uffff" else "\ufffd"
-                   for c in text)
+            f'font-weight="bold" fill="#ffffff" text-anchor="middle">{xml(line.text)}</text>']
 
 
 def _colour(domain: str) -> str:
@@ -346,7 +340,7 @@ def _legend(drawn: Drawn, x: float, y: float) -> tuple[list[str], Box]:
     lines, right = [], x
     for domain in [d for d in (*COLOURS, *sorted(used - set(COLOURS))) if d in used]:
         lines += [f'<path d="M{right:g} {y:g} h20" stroke="{_colour(domain)}" stroke-width="{WIDTHS.get(domain, 1.6)}"/>',
-                  f'<text x="{right + 25:g}" y="{y + 3:g}" font-size="{KIND.size}" fill="{QUIET}">{escape(domain)}</text>']
+                  f'<text x="{right + 25:g}" y="{y + 3:g}" font-size="{KIND.size}" fill="{QUIET}">{xml(domain)}</text>']
         right += 25 + text_width(domain, KIND) + 18
     return lines, Box(x, y - 6, max(right, x + 1), y + 6)
 
@@ -354,8 +348,8 @@ def _legend(drawn: Drawn, x: float, y: float) -> tuple[list[str], Box]:
 def _bar(paint: Paint, x: float, y: float) -> tuple[list[str], Box]:
     """The bar of colours with its figures."""
     length, height, steps, ticks = 240, 10, 60, (0.0, 0.25, 0.5, 0.75, 1.0)
-    lines = [f'<text class="bar" x="{x:g}" y="{y:g}" font-size="{VALUE.size}" fill="#000000">{escape(paint.title)} '
-             f"[{escape(unit_label(paint.unit))}]</text>"]
+    lines = [f'<text class="bar" x="{x:g}" y="{y:g}" font-size="{VALUE.size}" fill="#000000">{xml(paint.title)} '
+             f"[{xml(unit_label(paint.unit))}]</text>"]
     for k in range(steps):
         lines.append(f'<rect x="{x + length * k / steps:g}" y="{y + 7:g}" width="{length / steps + 0.5:g}" '
                      f'height="{height}" fill="{paint.colour(paint.at((k + 0.5) / steps))}"/>')

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import json
 from collections.abc import Iterable, Sequence
-from html import escape
 from importlib import resources
 
+from heavebond.basis.quoting import script_json, xml
+
 _EMPTY = {"meta", "path", "line", "rect", "circle", "br", "input"}
-# what may not stand inside a script element, even within a string of JSON
-_UNSAFE = {"<": "\\u003c", ">": "\\u003e", "&": "\\u0026", "\u2028": "\\u2028", "\u2029": "\\u2029"}
 
 
 class Html(str):
@@ -36,8 +34,7 @@ def joined(parts: Iterable[str]) -> Html:
 
 def escaped(text: str) -> Html:
     """A text that stands for itself, without the control characters that no document may hold."""
-    return Html(escape("".join(c if c in "\t\n" or (c >= " " and not "\ud800" <= c <= "\udfff") else "\ufffd"
-                               for c in text)))
+    return Html(xml(text))
 
 
 def _attribute(name: str, value: object) -> str:
@@ -61,10 +58,7 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]], *, caption: str = 
 
 def data_block(name: str, value: object) -> Html:
     """Data for the page's script, as JSON that nothing in it can end early."""
-    text = json.dumps(value, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
-    for unsafe, safe in _UNSAFE.items():
-        text = text.replace(unsafe, safe)
-    return Html(f'<script type="application/json" id="{escaped(name)}">{text}</script>')
+    return Html(f'<script type="application/json" id="{escaped(name)}">{script_json(value)}</script>')
 
 
 def page(title: str, *body: Html, look: str = "report") -> str:

@@ -9,10 +9,12 @@ from pathlib import Path
 import casadi as ca
 
 from heavebond import __version__
+from heavebond.basis.quoting import c_comment
 from heavebond.basis.writable import write_text
 from heavebond.language.model import Model
 from heavebond.studies.portable import Portable, Quantity, portable
 
+LONGEST_NAME = 60  # of what all names begin with; C99 tells 63 characters apart at least
 SOURCES = Path(__file__).parents[1] / "c"
 KEYWORDS = frozenset(re.findall(
     r"\w+", "auto break case char const continue default do double else enum extern float for goto if inline int long main "
@@ -30,7 +32,7 @@ def export_c(model: Model, path: str | Path, inputs: Iterable[str] = ()) -> Port
 
 def c_name(text: str) -> str:
     """A name that C takes."""
-    plain = re.sub(r"\W", "_", text, flags=re.ASCII)
+    plain = re.sub(r"\W", "_", text, flags=re.ASCII)[:LONGEST_NAME]
     return f"m_{plain}" if not plain[:1].isalpha() or plain in KEYWORDS else plain
 
 
@@ -60,7 +62,7 @@ def _head(made: Portable, prefix: str) -> str:
             ("u", "Inputs", made.inputs), ("y", "Outputs", made.outputs)):
         if quantities:
             parts += ["", title, *_listed(letter, quantities)]
-    return "/* " + "\n   ".join(line.replace("*/", "* /") for line in parts).replace("\n   \n", "\n\n") + " */"
+    return "/* " + "\n   ".join(c_comment(line) for line in parts).replace("\n   \n", "\n\n") + " */"
 
 
 def _listed(letter: str, quantities: Sequence[Quantity]) -> list[str]:

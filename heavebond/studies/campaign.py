@@ -21,6 +21,7 @@ from heavebond.basis.errors import Problem, UsageError
 from heavebond.basis.interrupts import obeyed
 from heavebond.basis.processes import Processes, as_done, processors
 from heavebond.basis.progress import Progress
+from heavebond.basis.quoting import file_stem
 from heavebond.basis.units import Unit
 from heavebond.basis.writable import write_text
 from heavebond.language.definition import FileInput
@@ -223,7 +224,7 @@ class Kept:
     def read(self, name: str) -> dict[str, Any] | None:
         """What was kept by that name, None where there is nothing of the same files."""
         try:
-            told = json.loads((self.folder / f"{name}.json").read_text(encoding="utf-8"))
+            told = json.loads((self.folder / f"{file_stem(name)}.json").read_text(encoding="utf-8"))
             found = told["found"]
             return found if told["fingerprint"] == self.fingerprint and isinstance(found, dict) else None
         except (OSError, ValueError, KeyError, TypeError):
@@ -231,7 +232,7 @@ class Kept:
 
     def write(self, name: str, found: Mapping[str, Any]) -> None:
         """Keep something by that name."""
-        write_text(self.folder / f"{name}.json", json.dumps({"fingerprint": self.fingerprint, "found": found}))
+        write_text(self.folder / f"{file_stem(name)}.json", json.dumps({"fingerprint": self.fingerprint, "found": found}))
 
 
 def fingerprint(study: Study) -> str:

@@ -23,6 +23,7 @@ from xml.etree import ElementTree as Xml
 
 from heavebond import __version__
 from heavebond.basis.errors import Problem, UsageError
+from heavebond.basis.quoting import xml_text
 from heavebond.basis.units import Unit
 from heavebond.basis.writable import new_file
 from heavebond.language.model import Model
@@ -202,4 +203,6 @@ def _build_description(identifier: str) -> bytes:
 
 
 def _text(root: Xml.Element) -> bytes:
+    for element in root.iter():
+        element.attrib.update({name: xml_text(value) for name, value in element.attrib.items()})
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{Xml.tostring(root, encoding="unicode")}\n'.encode()

@@ -1,0 +1,62 @@
+"""Text that comes from files made safe for another language: terminal, C comment, XML and HTML, JSON in a script, file name.
+
+Whatever becomes part of a document, a program or a command's output passes through one of these functions.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import unicodedata
+
+LONGEST_STEM = 100  # characters of a file name without its suffix
+REPLACEMENT = "\ufffd"
+_INVISIBLE = {"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"}  # controls, marks of direction, halves of pairs, ends of lines
+_DEVICES = {"con", "prn", "aux", "nul", *(f"{port}{k}" for port in ("com", "lpt") for k in range(10))}  # of Windows
+# what may not stand inside a script element, even within a string of JSON
+_UNSAFE = {"<": "\\u003c", ">": "\\u003e", "&": "\\u0026", "\u2028": "\\u2028", "\u2029": "\\u2029"}
+
+
+def visible(text: str) -> str:
+    """The text for a terminal: characters that steer it, or turn the direction of writing, as `\\x1b`, `\\u202e`; ends of
+    lines and tabs stay."""
+    if text.isascii() and text.isprintable():
+        return text
+    return "".join(c if c in "\n\t" or unicodedata.category(c) not in _INVISIBLE else _code(c) for c in text)
+
+
+def _code(character: str) -> str:
+    number = ord(character)
+    return f"\\x{number:02x}" if number < 0x100 else f"\\u{number:04x}" if number < 0x10000 else f"\\U{number:08x}"
+
+
+def c_comment(text: str) -> str:
+    """One line of the text inside a comment of C that nothing in it can end, continue or translate: `*/` and trigraphs are
+    parted by a space, a backslash is a bar, what is no printable character a space."""
+    plain = "".join(c if c.isprintable() else " " for c in text).replace("\\", "|")
+    return re.sub(r"(?<=\*)(?=/)|(?<=/)(?=\*)|(?<=\?)(?=\?)", " ", plain)
+
+
+def xml_text(text: str) -> str:
+    """The text without the characters that XML 1.0 does not allow, for a writer that escapes the rest."""
+    return "".join(c if c in "\t\n" or (c >= " " and not "\ud800" <= c <= "\udfff" and c not in "\ufffe\uffff\x7f")
+                   else REPLACEMENT for c in text)
+
+
+def xml(text: str) -> str:
+    """The text in XML, SVG or HTML, between elements or in an attribute in double quotes."""
+    return xml_text(text).replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;").replace('"', "&quot;")
+
+
+def script_json(value: object) -> str:
+    """JSON inside a script element, which nothing in it can end early."""
+    text = json.dumps(value, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+    for unsafe, safe in _UNSAFE.items():
+        text = text.replace(unsafe, safe)
+    return text.encode("utf-8", "replace").decode("utf-8")
+
+
+def file_stem(text: str) -> str:
+    """A name of a file, without suffix and folder, on every system: `rig 1/2` is `rig_1_2`."""
+    plain = re.sub(r"[^\w.+-]+", "_", text).strip("._ ")[:LONGEST_STEM] or "unnamed"
+    return f"_{plain}" if plain.partition(".")[0].lower() in _DEVICES or plain[0] == "-" else plain
