@@ -16,6 +16,7 @@ from heavebond.text.source import Mapping, Node, Scalar, Sequence, Source
 
 T = TypeVar("T", Expr, Equation)
 IDENTIFIER = re.compile(r"[A-Za-z_]\w*")
+CAMEL_CASE = re.compile(r"[A-Z][A-Za-z0-9]*[a-z][A-Za-z0-9]*")
 RESERVED = {*KEYWORDS, "time", "pi"}
 SWITCHES = {"on": 1, "yes": 1, "true": 1, "off": 0, "no": 0, "false": 0}
 FARTHEST = 100  # of a place in a drawing, which is laid out on a grid
@@ -24,7 +25,7 @@ BETWEEN = ("spline", "linear", "hold")
 
 # what a missing entry may be, where there is more to say than its name
 EXAMPLES = {"between": "`between: spline` (what moves smoothly), `linear`, or `hold` (what is switched)",
-            "use": "`use: fit` or `use: validate`", "file": "`file: name.csv`", "unit": "`unit: mm`",
+            "use": "`use: fit` or `use: validate`", "file": "`file: name.csv`", "unit": "`unit: ...` with its unit (mm, kN, bar; 1 for a plain number)",
             "column": "`column: name_in_the_file`"}
 
 
@@ -36,8 +37,10 @@ def known_keys(node: Mapping, allowed: Iterable[str], what: str, problems: Probl
     for name, key in node.keys.items():
         if name not in allowed:
             meant.add(nearest(name, allowed))
+            head, bracket, _ = name.partition(" {")
             problems.add("key-unknown", f"{what} has no entry '{name}'", key.place,
-                         hint=suggest(name, allowed) or f"Known: {', '.join(allowed)}.")
+                         hint=(f"A colon is missing: write `{head}: {{...}}`." if bracket and head in allowed else "")
+                         or suggest(name, allowed) or f"Known: {', '.join(allowed)}.")
     for name in required:
         if name not in node.items and name not in meant:
             problems.add("key-missing", f"{what} needs the entry '{name}'", node.place,
@@ -274,7 +277,8 @@ def instance(key: Scalar, node: Node, source: Source, problems: Problems) -> Ins
         return None
     kind = entry.items.get("is")
     if not isinstance(kind, Scalar):
-        said = [s.text for n in ("type", "kind", "Is", "IS") if isinstance(s := entry.items.get(n), Scalar)]
+        said = [s.text for n, s in entry.items.items() if isinstance(s, Scalar)
+                and (n in ("type", "kind", "Is", "IS") or CAMEL_CASE.fullmatch(s.text))]
         guess = said[0] if said else "Spring"
         problems.add("kind-missing", f"'{key.text}' does not say what it is", key.place,
                      hint=f"Write `{key.text}: {{is: {guess}, ...}}`.")

@@ -131,7 +131,9 @@ def read_show(node: Node | None, problems: Problems) -> dict[str, Shown]:
 
 def shown_as(name: str, item: Node, key: Scalar, problems: Problems, extra: tuple[str, ...] = ()) -> Shown | None:
     """`pull: {is: spring.F, unit: kN}`; without `is` the key itself is the formula."""
-    entry = reading.mapping(item, f"'{name}'", problems)
+    said = item.text if isinstance(item, Scalar) else "spring.F"
+    entry = reading.mapping(item, f"'{name}'", problems, f"Write the formula and the unit in which it is shown: "
+                            f"`{name}: {{is: {said}, unit: ...}}`.")
     if entry is None:
         return None
     reading.known_keys(entry, ("is", "unit", *extra), f"'{name}'", problems, required=("unit",))

@@ -247,6 +247,11 @@ class _Builder:
             self.problems.add("tab", "a tab stands in the indentation", tab,
                               hint="Put spaces in its place; YAML is indented with spaces.")
             return
+        if "mapping values are not allowed here" in said and (bare := self._without_colon(where)):
+            word = bare.text.split()[0]
+            self.problems.add("not-yaml", f"a `:` is missing behind '{word}'", bare,
+                              hint=f"Write `{word}: {bare.text.strip()[len(word):].strip()}`.")
+            return
         for words, message, hint, opened in SYNTAX:
             if words in said:
                 place = self.place(error.context_mark) if opened and error.context_mark else where
@@ -256,6 +261,17 @@ class _Builder:
                 return
         self.problems.add("not-yaml", f"this is not YAML: {said}", where, hint="A value that holds `: `, `#`, `,`, "
                           "brackets or begins with a special sign is put in quotes.")
+
+    def _without_colon(self, where: Place) -> Place | None:
+        """The line, or the one before it, whose first word should be a key: `load {is: Mass}`, `model rig`."""
+        number = where.line - 1
+        before = next((k for k in range(number - 1, -1, -1) if self.raw[k].strip()), None)
+        bare = r"\s*[A-Za-z_]\w* +[^\s:#][^:#]*"
+        for k, pattern in ((number, r"\s*[A-Za-z_]\w* +[\[{].*"), (before, bare)):
+            if k is not None and re.fullmatch(pattern, self.raw[k]):
+                column = len(self.raw[k]) - len(self.raw[k].lstrip())
+                return Place(where.file, k + 1, column + 1, self.raw[k], len(self.raw[k].split()[0]))
+        return None
 
     def _node(self, event: yaml.Event) -> Node:
         self._refuse_hidden(event)
@@ -332,6 +348,9 @@ class _Builder:
             elif re.match(r"\w+:\S", name):
                 self.problems.add("key-without-value", f"a space is missing behind the colon of '{name}'", key.place,
                                   hint=f"Write `{name.replace(':', ': ', 1)}`.")
+            elif found := re.fullmatch(r"(\w+)\s+(\S.*)", name):
+                self.problems.add("key-without-value", f"a colon is missing behind '{found.group(1)}'", key.place,
+                                  hint=f"Write `{found.group(1)}: {found.group(2)}`.")
             else:
                 self.problems.add("key-without-value", f"'{name}' has no value", key.place,
                                   hint=f"Write `{name}: ...` with a value, or remove it.")
