@@ -187,3 +187,28 @@ def test_every_name_of_a_flat_model_has_one_owner(name):
     assert not set(flat.names) & set(flat.constants)
     symbols = [s.element_hash() for level in flat.levels for s in level]
     assert len(set(symbols)) == len(symbols)
+
+
+HINTS = """model: m
+components:
+  spring: {is: Spring, c: 1 kN/m}
+  load: {is: Mass, m: 1 kg}
+nodes: {a: [spring.a], load: [spring.b, load.a]}
+show: {load.x: {unit: mm}}
+"""
+
+
+@pytest.mark.parametrize(("before", "after", "hint"), [
+    ("{load.x: {unit: mm}}", "{opening: load.x}", "`opening: {is: load.x, unit: ...}`"),
+    ("{unit: mm}", "{is: load.x}", "1 for a plain number"),
+    ("unit: mm", "unit: Ohm", "'ohm'"),
+    ("unit: mm", "unit: mOhm", "'mohm'"),
+    ("is: Mass", "si: Mass", "{is: Mass, ...}"),
+    ("is: Mass", "is Mass", "Write `is: Mass`."),
+    ("c: 1 kN/m", "c 1 kN/m", "Write `c: 1 kN/m`."),
+    ("load: {is", "load {is", "a `:` is missing behind 'load'"),
+    ("model: m", "model m", "text:1: a `:` is missing behind 'model'"),
+    ("show: {", "show {", "write `show: {...}`"),
+])
+def test_a_hint_leads_to_what_was_meant(before, after, hint):
+    assert hint in refused(HINTS.replace(before, after, 1))

@@ -44,7 +44,8 @@ SPELLINGS = {
     "Nm": "N*m", "Ns": "N*s", "kNs": "kN*s", "kNm": "kN*m", "Nms": "N*m*s", "lpm": "L/min", "gpm": "gal/min",
     "sec": "s", "Sec": "s", "KN": "kN", "Kg": "kg", "KG": "kg", "hz": "Hz", "kHZ": "kHz", "mpa": "MPa", "Mpa": "MPa",
     "gpa": "GPa", "Gpa": "GPa", "kpa": "kPa", "PA": "Pa", "Bar": "bar", "BAR": "bar", "cc": "cm**3", "m3": "m**3",
-    "m2": "m**2", "s2": "s**2", "mm2": "mm**2", "cm2": "cm**2", "cm3": "cm**3", "mm3": "mm**3"}
+    "m2": "m**2", "s2": "s**2", "mm2": "mm**2", "cm2": "cm**2", "cm3": "cm**3", "mm3": "mm**3",
+    "Ohm": "ohm", "Ohms": "ohm", "ohms": "ohm", "mOhm": "mohm", "kOhm": "kohm", "MOhm": "Mohm"}
 COMMON = [
     "N", "kN", "MN", "kg", "t", "g", "m", "mm", "cm", "km", "s", "ms", "min", "h", "Pa", "kPa", "MPa", "GPa", "bar",
     "L", "L/min", "Hz", "kHz", "rad", "rad/s", "deg", "rpm", "degC", "K", "J", "kJ", "W", "kW", "V", "A", "mA", "%"]

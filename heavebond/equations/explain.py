@@ -200,7 +200,7 @@ class _Lost:
         if loss.zero:
             return self._other_value()
         if self.shown and all(u.role == "signal" for u in self.shown):
-            agree = f"With these values of {listing(blamed)} the loop has no solution, or any value is one.\n" if blamed else ""
+            agree = f"With these values of {listing(blamed)} the loop has no solution, or any value is one.\n" * bool(blamed)
             return f"{agree}A loop of signals without memory: each follows from the others at the same instant.\n" \
                 "Put a FirstOrderLag or a SampleHold between them."
         if loss.variables:

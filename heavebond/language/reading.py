@@ -25,7 +25,8 @@ BETWEEN = ("spline", "linear", "hold")
 
 # what a missing entry may be, where there is more to say than its name
 EXAMPLES = {"between": "`between: spline` (what moves smoothly), `linear`, or `hold` (what is switched)",
-            "use": "`use: fit` or `use: validate`", "file": "`file: name.csv`", "unit": "`unit: ...` with its unit (mm, kN, bar; 1 for a plain number)",
+            "use": "`use: fit` or `use: validate`", "file": "`file: name.csv`",
+            "unit": "`unit: ...` with its unit (mm, kN, bar; 1 for a plain number)",
             "column": "`column: name_in_the_file`"}
 
 
