@@ -208,7 +208,7 @@ show: {load.x: {unit: mm}}
     ("c: 1 kN/m", "c 1 kN/m", "Write `c: 1 kN/m`."),
     ("load: {is", "load {is", "a `:` is missing behind 'load'"),
     ("model: m", "model m", "text:1: a `:` is missing behind 'model'"),
-    ("show: {", "show {", "write `show: {...}`"),
+    ("show: {load.x: {unit: mm}}", "simulate {until: 1 s}", "write `simulate: {...}`"),
 ])
 def test_a_hint_leads_to_what_was_meant(before, after, hint):
     assert hint in refused(HINTS.replace(before, after, 1))
