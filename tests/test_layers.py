@@ -19,7 +19,7 @@ ONLY_IMPORTER = {"yaml": "text.source", "pint": "basis.units"}
 # loaded inside functions only, so that `import heavebond` and `heavebond --help` stay quick
 HEAVY = {"casadi", "numpy", "scipy", "pandas", "matplotlib", "networkx", "rich", "pint"}
 QUICK = ("__init__", "cli", "commands.terminal", "basis.errors", "basis.interrupts", "basis.limits",
-         "basis.numerals", "basis.progress", "basis.writable")
+         "basis.numerals", "basis.progress", "basis.quoting", "basis.writable")
 
 
 def _name(path: Path) -> str:
