@@ -5,6 +5,7 @@ from __future__ import annotations
 # 1/s in nominal sizes: solvers square such rates, which overflows from 1e154 on, and then neither go on nor end
 RATE = 1e100
 PROBLEMS_SHOWN = 20  # of one command; all are counted
+OUTPUT_POINTS = 10_000_000  # of a run
 COLUMNS = 5_000  # of a record
 ENTRIES = 200_000  # keys and values of a YAML file; a chain of 5000 parts has some 60 000
 FMU_VARIABLES = 5_000  # inputs, outputs and parameters of an FMU that becomes a component

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from heavebond.basis.buffered import Buffered
 from heavebond.basis.errors import Problem, SimulationError, UsageError
 from heavebond.basis.interrupts import check
-from heavebond.basis.limits import RATE
+from heavebond.basis.limits import OUTPUT_POINTS, RATE
 from heavebond.basis.units import UnitProblem, check_unit, parse_quantity, unit
 from heavebond.language.definition import Value
 from heavebond.language.model import Model
@@ -39,7 +39,6 @@ Time = float | str
 MOST_NEWTON = 20  # steps to the algebraic unknowns from what IDAS interpolated
 ASIDE = 1e-3  # of each state's nominal size: how far from the start its stiffness is felt
 POINTS = 1000  # output points where nothing is said
-MOST_POINTS = 10_000_000  # output points of a run
 
 
 def simulate(model: Model | Assembly, until: Time | None = None, *, every: Time | None = None,
@@ -373,9 +372,9 @@ def grid(model: Model, until: Time | None, every: Time | None) -> Array:
             "the start and the end", None,
             f"Make `every` shorter, or `until` longer; `every` of {end:g} s gives the two ends alone.")])
     wanted = end / step * (1 + 1e-12)
-    if not wanted <= MOST_POINTS:
+    if not wanted <= OUTPUT_POINTS:
         raise UsageError([Problem("too-many-points", f"every {step:g} s until {end:g} s makes {wanted:.3g} output points; "
-                                  f"the most is {MOST_POINTS}", None, f"Make `every` {end / MOST_POINTS:.3g} s or longer, "
+                                  f"the most is {OUTPUT_POINTS}", None, f"Make `every` {end / OUTPUT_POINTS:.3g} s or longer, "
                                   "or `until` shorter.")])
     number = int(np.floor(wanted))
     times = np.arange(number + 1) * step
