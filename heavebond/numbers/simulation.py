@@ -374,8 +374,8 @@ def grid(model: Model, until: Time | None, every: Time | None) -> Array:
     wanted = end / step * (1 + 1e-12)
     if not wanted <= OUTPUT_POINTS:
         raise UsageError([Problem("too-many-points", f"every {step:g} s until {end:g} s makes {wanted:.3g} output points; "
-                                  f"the most is {OUTPUT_POINTS}", None, f"Make `every` {end / OUTPUT_POINTS:.3g} s or longer, "
-                                  "or `until` shorter.")])
+                                  f"the most is {OUTPUT_POINTS}", None, f"Make `every` {end / OUTPUT_POINTS:.3g} s or "
+                                  "longer, or `until` shorter.")])
     number = int(np.floor(wanted))
     times = np.arange(number + 1) * step
     return np.asarray(times if end - times[-1] < 1e-9 * end else np.append(times, end))
