@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from heavebond.basis.errors import Problem, SimulationError, listing
 from heavebond.equations import explain
 from heavebond.equations.rank import losses
+from heavebond.language.definition import Value
 from heavebond.language.library import is_bundled
 from heavebond.numbers.dae import Array, Assembly
 from heavebond.numbers.findings import RUNAWAY
@@ -141,7 +142,7 @@ def _cause(assembly: Assembly, first: Start, last: Point, loosen: str) -> tuple[
     verb = "changes" if len(fastest) == 1 else "change"
     said = f"{listing(fastest, 2)} {verb} fastest: a kink or jump there that the solvers cannot step over. "
     parts = list(dict.fromkeys(part for name in fastest for part in _leaves(assembly, name)))
-    own = [part for part in parts if not is_bundled(assembly.flat.expanded.leaves[part].component.path)]
+    own = [part for part in parts if _of_the_user(assembly, part)]
     if parts and not own:
         return (f"{said}The parts there are {listing(parts, 4)}, all of the library: look for one whose size or rating does "
                 "not fit its neighbours, or for a volume, a mass or a time constant far below theirs"
@@ -149,6 +150,13 @@ def _cause(assembly: Assembly, first: Start, last: Point, loosen: str) -> tuple[
     return (f"{said}Smooth it{' in ' + listing(own, 4) if own else ''} (smooth_sign(v, v_t) for sign(v), signed_sqrt for a "
             "root), let it happen as an event (a Step for a jump in time, a DryFriction for a sign, `when:` in a component)"
             f"{loosen}.", notes)
+
+
+def _of_the_user(assembly: Assembly, part: str) -> bool:
+    """Whether a law of a part is the user's to change: a component of his own, or an input given by a formula."""
+    leaf = assembly.flat.expanded.leaves[part]
+    written = (bound.value for bound in leaf.inputs.values() if bound.scope == "")
+    return not is_bundled(leaf.component.path) or any(isinstance(value, Value) and value.formula for value in written)
 
 
 def _leaves(assembly: Assembly, name: str) -> list[str]:

@@ -26,17 +26,21 @@ from heavebond.language.model import Model
 from heavebond.language.sections import Condition
 from heavebond.numbers.dae import Assembly, assemble
 from heavebond.numbers.initialise import start
-from heavebond.numbers.result import Result
+from heavebond.numbers.result import Result, columns
 from heavebond.text.expression import Number
 from heavebond.text.symbols import split
 
 if TYPE_CHECKING:
     from heavebond.numbers.simulation import Simulator
 
+# Pressures of a filled node beyond so many usual ones (100 000 bar of oil, 1000 bar of gas) are none of a machine: a pump
+# that works against a shut valve reaches them within 0.1 s.
+MOST_FILLED = 1000
+
 
 def run_by_auto(simulator: Simulator, parameters: Mapping[str, float | str] | None, allow_fmu: bool) -> Result:
     """A run that changes its equations or its solver where IDAS stops; where nothing helps, the error of the last attempt
-    that got as far as integrating, else the first."""
+    that got as far as integrating filled nodes, else the first."""
     try:
         return simulator.run(parameters)
     except (StartError, SimulationError) as error:
@@ -53,14 +57,14 @@ def run_by_auto(simulator: Simulator, parameters: Mapping[str, float | str] | No
                                     sensitivities=simulator.parameters, allow_fmu=allow_fmu)
             parameters = None
             try:
-                return _told(again.run(), fills, first)
+                return _accepted(again.run(), fills, first)
             except SimulationError as error:
                 if not _may_help(error.problems[0]):
                     raise
         again.change_solvers()
-        return _told(again.run(parameters), fills, first)
+        return _accepted(again.run(parameters), fills, first)
     except HeavebondError as error:
-        raise (error if error.problems[0].code == "integration-failed" else first) from None
+        raise (error if fills and error.problems[0].code == "integration-failed" else first) from None
 
 
 def _may_help(problem: Problem) -> bool:
@@ -68,13 +72,34 @@ def _may_help(problem: Problem) -> bool:
     return not problem.code.startswith("event")
 
 
-def _told(result: Result, fills: Mapping[str, str], why: HeavebondError) -> Result:
-    """The result with what was filled, and why, in its statistics."""
+def _accepted(result: Result, fills: Mapping[str, str], why: HeavebondError) -> Result:
+    """The result with what was filled, and why, in its statistics; the error `why` where it means nothing: a run that fails
+    its verdict, that has stepped over a point where a volume or an arm vanishes, or in which what fills a node decides."""
+    if result.verdict.failed or _passes_zero(result) or _decides(result, fills):
+        raise why
     if not fills:
         return result
     return replace(result, statistics={**result.statistics, "fills": {
         "nodes": list(fills), "components": [f"fill_{k}" for k in range(1, 1 + len(fills))],
         "why": why.problems[0].message}})
+
+
+def _passes_zero(result: Result) -> bool:
+    """Whether a coefficient that is divided by turns its sign along the run, in the states of the diagram's own choice."""
+    own = np.ones(len(result.time), bool)
+    own[[k for at, _ in result.stays for k in at]] = False
+    if not len(result.assembly.reduced.pivots) or not own.any():
+        return False
+    values = np.array(result.assembly.pivots(*columns(result, np.flatnonzero(own))))
+    return bool(((values.min(axis=1) < 0) & (values.max(axis=1) > 0)).any())
+
+
+def _decides(result: Result, fills: Mapping[str, str]) -> bool:
+    """Whether a filled node goes far beyond any usual pressure: a flow that has no way out is taken up by what fills it."""
+    assembly, domains = result.assembly, result.assembly.model.library.domains
+    names = {node: f"{node}.{domains[domain].across[0]}" for node, domain in fills.items()}
+    usual = {name: assembly.flat.unknowns[assembly.flat.names[name]].nominal for name in names.values()}
+    return any(np.abs(values).max() > MOST_FILLED * usual[name] for name, values in result.signals(list(usual)).items())
 
 
 def unfilled(assembly: Assembly) -> dict[str, str]:

@@ -93,7 +93,7 @@ def algebraic_left(names: list[str], place: Place | None = None) -> Problem:
     """Why CVODES cannot be used."""
     number, them = ("algebraic unknowns", "them") if len(names) > 1 else ("an algebraic unknown", "it")
     return Problem("solver-algebraic", f"cvodes cannot run this diagram, which has {number}: {listing(names, 4)}", place,
-                   f"{RETYPE.format('idas')}, the default, which solves for {them} on its way.")
+                   f"{RETYPE.format('idas')}, the default, which solves for {them} on its way, or `auto`.")
 
 
 def compiler() -> str | None:
