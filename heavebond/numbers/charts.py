@@ -47,8 +47,9 @@ class Chart:
         self.constraints = assembly.reduced.choices.constraints
         self.moving = _moving(assembly)
         parts = parts_of(self.constraints, assembly.reduced.states) if self.moving else []
+        # what follows with coefficients that stay follows from the states for ever
         self.parts = [part for part in parts if len(part.columns) > len(part.rows)
-                      and any((i, j) in self.moving for i in part.rows for j, _ in part.columns)]
+                      and any((i, j) in self.moving for i in part.rows for j, _ in part.dummies)]
         inside = {j for part in self.parts for j, _ in part.columns}
         # what the user asked for counts at the start, and where one choice is as good as it was all the way
         self._asked = self.constraints.settable | (self.constraints.asked - inside)
