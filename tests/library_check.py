@@ -14,7 +14,7 @@ giving its states and comparing their rates; `run` integrates a whole diagram wh
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import wraps
 from typing import Any
 
@@ -80,6 +80,7 @@ class Law:
         self.component = LIBRARY.component(component)
         counts = {name: int(str(value)) for name, value in given.items()
                   if name in self.component.parameters and self.component.parameters[name].integer}
+        self.inputs = {name for name, s in self.component.signals.items() if s.direction == "in" and name in given}
         self.text = self._diagram(component, given, counts)
         self.model = hb.loads(self.text)
         self.flat: dict[tuple[str, ...], Flat] = {}
@@ -114,7 +115,7 @@ class Law:
             positions = tuple(f"part.{k}" for k in given if k.endswith((".x", ".phi")))
             if positions not in self.flat:
                 self.flat[positions] = flatten(self.model, positions)
-            self.solutions[key] = Solution(self.flat[positions], key)
+            self.solutions[key] = Solution(self.flat[positions], key, self.inputs - set(key))
         columns = np.broadcast_arrays(*(np.asarray(v, float) for v in given.values())) if given else [np.zeros(())]
         return self.solutions[key].at([np.ravel(c) for c in columns] if given else [], columns[0].shape, guess or {})
 
@@ -130,7 +131,8 @@ class Solution:
     """The equations of a flat model solved for what is not given: explicitly one after the other as far as that goes, what
     is left by Newton's method."""
 
-    def __init__(self, flat: Flat, given: Sequence[str]):
+    def __init__(self, flat: Flat, given: Sequence[str], inputs: Collection[str] = ()):
+        """`inputs` keep the constant that the diagram gives."""
         self.flat, self.names = flat, self._symbol_names(flat)
         by_name = {name: s for s, name in self.names}
         parameters = {n.removeprefix("part."): s for n, s in flat.constants.items() if s.is_symbolic()}
@@ -138,7 +140,8 @@ class Solution:
         known = {s.element_hash() for s in (*self.given, *split(flat.p), flat.time, flat.rate)}
         self.residuals = [r for e, r in zip(flat.equations, flat.residuals, strict=True)
                           if not (e.label.startswith("sum of") and "." not in e.owner and e.owner != "part")
-                          and not e.label.endswith("as given")]
+                          and (not e.label.endswith("as given") or e.label.removesuffix(" as given").removeprefix("part.")
+                               in inputs or e.owner != "part")]
         self.found: list[tuple[ca.SX, ca.SX]] = []
         self._peel(known)
         self.rest = self._unknown(self.residuals, known)

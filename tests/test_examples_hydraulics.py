@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
 
 import heavebond as hb
@@ -42,11 +42,11 @@ def haaland(Re: float, roughness: float) -> float:
 
 
 def air_compressed(p: float, share: float, beta: float = 1.4e9, p_a: float = 101325.0) -> float:
-    """Volume per volume that oil with air gives way from 0 to p: the integral of its compressibility."""
-    def left(x: float) -> float:   # volume of the air, 1 at the atmosphere's pressure but for the softening
-        return 2/(x + np.sqrt(x**2 + 0.01))
+    """Volume per volume that a mixture of oil and air gives way from 0 to p: the integral of its compressibility."""
+    def air(p: float) -> float:   # over the oil by volume, `share` at the atmosphere's pressure but for the softening
+        return share*2/(1 + p/p_a + np.sqrt((1 + p/p_a)**2 + 0.01))
 
-    return float(p/beta + share*(left(1) - left(1 + p/p_a)))
+    return float(quad(lambda x: 1/(beta*(1 + air(x))), 0, p)[0] + np.log((1 + air(0))/(1 + air(p))))
 
 
 def second_order(t: float, f: float, zeta: float) -> float:
@@ -99,7 +99,7 @@ CASES = [
     Case("end_cushion", "cushion.q", 1, root(60*LPM, 2*BAR, 50*BAR)*(0.05 + 0.95*0.5), 1e-5, BAND),
     Case("exponent_orifice", "part.q", 1, 20*LPM*10**0.7, 1e-5, BAND),
     Case("filter", "line.p", 1, (60*LPM + 60*LPM*3.5)/(0.1*60*LPM/(0.5*BAR) + 60*LPM/BAR), 1e-9, ROUNDING),
-    Case("flow_control_valve", "part.q", 1, 10*LPM*6.25/(1 + 6.25**4)**0.25, 1e-9, ROUNDING),
+    Case("flow_control_valve", "part.q", 1, 10*LPM*2.5/(1 + 2.5**8)**(1/8), 1e-6, BAND),
     Case("flow_curve_of_drop", "part.q", 1, 3.5*LPM, 1e-9, "B-splines give a straight line exactly"),
     Case("flow_sensor", "meter.y", 1, root(20*LPM, 10*BAR, 40*BAR), 1e-5, BAND),
     Case("flow_source", "line.p", 0.25, 6*LPM*2/(2*PI/0.5*1e-11), 1e-6, STEPS),
@@ -116,7 +116,7 @@ CASES = [
     Case("laminar_leakage", "vessel.p", 1, 200*BAR*np.exp(-2e-11*K_OIL/0.01), 1e-6, STEPS),
     Case("line", "shut.p", 0.1, 10*BAR*np.cos(0.1*8*np.sin(PI/16)*np.sqrt(K_OIL/870)/20), 0.01,
          "the first swing of a chain of four lumps; its friction takes 1 %"),
-    Case("line_inertance", "part.q", 0.2, BAR*(0.2 + 5e-3)/1e8, 1e-6, STEPS),
+    Case("line_inertance", "part.q", 0.2, BAR*0.2/1e8, 1e-6, STEPS),
     Case("line_resistance", "part.q", 1, (-1e9 + np.sqrt(1e18 + 4*4e12*10*BAR))/(2*4e12), 1e-9, ROUNDING),
     Case("line_segment", "part.q", 1, 0.5*BAR*PI*0.02**4/(128*870*46e-6*10)*(1 - np.exp(-32*46e-6/0.02**2)), 1e-6, STEPS),
     Case("line_volume", "line.p", 0.5, 100*BAR*(1 - np.exp(-2.5)), 1e-6, STEPS),
@@ -318,7 +318,7 @@ simulate: {until: 2 s, every: 10 ms}
 """)
 
     def flow(y: float, dp: float) -> float:
-        return 40*LPM/np.sqrt(35*BAR)*y*dp/(dp**2 + (0.1*BAR)**2)**0.25 + LPM/(70*BAR)*dp
+        return 40*LPM/np.sqrt(35*BAR)*y*dp/(dp**2 + (0.1*BAR)**2)**0.25 + 2/1.6*LPM/(70*BAR)*dp  # both ways leak
 
     def rate(t: float, s: list[float]) -> list[float]:
         x, v, p_A, p_B, y, w = s
@@ -329,7 +329,8 @@ simulate: {until: 2 s, every: 10 ms}
         leak = 1e-12*(p_A - p_B)
 
         def k(p: float) -> float:
-            return 1/1.1e9 + 0.005/P_A/(1 + p/P_A)**2
+            air = 0.005/(1 + p/P_A)  # over the oil, by volume
+            return (1/1.1e9 + air/(P_A + p))/(1 + air)
 
         return [v, (20e-4*p_A - 12e-4*p_B - 50e3*x - 5e3*v)/500,
                 (q_A - leak - 20e-4*v)/((0.8e-3 + 20e-4*x)*k(p_A)), (q_B + leak + 12e-4*v)/((0.6e-3 - 12e-4*x)*k(p_B)),

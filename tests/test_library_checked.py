@@ -14,7 +14,7 @@ for _path in sorted(Path(__file__).parent.glob("test_library_*.py")):
     if _path.stem != Path(__file__).stem:
         importlib.import_module(_path.stem)
 
-FOLDERS: tuple[str, ...] = ("bond_graph", "rotational", "signal", "translational")
+FOLDERS = ("bond_graph", "electrical", "hydraulic", "pneumatic", "rotational", "signal", "thermal", "translational")
 
 
 @pytest.mark.parametrize("folder", FOLDERS)
@@ -48,4 +48,4 @@ def test_a_comparison_that_evaluates_or_compares_nothing_fails() -> None:
 
 
 def test_folders_are_those_of_the_library() -> None:
-    assert set(FOLDERS) <= {path.name for path in bundled("components").iterdir() if path.is_dir()}
+    assert {*FOLDERS, "symbols"} == {path.name for path in bundled("components").iterdir() if path.is_dir()}

@@ -1,0 +1,86 @@
+"""Electrical components beside formulas of their sources."""
+
+from __future__ import annotations
+
+import numpy as np
+from library_check import agree, checks, part
+
+V = np.array([-230.0, -1, 0, 0.5, 48])
+I = np.array([-20.0, 0, 0.1, 3, 100])  # noqa: E741 - the letter of a current
+
+
+@checks("Resistor", "Capacitor", "Inductor")
+def test_two_poles() -> None:
+    found = part("Resistor", R="4 ohm")({"a.v": 10 + V, "b.v": 10})
+    agree(found["a.i"], V/4)
+    agree(found["b.i"], -V/4)
+    agree(part("Resistor", R=0)({"i": I, "b.v": 10})["a.v"], 10)  # a wire
+    found = part("Capacitor", C="2 mF")({"u": 10, "a.i": I, "b.v": 3})
+    agree(found["der(u)"], I/2e-3)
+    agree(found["a.v"], 13)
+    agree(found["b.i"], -I)
+    found = part("Inductor", L="5 mH")({"i": 2, "a.v": 10 + V, "b.v": 10})
+    agree(found["der(i)"], V/5e-3)
+    agree(found["a.i"], 2)
+    agree(found["b.i"], -2)
+
+
+@checks("VoltageSource", "CurrentSource", "Battery", "ElectricalGround", "VoltageSensor", "CurrentSensor",
+        "ElectricalPowerSensor")
+def test_sources_and_sensors_are_what_they_define() -> None:
+    found = part("VoltageSource")({"u": V, "b.v": 10, "a.i": 2})
+    agree(found["a.v"], 10 + V)
+    agree(found["b.i"], -2)
+    found = part("CurrentSource")({"u": I, "b.v": 10, "a.v": 12})
+    agree(found["a.i"], -I)
+    agree(found["b.i"], I)
+    delivered = I
+    found = part("Battery", U_0="12 V", R_i="0.1 ohm")({"a.i": -delivered, "b.v": 1})
+    agree(found["a.v"], 1 + 12 - 0.1*delivered)
+    agree(found["b.i"], delivered)
+    agree(part("ElectricalGround")({"a.i": I})["a.v"], 0, size=1e-30)
+    found = part("VoltageSensor")({"a.v": V, "b.v": 2})
+    agree(found["y"], V - 2)
+    agree([found["a.i"], found["b.i"]], 0, size=1e-30)
+    found = part("CurrentSensor")({"a.i": I, "a.v": 7})
+    agree(found["y"], I)
+    agree(found["b.v"], 7)
+    agree(found["b.i"], -I)
+    found = part("ElectricalPowerSensor")({"a.i": I, "a.v": 24, "n.v": -24})
+    agree(found["y"], 48*I)  # against the return, not against ground
+    agree(found["b.i"], -I)
+    agree(found["b.v"], 24)
+    agree(found["n.i"], 0, size=1e-30)
+
+
+@checks("Transformer", "Gyrator")
+def test_couplings_keep_the_power() -> None:
+    found = part("Transformer", n=5.0)({"a_1.v": 230 + V, "b_1.v": 230, "b_2.v": -4, "a_2.i": I})
+    agree(found["a_2.v"] + 4, V/5)
+    agree(found["a_1.i"], -I/5)
+    agree([found["b_1.i"], found["b_2.i"]], [I/5, -I])
+    agree(found["a_1.i"]*V + found["a_2.i"]*(found["a_2.v"] + 4), 0, size=1e-6)
+    # Tellegen: v_1 = -r i_2, v_2 = r i_1 with currents into the two-port
+    found = part("Gyrator", r="8 ohm")({"a_1.v": 230 + V, "b_1.v": 230, "b_2.v": -4, "a_1.i": I})
+    agree(found["a_2.i"], -V/8)
+    agree(found["a_2.v"] + 4, 8*I)
+    agree([found["b_1.i"], found["b_2.i"]], [-I, V/8])
+
+
+@checks("DCMotor", "MotorConstant")
+def test_motors() -> None:
+    i, w = np.array([-3.0, 0, 2, 10]), np.array([100.0, 0, -50, 300])
+    law = part("DCMotor", R="2 ohm", L="3 mH", k="0.05 N*m/A", J="2e-4 kg*m**2", d="1e-5 N*m*s/rad", M_c="0.01 N*m")
+    found = law({"i": i, "a.v": 30, "b.v": 6, "s.w": w, "der(s.w)": 40})
+    agree(found["der(i)"], (24 - 2*i - 0.05*w)/3e-3)  # Franklin (2.52 a, b)
+    agree(found["s.tau"], 2e-4*40 + 1e-5*w + 0.01*np.tanh(w/0.1) - 0.05*i)
+    agree(found["a.i"], i)
+    agree(found["b.i"], -i)
+    # no load: the friction is k times the current; stalled: the current is u/R
+    agree(law({"i": 0.2, "der(i)": 0, "b.v": 0, "s.w": 200, "der(s.w)": 0, "d": 0})["s.tau"], 0, size=1.0)
+    agree(law({"der(i)": 0, "a.v": 24, "b.v": 0, "s.w": 0, "der(s.w)": 0})["i"], 12)
+    found = part("MotorConstant", k="0.05 N*m/A")({"a.i": i, "b.v": 5, "s.w": w, "h.w": 20})
+    agree(found["a.v"], 5 + 0.05*(w - 20))
+    agree(found["s.tau"], -0.05*i)
+    agree(found["h.tau"], 0.05*i)
+    agree(found["b.i"], -i)
