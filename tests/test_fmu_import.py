@@ -57,7 +57,7 @@ components:
 nodes:
   wall:  [wall.a, spring.a]
   cart:  [cart.a, spring.b, pull.a, where.a]
-  place: [where.y, controller.position]
+  gauge: [where.y, controller.position]
   force: [controller.force, pull.u]
 initial: {cart.x: 50 mm, cart.v: 0 m/s}
 show:

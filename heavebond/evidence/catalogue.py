@@ -217,7 +217,8 @@ def _fresh(site: Site, base: str) -> str:
     """An instance name that is free, with the nodes made from it: `coulomb_friction`, `coulomb_friction_2`, ..."""
     used = {*site.experiment.model.body.instances, *site.experiment.model.body.wires, *site.experiment.model.parameters,
             *site.expanded.leaves, *site.expanded.junctions}
-    return next(n for n in (base, *(f"{base}_{k}" for k in count(2))) if not {n, f"{n}_end", f"{n}_in", f"{n}_out"} & used)
+    names = (base if k == 1 else f"{base}_{k}" for k in count(1))
+    return next(n for n in names if not {n, f"{n}_end", f"{n}_in", f"{n}_out"} & used)
 
 
 def snake(name: str) -> str:
