@@ -144,7 +144,7 @@ def test_table_3_whole() -> None:
 
 
 def test_the_values_are_better_than_those_that_a_search_by_gradients_finds() -> None:
-    """By the count of the calibration, 40.8 at handbook figures and 23.8 where it ends."""
+    """By the count of the calibration, 57.9 at handbook figures and 22.5 where it ends."""
     study = load_study(STUDIES + "calibration")
     assert study.calibration is not None
     given, total, diagram = study.beside[study.calibration.source].numbers, 0.0, load_study(STUDIES + "table3")
@@ -164,12 +164,12 @@ def test_calibration_whole() -> None:
     """From handbook figures, as the page tells it. The way is rough (friction): the sum to 5 %, the values to 10 %."""
     found = hb.run_study(STUDIES + "calibration")
     assert found.complete and found.calibrated is not None
-    assert found.calibrated.history[0] == pytest.approx(40.8, rel=0.01)
-    assert min(found.calibrated.history) == pytest.approx(23.8, rel=0.05)
+    assert found.calibrated.history[0] == pytest.approx(57.9, rel=0.01)
+    assert min(found.calibrated.history) == pytest.approx(22.5, rel=0.05)
     after = {name: pair[1] for name, pair in found.calibrated.values.items()}
-    assert after["ahc.valve.zeta"] == pytest.approx(0.80, rel=0.1)
+    assert after["ahc.valve.zeta"] == pytest.approx(0.79, rel=0.1)
     assert after["ahc.cylinder.beta"] == pytest.approx(1.8e9, rel=0.05)
-    assert after["drilling.hook.m"] == pytest.approx(58.8e3, rel=0.1)
+    assert after["drilling.hook.m"] == pytest.approx(58.6e3, rel=0.1)
 
 
 @pytest.mark.slow
