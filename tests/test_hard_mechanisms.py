@@ -298,8 +298,9 @@ def test_between_two_stops() -> None:
         wanted.append(t)
         speed *= 0.5 if len(wanted) % 2 else 0.9
         t += 0.3 / speed
-    assert [time for time, _ in found.events] == pytest.approx(wanted, abs=SMALL)
-    assert [name for _, name in found.events] == (["top.impact", "bottom.impact"] * 3)[: len(wanted)]
+    impacts = [(time, name) for time, name in found.events if not name.endswith(".begin")]
+    assert [time for time, _ in impacts] == pytest.approx(wanted, abs=SMALL)
+    assert [name for _, name in impacts] == (["top.impact", "bottom.impact"] * 3)[: len(wanted)]
 
 
 def test_newtons_cradle() -> None:
