@@ -64,7 +64,9 @@ def _page(model: Model, graph: BondGraph, lines: list[str], box: Box) -> str:
 # -- vertices ----------------------------------------------------------------------------------------------------------
 def _shape(vertex: Vertex) -> Box:
     """What a letter or a word takes up about its middle."""
-    across = text_width(vertex.label, NAME) / 2 + 8 if vertex.letter == WORD else text_width(vertex.letter, LETTER) / 2
+    # a bond ends as clear of an I as of other letters, whichever way it comes
+    letter = max(text_width(vertex.letter, LETTER) / 2, 4.0)
+    across = text_width(vertex.label, NAME) / 2 + 8 if vertex.letter == WORD else letter
     high = 12.0 if vertex.letter == WORD else 7.0
     return Box(-across, -high, across, high)
 
