@@ -142,7 +142,7 @@ def test_the_audit_fails_loudly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     assert "missing" in out
     assert "damper: +" in err
     assert json.loads(Path("told.json").read_text())["problems"][0]["code"] == "energy-open"
-    assert _run(["energy", "lift.yaml"], capsys)[0] == 0  # shown, but nobody asked for a verdict
+    assert _run(["energy", "lift.yaml"], capsys)[0] == 1  # every run ends with a verdict on its power balance
     code, out, _ = _run(["energy", "passive_rig", "--audit"], capsys)
     assert code == 0
     assert "closes" in out
