@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time as clock
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -63,14 +61,6 @@ def _forward(plain: Simulator, evaluator: Evaluator, names: list[str], reference
     return evaluator.cost_values(*evaluator.functional_values(run), references, run.p, run.along.p)
 
 
-def _quickest(run: Callable[[], object]) -> float:
-    def seconds() -> float:
-        began = clock.process_time()
-        run()
-        return clock.process_time() - began
-    return min(seconds() for _ in range(4))
-
-
 @pytest.mark.parametrize("case", list(CASES))
 def test_a_run_backwards_agrees_with_forward_sensitivities(case: str, tmp_path: Path) -> None:
     build, costs, names, begin, end = CASES[case]
@@ -86,7 +76,7 @@ def test_a_run_backwards_agrees_with_forward_sensitivities(case: str, tmp_path: 
 
 
 def test_ten_parameters_of_the_compensator() -> None:
-    """Right, and in less time than forward."""
+    """Ten at once, on the machine whose time `make bench` compares with that of forward sensitivities."""
     assembly = hb.assemble(hb.load("cmc_ahc"))
     plain, evaluator = _evaluated(assembly, [INDEX], 12, 36, Tolerances(1e-8, 1e-10))
     run = plain.run()
@@ -95,8 +85,6 @@ def test_ten_parameters_of_the_compensator() -> None:
     (_, gradient), (_, forward) = adjoint.costs(run, references)[0], _forward(plain, evaluator, TEN, references)[0]
     values = np.abs([assembly.parameter_values[n] for n in TEN])
     assert np.abs((gradient - forward) * values).max() <= 1e-4 * np.abs(forward * values).max()
-    assert _quickest(lambda: adjoint.costs(run, references)) < _quickest(
-        lambda: _forward(plain, evaluator, TEN, references))
 
 
 def test_there_is_room_for_longer_runs_than_the_first(tmp_path: Path) -> None:
