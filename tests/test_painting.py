@@ -39,6 +39,31 @@ def test_powers_are_what_components_and_nodes_pass_on() -> None:
     assert found.title == "power, at 1 s"
 
 
+@pytest.mark.parametrize("grounded", ["zero", "plus", "middle"])
+def test_electrical_power_does_not_depend_on_where_ground_is(grounded: str) -> None:
+    """12 V and 6 ohm make 2 A: 24 W, of which 2 W stay in the battery, 6 W in the wire and 16 W in the load."""
+    found = paint(hb.loads(f"""
+model: battery
+components:
+  battery: {{is: Battery, U_0: 12 V, R_i: 0.5 ohm}}
+  wire:    {{is: Resistor, R: 1.5 ohm}}
+  load:    {{is: Resistor, R: 4 ohm}}
+  ground:  {{is: ElectricalGround}}
+nodes:
+  plus:   [battery.a, wire.a{", ground.a" if grounded == "plus" else ""}]
+  middle: [wire.b, load.a{", ground.a" if grounded == "middle" else ""}]
+  zero:   [load.b, battery.b{", ground.a" if grounded == "zero" else ""}]
+simulate: {{until: 1 s, every: 0.1 s}}
+"""), "power", at="1 s")
+    assert found.parts == pytest.approx({"battery": 22.0, "wire": 6.0, "load": 16.0, "ground": 0.0}, abs=1e-6)
+
+
+def test_a_transformer_passes_on_the_power_of_its_primary_winding() -> None:
+    """Each winding is one pair of ports: 230 V and, by turns of 10:1, 23 V on 5 ohm: 23 * 23 / 5 = 105.8 W at the peak."""
+    found = paint(hb.load("examples/transformer"), "power", over="peak")
+    assert found.parts == pytest.approx(dict.fromkeys(("supply", "transformer", "load"), 105.8) | {"ground": 0.0}, abs=1e-6)
+
+
 def test_a_variable_is_shown_where_there_is_one() -> None:
     model = hb.loads(PULL.replace("start: steady, ", "cart.v: 2 m/s, "))
     found = paint(model, "v", over="peak")

@@ -33,7 +33,8 @@ class Member:
 class Domain:
     """What a wire of one kind carries: `across` is shared at a node, `through` sums to zero. `reference` is the component
     that stands for the surroundings: the ground, a tank; `medium` the one that sets what flows in a circuit; `fills` the
-    component, with its settings, that a node without storage is given where a run stops without."""
+    component, with its settings, that a node without storage is given where a run stops without. Where the effort is
+    `relative`, a voltage, only its differences mean something: its zero is wherever ground was put."""
 
     name: str
     members: dict[str, Member]
@@ -46,6 +47,7 @@ class Domain:
     reference: str | None = None
     medium: str | None = None
     fills: tuple[str, tuple[tuple[str, str], ...]] | None = None
+    relative: bool = False
 
     def role(self, member: str) -> str:
         """The member's own name for `effort` and `flow` as generic ports write them."""

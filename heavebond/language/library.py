@@ -119,7 +119,7 @@ def _domains() -> dict[str, Domain]:
 
 def _domain(name: str, node: Mapping, problems: Problems) -> Domain:
     keys = ("effort", "flow", "across", "through", "position", "power", "members", "doc", "reference", "medium",
-            "fills")
+            "fills", "relative")
     reading.known_keys(node, keys, f"domain '{name}'", problems, required=("across", "through", "members"))
     members = {}
     entries = reading.mapping(node.items.get("members"), "members", problems)
@@ -140,7 +140,8 @@ def _domain(name: str, node: Mapping, problems: Problems) -> Domain:
         return reading.text(node.items.get(key), key, problems) or None
 
     return Domain(name, members, listed("across"), listed("through"), single("effort"), single("flow"),
-                  single("position"), single("power"), single("reference"), single("medium"), _fills(node, problems))
+                  single("position"), single("power"), single("reference"), single("medium"), _fills(node, problems),
+                  reading.choice(node.items.get("relative"), "relative", ("true", "false"), problems) == "true")
 
 
 def _fills(node: Mapping, problems: Problems) -> tuple[str, tuple[tuple[str, str], ...]] | None:

@@ -2,13 +2,14 @@
 
 Of the powers P_k = effort * flow at the ports of a component, the positive ones come in and the negative ones go out;
 what it passes on is the larger of the two sums: all that enters a damper, all that leaves a source, and what
-goes through a lever. At a node both sums are equal.
+goes through a lever. At a node both sums are equal. Where only differences of an effort mean something, as of voltages, two
+ports with opposite flows, i_a = -i_b, count as one: P = (v_a - v_b) i_a, wherever ground is.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +29,7 @@ SCALE = ("#9fb4c7", "#e0b13c", "#d9601f", "#a30d12", "#4d0012")  # from little t
 BOTH_WAYS = ("#08407e", "#2f7fc1", "#a7adb3", "#d9601f", "#8c0d12")  # from negative to positive
 SPREAD, DECADES = 30.0, 4  # from such a ratio of the largest to the middle one on, colours are logarithmic
 FADED = "#c9ced3"
+OPPOSITE = 1e-6  # of the largest flow: by this much two that are opposite by their equations may differ in a run
 Quantities = dict[str, list[str]]
 
 
@@ -134,13 +136,35 @@ def _powers(result: Result, expanded: Expanded) -> tuple[dict[str, Array], dict[
     for end in powers:
         ports.setdefault(end.rpartition(".")[0], []).append(end)
     ends = {path: [e.name for e in junction.ends if e.name in powers] for path, junction in expanded.junctions.items()}
-    return ({path: _passed_on([powers[e] for e in own]) for path, own in ports.items()},
+    flows = _relative_flows(result, expanded, powers)
+    return ({path: _passed_on(_between(own, powers, flows)) for path, own in ports.items()},
             {path: _halves([powers[e] for e in own]) for path, own in ends.items() if own})
 
 
 def _ends(expanded: Expanded) -> list[str]:
     return list(dict.fromkeys(e.name for junction in expanded.junctions.values() for e in junction.ends
                               if e.name.partition("[")[0] in expanded.ports or e.name in expanded.ports))
+
+
+def _relative_flows(result: Result, expanded: Expanded, ends: Iterable[str]) -> dict[str, Array]:
+    """The flows (N,) at the ends whose efforts are voltages: differences only."""
+    known = result.assembly.flat.names
+    flows = [f"{end}.{domain.flow}" for domain in expanded.model.library.domains.values() if domain.relative for end in ends
+             if f"{end}.{domain.flow}" in known and f"{end}.{domain.effort}" in known]
+    return {name.rpartition(".")[0]: course for name, course in result.signals(flows).items()}
+
+
+def _between(ports: list[str], powers: Mapping[str, Array], flows: Mapping[str, Array]) -> list[Array]:
+    """The powers of one component, with those of two ports of opposite flows summed up."""
+    found, left = [powers[p] for p in ports if p not in flows], [p for p in ports if p in flows]
+    while left:
+        port = left.pop(0)
+        size = OPPOSITE * np.abs(flows[port]).max()
+        other = next((p for p in left if np.abs(flows[port] + flows[p]).max() <= size), None)
+        if other:
+            left.remove(other)
+        found.append(powers[port] + powers[other] if other else powers[port])
+    return found
 
 
 def _passed_on(powers: list[Array]) -> Array:
