@@ -220,3 +220,41 @@ def test_writing_lies_in_the_picture(tab: browser.Tab) -> None:
             return box.left < stage.left || box.right > stage.right || box.top < stage.top || box.bottom > stage.bottom;
         }).map(text => text.textContent); })()""")
     assert outside == []
+
+
+DRIVE = """
+model: drive
+components:
+  wall: {is: Fixed}
+  d:    {is: Damper, d: 4 N*s/m}
+  push: {is: ForceSource, u: "=8 N + 2 N*sin(2*pi*time/1 s)"}
+  cart: {is: Mass, m: 2 kg}
+nodes:
+  wall: [wall.a, d.a]
+  cart: [d.b, push.a, cart.a]
+initial: {start: steady}
+show: {speed: {is: cart.v, unit: m/s}}
+view:
+  cart:  {is: box, at: [cart.x + 0.1 m, 0], size: [0.2 m, 0.1 m]}
+  wheel: {is: circle, at: [cart.x, 0], diameter: 0.1 m, turned: -cart.x/0.05 m}
+simulate: {until: 3 s, every: 100 ms}
+"""
+
+
+def test_a_view_adds_no_state_and_leaves_the_start_as_it_is() -> None:
+    """The machine starts at its steady 2 m/s, as without a view; where it is follows from its speed."""
+    model = hb.loads(DRIVE)
+    run = hb.simulate(model)
+    assert run["speed"][0] == pytest.approx(2.0) and "cart.x" not in run.assembly.flat.names
+    found = animate(model)
+    # m dv/dt = F - d v from steady: v = 2 + c (exp(-2 t) w - w cos + 2 sin) with w = 2 pi, c = 1/(4 + w^2)
+    w, t = 2 * np.pi, found.time
+    c = 1 / (4 + w**2)
+    x = 2 * t + c * (w * (1 - np.exp(-2 * t)) / 2 - np.sin(w * t) + 2 * (1 - np.cos(w * t)) / w)
+    np.testing.assert_allclose(_shape(found, "cart").courses[0], x, atol=1e-6)
+    np.testing.assert_allclose(found.signals["speed"][1], run["speed"], atol=1e-12)
+
+
+def test_a_derivative_beside_a_position_that_is_no_state_is_refused() -> None:
+    with pytest.raises(hb.ModelError, match="Write the rate by its name: cart"):
+        animate(hb.loads(DRIVE.replace("cart.x + 0.1 m, 0]", "cart.x + der(cart.x)*1 s, 0]")))

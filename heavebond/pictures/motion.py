@@ -11,18 +11,20 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
+import casadi as ca
 import numpy as np
 
-from heavebond.basis.errors import ModelError, Problem, Problems, UsageError
+from heavebond.basis.errors import ModelError, Problem, Problems, UsageError, listing
 from heavebond.basis.presentation import converted, readable_unit
-from heavebond.basis.units import ONE, declared_unit
+from heavebond.basis.units import ONE, Dimension, declared_unit
 from heavebond.language.model import Model
 from heavebond.language.reading import add_expression_problem
 from heavebond.language.view import WIDE, Seen
 from heavebond.numbers.dae import Array, Assembly, assemble
 from heavebond.numbers.result import Result
-from heavebond.numbers.simulation import Time, simulate
-from heavebond.text.expression import ExpressionProblem, names
+from heavebond.numbers.simulation import Simulator, Time, simulate
+from heavebond.text.expression import Call, Expr, ExpressionProblem, children, names
+from heavebond.text.symbols import stack
 
 RATE, LEAST_FRAMES, MOST_FRAMES = 25.0, 500, 3000  # pictures a second, and of a whole run
 EDGE, BAND, ASPECT = 0.05, 0.04, 1.35  # around the picture, how deep ground is, and the least width, of its height
@@ -109,26 +111,73 @@ def animate(model: Model, until: Time | None = None, *, every: Time | None = Non
             "Add for example `view: {body: {is: box, at: [0, body.x], size: [1 m, 0.5 m]}}`.")])
     formulas = [f for seen in model.view.values() for part in seen.formulas.values() for f in part]
     chosen = list(signals)
-    assembly = assemble(model, {n.text for f in formulas for n in names(f.tree)} | set(chosen))
-    _check(assembly, model.view)
+    assembly = assemble(model, chosen)
+    apart = _apart(assembly, (n.text for f in formulas for n in names(f.tree)))
+    _check(assembly, model.view, apart)
     result = simulate(assembly, until, every=every, parameters=parameters)
-    # in brackets, so that no formula is taken for the output of that name and given in its unit
-    texts = list(dict.fromkeys(f.text for f in formulas))
-    values = dict(zip(texts, result.signals([f"({text})" for text in texts]).values(), strict=True))
+    courses = _courses(result, {f.text: f.tree for f in formulas}, _integrated(result, apart, parameters))
     time = _frames(result.time)
-    courses = {text: np.interp(time, result.time, course) for text, course in values.items()}
-    return _motion(result, time, courses, chosen or list(model.show)[:SHOWN])
+    shown = {text: np.interp(time, result.time, course) for text, course in courses.items()}
+    return _motion(result, time, shown, chosen or list(model.show)[:SHOWN])
 
 
-def _check(assembly: Assembly, view: Mapping[str, Seen]) -> None:
+@dataclass(frozen=True)
+class _Apart:
+    """A position that is integrated beside a run: the variable that is its rate, and its dimension."""
+
+    rate: str
+    dimension: Dimension
+
+
+def _apart(assembly: Assembly, wanted: Iterable[str]) -> dict[str, _Apart]:
+    """The rate of each position that is wanted and that nothing in the diagram needs. As a state it would ask for a start of
+    its own and hold a steady one still, so it is integrated beside the run, from 0."""
+    known, found = assembly.flat.names, {}
+    for name in wanted:
+        port, _, member = name.rpartition(".")
+        for domain in assembly.model.library.domains.values():
+            if name not in known and member == domain.position and f"{port}.{domain.flow}" in known:
+                found[name] = _Apart(f"{port}.{domain.flow}", domain.members[member].unit.dimension)
+    return found
+
+
+def _integrated(result: Result, apart: Mapping[str, _Apart],
+                parameters: Mapping[str, float | str] | None) -> dict[str, Array]:
+    """The integrals (N,) of some rates over a run, which is made again with them."""
+    if not apart:
+        return {}
+    assembly = result.assembly
+    rates = assembly.express(stack([assembly.flat.levels[0][assembly.flat.names[a.rate]] for a in apart.values()]))
+    again = Simulator(assembly, times=result.time, quadratures=rates, solver=str(result.statistics["solver"]))
+    return dict(zip(apart, again.run(parameters).quadratures, strict=True))
+
+
+def _courses(result: Result, formulas: Mapping[str, Expr], beside: Mapping[str, Array]) -> dict[str, Array]:
+    """Formulas in SI along a run; some of their names have a course (N,) `beside` it."""
+    own = [text for text, tree in formulas.items() if not any(n.text in beside for n in names(tree))]
+    # in brackets, so that no formula is taken for the output of that name and given in its unit
+    found = dict(zip(own, result.signals([f"({text})" for text in own]).values(), strict=True))
+    resolver = result.assembly.resolver()
+    for text in formulas.keys() - set(own):
+        used = list(dict.fromkeys(n.text for n in names(formulas[text])))
+        known = {name: result.signals([f"({name})"])[f"({name})"] for name in used if name not in beside}
+        symbols = {name: ca.SX.sym(name) for name in used}
+        value = resolver.evaluate(formulas[text], extra=symbols)
+        function = ca.Function("formula", [stack(list(symbols.values()))], [value])
+        found[text] = np.array(function(np.array([beside[n] if n in beside else known[n] for n in used]))).ravel()
+    return found
+
+
+def _check(assembly: Assembly, view: Mapping[str, Seen], apart: Mapping[str, _Apart]) -> None:
     """Names and units of all formulas."""
     problems, resolver = Problems(), assembly.resolver()
+    places = {name: own.dimension for name, own in apart.items()}
     for seen in view.values():
         for key, part in seen.formulas.items():
             for formula in part:
                 try:
-                    found = resolver.dimension(formula.tree)
-                    assembly.expression(formula.tree)
+                    found = resolver.dimension(formula.tree, extra=places)
+                    resolver.evaluate(formula.tree, extra={name: ca.SX.sym(name) for name in apart})
                 except ExpressionProblem as problem:
                     add_expression_problem(problem, formula.place, problems)
                     continue
@@ -136,7 +185,15 @@ def _check(assembly: Assembly, view: Mapping[str, Seen]) -> None:
                 if found is not None and found != wanted:
                     problems.add("view-unit", f"`{key}` of '{seen.name}' is {what}; '{formula.text}' is none", formula.place,
                                  hint="Write for example `crown.x + 12 m`.")
+                moving = [apart[n.text].rate for n in names(formula.tree) if n.text in apart]
+                if moving and _has_derivative(formula.tree):
+                    problems.add("view-der", f"'{formula.text}' takes a derivative where a position is no variable of the "
+                                 "diagram", formula.place, hint=f"Write the rate by its name: {listing(moving)}.")
     problems.raise_as(ModelError)
+
+
+def _has_derivative(tree: Expr) -> bool:
+    return (isinstance(tree, Call) and tree.function == "der") or any(_has_derivative(child) for child in children(tree))
 
 
 def _frames(time: Array) -> Array:
