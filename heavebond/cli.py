@@ -131,7 +131,7 @@ def _judged(heard: list[tuple[str, Verdict]], code: int, problems: list[Problem]
             problems = [*problems, found.problem]
         elif found.findings:
             warn(f"warning: {found.text}" if len(heard) == 1 else f"warning: {name}: {found.text}")
-    figures = {**figures, "verdict": together(heard)}
+    figures = {**figures, "validity": together(heard)}
     return (AT_FAULT if code == FINE and verdict_of_all(heard).failed else code), problems, figures
 
 

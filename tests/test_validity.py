@@ -117,7 +117,7 @@ def command(folder: Path, text: str, *words: str, parts: Mapping[str, str] | Non
 
 
 def findings(told: dict[str, object]) -> Iterator[dict[str, object]]:
-    verdict = told["verdict"]
+    verdict = told["validity"]
     assert isinstance(verdict, dict)
     yield from verdict["findings"]
 
@@ -158,7 +158,7 @@ def test_what_is_outside_its_range_is_one_line_on_standard_error_and_no_failure(
         assert said.exit_code == 0, said.output
         assert "warning" not in said.stdout
         assert said.stderr.startswith("warning: oil.p goes to") and said.stderr.count("\n") == 1
-        verdict = told["verdict"]
+        verdict = told["validity"]
         assert isinstance(verdict, dict) and (verdict["status"], verdict["exit"]) == ("outside", 0)
         found, = findings(told)
         assert (found["part"], found["name"], found["limit"], found["unit"]) == ("oil", "oil.p", -101325, "Pa")
@@ -168,7 +168,7 @@ def test_what_is_outside_its_range_is_one_line_on_standard_error_and_no_failure(
 def test_a_clean_run_says_so_in_json(tmp_path: Path) -> None:
     said, told = command(tmp_path, SUCKING.replace("-2 L/min", "2 L/min"))
     assert (said.exit_code, said.stderr) == (0, "")
-    assert told["verdict"] == {"status": "clean", "exit": 0, "findings": []}
+    assert told["validity"] == {"status": "clean", "exit": 0, "findings": []}
 
 
 def test_a_variable_beyond_what_its_component_declares(tmp_path: Path) -> None:

@@ -1,7 +1,7 @@
 """Findings about a run, the verdict that they add up to, and how that reaches whoever asked for the run.
 
 A function that runs a diagram for a user ends with `tell`. In Python that is a warning (RunWarning) unless the verdict is
-clean; the command line listens (`listening`), and makes of all verdicts its lines on standard error, `verdict` in the JSON
+clean; the command line listens (`listening`), and makes of all verdicts its lines on standard error, `validity` in the JSON
 file and the exit code.
 """
 
