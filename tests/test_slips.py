@@ -6,14 +6,20 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from heavebond.basis.errors import HeavebondError, ModelError
+from heavebond.basis.errors import DataError, HeavebondError, ModelError
 from heavebond.basis.measurements import read_table
 from heavebond.evidence import verdict
 from heavebond.evidence.comparison import compare
 from heavebond.evidence.experiment import load_experiment
 from heavebond.evidence.finding import Rung
 from heavebond.evidence.fitting import fit
-from heavebond.evidence.slips import declared_otherwise, seems_in_another_unit, seems_turned, seems_without_sign
+from heavebond.evidence.slips import (
+    declared_otherwise,
+    seems_in_another_unit,
+    seems_turned,
+    seems_without_sign,
+    time_seems_in,
+)
 from heavebond.language.model import loads
 from heavebond.numbers.simulation import simulate
 
@@ -102,6 +108,36 @@ def test_a_factor_that_is_one_between_units(factor: float, unit: str, best: str)
         assert f"with `unit: {best}` in place of `unit: {unit}`" in (said or "") if best else said is None
     assert seems_in_another_unit(np.full(400, 3.0), MOTION, unit) is None
     assert seems_in_another_unit(factor * np.random.default_rng(0).standard_normal(400), MOTION, unit) is None
+
+
+def test_times_in_ms_that_are_read_as_s_are_asked_about(tmp_path: Path) -> None:
+    """Rows every 20 ms for 4 s, as 0, 20, 40 ...: read in s they last 4000 s, a thousand times the run."""
+    path = written(tmp_path, BESIDE)
+    assert not any("is its time in" in note for note in compare(path).records["one"].notes)
+    for file in ("one.csv", "two.csv"):
+        head, *rows = (tmp_path / file).read_text().splitlines()
+        cells = [row.split(",", 1) for row in rows]
+        (tmp_path / file).write_text("\n".join([head, *(f"{1000 * float(t):.0f},{rest}" for t, rest in cells)]) + "\n")
+    said = "record 'one' lasts 4000 s, the diagram is run for 4 s: is its time in ms? (`unit: ms` in place of `unit: s`)"
+    assert said in compare(path).records["one"].notes
+    path.write_text(BESIDE.replace("column: t, unit: s", "column: t, unit: ms"))
+    assert not any("is its time in" in note for note in compare(path).records["one"].notes)
+
+
+@pytest.mark.parametrize(("scale", "unit", "better"), [
+    (1e3, "s", "ms"), (1e-3, "ms", "s"), (1 / 60, "s", "min"), (1e6, "s", "us"), (1, "s", ""), (30, "s", ""), (1e5, "s", ""),
+])
+def test_a_unit_of_time_is_asked_for_where_another_fits(scale: float, unit: str, better: str) -> None:
+    assert time_seems_in(scale * np.arange(0, 10, 0.01), 10, 0.01, unit) == better
+    assert time_seems_in(np.linspace(0, scale * 10, 3), 10, scale * 5, unit) == ""  # as dense as the run's points
+
+
+def test_a_record_of_two_samples_is_refused(tmp_path: Path) -> None:
+    path = written(tmp_path, BESIDE)
+    rows = (tmp_path / "one.csv").read_text().splitlines()
+    (tmp_path / "one.csv").write_text("\n".join(rows[:3]) + "\n")
+    with pytest.raises(DataError, match="no channel of record 'one' has more than 2 samples"):
+        compare(path)
 
 
 def test_a_sign_that_is_turned() -> None:

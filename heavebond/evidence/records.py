@@ -19,8 +19,9 @@ from heavebond.basis.measurements import BRIDGED, Table, check_time, column, gap
 from heavebond.basis.presentation import count, number, readable
 from heavebond.basis.units import read_unit
 from heavebond.evidence.experiment import Experiment, Origin, Output, Record
-from heavebond.evidence.slips import declared_otherwise
+from heavebond.evidence.slips import declared_otherwise, time_seems_in
 from heavebond.numbers.inputs import input_samples
+from heavebond.text.expression import constant
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -104,8 +105,14 @@ def measure(experiment: Experiment, record: Record) -> Measured:
     problems.raise_as(DataError)
     grid, indices = merged([window[:1], *(c.time - c.output.shift for c in found.values())], [*sampled, window])
     found = {name: replace(c, index=index) for (name, c), index in zip(found.items(), indices[1:], strict=True)}
-    notes = [*_unit_slips(experiment, record, files), *_driven(experiment, record, files),
-             *(f"{name}: {said}" for name, c in found.items() for said in _remarks(c))]
+    most = max((len(c.time) for c in found.values()), default=0)
+    if most < metrics.MIN_SAMPLES:
+        raise DataError([Problem(
+            "record-short", f"no channel of record '{record.name}' has more than {count(most, 'sample')} in the run; "
+            f"at least {metrics.MIN_SAMPLES} are needed to compare the two", record.place,
+            "Check `from:`, `to:` and the unit of the time; so few samples do not show how a machine moves.")])
+    notes = [*_unit_slips(experiment, record, files), *_time_slip(experiment, record, found),
+             *_driven(experiment, record, files), *(f"{name}: {said}" for name, c in found.items() for said in _remarks(c))]
     if experiment.holds_out(record):
         found = _with_held_out(found, (float(grid[0]), float(grid[-1])))
         notes.append(_held_out_note(found))
@@ -140,6 +147,21 @@ def _unit_slips(experiment: Experiment, record: Record, files: _Files) -> list[s
             (origin.time_column, origin.time_unit), (output.column, output.shown.unit))]
     said = [declared_otherwise(files.table(file, time, place), column, unit) for file, time, column, unit, place in asked]
     return list(dict.fromkeys(s for s in said if s))
+
+
+def _time_slip(experiment: Experiment, record: Record, found: Mapping[str, Samples]) -> list[str]:
+    """Whether the times seem to be in another unit, by the run and the output points that the diagram plans."""
+    until, every = (constant(value.expr) if value is not None else None for value in (
+        experiment.model.until, experiment.model.every))
+    if not until or not every:
+        return []
+    densest = max((c.time for c in found.values()), key=len)
+    better = time_seems_in(densest, until, every, experiment.time_unit)
+    if not better:
+        return []
+    length = float(np.ptp(densest))
+    return [f"record '{record.name}' lasts {number(length)} s, the diagram is run for {number(until)} s: is its time in "
+            f"{better}? (`unit: {better}` in place of `unit: {experiment.time_unit}`)"]
 
 
 def _driven(experiment: Experiment, record: Record, files: _Files) -> list[str]:

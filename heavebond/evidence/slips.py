@@ -25,6 +25,8 @@ ALIKE = 0.7  # correlation with the model, from where on a factor means anything
 ZERO = 0.05  # share of a record's largest value that noise may take it below zero
 BELOW = 0.2  # share of its size to which a model goes below zero, from where on it clearly does
 CLEARLY = 0.2  # by how much the size alone must correlate better
+TIMES = ("us", "ms", "s", "min", "h")
+SCARCE = 40.0  # times, by which both the length and the step of a record differ from a run's where the unit of time is wrong
 OPPOSITE = -0.9  # below it the sign does; a model out of tune is hardly so much against the record
 
 
@@ -42,6 +44,21 @@ def declared_otherwise(table: Table, column: str, unit: str) -> str | None:
     if not same_kind and not sure:
         return None
     return f"'{table.path.name}' gives '{column}' in {text}, the experiment says `unit: {unit}`: one of them is wrong"
+
+
+def time_seems_in(time: Array, until: float, every: float, unit: str) -> str:
+    """The unit in which times (n,) in s, read in `unit`, would be those of a run to `until` s with a point `every` so often;
+    empty where they may well be right. ms and s are 1000 apart, s and min 60: both the length and the step of the record
+    must be off by more than SCARCE one way, and within the square root of that in the other unit."""
+    ratios = float(np.ptp(time)) / until, float(np.median(np.diff(time))) / every
+    if not (min(ratios) > SCARCE or max(ratios) < 1 / SCARCE):
+        return ""
+    near = math.sqrt(SCARCE)
+    for other in TIMES:
+        factor = read_unit(other).scale / read_unit(unit).scale
+        if all(1 / near < ratio * factor < near for ratio in ratios):
+            return other
+    return ""
 
 
 def seems_in_another_unit(measured: Array, model: Array, unit: str) -> str | None:
