@@ -70,7 +70,8 @@ def test_algebraic_unknowns_are_eliminated() -> None:
     assert assembly.algebraic_names
     linear = Linearisation(assembly, ["source.p_0"], ["mid.p"]).at(start_point(start(assembly), NONE))
     value, step = assembly.parameter_values["source.p_0"], 1e-4 * assembly.parameter_values["source.p_0"]
-    low, high = (hb.simulate(assembly, 1e-9, parameters={"source.p_0": value + h})["mid.p"][0] for h in (-step, step))
+    low, high = (hb.simulate(assembly, 1e-9, every=1e-9, parameters={"source.p_0": value + h})["mid.p"][0]
+                 for h in (-step, step))
     assert linear.d[0, 0] == pytest.approx((high - low) / (2 * step), rel=1e-6)
 
 

@@ -156,8 +156,8 @@ class _Parser:
         if entry is not None:
             doc = reading.text(entry.items.get("doc"), "doc", self.problems)
             count = self._count(entry)
-        prescribed = entry is not None and reading.choice(
-            entry.items.get("prescribed"), "prescribed", ("true", "false"), self.problems) == "true"
+        prescribed = entry is not None and "prescribed" in entry.items and reading.choice(
+            entry.items["prescribed"], "prescribed", ("true", "false"), self.problems) != "false"
         ports[key.text] = Port(key.text, domain, key.place, doc, count, prescribed)
 
     def _count(self, node: Mapping) -> Expr | None:

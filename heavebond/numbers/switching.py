@@ -39,10 +39,10 @@ CHATTER, AGAIN, WITHIN = 30, 4, 1e-8
 # the whole run, hours of work. A converter at 100 kHz over a second stays a factor of 25 below.
 SLIDING, SLIDES_WITHIN = 500, 1e-4
 # What IDAS and CVODES say where the user interrupts, and where a run leads nowhere or crawls behind an event that is not
-# known yet (a piston that has passed its stop empties its chamber): stretches are halved so often, then it is given up. At
-# the end of a chart they may crawl; there they get so many steps between two points only.
+# known yet (a piston that has passed its stop empties its chamber): stretches are halved so often without an event between,
+# then it is given up. At the end of a chart they may crawl; there they get so many steps between two points only.
 INTERRUPTED, CRAWLS = ("IDA_RES_FAIL", "CV_RHSFUNC_FAIL"), ("IDA_TOO_MUCH_WORK", "CV_TOO_MUCH_WORK")
-MOST_CRAWLS = 4
+MOST_CRAWLS = 5
 MOST_STEPS_IN_CHART = 5000
 # Steps between two points of other such runs, after which they are given up; a run has a thousand points at least. Where
 # several points are gone to at once, the event may lie before: those steps are then gone point by point.
@@ -50,9 +50,19 @@ MOST_STEPS_AHEAD = 3000
 MOST_STEPS_BETWEEN = 30_000
 MOST_CASCADES = 100  # events that set off each other at one instant
 MOST_HALVINGS = 40  # of a step in which a chart ends
+MOST_FAILURES = 400  # without an event or other states between: a run that is halved again and again comes to no end
 MOST_SOLVER_CHANGES = 200
 
 Build = Callable[[str, Integrand, Array], Integrator]
+
+
+@dataclass(frozen=True)
+class Failures:
+    """How often the integrator has failed, and crawled, since so many changes of a run."""
+
+    changes: int
+    number: int = 0
+    crawls: int = 0
 
 
 @dataclass(frozen=True)
@@ -79,6 +89,7 @@ class Switching:
     def __init__(self, charts: Charts, framed: Callable[[Chart], Frame], integrals: int, stops: Array,
                  inputs: Callable[[Array], Array], build: Build, solver: str, changes: bool = False):
         self.first_solver, self.solver, self.changes, self.failed_at = solver, solver, changes, -np.inf
+        self.failures = Failures(0)
         self.charts, self.integrals, self.stops, self.inputs, self._build = charts, integrals, stops, inputs, build
         self._framed, self._frames = framed, {id(charts.home): framed(charts.home)}
         self.home = self._frames[id(charts.home)]
@@ -106,7 +117,7 @@ class Switching:
 
     def _run(self, first: Start, moved: Tangent | None) -> Trace:
         now = self._begin(first, moved)
-        self.solver, self.failed_at = self.first_solver, -np.inf
+        self.solver, self.failed_at, self.failures = self.first_solver, -np.inf, Failures(0)
         record = Record(now, self.stops, self.same)
         self._write(now, record)
         equations = self.home.equations
@@ -189,14 +200,21 @@ class Switching:
         """Where to go on after the integrator has failed, in steps of how many points and with how many halvings: what comes
         after an event that is not known yet, or after the end of a chart, may be out of its equations' reach."""
         interrupted, crawls = (any(word in str(error) for word in words) for words in (INTERRUPTED, CRAWLS))
-        if interrupted or not (self.charts.needed or self.conditions) \
-                or (crawls and not self.charts.needed and halvings >= MOST_CRAWLS):
+        if interrupted or not (self.charts.needed or self.conditions) or self._hopeless(crawls and points == 1, record):
             raise error
         if self.charts.needed and self._strain(now) >= ENOUGH and (changed := self._changed(now, record)) is not None:
             return changed, FIRST, 0
         if times[0] - now.t <= NEAR * self.same:
             return self._forced(now, record), FIRST, 0
         return now, 1, halvings + (points == 1)
+
+    def _hopeless(self, crawled: bool, record: Record) -> bool:
+        """Whether the integrator has failed or crawled too often since something last changed."""
+        changes = len(record.instants) + len(record.changes) + len(record.solver_changes)
+        if changes != self.failures.changes:
+            self.failures = Failures(changes)
+        self.failures = replace(self.failures, number=self.failures.number + 1, crawls=self.failures.crawls + crawled)
+        return self.failures.number > MOST_FAILURES or (self.failures.crawls > MOST_CRAWLS and not self.charts.needed)
 
     def _forced(self, now: Now, record: Record) -> Now:
         """The event right before which the integrator fails; its RuntimeError where none is near."""
