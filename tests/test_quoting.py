@@ -157,8 +157,9 @@ def test_more_output_points_than_any_machine_holds_are_refused():
     import heavebond as hb
     from heavebond.basis.errors import UsageError
 
-    for until, every in (("1e300 s", "1e-15 s"), ("1e5 s", "1e-15 s")):
-        with pytest.raises(UsageError, match="output points; the most is 10000000"):
+    for until, every, said in (("1e300 s", "1e-15 s", "too large a number"), ("1e90 s", "1e-15 s", "the most is 10000000"),
+                               (1e300, 1e-15, "the most is 10000000"), ("1e5 s", "1e-15 s", "the most is 10000000")):
+        with pytest.raises(UsageError, match=said):
             hb.simulate(loads(named("plain")), until=until, every=every)
 
 

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 # 1/s in nominal sizes: solvers square such rates, which overflows from 1e154 on, and then neither go on nor end
 RATE = 1e100
+# in SI units: squares and products of larger numbers overflow, and solvers then neither go on nor end; the mass of all that
+# can be seen of the universe is 1e53 kg
+NUMBER = 1e100
 PROBLEMS_SHOWN = 20  # of one command; all are counted
 OUTPUT_POINTS = 10_000_000  # of a run
 COLUMNS = 5_000  # of a record

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from heavebond.basis.clock_times import Clock, ClockProblem, read_clock
 from heavebond.basis.errors import DataError, Place, Problem, Problems, UsageError, listing, suggest
+from heavebond.basis.limits import NUMBER as LARGEST
 from heavebond.basis.matlab import read_matlab
 from heavebond.basis.text_tables import SHOWN, add_few, cell_place, read_text_columns, text_lines, unit_in_file
 from heavebond.basis.units import Unit
@@ -250,10 +251,10 @@ def _count(rows: Rows) -> str:
 
 def _report_infinite(table: Table, name: str, problems: Problems) -> None:
     values = table.columns[name]
-    rows = np.flatnonzero(np.isinf(values)).tolist()
+    rows = np.flatnonzero(np.abs(values) > LARGEST).tolist()
     if rows:
-        problems.add("record-value", f"'{name}' has an infinite value in {len(rows)} of {len(values)} rows "
-                     f"({table.lines_of(rows)})", table.place(rows[0], name),
+        problems.add("record-value", f"'{name}' has an infinite value, or one beyond {LARGEST:g}, in {len(rows)} of "
+                     f"{len(values)} rows ({table.lines_of(rows)})", table.place(rows[0], name),
                      hint="Empty these cells: an empty cell is a sample that was not taken.")
 
 

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from heavebond.basis.common_units import common_unit
 from heavebond.basis.errors import suggest
+from heavebond.basis.limits import NUMBER as LARGEST
 from heavebond.basis.numerals import NUMBER
 
 if TYPE_CHECKING:
@@ -39,6 +40,7 @@ _DECIMAL_COMMA = re.compile(r"[0-9],[0-9]")
 
 
 LONGEST_QUANTITY = 200
+TOO_LARGE = f"The largest number is {LARGEST:g} in SI units."
 
 SPELLINGS = {
     "Nm": "N*m", "Ns": "N*s", "kNs": "kN*s", "kNm": "kN*m", "Nms": "N*m*s", "lpm": "L/min", "gpm": "gal/min",
@@ -237,9 +239,12 @@ def read_unit(text: str) -> Unit:
 
 
 def _number(text: str, whole: str) -> float:
-    number = float(text)
-    if not isfinite(number):
-        raise UnitProblem("number-too-large", f"'{whole}' is too large a number", "The largest is about 1e308.")
+    return _within(float(text), whole)
+
+
+def _within(number: float, whole: str) -> float:
+    if not abs(number) <= LARGEST:
+        raise UnitProblem("number-too-large", f"'{whole}' is too large a number", TOO_LARGE)
     return number
 
 
@@ -254,7 +259,7 @@ def parse_quantity(text: str) -> tuple[float, Unit | None]:
     if found.group(2) is None:
         return number, None
     read = read_unit(found.group(2))
-    return _number(str(read.to_si(number)), text), read
+    return _within(read.to_si(number), text), read
 
 
 def _why_not(text: str) -> tuple[str, str, str]:
@@ -296,7 +301,7 @@ def parse_range(text: str) -> Range:
         if first.dimension != last.dimension:
             raise UnitProblem("range-units", f"the two ends of '{text}' are in different units",
                               "Write both in the same unit.")
-        bounds = (first.to_si(_number(low, text)), last.to_si(_number(high, text)))
+        bounds = (_within(first.to_si(_number(low, text)), text), _within(last.to_si(_number(high, text)), text))
         if bounds[0] >= bounds[1]:
             raise UnitProblem("range-empty", f"the range '{text}' is empty", "Write the smaller value first.")
         return Range(*bounds, last)

@@ -18,11 +18,11 @@ import operator
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from math import isfinite
 from typing import Union
 
 from heavebond.basis.errors import suggest
-from heavebond.basis.units import Unit, UnitProblem, read_unit
+from heavebond.basis.limits import NUMBER as LARGEST
+from heavebond.basis.units import TOO_LARGE, Unit, UnitProblem, read_unit
 from heavebond.text.tokens import KEYWORDS as KEYWORDS
 from heavebond.text.tokens import ExpressionProblem as ExpressionProblem
 from heavebond.text.tokens import Token, tokens
@@ -311,9 +311,8 @@ class _Parser:
 
     def _number(self, token: Token) -> Number:
         value = float(token.text)
-        if not isfinite(value):
-            raise ExpressionProblem("number-too-large", "too large a number", token.column, len(token.text),
-                                    "The largest is about 1e308.")
+        if not value <= LARGEST:
+            raise ExpressionProblem("number-too-large", "too large a number", token.column, len(token.text), TOO_LARGE)
         if self.peek().kind != "unit":
             return Number(value, None, token.column)
         unit_token = self.take()
@@ -322,6 +321,8 @@ class _Parser:
         except UnitProblem as problem:
             raise ExpressionProblem(problem.code, problem.message, unit_token.column, len(unit_token.text),
                                     problem.hint) from problem
+        if not abs(read.to_si(value)) <= LARGEST:
+            raise ExpressionProblem("number-too-large", "too large a number", token.column, len(token.text), TOO_LARGE)
         return Number(read.to_si(value), read, token.column)
 
     def _name(self, token: Token) -> Name:
