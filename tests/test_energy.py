@@ -129,3 +129,8 @@ def test_table_shows_every_component_and_the_reasons() -> None:
     assert "supplied" in text
     assert "storage function" in text
     assert "energy over 4 s in kJ" in text
+
+
+def test_a_run_of_next_to_no_energy_is_told() -> None:
+    """1e-9 s of a small filter: sizes whose logarithms are far below those of the unit."""
+    assert table(hb.audit(hb.load("examples/filter"), until=1e-9, every=1e-10))

@@ -28,7 +28,7 @@ from heavebond.text.expression import (
     parse_equation,
     parse_formula,
 )
-from heavebond.text.symbols import uniform
+from heavebond.text.symbols import Context, evaluate, uniform
 
 
 def shape(expr: object) -> str:
@@ -207,3 +207,12 @@ def test_any_text_is_a_formula_or_a_problem(text: str) -> None:
         except ExpressionProblem as problem:
             found = problem
         assert found is None or (found.code and found.hint and 0 <= found.column <= len(text))
+
+
+@pytest.mark.parametrize("text", ["sum(1 for i in 1..n)", "sum(sum(j for j in 1..i) for i in 1..2000)",
+                                  "sum(sum(sum(1 for k in 1..j) for j in 1..i) for i in 1..100)"])
+def test_a_sum_whose_bound_depends_on_something_is_limited_where_it_is_written_out(text: str) -> None:
+    context = Context(lambda text, name: pytest.fail(text), lambda x: x, {"n": 1_000_000_000})
+    law = parse_equation(f"a = {text}").right
+    with pytest.raises(ExpressionProblem, match="a sum of more than 100000 terms"):
+        evaluate(law, context)

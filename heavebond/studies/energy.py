@@ -315,7 +315,8 @@ def _told(value: float, largest: float, unit: str) -> str:
     if abs(value) <= ROUNDING * largest:
         return ""
     size = read_unit(unit).scale
-    return number(round(value / size, SHOWN - math.ceil(math.log10(largest / size))), 4)
+    digits = SHOWN - math.ceil(math.log10(max(largest, abs(value))) - math.log10(size))
+    return number(round(value / size, digits), 4)
 
 
 def _notes(found: EnergyAudit, busy: Sequence[tuple[EnergyLine, float]], why: Mapping[str, str]) -> list[str]:

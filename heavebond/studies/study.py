@@ -359,7 +359,8 @@ def _count(node: Node | None, what: str, least: int, problems: Problems) -> int 
     text = reading.text(node, what, problems)
     number = whole(text)
     if number is None or number < least:
-        problems.add("count-wrong", f"{what}: '{text}' is not a whole number from {least} on", node.place)
+        problems.add("count-wrong", f"{what}: '{text}' is not a whole number from {least} on", node.place,
+                     hint=f"Write for example `{what}: {max(least, 20)}`.")
         return None
     return number
 

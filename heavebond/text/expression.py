@@ -382,9 +382,13 @@ class _Parser:
         self.expect(")", "a `)` is missing behind sum(", SUM_FORM)
         result = SumOver(body, index.text, low, high, token.column)
         if _terms(result) > MOST_TERMS:
-            raise ExpressionProblem("sum-too-long", f"a sum of more than {MOST_TERMS} terms", token.column, 3,
-                                    "Use fewer terms.")
+            raise too_long(token.column)
         return result
+
+
+def too_long(column: int) -> ExpressionProblem:
+    """What is said of a sum that would fill the memory."""
+    return ExpressionProblem("sum-too-long", f"a sum of more than {MOST_TERMS} terms", column, 3, "Use fewer terms.")
 
 
 def _terms(expr: Expr) -> float:

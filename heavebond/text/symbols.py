@@ -9,6 +9,7 @@ from typing import cast
 import casadi as ca
 
 from heavebond.text.expression import (
+    MOST_TERMS,
     Binary,
     Call,
     Compare,
@@ -22,6 +23,7 @@ from heavebond.text.expression import (
     SumOver,
     children,
     names,
+    too_long,
 )
 
 NONSMOOTH = {"min", "max", "abs", "sign", "floor", "if_else"}
@@ -43,12 +45,14 @@ Lookup = Callable[[str, Name], ca.SX]
 
 @dataclass(frozen=True)
 class Context:
-    """What an expression is evaluated in: names to SX, d/dt of an SX, whole numbers, array ports and their size."""
+    """What an expression is evaluated in: names to SX, d/dt of an SX, whole numbers, array ports and their size, and of how
+    many terms the sums around it already are."""
 
     lookup: Lookup
     der: Derivative
     integers: Mapping[str, int] = field(default_factory=dict)
     arrays: Mapping[str, int] = field(default_factory=dict)
+    terms: int = 1
 
 
 def stack(items: Iterable[ca.SX]) -> ca.SX:
@@ -167,9 +171,12 @@ def _call(expr: Call, context: Context) -> ca.SX:
 
 
 def _sum_over(expr: SumOver, context: Context) -> ca.SX:
-    total = ca.SX(0)
-    for k in range(_integer(expr.low, context), _integer(expr.high, context) + 1):
-        inner = Context(context.lookup, context.der, {**context.integers, expr.index: k}, context.arrays)
+    total, low, high = ca.SX(0), _integer(expr.low, context), _integer(expr.high, context)
+    terms = context.terms * max(1, high - low + 1)
+    if terms > MOST_TERMS:  # bounds may be parameters, or the index of a sum around this one
+        raise too_long(expr.column)
+    for k in range(low, high + 1):
+        inner = Context(context.lookup, context.der, {**context.integers, expr.index: k}, context.arrays, terms)
         total = total + evaluate(expr.body, inner)
     return total
 
