@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import os
+
 import pytest
+
+os.environ.pop("COLUMNS", None)  # workers of the test run are told a terminal's width, which would fold all tables
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -125,6 +125,7 @@ def test_decimal_comma_between_commas(tmp_path: Path) -> None:
     ("t,z\nbegin,middle\n0,1\n", "record-units-row", 2, "Put a # in front of this line"),
     ("rig\nt;z\n0;1,5\n1;2,5\n", "record-header", 1, "in front of every line above the row of names"),
     ("t  z\n0 1\n1 2\n", "record-separator", 1, "commas, semicolons or tabs"),
+    ("t|z\n0|1\n1|2\n", "record-separator", 1, "commas, semicolons or tabs"),
 ])
 def test_not_a_table(tmp_path: Path, text: str, code: str, line: int, advice: str) -> None:
     error = complaint(tmp_path, text)

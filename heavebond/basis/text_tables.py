@@ -177,6 +177,16 @@ def _cut(file: str, text: str) -> _Sheet:
     return _Sheet(file, lines, separator, rows[0], rows[1:])
 
 
+def _other_separator(sheet: _Sheet) -> str:
+    """What stands between the columns of a table that seems to have only one; empty where nothing does."""
+    for sign, name in ((None, "spaces"), ("|", "`|`"), (":", "`:`"), ("/", "`/`")):
+        columns = {len(cells[0].split(sign)) for _, cells in (sheet.header, *sheet.rows) if cells}
+        if sheet.rows and len(columns) == 1 and columns != {1} and all(
+                _is_number(cell.strip()) for cell in sheet.rows[0][1][0].split(sign)):
+            return name
+    return ""
+
+
 def _check_header(sheet: _Sheet, problems: Problems) -> None:
     line, names = sheet.header
     if len(names) > COLUMNS:
@@ -189,9 +199,8 @@ def _check_header(sheet: _Sheet, problems: Problems) -> None:
         problems.add("record-header", "the first row must name the columns; these are numbers",
                      sheet.place(line, 0), hint=hint)
         return
-    words = len(names[0].split()) if len(names) == 1 else 1
-    if words > 1 and sheet.rows and all(len(cells[0].split()) == words for _, cells in sheet.rows):
-        problems.add("record-separator", "the columns seem to be separated by spaces", sheet.place(line, 0),
+    if len(names) == 1 and (other := _other_separator(sheet)):
+        problems.add("record-separator", f"the columns seem to be separated by {other}", sheet.place(line, 0),
                      hint="Separate them by commas, semicolons or tabs.")
     elif len(names) == 1 and (found := _columns_below(sheet)):
         problems.add("record-header", f"the first row has one column, those below have {found}", sheet.place(line, 0),

@@ -46,6 +46,8 @@ def _shown(shown: Shown, resolver: Resolver, problems: Problems) -> None:
     try:
         found = resolver.dimension(shown.expr)
     except ExpressionProblem as problem:
+        if problem.code == "name-unknown" and shown.text == shown.name and "." not in shown.name:
+            problem.hint = f"Say what is shown: `{shown.name}: {{is: spring.F, unit: {shown.unit}}}`; {problem.hint}"
         reading.add_expression_problem(problem, shown.place, problems)
         return
     found = ONE if found == TRUTH else found  # a condition is shown as 0 and 1
