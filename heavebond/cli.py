@@ -95,8 +95,9 @@ class Commands(click.Group):
             sys.exit(PIPE_CLOSED)
         except OSError as error:
             problems, code = [Problem("file", f"{error.filename or 'a file'}: {error.strerror or error}")], WRONG_USAGE
-        except (click.Abort, KeyboardInterrupt):
+        except (click.Abort, KeyboardInterrupt) as error:
             problems, code = _interrupted()
+            figures = getattr(error.__cause__ or error, "figures", {})  # click makes an Abort of it
         except Exception as error:
             problems, code = _interrupted() if is_interrupt(error) else ([own_fault(error, given)], OWN_FAULT)
         try:

@@ -12,9 +12,13 @@ from pathlib import Path
 
 import casadi as ca
 import pytest
+from click.testing import CliRunner
 
 import heavebond as hb
 from heavebond.basis.interrupts import check, finishing, is_interrupt, listening, obeyed
+from heavebond.cli import main
+from heavebond.evidence.residuals import Residuals
+from heavebond.studies.objective import Objective
 
 MODEL = """
 model: pair
@@ -204,3 +208,78 @@ def test_a_study_that_is_terminated_writes_what_was_done(tmp_path: Path) -> None
     assert 3 < len(rows) < 3000 and "terminated" in said
     told = json.loads((tmp_path / "told.json").read_text())
     assert not told["ok"] and told["problems"][0]["message"] == "terminated"
+
+
+CHIRP = """
+experiment: chirp
+model: pair.yaml
+records: {one: {file: one.csv, use: fit}}
+time: {column: t, unit: s}
+outputs: {cart.x: {column: x, unit: mm, noise: 0.01 mm}}
+free: {spring.c: 1.5 .. 4 kN/m, spring.d: 5 .. 80 N*s/m}
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    Path("pair.yaml").write_text(MODEL)
+    Path("chirp.yaml").write_text(CHIRP)
+    run = hb.simulate(hb.loads(MODEL.replace("2 kN/m", "3 kN/m").replace("20 N", "40 N")))
+    Path("one.csv").write_text("t,x\n" + "".join(f"{t:.3f},{1e3 * x:.6f}\n" for t, x in zip(run.time, run["cart.x"],
+                                                                                           strict=True)))
+    return tmp_path
+
+
+def ended_after(calls: int, kind: type, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """SIGTERM comes in the call of so many."""
+    made, plain = [], getattr(kind, name)
+
+    def counted(*args: object) -> object:
+        made.append(None)
+        if len(made) == calls:
+            os.kill(os.getpid(), signal.SIGTERM)
+        return plain(*args)
+
+    monkeypatch.setattr(kind, name, counted)
+
+
+def called(*words: str) -> tuple[int, dict[str, object]]:
+    code = CliRunner().invoke(main, [*words, "--json", "told.json"]).exit_code
+    return code, json.loads(Path("told.json").read_text())
+
+
+def test_a_fit_that_is_terminated_gives_its_best_so_far(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    ended_after(4, Residuals, "evaluate", monkeypatch)
+    code, told = called("fit", "chirp.yaml", "--write", "fitted.yaml")
+    assert code == 128 + signal.SIGTERM and told["message"] == "interrupted" and not told["ok"]
+    assert told["problems"][0]["code"] == "interrupted"
+    history = told["history"]
+    assert len(history) == 3 and history[-1] < history[0]
+    best = {name: figures["value"] for name, figures in told["parameters"].items()}
+    assert hb.load("fitted.yaml").body.instances or hb.load("fitted.yaml").settings
+    assert abs(best["spring.c"] - 3000) < 1000 and best["spring.c"] != 2000
+
+
+def test_a_fit_that_ends_before_its_first_run_has_nothing_to_give(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    ended_after(1, Residuals, "evaluate", monkeypatch)
+    code, told = called("fit", "chirp.yaml")
+    assert code == 128 + signal.SIGTERM and "parameters" not in told
+
+
+def test_a_tuning_that_is_terminated_gives_its_best_so_far(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    ended_after(3, Objective, "evaluate", monkeypatch)
+    code, told = called("tune", "pair.yaml", "--free", "spring.d=5 .. 200 N*s/m", "--cost", "mean(cart.x**2)/(1 mm**2)",
+                        "--write", "tuned.yaml")
+    assert code == 128 + signal.SIGTERM and told["message"] == "interrupted"
+    assert told["cost"] < told["before"] and told["robustness"] is None
+    assert Path("tuned.yaml").exists()
+
+
+def test_in_python_an_interrupt_stays_one_unless_a_part_is_asked_for(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    ended_after(4, Residuals, "evaluate", monkeypatch)
+    with listening(), pytest.raises(KeyboardInterrupt):
+        hb.fit("chirp.yaml")
+    ended_after(4, Residuals, "evaluate", monkeypatch)
+    with listening():
+        assert hb.fit("chirp.yaml", partial=True).message == "interrupted"

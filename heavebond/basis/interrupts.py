@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from types import FrameType
 
@@ -24,11 +24,15 @@ _last: list[int] = []
 
 
 class Interrupted(KeyboardInterrupt):
-    """A signal that asks to end, `number`; a KeyboardInterrupt, so that every command ends by it as by Ctrl-C."""
+    """A signal that asks to end, `number`; a KeyboardInterrupt, so that every command ends by it as by Ctrl-C. `figures` are
+    what a command has to tell all the same: its best so far."""
 
-    def __init__(self, number: int = signal.SIGINT):
+    def __init__(self, number: int = signal.SIGINT, figures: Mapping[str, object] | None = None):
         super().__init__()
-        self.number = int(number)
+        self.number, self.figures = int(number), dict(figures or {})
+
+
+ENDED_EARLY = "interrupted"  # why a search ended that gives its best so far
 
 
 @contextmanager

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from heavebond.basis.interrupts import ENDED_EARLY, Interrupted, last_heard
 from heavebond.commands.arguments import Whole, check_new, check_picture, json_option, picture_option
 
 if TYPE_CHECKING:
@@ -52,8 +53,9 @@ def fit(experiment: str, starts: int, segments: int, robust: bool, profiled: tup
     with terminal.working("fitting") as progress:
         given = load_experiment(experiment)
         _check_free(given, profiled)
-        found = fitted(given, starts=starts, segments=segments, robust=robust, progress=progress)
-        profiles = {name: profile(found, name, progress=progress) for name in profiled}
+        found = fitted(given, starts=starts, segments=segments, robust=robust, progress=progress, partial=True)
+        early = found.message == ENDED_EARLY
+        profiles = {} if early else {name: profile(found, name, progress=progress) for name in profiled}
     console = terminal.output()
     console.print(parameters(found))
     console.print(_records(found))
@@ -80,8 +82,12 @@ def fit(experiment: str, starts: int, segments: int, robust: bool, profiled: tup
         files.append(save(plot_comparison(found.after), output))
     for path in files:
         console.print(f"wrote {path}", soft_wrap=True)
-    return {"experiment": found.experiment.name, **found.as_dict(),
-            "profiles": {name: list(p.told) for name, p in told.items()}, "files": list(map(str, files))}
+    figures = {"experiment": found.experiment.name, **found.as_dict(),
+               "profiles": {name: list(p.told) for name, p in told.items()}, "files": list(map(str, files))}
+    if early:
+        console.print("ended early: these are the best values so far", soft_wrap=True)
+        raise Interrupted(last_heard(), figures)
+    return figures
 
 
 def _check_free(given: Experiment, names: Sequence[str]) -> None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from heavebond.basis.interrupts import Interrupted, last_heard
 from heavebond.basis.quoting import file_stem
 from heavebond.basis.writable import write_text
 from heavebond.commands.arguments import Whole, json_option, scheduler_option
@@ -58,7 +59,7 @@ def work_out(asked: Study, folder: Path, processes: int | None, fresh: bool, sch
         console.print(f"wrote {path}", soft_wrap=True)
     if not result.complete:
         console.print(f"stopped with {len(result.outcomes)} of {result.jobs} done; the same command goes on", soft_wrap=True)
-        raise KeyboardInterrupt
+        raise Interrupted(last_heard(), {**as_dict(result), "files": list(map(str, files))})
     return {**as_dict(result), "files": list(map(str, files))}
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from heavebond.basis.errors import ModelError, Problem, UsageError
+from heavebond.basis.interrupts import ENDED_EARLY, Interrupted, last_heard
 from heavebond.commands.arguments import (
     Whole,
     blamed_on_settings,
@@ -84,14 +85,19 @@ def tune(study: str, free: tuple[str, ...], cost: str | None, limits: tuple[str,
         if output is not None and (grid is None or len(task.free) != 2):
             raise UsageError("a cost surface needs two free parameters and --sweep", hint="Add --sweep 12.")
         objective = Objective(assembly, task)
-        result = tuned(objective, task, explore=explore, starts=starts, method=method, progress=progress)
-        swept = sweep(objective, [grid] * len(task.free), progress=progress) if grid else None
-        robust = around(objective, result, progress=progress) if robustness else None
+        result = tuned(objective, task, explore=explore, starts=starts, method=method, progress=progress,
+                       partial=True)
+        early = result.message == ENDED_EARLY
+        swept = sweep(objective, [grid] * len(task.free), progress=progress) if grid and not early else None
+        robust = around(objective, result, progress=progress) if robustness and not early else None
         if task.end is not None or assembly.model.until is not None:
             simulate(assembly.with_parameters(result.values), task.end)  # for its verdict
     _tell(asked.name, assembly, result, robust, swept)
     files = _files(asked, result, robust, swept, output, written, settings_of("--set", settings))
-    return {**_figures(asked.name, result), "robustness": _robust_figures(robust), "files": list(map(str, files))}
+    figures = {**_figures(asked.name, result), "robustness": _robust_figures(robust), "files": list(map(str, files))}
+    if early:
+        raise Interrupted(last_heard(), figures)
+    return figures
 
 
 # -- what is asked -----------------------------------------------------------------------------------------------------

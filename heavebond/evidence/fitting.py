@@ -22,6 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from heavebond.basis.errors import HeavebondError, Problem, SimulationError, UsageError, listing, suggest
+from heavebond.basis.interrupts import ENDED_EARLY, finishing
 from heavebond.basis.progress import Progress, numbered
 from heavebond.basis.threads import single_threaded
 from heavebond.evidence.comparison import Comparison, RecordComparison, compare_record
@@ -131,13 +132,14 @@ class Fit:
 
 @single_threaded
 def fit(experiment: Experiment | str | Path, *, starts: int = 1, segments: int = 1, seed: int = 0, robust: bool = False,
-        free: Mapping[str, Free] | None = None, progress: Progress | None = None) -> Fit:
+        free: Mapping[str, Free] | None = None, progress: Progress | None = None, partial: bool = False) -> Fit:
     """Fit the free parameters of an experiment to its records with `use: fit`.
 
     `starts` tries that many starting points (the diagram's own, then a Latin hypercube within the ranges); `segments`
     above 1 begins with multiple shooting (see `evidence.shooting`), for records on which one run diverges; `robust`
-    replaces squares by soft-L1 losses, which outliers pull less; `free` replaces the experiment's own list. Raises
-    UsageError where there is nothing to fit and ModelError or DataError where the experiment is wrong.
+    replaces squares by soft-L1 losses, which outliers pull less; `free` replaces the experiment's own list. With `partial`
+    Ctrl-C ends it with the best so far (`message` is "interrupted"), once a first run is through. Raises UsageError where
+    there is nothing to fit and ModelError or DataError where the experiment is wrong.
     """
     experiment = experiment if isinstance(experiment, Experiment) else load_experiment(experiment)
     if free is not None:
@@ -150,9 +152,11 @@ def fit(experiment: Experiment | str | Path, *, starts: int = 1, segments: int =
     runs, costs = [], []
     for number, start in enumerate(problem.starting_points(starts, seed), 1):
         tell = numbered(say, "start", number, starts)
-        run = problem.minimise(_shot(problem, start, segments, tell), robust, tell)
+        run = problem.minimise(_shot(problem, start, segments, tell), robust, tell, partial=partial)
         runs.append(run)
         costs.append(2 * run.cost)
+        if run.message == ENDED_EARLY:
+            break
     best = runs[int(np.argmin(costs))]
     if 2 * best.cost / problem.samples >= 0.5 * BROKEN**2:
         raise SimulationError([Problem("fit-broken", "the model could not be simulated anywhere near the start of the "
@@ -161,7 +165,8 @@ def fit(experiment: Experiment | str | Path, *, starts: int = 1, segments: int =
                                        "record of that input: measure the reference and put the controller into the "
                                        "diagram, or the end stops. Else narrow the ranges under `free:`, or correct it.")])
     say("comparing")
-    found = _finished(problem, best, costs)
+    with finishing(say):
+        found = _finished(problem, replace(best, message=runs[-1].message), costs)
     for record in found.after.records.values():
         hear(f"{experiment.name}, {record.name}", record.result.verdict)
     return found

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heavebond.basis.errors import Problem, SimulationError, StartError, UsageError
+from heavebond.basis.interrupts import ENDED_EARLY, is_interrupt, obeyed
 from heavebond.basis.progress import Progress
 from heavebond.basis.units import read_unit
 from heavebond.evidence.comparison import TOLERANCES, assemble_for
@@ -259,21 +260,25 @@ class Residuals:
         return np.array(rows), np.array(gradients).reshape(len(rows), len(self.columns))
 
     def minimise(self, start: Array, robust: bool, progress: Progress, fixed: tuple[int, ...] = (), *, most: int = 60,
-                 tolerance: float = 1e-8) -> Descent:
+                 tolerance: float = 1e-8, partial: bool = False) -> Descent:
         """Least squares from `start`; the columns in `fixed` stay where they are. It ends after `most` runs (twice), or
         where a step changes the sum of squares or the unknowns by less than `tolerance`.
 
         First SciPy's reflective method, which keeps away from the ends of ranges and finds its way from afar; then, from
-        where that ends, its dogleg in boxes, which meets an optimum that lies at an end or along a narrow valley.
+        where that ends, its dogleg in boxes, which meets an optimum that lies at an end or along a narrow valley. With
+        `partial` an interrupt ends it with its best so far (ENDED_EARLY).
         """
-        first = self.descend(start, robust, progress, fixed, most=most, tolerance=tolerance, method="trf")
-        last = self.descend(first.x, robust, progress, fixed, most=most, tolerance=tolerance, method="dogbox")
+        first = self.descend(start, robust, progress, fixed, most=most, tolerance=tolerance, method="trf", partial=partial)
+        if first.message == ENDED_EARLY:
+            return first
+        last = self.descend(first.x, robust, progress, fixed, most=most, tolerance=tolerance, method="dogbox",
+                            partial=partial)
         best = last if last.cost <= first.cost else first
-        return replace(best, history=(*first.history, *last.history))
+        return replace(best, history=(*first.history, *last.history), message=last.message if partial else best.message)
 
     def descend(self, start: Array, robust: bool, progress: Progress, fixed: tuple[int, ...] = (), *, most: int,
                 tolerance: float, method: Literal["trf", "dogbox"],
-                enough: Callable[[Sequence[float], Array], str] = lambda costs, best: "") -> Descent:
+                enough: Callable[[Sequence[float], Array], str] = lambda costs, best: "", partial: bool = False) -> Descent:
         """One of the two methods of `minimise` alone; it ends besides where `enough`, which is given the sum of squares of
         each run so far and the unknowns of the best, says ARRIVED or GIVEN_UP."""
         from scipy.optimize import least_squares
@@ -317,6 +322,11 @@ class Residuals:
             ended = found.x, float(found.cost), str(found.message), found.status == 0
         except _Enough as said:
             ended = best, min(costs) / 2, str(said), str(said) == GIVEN_UP
+        except BaseException as error:
+            if not (partial and costs and is_interrupt(error)):
+                raise
+            obeyed()
+            ended = best, min(costs) / 2, ENDED_EARLY, True
         return Descent(self.allowed(whole(ended[0])), ended[1], tuple(accumulate(costs, min)), *ended[2:])
 
 

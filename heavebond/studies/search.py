@@ -18,6 +18,7 @@ from typing import Any, cast
 import casadi as ca
 import numpy as np
 
+from heavebond.basis.interrupts import ENDED_EARLY, is_interrupt, obeyed
 from heavebond.basis.progress import Progress
 from heavebond.numbers.dae import Array
 from heavebond.studies.objective import GROWN, KEPT, Evaluation, Objective
@@ -50,16 +51,24 @@ class Found:
     path: tuple[Evaluation, ...]
 
 
-def search(problem: Objective, first: Array, method: str, most_steps: int, say: Progress, others: Sequence[Found] = ()
-           ) -> Found:
+def search(problem: Objective, first: Array, method: str, most_steps: int, say: Progress, others: Sequence[Found] = (),
+           partial: bool = False) -> Found:
     """The least cost that is found from one point on; `most_steps` bounds the accepted steps. A search by `trust` that
-    comes to where one of `others` has ended stops there."""
+    comes to where one of `others` has ended stops there. With `partial` Ctrl-C ends it with the best so far
+    (ENDED_EARLY)."""
     seen = _Seen(problem, say)
     first = np.clip(first, 0, 1)
-    message = _trust(seen, first, most_steps, [found.best for found in others]) if method == "trust" else \
-        {"slsqp": _slsqp, "ipopt": _ipopt}[method](seen, first, most_steps)
+    try:
+        message = _trust(seen, first, most_steps, [found.best for found in others]) if method == "trust" else \
+            {"slsqp": _slsqp, "ipopt": _ipopt}[method](seen, first, most_steps)
+    except BaseException as error:
+        if not (partial and is_interrupt(error) and any(np.isfinite(e.cost) for e in seen.path)):
+            raise
+        obeyed()
+        message = ENDED_EARLY
     best = min(seen.path, key=lambda e: (not e.kept, e.cost))
-    return Found(problem.evaluate(best.at) if best.gradient is None else best, message, tuple(seen.path))
+    known = best.gradient is not None or message == ENDED_EARLY
+    return Found(best if known else problem.evaluate(best.at), message, tuple(seen.path))
 
 
 class _Seen:

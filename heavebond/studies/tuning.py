@@ -9,6 +9,7 @@ from itertools import islice
 import numpy as np
 
 from heavebond.basis.errors import HeavebondError, Problem, UsageError, suggest
+from heavebond.basis.interrupts import ENDED_EARLY, finishing
 from heavebond.basis.progress import Progress, numbered
 from heavebond.language.model import Model
 from heavebond.numbers.dae import Array, Assembly, assemble
@@ -57,12 +58,14 @@ class Tuned:
 
 
 def tune(model: Model | Assembly | Objective, task: Task, *, explore: int = 5, starts: int = 1, seed: int = 0,
-         method: str = "trust", most_steps: int = 30, progress: Progress | None = None) -> Tuned:
+         method: str = "trust", most_steps: int = 30, progress: Progress | None = None,
+         partial: bool = False) -> Tuned:
     """Minimise the cost over the free parameters within their ranges and limits.
 
     First the diagram's own values and `explore` points of a Latin hypercube are run without gradients: a gain beyond the
     limit of stability has a cost whose slope leads nowhere. From the best `starts` of these a search goes on with gradients
-    (see `heavebond.studies.search` for the methods). An Objective that is built already is used as it is.
+    (see `heavebond.studies.search` for the methods). An Objective that is built already is used as it is. With
+    `partial` Ctrl-C ends it with the best so far (`message` is "interrupted"), once a first run is through.
     UsageError for what is wrong in the task.
     """
     if method not in METHODS:
@@ -73,20 +76,30 @@ def tune(model: Model | Assembly | Objective, task: Task, *, explore: int = 5, s
     say = progress or (lambda text: None)
     found: list[Found] = []
     for number, first in enumerate(starting_points(problem, explore, starts, seed, say), 1):
-        found.append(search(problem, first, method, most_steps, numbered(say, "start", number, starts), found))
+        found.append(search(problem, first, method, most_steps, numbered(say, "start", number, starts), found,
+                            partial))
+        if found[-1].message == ENDED_EARLY:
+            return _told(problem, task, found, min(found, key=_rank), ENDED_EARLY, say)
     for first in _edges(problem, min(found, key=_rank), say):
-        found.append(search(problem, first, method, most_steps, say, found))
+        found.append(search(problem, first, method, most_steps, say, found, partial))
     best = min(found, key=_rank)
     if task.stable:
         problem.follow(problem.values(best.best.at))  # over the motion that the best gains leave
         if problem.instability(best.best.at) > KEPT:
-            found.append(best := search(problem, best.best.at, method, most_steps, say))
+            found.append(best := search(problem, best.best.at, method, most_steps, say, partial=partial))
+    early = any(f.message == ENDED_EARLY for f in found)
+    return _told(problem, task, found, best, ENDED_EARLY if early else best.message, say)
+
+
+def _told(problem: Objective, task: Task, found: Sequence[Found], best: Found, message: str, say: Progress) -> Tuned:
+    """The best of all searches with its margins."""
     limits = dict(zip(problem.limits, best.best.limits.tolist(), strict=True))
     values = problem.values(best.best.at)
     say("margins of stability")
-    return Tuned(task, values, best.best.cost, _before(problem), dict(best.best.cases),
-                 limits, tuple(_path(problem, f) for f in found), problem.runs, problem.simulations, best.message,
-                 stability_of(problem, values), ends(problem, values, {}))
+    with finishing(say):
+        return Tuned(task, values, best.best.cost, _before(problem), dict(best.best.cases),
+                     limits, tuple(_path(problem, f) for f in found), problem.runs, problem.simulations, message,
+                     stability_of(problem, values), ends(problem, values, {}))
 
 
 def stability_of(problem: Objective, values: Mapping[str, float]) -> Stability:
