@@ -126,7 +126,7 @@ def test_a_slip_in_the_name_of_a_study_is_told_with_the_study_that_is_meant() ->
         load_study(STUDIES + "table33")
 
 
-@pytest.mark.complete
+@pytest.mark.slow
 def test_table_3_whole() -> None:
     """Both procedures in every cell, as the study's one command works them out."""
     found = hb.run_study(STUDIES + "table3")
@@ -159,7 +159,7 @@ def test_the_values_are_better_than_those_that_a_search_by_gradients_finds() -> 
     assert total == pytest.approx(20.7, rel=0.03)     # the gains of the page are rounded
 
 
-@pytest.mark.complete
+@pytest.mark.slow
 def test_calibration_whole() -> None:
     """From handbook figures, as the page tells it. The way is rough (friction): the sum to 5 %, the values to 10 %."""
     found = hb.run_study(STUDIES + "calibration")
