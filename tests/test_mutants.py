@@ -60,6 +60,18 @@ def test_a_machine_written_differently_gives_the_same_run(root: str) -> None:
     assert sum(f.outcome == "same" for f in found) >= 4
 
 
+@pytest.mark.parametrize("root", ["circuits/log_splitter.yaml", "examples/weight.yaml", "examples/cylinder.yaml"])
+def test_a_machine_with_its_axis_reversed_gives_the_same_run(root: str) -> None:
+    folder, _, name = root.partition("/")
+    with sandbox(Mutant(0, bundled("models") / folder, name, dict(files_of(root)), "", ())) as path:
+        found, = compared(path, ("axis reversed",), 7)
+    assert found.outcome == "same" and found.signals
+
+
+def test_a_mutant_that_runs_is_written_differently_too() -> None:
+    assert any({*tried(seed).steps} & {*RELATIONS} for seed in range(160, 400, 10))
+
+
 def test_a_machine_that_is_another_one_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """The comparison itself: a spring that is 1e-4 stiffer is no longer the same."""
     from dataclasses import replace

@@ -256,5 +256,84 @@ def _behind(nodes: dict[str, list[str]], name: str, again: str, component: Compo
     nodes[f"between_{name}"] = [f"{name}.b", f"{again}.a"]
 
 
+# -- the axis ----------------------------------------------------------------------------------------------------------
+# what is given along the axis in parts with one end on it (and in stops, whose side a is the frame), and turns its sign
+ALONG = {"Mass": (), "Fixed": ("x0",), "Weight": ("g",), "ForceSource": ("u",), "ConstantForce": ("F",),
+         "PositionSource": ("u",), "VelocitySource": ("u",), "AccelerationSource": ("u",), "RigidStop": ("side", "l0")}
+GIVEN = {"g": "9.81 m/s**2", "side": "1"}  # where a part does not say it and the usual value is not 0
+# what is the same seen from the other side: ratios of positions, each counted from the same zero
+SEEN_ALIKE = {"Lever", "Pulley"}
+LINE = "translational"
+
+
+def reversed_axis(given: Sheet, assembly: Assembly, random: Random) -> Same | None:
+    """Positions, speeds and forces along the axis are counted the other way: what lies between two bodies is turned round,
+    gravity, sources and stops change their signs, and so do positions and speeds at the start."""
+    ports = {name: _ports_on_the_axis(entry, assembly) for name, entry in given.parts.items()}
+    if not any(ports.values()) or any(found is None for found in ports.values()):
+        return None
+    wired = {e for ends in given.nodes.values() for e in ends}
+    turned = {name for name, found in ports.items() if found and given.parts[name]["is"] not in ALONG
+              and given.parts[name]["is"] not in SEEN_ALIKE}
+    parts = dict(given.parts)
+    for name, found in ports.items():
+        keys = ALONG.get(given.parts[name]["is"], ()) if found else ()
+        values = {k: given.parts[name].get(k, GIVEN.get(k)) for k in keys}
+        if any(f"{name}.{k}" in wired or not isinstance(v, str | None) or names_in(v or "0") for k, v in values.items()):
+            return None
+        parts[name] = {**given.parts[name], **{k: _negative(v) for k, v in values.items() if v is not None}}
+    axis = {n for n, ends in given.nodes.items() if ends and _on_the_axis(ends[0], given, assembly)}
+    lines = json.dumps([given.settings, given.parameters, [e for n, e in given.parts.items() if not ports[n]]])
+    if any(re.search(rf"\b{re.escape(n)}\.[xv]\b", lines) for n in axis) or given.initial.get("solve"):
+        return None  # a formula elsewhere counts along the axis
+
+    def swapped(end: str) -> str:
+        name, _, port = end.partition(".")
+        first, second = ports.get(name) or ("", "") if name in turned else ("", "")
+        return f"{name}.{second}" if port == first else f"{name}.{first}" if port and port == second else end
+
+    def moves(name: str) -> bool:
+        node, _, member = name.rpartition(".")
+        return node in axis and member in ("x", "v")
+
+    def other(name: str) -> str | None:
+        first, _, rest = name.partition(".")
+        component = component_of(given.parts[first]["is"], assembly) if first in given.parts else None
+        if moves(name):
+            return f"-{name}"
+        return None if first in given.parts and ports[first] and (
+            first not in turned or component is None or rest not in component.unknowns) else name
+
+    initial = {k: _negative(v) if moves(k) and isinstance(v, str) else v for k, v in given.initial.items()}
+    if any(names_in(v) for k, v in given.initial.items() if moves(k) and isinstance(v, str)):
+        return None
+    nodes = {n: [swapped(e) for e in ends] for n, ends in given.nodes.items()}
+    return Same(replace(given, parts=parts, nodes=nodes, initial=initial, show={}), other)
+
+
+def _ports_on_the_axis(entry: dict[str, Any], assembly: Assembly) -> tuple[str, ...] | None:
+    """The two ports, or the one, of a part on the axis; empty where it has none, None where it cannot be turned."""
+    component = component_of(entry["is"], assembly)
+    if component is None or "repeat" in entry:
+        return None
+    found = tuple(name for name, port in component.ports.items() if port.domain == LINE or "$" in port.domain)
+    known = entry["is"] in ALONG or (len(found) == 2 and not component.signals)
+    # what is the user's own may count from anywhere
+    return () if not found else found if known and component.path.parent.name != "components" else None
+
+
+def _on_the_axis(end: str, given: Sheet, assembly: Assembly) -> bool:
+    component = component_of(given.parts[head(end)]["is"], assembly) if head(end) in given.parts else None
+    port = component.ports.get(end.partition(".")[2]) if component is not None else None
+    return port is not None and port.domain == LINE
+
+
+def _negative(text: str) -> str:
+    if text.startswith("="):
+        return f"=-({text[1:]})"
+    return quantities(text, lambda v, u: f"{read_unit(u).from_si(-v)!r} {u}") if " " in text else repr(-float(text))
+
+
 RELATIONS: dict[str, Relation] = {"renamed": rename, "reordered": reorder, "units": units, "parameters": parameters,
-                                  "into a block": into_a_block, "parallel": parallel, "series": series}
+                                  "into a block": into_a_block, "parallel": parallel, "series": series,
+                                  "axis reversed": reversed_axis}

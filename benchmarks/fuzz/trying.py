@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from random import Random
 
 import numpy as np
 
@@ -32,9 +33,10 @@ from heavebond.studies.modal_energy import energy_shares
 
 POINTS = 200
 EVERY = 10  # one mutant in so many goes through all
+RELATED = 2  # so many relations are tried on each of these that ends well
 OPENED = 50  # and in so many blocks are opened for the drawing, which takes long
 WIDTH = 100
-FAULTS = ("traceback", "hang", "no advice", "equation", "not finite")
+FAULTS = ("traceback", "hang", "no advice", "equation", "not finite", "different")
 
 
 @dataclass(frozen=True)
@@ -68,6 +70,8 @@ def tried(seed: int) -> Tried:
     with sandbox(given) as path:
         attempts = _Attempts(path, everything=seed % EVERY == 0, opened=seed % OPENED == 0)
         attempts.go()
+        if attempts.everything and attempts.ended_well:
+            attempts.written_differently(seed)
     steps = attempts.steps
     worst = min(steps.values(), key=lambda s: _rank(s[0]), default=("refused", ""))
     return Tried(seed, f"{given.folder.name}/{given.root}", given.changed, given.mutations, *worst,
@@ -75,7 +79,7 @@ def tried(seed: int) -> Tried:
 
 
 def _rank(outcome: str) -> int:
-    return FAULTS.index(outcome) if outcome in FAULTS else len(FAULTS) + (outcome == "ran")
+    return FAULTS.index(outcome) if outcome in FAULTS else len(FAULTS) + (outcome != "refused")
 
 
 @contextmanager
@@ -98,6 +102,7 @@ class _Attempts:
     def __init__(self, path: Path, everything: bool, opened: bool):
         self.path, self.everything, self.opened = path, everything, opened
         self.steps: dict[str, tuple[str, str]] = {}
+        self.ended_well = False  # a run of a plain diagram, with a clean verdict
 
     def go(self) -> None:
         head = kind_of(self.path.read_text(encoding="utf-8")) or "model"
@@ -109,6 +114,7 @@ class _Attempts:
             result = self._try("run", lambda: _run(assembly))
             if isinstance(result, Result):
                 self._judged(result)
+                self.ended_well = head == "model" and not result.verdict.findings
         if not self.everything:
             return
         self._try("draw", lambda: (hb.draw(model, open_all=self.opened, values=True), draw_bond_graph(model)))
@@ -133,6 +139,15 @@ class _Attempts:
             return None
         self.steps[name] = "ran", ""
         return found
+
+    def written_differently(self, seed: int) -> None:
+        """The same machine in other words, by some relations that the seed chooses; what comes of each is a step."""
+        from benchmarks.fuzz.metamorphic import DIFFERENCES, compared
+        from benchmarks.fuzz.relations import RELATIONS
+
+        for found in compared(self.path, tuple(Random(seed).sample(sorted(RELATIONS), RELATED)), seed):
+            outcome = "different" if found.outcome in DIFFERENCES else found.outcome
+            self.steps[found.relation] = outcome, f"{found.relation}: {found.what}"
 
     def _judged(self, result: Result) -> None:
         """A run that ended well must hold numbers, for which the equations hold."""
