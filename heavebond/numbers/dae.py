@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any, TypeVar, cast
 
 import casadi as ca
 import numpy as np
@@ -22,6 +23,7 @@ from heavebond.text.expression import Expr, ExpressionProblem
 from heavebond.text.symbols import split, stack
 
 Array = NDArray[np.float64]
+T = TypeVar("T")
 # how often a signal may be differentiated
 DERIVATIVES = {"hold": 0, "linear": 1, "spline": 3}
 
@@ -44,6 +46,13 @@ class Assembly:
     rates: ca.Function
     values: ca.Function
     pivots: ca.Function
+    memo: dict[object, Any] = field(default_factory=dict, repr=False, compare=False)  # see `once`
+
+    def once(self, key: object, make: Callable[[], T]) -> T:
+        """What is made of the equations alone, whatever the values of the parameters, and asked for at every run."""
+        if key not in self.memo:
+            self.memo[key] = make()
+        return cast(T, self.memo[key])
 
     @property
     def flat(self) -> Flat:

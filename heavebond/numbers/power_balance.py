@@ -88,21 +88,27 @@ def _energies(assembly: Assembly, parts: Sequence[Energetics], columns: Sequence
     """
     t, x, z, _, _, rate = assembly.arguments
     m = len(parts)
-    raw = assembly.express(stack([*(e.dissipated for e in parts), *(e.unbalanced for e in parts),
-                                  *(e.energy for e in parts), *more]))
-    stored, direction, along = raw[2 * m:3 * m], stack([t, x]), stack([rate, assembly.ode])
-    wanted = [raw, ca.jtimes(stored, direction, along)]
-    by_z = ca.jacobian(stored, z) if z.numel() else ca.SX(m, 0)
-    if by_z.nnz():
-        wanted += [ca.vec(ca.densify(by_z)), ca.vec(ca.densify(ca.jacobian(assembly.alg, z))),
-                   ca.jtimes(assembly.alg, direction, along)]
-    found = evaluated(ca.Function("energies", list(assembly.arguments), [ca.densify(stack(wanted))]), columns)
-    begin, n_z = raw.numel() + m, z.numel()
-    rates = found[raw.numel():begin]
-    if by_z.nnz():
+
+    def made() -> tuple[ca.Function, bool]:
+        raw = assembly.express(stack([*(e.dissipated for e in parts), *(e.unbalanced for e in parts),
+                                      *(e.energy for e in parts), *more]))
+        stored, direction, along = raw[2 * m:3 * m], stack([t, x]), stack([rate, assembly.ode])
+        wanted = [raw, ca.jtimes(stored, direction, along)]
+        by_z = ca.jacobian(stored, z) if z.numel() else ca.SX(m, 0)
+        if by_z.nnz():
+            wanted += [ca.vec(ca.densify(by_z)), ca.vec(ca.densify(ca.jacobian(assembly.alg, z))),
+                       ca.jtimes(assembly.alg, direction, along)]
+        return ca.Function("energies", list(assembly.arguments), [ca.densify(stack(wanted))]), bool(by_z.nnz())
+
+    function, loops = assembly.once(("energies", *(e.element_hash() for e in more)), made)
+    found = evaluated(assembly, function, columns)
+    size = 3 * m + len(more)
+    begin, n_z = size + m, z.numel()
+    rates = found[size:begin]
+    if loops:
         slopes, jacobian, moved = np.split(found[begin:], [m * n_z, m * n_z + n_z * n_z])
         rates = rates + _by_loops(slopes.reshape(n_z, m, -1), jacobian.reshape(n_z, n_z, -1), moved)
-    return (found[:m], found[m:2 * m], found[2 * m:3 * m], rates), found[3 * m:raw.numel()]
+    return (found[:m], found[m:2 * m], found[2 * m:3 * m], rates), found[3 * m:size]
 
 
 def _by_loops(slopes: Array, jacobian: Array, moved: Array) -> Array:

@@ -91,14 +91,14 @@ def _of_stretch(s: Stretch, duration: float, balanced: bool) -> Iterator[Finding
     yield from _outside([flat.unknowns[j] for j in states], s.x[list(states.values())], s.time, duration)
     chosen = _spread(n, SAMPLES)
     columns = s.columns(chosen)
-    values = evaluated(s.assembly.values, columns)
+    values = evaluated(s.assembly, s.assembly.values, columns)
     wrong = {f.name for f in _outside(flat.unknowns, values, s.time[chosen], duration)}
     looked_at = [j for j, u in enumerate(flat.unknowns) if u.name in wrong or (j not in states and _ranged(u))]
     if looked_at:
         yield from _closely(s, looked_at, _spread(n, n if wrong else WATCHED), duration)
     if not balanced or not np.isfinite(values).all():
         return
-    shown = _formulas(s.assembly)
+    shown = s.assembly.once("formulas", lambda: _formulas(s.assembly))
     imbalance, outputs = balance(s.assembly, columns, values, list(shown.values()))
     for lost in imbalance:
         advice = MAKES if lost.made else OPEN
@@ -109,11 +109,14 @@ def _of_stretch(s: Stretch, duration: float, balanced: bool) -> Iterator[Finding
 def _closely(s: Stretch, looked_at: Sequence[int], at: Points, duration: float) -> Iterator[Finding]:
     """What is wrong with some of the unknowns at more points of a run."""
     flat, arguments = s.assembly.flat, list(s.assembly.arguments)
-    made = ca.Function("some", arguments, [ca.densify(s.assembly.values(*arguments)[list(looked_at)])])
-    for found in _outside([flat.unknowns[j] for j in looked_at], evaluated(made, s.columns(at)), s.time[at], duration):
+    made = s.assembly.once(("some", *looked_at), lambda: ca.Function("some", arguments, [
+        ca.densify(s.assembly.values(*arguments)[list(looked_at)])]))
+    values = evaluated(s.assembly, made, s.columns(at))
+    for found in _outside([flat.unknowns[j] for j in looked_at], values, s.time[at], duration):
         if found.kind == "not-finite":
             k = int(np.argmin(np.abs(s.time - found.time)))
-            found = replace(found, advice=_culprit(flat, evaluated(s.assembly.values, s.columns(np.array([k])))[:, 0]))
+            there = evaluated(s.assembly, s.assembly.values, s.columns(np.array([k])))[:, 0]
+            found = replace(found, advice=_culprit(flat, there))
         yield found
 
 
