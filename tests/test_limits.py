@@ -131,3 +131,30 @@ def test_a_number_that_solvers_cannot_count_with_is_refused_where_it_is_read(tex
     with pytest.raises(hb.ModelError, match="The largest number is 1e\\+100 in SI units") as caught:
         hb.loads(RIGID.replace("STIFF", f'"{text}"').replace("BEGIN", "0 mm"))
     assert [p.code for p in caught.value.problems] == ["number-too-large"]
+
+
+def test_the_page_states_the_limits_that_hold() -> None:
+    page = (Path(__file__).parents[1] / "docs" / "reading_errors.md").read_text(encoding="utf-8")
+    table = page.partition("| limit | of |")[2].partition("\n\n")[0].splitlines()[2:]
+    stated = sorted(float(row.split("|")[1].replace(" ", "")) for row in table)
+    held = {name: value for name, value in vars(limits).items() if name.isupper() and name != "PROBLEMS_SHOWN"}
+    assert {*stated} == {float(value) for value in held.values()}
+    assert f"the first {limits.PROBLEMS_SHOWN} are shown" in page
+
+
+def test_an_equation_for_a_billion_indices_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "components").mkdir()
+    (tmp_path / "components" / "long.yaml").write_text("""
+component: Long
+summary: An equation that is repeated too often.
+ports: {a: translational}
+variables: {y: {unit: N, count: n}}
+parameters: {n: {unit: 1, integer: true, default: 3}}
+equations: |
+  a.f = sum(y[i] for i in 1..n)
+  each i in 1..1000000000: y[i] = 0
+""", encoding="utf-8")
+    (tmp_path / "m.yaml").write_text("model: m\ncomponents: {l: {is: Long}, m: {is: Mass, m: 1 kg}}\n"
+                                     "nodes: {a: [l.a, m.a]}\nsimulate: {until: 1 s}\n", encoding="utf-8")
+    with pytest.raises(ModelError, match="Long has 10001 equations for 4 unknowns"):
+        hb.assemble(hb.load(tmp_path / "m.yaml"))

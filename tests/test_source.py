@@ -164,7 +164,7 @@ def test_folders_and_missing_files(tmp_path: Path) -> None:
 
 
 def test_a_file_of_any_size_is_not_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("heavebond.text.source.LARGEST_FILE", 100)
+    monkeypatch.setattr("heavebond.text.source.FILE_BYTES", 100)
     (tmp_path / "x.yaml").write_text(SLIDER)
     with pytest.raises(ModelError, match="file-too-large"):
         read(tmp_path / "x.yaml")

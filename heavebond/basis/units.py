@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 from heavebond.basis.common_units import common_unit
 from heavebond.basis.errors import suggest
 from heavebond.basis.limits import NUMBER as LARGEST
+from heavebond.basis.limits import QUANTITY
 from heavebond.basis.numerals import NUMBER
 
 if TYPE_CHECKING:
@@ -39,7 +40,6 @@ _BAND = re.compile(rf"\s*({NUMBER})(?:\s+({UNIT}))?\s*\+-\s*({NUMBER})(?:\s+({UN
 _DECIMAL_COMMA = re.compile(r"[0-9],[0-9]")
 
 
-LONGEST_QUANTITY = 200
 TOO_LARGE = f"The largest number is {LARGEST:g} in SI units."
 
 SPELLINGS = {
@@ -142,7 +142,7 @@ def unit(text: str) -> Unit:
         return DIMENSIONLESS
     if "^" in text:
         raise UnitProblem("unit-power", f"the power in '{text}' is written `**`", f"Write '{text.replace('^', '**')}'.")
-    if len(text) > LONGEST_QUANTITY or not re.fullmatch(UNIT, text):
+    if len(text) > QUANTITY or not re.fullmatch(UNIT, text):
         raise UnitProblem("unit-unknown", f"'{text}' is not a unit", "A unit is written without spaces: kN*s/m, "
                           "m**3/s, 1/s.")
     if _MISSPELT.search(text):  # the units library reads `Nm` as something else
@@ -250,7 +250,7 @@ def _within(number: float, whole: str) -> float:
 
 def parse_quantity(text: str) -> tuple[float, Unit | None]:
     """`42 kN/m` to (42000.0, unit); the unit is None where none is written. Raises UnitProblem."""
-    if len(text) > LONGEST_QUANTITY:
+    if len(text) > QUANTITY:
         raise UnitProblem("not-a-quantity", f"'{text[:30]} ...' is too long for a number with a unit", AS_QUANTITY)
     found = _QUANTITY.match(text)
     if not found or "^" in text:
@@ -293,7 +293,7 @@ AS_QUANTITY = "Write for example `42 kN/m`, or a formula that begins with `=`."
 
 def parse_range(text: str) -> Range:
     """`30 .. 70 kN*s/m` or `42 kN/m +- 20 %` or `42 +- 3 kN/m`; raises UnitProblem."""
-    found = _RANGE.match(text) if len(text) <= LONGEST_QUANTITY else None
+    found = _RANGE.match(text) if len(text) <= QUANTITY else None
     if found:
         low, low_unit, high, high_unit = found.groups()
         last = read_unit(high_unit or low_unit or "1")
@@ -305,7 +305,7 @@ def parse_range(text: str) -> Range:
         if bounds[0] >= bounds[1]:
             raise UnitProblem("range-empty", f"the range '{text}' is empty", "Write the smaller value first.")
         return Range(*bounds, last)
-    found = _BAND.match(text) if len(text) <= LONGEST_QUANTITY else None
+    found = _BAND.match(text) if len(text) <= QUANTITY else None
     if not found:
         raise UnitProblem("not-a-range", f"'{text}' is not a range", _range_hint(text))
     number, number_unit, width, width_unit = found.groups()
@@ -324,7 +324,7 @@ def _range_hint(text: str) -> str:
     """What may be meant by a text that is no range: a tolerance in other signs, or a quantity that lacks one."""
     signed = re.sub(r"\s*(\+/-|±|\+ -)\s*", " +- ", text)
     for meant in (signed, f"{text.strip()} +- 20 %"):
-        if _BAND.match(meant) and len(meant) <= LONGEST_QUANTITY:
+        if _BAND.match(meant) and len(meant) <= QUANTITY:
             return f"Write `{meant}`."
     return "Write `30 .. 70 kN*s/m` or `42 kN/m +- 20 %`."
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from heavebond.basis.errors import HeavebondError, ModelError, Place, Problems, listing, nearest, suggest
+from heavebond.basis.limits import OF_A_KIND
 from heavebond.basis.units import is_generic
-from heavebond.equations.repetition import MOST_OF_A_KIND, repeated
+from heavebond.equations.repetition import repeated
 from heavebond.language import laws
 from heavebond.language.definition import Body, Component, End, FileInput, Instance, Parameter, Port, SignalPort, Value
 from heavebond.language.lists import lengths, short, whole_number, written_out
@@ -310,9 +311,9 @@ class _Opener:
             if number is None:
                 self.problems.add("not-an-integer", f"{name} must be a whole number, '{bound.value.text}' is none",
                                   bound.place, hint=f"Write for example `{name}: 3`.")
-            elif abs(number) > MOST_OF_A_KIND:
+            elif abs(number) > OF_A_KIND:
                 self.problems.add("not-an-integer", f"{name} = {number} is too many", bound.place,
-                                  hint=f"The most is {MOST_OF_A_KIND}.")
+                                  hint=f"The most is {OF_A_KIND}.")
             elif (parameter.low is not None and number < parameter.low) or \
                     (parameter.high is not None and number > parameter.high):
                 self.problems.add("parameter-bound", f"{name} = {number} is not allowed; it must be "

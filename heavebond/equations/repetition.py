@@ -6,10 +6,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from heavebond.basis.errors import Problems
+from heavebond.basis.limits import OF_A_KIND
 from heavebond.language.definition import Body, Component, End, Instance, Value, Wire
 from heavebond.language.lists import whole_number
-
-MOST_OF_A_KIND = 10_000
 
 
 def repeated(body: Body, numbers: Mapping[str, int], opened: Callable[[Instance], Component | None], problems: Problems
@@ -75,7 +74,7 @@ def _count(repeat: Value, numbers: Mapping[str, int], problems: Problems) -> int
         problems.add("not-an-integer", f"repeat must be a whole number above 0, '{repeat.text}' is none", repeat.place,
                      hint="Write for example `repeat: 10`, or a parameter: `repeat: =n`.")
         return 1
-    if count > MOST_OF_A_KIND:
-        problems.add("not-an-integer", f"repeat: {count} is too many", repeat.place, hint=f"The most is {MOST_OF_A_KIND}.")
+    if count > OF_A_KIND:
+        problems.add("not-an-integer", f"repeat: {count} is too many", repeat.place, hint=f"The most is {OF_A_KIND}.")
         return 1
     return count

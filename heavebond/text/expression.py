@@ -21,6 +21,7 @@ from dataclasses import dataclass
 from typing import Union
 
 from heavebond.basis.errors import suggest
+from heavebond.basis.limits import BRACKETS, FORMULA, OPERATIONS, TERMS
 from heavebond.basis.limits import NUMBER as LARGEST
 from heavebond.basis.units import TOO_LARGE, Unit, UnitProblem, read_unit
 from heavebond.text.tokens import KEYWORDS as KEYWORDS
@@ -37,7 +38,6 @@ FUNCTIONS = {
 USAGE = {"min": "min(a, b)", "max": "max(a, b)", "smooth_sign": "smooth_sign(v, v_t)", "uniform": "uniform(seed, i)",
          "signed_sqrt": "signed_sqrt(dp, dp_t)", "if_else": "if_else(a > b, x, y)"}
 SUM_FORM = "A sum is written `sum(... for i in 1..n)`."
-LONGEST, DEEPEST, DEEPEST_TREE, MOST_TERMS = 50_000, 30, 200, 100_000
 COMPARISONS = ("<=", ">=", "==", "!=", "<", ">")
 
 Expr = Union["Number", "Name", "Call", "Binary", "Negative", "Compare", "Logic", "Not", "SumOver"]
@@ -180,19 +180,19 @@ def parse_formula(text: str, *, units: bool = True, functions: Mapping[str, int]
 def _check_depth(*trees: Expr) -> None:
     """Everything that walks a tree does so recursively; a longer sum or product is split by the author."""
     level = list(trees)
-    for _ in range(DEEPEST_TREE):
+    for _ in range(OPERATIONS):
         level = [child for expr in level for child in children(expr)]
         if not level:
             return
-    raise ExpressionProblem("formula-too-long", f"more than {DEEPEST_TREE} operations in a row", 0, 1,
+    raise ExpressionProblem("formula-too-long", f"more than {OPERATIONS} operations in a row", 0, 1,
                             "Split it: give a part of it a name of its own.")
 
 
 class _Parser:
     def __init__(self, text: str, *, units: bool, functions: Mapping[str, int] = FUNCTIONS):
         self.text, self.functions = text, functions
-        if len(text) > LONGEST:
-            raise ExpressionProblem("formula-too-long", f"a formula of more than {LONGEST} signs", 0, 1,
+        if len(text) > FORMULA:
+            raise ExpressionProblem("formula-too-long", f"a formula of more than {FORMULA} signs", 0, 1,
                                     "Split it: give a part of it a name of its own.")
         self.tokens = list(tokens(text, units=units))
         self.position = 0
@@ -235,8 +235,8 @@ class _Parser:
     def _deeper(self) -> Iterator[None]:
         """Brackets, functions and signs within each other: so many that the parser's own recursion stays bounded."""
         self.depth += 1
-        if self.depth > DEEPEST:
-            raise ExpressionProblem("formula-too-deep", f"more than {DEEPEST} brackets or signs within each other",
+        if self.depth > BRACKETS:
+            raise ExpressionProblem("formula-too-deep", f"more than {BRACKETS} brackets or signs within each other",
                                     self.peek().column, 1, "Split it: give a part of it a name of its own.")
         yield
         self.depth -= 1
@@ -381,14 +381,14 @@ class _Parser:
         high = self.sum()
         self.expect(")", "a `)` is missing behind sum(", SUM_FORM)
         result = SumOver(body, index.text, low, high, token.column)
-        if _terms(result) > MOST_TERMS:
+        if _terms(result) > TERMS:
             raise too_long(token.column)
         return result
 
 
 def too_long(column: int) -> ExpressionProblem:
     """What is said of a sum that would fill the memory."""
-    return ExpressionProblem("sum-too-long", f"a sum of more than {MOST_TERMS} terms", column, 3, "Use fewer terms.")
+    return ExpressionProblem("sum-too-long", f"a sum of more than {TERMS} terms", column, 3, "Use fewer terms.")
 
 
 def _terms(expr: Expr) -> float:

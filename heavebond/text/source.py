@@ -14,12 +14,9 @@ from typing import Protocol, Union
 import yaml
 
 from heavebond.basis.errors import ModelError, Place, Problem, Problems
-from heavebond.basis.limits import ENTRIES
+from heavebond.basis.limits import ENTRIES, FILE_BYTES, NESTING
 
 Node = Union["Scalar", "Mapping", "Sequence"]
-# A file beyond this is not a diagram; YAML is read with marks, which costs some 100 times the text in memory.
-LARGEST_FILE = 20_000_000
-DEEPEST_NESTING = 60
 FAST_LOADER: type[yaml.SafeLoader] | type[yaml.CSafeLoader] = yaml.CSafeLoader if yaml.__with_libyaml__ else yaml.SafeLoader
 
 
@@ -84,8 +81,8 @@ def read_text(path: Path, name: str | None = None) -> str:
     """The text of a UTF-8 file; ModelError where it is absent, a folder, too large or not text."""
     name = name or str(path)
     try:
-        if path.stat().st_size > LARGEST_FILE:
-            raise ModelError([Problem("file-too-large", f"{name} is larger than {LARGEST_FILE // 10**6} MB", None,
+        if path.stat().st_size > FILE_BYTES:
+            raise ModelError([Problem("file-too-large", f"{name} is larger than {FILE_BYTES // 10**6} MB", None,
                                       "Is this a record? A diagram is a small text file.")])
         return path.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
@@ -220,8 +217,8 @@ class _Builder:
         depth = 0
         for event in yaml.parse(self.text, Loader=self.loader):
             depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-            if depth > DEEPEST_NESTING:
-                self.problems.add("too-deep", f"entries are nested more than {DEEPEST_NESTING} deep",
+            if depth > NESTING:
+                self.problems.add("too-deep", f"entries are nested more than {NESTING} deep",
                                   self.place(event.start_mark), hint="Remove the brackets that are too many.")
                 break
             if len(events) > ENTRIES:

@@ -8,8 +8,8 @@ from typing import cast
 
 import casadi as ca
 
+from heavebond.basis.limits import TERMS
 from heavebond.text.expression import (
-    MOST_TERMS,
     Binary,
     Call,
     Compare,
@@ -173,7 +173,7 @@ def _call(expr: Call, context: Context) -> ca.SX:
 def _sum_over(expr: SumOver, context: Context) -> ca.SX:
     total, low, high = ca.SX(0), _integer(expr.low, context), _integer(expr.high, context)
     terms = context.terms * max(1, high - low + 1)
-    if terms > MOST_TERMS:  # bounds may be parameters, or the index of a sum around this one
+    if terms > TERMS:  # bounds may be parameters, or the index of a sum around this one
         raise too_long(expr.column)
     for k in range(low, high + 1):
         inner = Context(context.lookup, context.der, {**context.integers, expr.index: k}, context.arrays, terms)
