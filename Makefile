@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 # installed once, and again when the dependencies change
 READY := $(VENV)/.ready
 
-.PHONY: demo test test-slow lint types pages docs bench scaling fuzz mutants false-alarms confusion detectability compensator clean
+.PHONY: demo quick test test-slow lint types pages docs bench scaling fuzz mutants false-alarms confusion detectability compensator clean
 
 demo: $(READY)
 	$(BIN)/heavebond demo --output demo
@@ -13,6 +13,13 @@ demo: $(READY)
 # one worker a processor; each takes a stretch of files, and what is left of the other when its own is done
 test: $(READY)
 	$(BIN)/python -m pytest -n logical --dist worksteal -m "not slow"
+
+# under a minute: language, units, structure, start, verdict and library beside their formulas, the reference problems
+QUICK := expression units source lists language names medium grounding incidence states newton corners quick signals saved \
+	measurements records_screening metrics slips stability margins linearisation energy validity limits numerals quoting \
+	output_files presentation painting reference_problems cmc_ahc layers library_*
+quick: $(READY)
+	$(BIN)/python -m pytest -n logical --dist worksteal -m "not slow" $(foreach name,$(QUICK),tests/test_$(name).py)
 
 test-slow: $(READY)
 	$(BIN)/python -m pytest -m slow
