@@ -22,6 +22,7 @@ SWEEPS, STARTS = 6, 5
 MOST_MOVED = 40  # larger sheets are not improved: each sweep tries every pair; parts stand beside what they are joined to
 NEIGHBOURS = 6
 Cell = tuple[int, int]
+Known = dict[tuple[object, ...], float]  # the cost of a wire between two ports, so far apart and so turned
 Place = tuple[int, int, str]  # x, y, side
 
 
@@ -64,15 +65,18 @@ def place(pieces: Sequence[Piece], nets: Sequence[Sequence[tuple[str, str]]]) ->
     """Cells, turns and sides for pieces that are joined by nets of (piece, port)."""
     free = [piece.name for piece in pieces if piece.at is None and not piece.side]
     few = len(free) <= MOST_MOVED
-    search = min((_searched(pieces, nets, first, few) for first in (free[:STARTS] if few else free[:1]) or [""]),
+    known: Known = {}
+    search = min((_searched(pieces, nets, first, few, known) for first in (free[:STARTS] if few else free[:1]) or [""]),
                  key=lambda tried: tried.cost())
     cells = _compressed(search.cells, {p.name: p.side for p in pieces})
     return Placement(cells, dict(search.turns), search.sides(), search.leaving())
 
 
-def _searched(pieces: Sequence[Piece], nets: Sequence[Sequence[tuple[str, str]]], first: str, few: bool) -> _Search:
-    """A descent that begins with the free piece `first`: each ends in another valley."""
-    search = _Search(pieces, nets)
+def _searched(pieces: Sequence[Piece], nets: Sequence[Sequence[tuple[str, str]]], first: str, few: bool, known: Known
+              ) -> _Search:
+    """A descent that begins with the free piece `first`: each ends in another valley. What wires cost is `known` from one
+    to the next."""
+    search = _Search(pieces, nets, known)
     search.begin(first)
     for _ in range(SWEEPS if few else 0):
         if not search.sweep():
@@ -98,7 +102,7 @@ def _compressed(cells: dict[str, Cell], sides: dict[str, str]) -> dict[str, Cell
 
 
 class _Search:
-    def __init__(self, pieces: Sequence[Piece], nets: Sequence[Sequence[tuple[str, str]]]):
+    def __init__(self, pieces: Sequence[Piece], nets: Sequence[Sequence[tuple[str, str]]], known: Known):
         self.pieces = {p.name: p for p in pieces}
         self.nets = [list(net) for net in nets]
         self.of: dict[str, list[int]] = {name: [] for name in self.pieces}
@@ -106,7 +110,7 @@ class _Search:
             for name in dict.fromkeys(n for n, _ in net):
                 self.of[name].append(k)
         self.shapes: dict[tuple[str, Matrix], Shape] = {}
-        self.costs: dict[tuple[object, ...], float] = {}
+        self.costs = known
         self.cells: dict[str, Cell] = {}
         self.turns: dict[str, Matrix] = {}
         self.taken: dict[Cell, str] = {}
@@ -148,7 +152,7 @@ class _Search:
         for one in self.pieces[first].turns:
             for two in self.pieces[second].turns:
                 self.turns[first], self.turns[second] = one, two
-                cost = self._cost_around([first, second])
+                cost = self._cost_around([first, second], best)
                 if cost < best:
                     best, chosen = cost, (one, two)
         self.turns[first], self.turns[second] = chosen
@@ -195,7 +199,7 @@ class _Search:
         self.taken[a], self.taken[b] = second, first
         self._turn(first)
         self._turn(second)
-        if self._cost_around([first, second]) < before - 1e-6:
+        if self._cost_around([first, second], before - 1e-6) < before - 1e-6:
             return True
         self.cells[first], self.cells[second] = a, b
         self.turns[first], self.turns[second] = turns
@@ -218,11 +222,13 @@ class _Search:
         """Turn a piece as suits its wires best, the first of its turns where several do."""
         turns = self.pieces[name].turns
         if len(turns) > 1:
-            costs = []
+            best, chosen = math.inf, 0
             for k, turn in enumerate(turns):
                 self.turns[name] = turn
-                costs.append((self._cost_around([name]) + TURNED * k, k))
-            self.turns[name] = turns[min(costs)[1]]
+                cost = self._cost_around([name], best - TURNED * k) + TURNED * k
+                if cost < best:
+                    best, chosen = cost, k
+            self.turns[name] = turns[chosen]
 
     def _best(self, name: str) -> tuple[Cell, Matrix]:
         """The free cell and the turn in which a lifted piece costs least."""
@@ -233,7 +239,7 @@ class _Search:
             self.cells[name], self.taken[cell] = cell, name
             for k, turn in enumerate(self.pieces[name].turns):
                 self.turns[name] = turn
-                cost = self._cost_around([name]) + TURNED * k
+                cost = self._cost_around([name], best[0] - TURNED * k if best else math.inf) + TURNED * k
                 if best is None or cost < best[0] - 1e-6:
                     best = cost, cell, turn
             self._lift(name)
@@ -258,10 +264,14 @@ class _Search:
         return [(c, r) for r in range(top - 1, bottom + 2) for c in range(left - 1, right + 2)]
 
     # -- cost ------------------------------------------------------------------------------------------------------
-    def _cost_around(self, names: list[str]) -> float:
-        """What the nets of some pieces cost, their distance from the rest, and a little for height: paper is wide."""
-        nets = dict.fromkeys(k for name in names for k in self.of[name])
-        total = sum(self._net_cost(k) for k in nets)
+    def _cost_around(self, names: list[str], most: float = math.inf) -> float:
+        """What the nets of some pieces cost, their distance from the rest, and a little for height: paper is wide. From
+        `most` on it need not be known by how much it is more: all parts of a cost are above zero."""
+        total = 0.0
+        for k in dict.fromkeys(k for name in names for k in self.of[name]):
+            total += self._net_cost(k)
+            if total >= most:
+                return total
         for name in names:
             if name in self.cells and not self.pieces[name].side:
                 c, r = self.cells[name]
