@@ -88,7 +88,21 @@ __all__ = [
 ]
 
 
+# what other packages call it
+_ELSEWHERE = {"run": "simulate", "integrate": "simulate", "read": "load", "open": "load", "optimise": "tune",
+              "optimize": "tune", "estimate": "fit", "identify": "fit", "linearise": "state_space",
+              "linearize": "state_space", "localise": "where", "localize": "where", "energy": "audit", "plot": "draw",
+              "margins": "loop_margins"}
+
+
+def __dir__() -> list[str]:
+    return sorted([*__all__, "__version__"])
+
+
 def __getattr__(name: str) -> object:
     if name not in _WHERE:
-        raise AttributeError(f"module 'heavebond' has no attribute '{name}'")
+        from difflib import get_close_matches
+
+        near = _ELSEWHERE.get(name) or next(iter(get_close_matches(name, __all__, 1)), "")
+        raise AttributeError(f"module 'heavebond' has no attribute '{name}'" + (f"; did you mean '{near}'?" if near else ""))
     return getattr(importlib.import_module(f"heavebond.{_WHERE[name]}"), name)

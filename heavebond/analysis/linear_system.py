@@ -20,7 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from heavebond.analysis.disturbance import inner_name
 from heavebond.analysis.operating import OperatingPoints
-from heavebond.basis.errors import Problem, UsageError
+from heavebond.basis.errors import Problem, UsageError, listing
+from heavebond.basis.presentation import brief, count
 from heavebond.basis.units import dimension_text, read_unit
 from heavebond.language.model import Model
 from heavebond.numbers.dae import Array, Assembly
@@ -64,6 +65,10 @@ class StateSpace:
     point: Point
     shown: tuple[str, ...] = ()
     rigid: tuple[bool, ...] = ()
+
+    def __repr__(self) -> str:
+        return brief(self, f"{listing(list(self.inputs), 4)} to {listing(list(self.outputs), 4)}",
+                     f"{count(len(self.states), 'state')}: {listing(list(self.states), 8)}")
 
     @property
     def proper(self) -> bool:

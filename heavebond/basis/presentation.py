@@ -118,6 +118,11 @@ def count(how_many: int, thing: str, plural: str = "") -> str:
     return f"{how_many or 'no'} {word}"
 
 
+def brief(thing: object, name: str, *parts: str) -> str:
+    """What `repr` gives of an object with a name: a line each for its parts, instead of all that it holds."""
+    return f"<{type(thing).__name__} {name!r}: " + "\n ".join(part for part in parts if part) + ">"
+
+
 def unit_label(unit: str) -> str:
     """A unit as it is printed on paper: `m**3/s` as m³/s, `kN*s/m` as kN·s/m, `1` as a dash."""
     if unit == "1":

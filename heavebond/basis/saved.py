@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heavebond.basis.errors import DataError, Problem, UsageError, listing, suggest
+from heavebond.basis.presentation import brief, count
 from heavebond.basis.text_tables import ROWS_LEFT, check_rows_left
 from heavebond.basis.writable import new_file
 
@@ -39,6 +40,9 @@ class SavedRun:
     values: dict[str, Array] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
     solver: str = ""
+
+    def __repr__(self) -> str:
+        return brief(self, self.model, count(len(self.time), "point"), f"signals {listing(list(self.values), 8)}")
 
     def names(self) -> list[str]:
         """The signals in the order of the file."""

@@ -12,7 +12,7 @@ import numpy as np
 from heavebond.basis import metrics
 from heavebond.basis.errors import NAMES_LISTED, DataError, ModelError, Place, Problems, listing, suggest
 from heavebond.basis.lateness import Lateness, lateness
-from heavebond.basis.presentation import count, number, readable_time
+from heavebond.basis.presentation import brief, count, number, readable_time
 from heavebond.basis.screening import outliers
 from heavebond.basis.units import dimension_text, read_unit
 from heavebond.evidence.experiment import Experiment, Output, Record, load_experiment
@@ -112,6 +112,11 @@ class Comparison:
 
     experiment: Experiment
     records: dict[str, RecordComparison]
+
+    def __repr__(self) -> str:
+        return brief(self, self.experiment.name, *(
+            f"{name} ({r.use}): normalised error {100 * r.normalised:.3g} %, chi-square {r.chi2:.4g} per sample"
+            for name, r in list(self.records.items())[:12]), "..." if len(self.records) > 12 else "")
 
     @property
     def parts(self) -> list[RecordComparison]:

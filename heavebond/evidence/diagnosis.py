@@ -16,6 +16,7 @@ import numpy as np
 
 from heavebond.basis.errors import HeavebondError, Problem, UsageError, listing, suggest
 from heavebond.basis.interrupts import finishing, obeyed
+from heavebond.basis.presentation import brief
 from heavebond.basis.progress import Progress
 from heavebond.basis.threads import single_threaded
 from heavebond.evidence.catalogue import Candidate, candidates
@@ -55,6 +56,9 @@ class Diagnosis:
     seconds: float
     separation: Separation | None
     searched: Experiment
+
+    def __repr__(self) -> str:
+        return brief(self, self.experiment.name, self.verdict, *self.words)
 
     @property
     def last(self) -> Experiment:

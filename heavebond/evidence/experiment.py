@@ -10,6 +10,7 @@ from filecmp import cmp
 from pathlib import Path
 
 from heavebond.basis.errors import ModelError, Place, Problem, Problems, listing, suggest
+from heavebond.basis.presentation import brief, count
 from heavebond.basis.units import Range, UnitProblem, parse_range, unit
 from heavebond.language import reading
 from heavebond.language.definition import FileInput
@@ -94,6 +95,10 @@ class Experiment:
     outputs: dict[str, Output] = field(default_factory=dict)
     free: dict[str, Free] = field(default_factory=dict)
     files: tuple[Path, ...] = ()
+
+    def __repr__(self) -> str:
+        return brief(self, self.name, f"model {self.model.name}, {count(len(self.records), 'record')}",
+                     f"outputs {listing(list(self.outputs), 8)}", f"free {listing(list(self.free), 8)}" if self.free else "")
 
     @property
     def noise_given(self) -> bool:

@@ -23,6 +23,7 @@ import numpy as np
 
 from heavebond.basis.errors import HeavebondError, Problem, SimulationError, UsageError, listing, suggest
 from heavebond.basis.interrupts import ENDED_EARLY, finishing
+from heavebond.basis.presentation import brief
 from heavebond.basis.progress import Progress, numbered
 from heavebond.basis.threads import single_threaded
 from heavebond.evidence.comparison import Comparison, RecordComparison, compare_record
@@ -113,6 +114,10 @@ class Fit:
     message: str
     before: Comparison
     after: Comparison
+
+    def __repr__(self) -> str:
+        return brief(self, self.experiment.name, f"chi-square {self.chi2:.4g} per sample, {self.message}",
+                     listing([f"{p.name} = {p.value:.5g} {p.unit}" for p in self.parameters], 12))
 
     @property
     def values(self) -> dict[str, float]:

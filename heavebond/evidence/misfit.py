@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from heavebond.basis.errors import Problem, UsageError, suggest
-from heavebond.basis.presentation import number, readable
+from heavebond.basis.presentation import brief, number, readable
 from heavebond.basis.threads import single_threaded
 from heavebond.basis.units import dimension_text, read_unit
 from heavebond.evidence.comparison import compare
@@ -109,6 +109,9 @@ class Where:
     states: tuple[State, ...]
     values: Mapping[str, Mapping[str, float]]
     foreseen: bool
+
+    def __repr__(self) -> str:
+        return brief(self, self.experiment.name, *self.words)
 
     @property
     def words(self) -> tuple[str, ...]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from heavebond.basis.errors import ModelError, Place, Problem, Problems, UsageError, listing, suggest
+from heavebond.basis.presentation import brief, count
 from heavebond.language import reading
 from heavebond.language.definition import Body, End, FileInput, Instance, Value, Wire
 from heavebond.language.library import Library, bundled, is_bundled, library, shown_path
@@ -48,6 +49,10 @@ class Model:
     solver: Scalar | None = None
     view: dict[str, Seen] = field(default_factory=dict)
     files: tuple[Path, ...] = ()
+
+    def __repr__(self) -> str:
+        sizes = count(len(self.body.instances), "part"), count(len(self.body.wires), "node"), count(len(self.show), "output")
+        return brief(self, self.name, ", ".join(sizes), self.summary)
 
     @property
     def sources(self) -> tuple[Path, ...]:

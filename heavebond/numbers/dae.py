@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from heavebond.basis.errors import NAMES_LISTED, ModelError, Problem, Problems, UsageError, listing, suggest
 from heavebond.basis.garbage import put_off
 from heavebond.basis.interrupts import check
+from heavebond.basis.presentation import brief, count
 from heavebond.basis.units import UnitProblem, check_unit, parse_quantity
 from heavebond.equations.flatten import Flat, flatten
 from heavebond.equations.reduce import Reduced, reduce
@@ -47,6 +48,11 @@ class Assembly:
     values: ca.Function
     pivots: ca.Function
     memo: dict[object, Any] = field(default_factory=dict, repr=False, compare=False)  # see `once`
+
+    def __repr__(self) -> str:
+        return brief(self, self.model.name, ", ".join((
+            count(len(self.state_names), "state"), count(len(self.algebraic_names), "algebraic unknown"),
+            count(len(self.parameter_names), "parameter"))))
 
     def once(self, key: object, make: Callable[[], T]) -> T:
         """What is made of the equations alone, whatever the values of the parameters, and asked for at every run."""

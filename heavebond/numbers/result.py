@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from heavebond.basis.buffered import Buffered
 from heavebond.basis.errors import Problem, UsageError, listing, suggest
+from heavebond.basis.presentation import brief, count, number
 from heavebond.basis.saved import SavedRun, write_run
 from heavebond.basis.units import dimension_text, read_unit
 from heavebond.numbers.dae import Array, Assembly
@@ -102,6 +103,11 @@ class Result:
 
     def __getitem__(self, name: str) -> Array:
         return self.signals([name])[name]
+
+    def __repr__(self) -> str:
+        outputs = listing(list(self.assembly.model.show), 8)
+        return brief(self, self.assembly.model.name, f"{number(float(self.time[0]))} to {number(float(self.time[-1]))} s, "
+                     f"{count(len(self.time), 'point')}", f"outputs {outputs}" if outputs else "")
 
     def signals(self, names: Iterable[str]) -> dict[str, Array]:
         """Several signals at once, each (N,); UsageError for a name that is not there."""

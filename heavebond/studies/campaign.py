@@ -19,6 +19,7 @@ from heavebond import __version__
 from heavebond.basis.cluster import Cluster
 from heavebond.basis.errors import Problem, UsageError
 from heavebond.basis.interrupts import obeyed
+from heavebond.basis.presentation import brief
 from heavebond.basis.processes import Processes, as_done, processors
 from heavebond.basis.progress import Progress
 from heavebond.basis.quoting import file_stem
@@ -47,6 +48,9 @@ class StudyResult:
     units: Mapping[str, Unit]
     jobs: int
     calibrated: Calibrated | None = None
+
+    def __repr__(self) -> str:
+        return brief(self, self.study.name, f"{len(self.outcomes)} of {self.jobs} cases")
 
     @property
     def complete(self) -> bool:

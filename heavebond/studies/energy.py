@@ -28,7 +28,7 @@ import casadi as ca
 import numpy as np
 
 from heavebond.basis.errors import Problem, SimulationError, UsageError, listing, suggest
-from heavebond.basis.presentation import number, readable
+from heavebond.basis.presentation import brief, count, number, readable
 from heavebond.basis.units import read_unit
 from heavebond.equations.flatten import Energetics
 from heavebond.language.model import Model
@@ -116,6 +116,10 @@ class EnergyAudit:
     def supplied(self) -> float:
         """What sources give, in J."""
         return sum(line.supplied for line in self.lines if line.supplied > 0)
+
+    def __repr__(self) -> str:
+        return brief(self, self.result.assembly.model.name, f"largest energy {readable(self.largest, 'J', 4)}, "
+                     f"{self.imbalance:.1e} of it missing", f"{count(len(self.lines), 'component')}")
 
     @property
     def taken(self) -> float:

@@ -15,6 +15,7 @@ import numpy as np
 
 from heavebond.basis.errors import ModelError, Place, Problem, Problems, UsageError, listing, suggest
 from heavebond.basis.numerals import whole
+from heavebond.basis.presentation import brief, count
 from heavebond.basis.units import Range, UnitProblem, parse_quantity
 from heavebond.language import reading
 from heavebond.language.definition import FileInput
@@ -114,6 +115,9 @@ class Study:
     calibrated: Dictionary[str, tuple[float, float]] = field(default_factory=dict)
     places: Dictionary[str, Place] = field(default_factory=dict)
     first: int = 0
+
+    def __repr__(self) -> str:
+        return brief(self, self.name, f"model {self.model.name}, {count(len(self.axes), 'axis', 'axes')}", self.summary)
 
     @property
     def cases(self) -> tuple[StudyCase, ...]:

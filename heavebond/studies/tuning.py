@@ -10,6 +10,7 @@ import numpy as np
 
 from heavebond.basis.errors import HeavebondError, Problem, UsageError, suggest
 from heavebond.basis.interrupts import ENDED_EARLY, finishing
+from heavebond.basis.presentation import brief
 from heavebond.basis.progress import Progress, numbered
 from heavebond.language.model import Model
 from heavebond.numbers.dae import Array, Assembly, assemble
@@ -56,6 +57,10 @@ class Tuned:
     stability: Stability
     at_end: dict[str, str]
 
+    def __repr__(self) -> str:
+        return brief(self, f"cost {self.cost:.5g}", f"before {self.before:.5g}; {self.message}",
+                     ", ".join(f"{name} = {value:.5g}" for name, value in self.values.items()))
+
 
 def tune(model: Model | Assembly | Objective, task: Task, *, explore: int = 5, starts: int = 1, seed: int = 0,
          method: str = "trust", most_steps: int = 30, progress: Progress | None = None,
@@ -75,8 +80,8 @@ def tune(model: Model | Assembly | Objective, task: Task, *, explore: int = 5, s
         Objective(model if isinstance(model, Assembly) else assemble(model), task)
     say = progress or (lambda text: None)
     found: list[Found] = []
-    for number, first in enumerate(starting_points(problem, explore, starts, seed, say), 1):
-        found.append(search(problem, first, method, most_steps, numbered(say, "start", number, starts), found,
+    for k, first in enumerate(starting_points(problem, explore, starts, seed, say), 1):
+        found.append(search(problem, first, method, most_steps, numbered(say, "start", k, starts), found,
                             partial))
         if found[-1].message == ENDED_EARLY:
             return _told(problem, task, found, min(found, key=_rank), ENDED_EARLY, say)
@@ -229,8 +234,8 @@ def starting_points(problem: Objective, explore: int, starts: int, seed: int, sa
     points = list(islice((y for y in drawn if problem.calm(y) and problem.instability(y) <= 0), 1 + explore)
                   ) if explore else []
     found: list[Evaluation] = []
-    for number, point in enumerate(points or islice(problem.spread(explore, seed), 1 + explore), 1):
-        say(f"exploring {number} of {1 + explore}")
+    for k, point in enumerate(points or islice(problem.spread(explore, seed), 1 + explore), 1):
+        say(f"exploring {k} of {1 + explore}")
         found.append(problem.plain(point))
     order = sorted(found, key=lambda e: (not np.isfinite(e.cost), not e.kept, e.cost))
     return [e.at for e in order[:max(1, starts)]]

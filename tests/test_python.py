@@ -1,0 +1,41 @@
+"""At home in Python: public names, what an object says of itself, types."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import heavebond as hb
+
+LINES, WIDTH = 24, 160  # of a screen
+
+
+def test_the_public_names_are_listed() -> None:
+    assert dir(hb) == sorted([*hb.__all__, "__version__"])
+    assert all(getattr(hb, name) is not None for name in hb.__all__)
+
+
+@pytest.mark.parametrize(("name", "meant"), [("run", "simulate"), ("optimize", "tune"), ("simulat", "simulate"),
+                                             ("identify", "fit")])
+def test_a_name_that_is_not_there_leads_to_the_one_that_is_meant(name: str, meant: str) -> None:
+    with pytest.raises(AttributeError, match=f"did you mean '{meant}'"):
+        getattr(hb, name)
+
+
+def test_objects_say_of_themselves_what_fits_on_a_screen(tmp_path: Path) -> None:
+    model = hb.load("quarter_car")
+    assembly, run = hb.assemble(model), hb.simulate(model)
+    run.save(tmp_path / "run.csv")
+    comparison = hb.compare("passive_rig/friction")
+    for thing in (model, assembly, run, hb.read_run(tmp_path / "run.csv"), comparison, comparison.experiment,
+                  hb.load_study("cmc_ahc/studies/table3"), hb.audit(assembly),
+                  hb.state_space(model, ["road.u"], ["body.x"])):
+        lines = repr(thing).splitlines()
+        assert len(lines) <= LINES and max(map(len, lines)) <= WIDTH, repr(thing)[:2000]
+        assert type(thing).__name__ in lines[0]
+    assert repr(run).startswith("<Result 'quarter_car': 0 to 4 s, 2001 points")
+
+
+def test_the_package_says_that_it_has_types() -> None:
+    assert (Path(hb.__file__).parent / "py.typed").exists()
