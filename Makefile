@@ -14,10 +14,10 @@ demo: $(READY)
 test: $(READY)
 	$(BIN)/python -m pytest -n logical --dist worksteal -m "not slow"
 
-# under a minute: language, units, structure, start, verdict and library beside their formulas, the reference problems
-QUICK := expression units source lists language names medium grounding incidence states newton corners quick signals saved \
-	measurements records_screening metrics slips stability margins linearisation energy validity limits numerals quoting \
-	output_files presentation painting reference_problems cmc_ahc layers library_*
+# under a minute: language, units, structure, start, verdict, and the library beside its formulas
+QUICK := expression units lists language names medium grounding incidence states newton corners quick signals saved \
+	measurements records_screening metrics slips stability linearisation energy validity limits numerals quoting \
+	output_files presentation painting cmc_ahc library_*
 quick: $(READY)
 	$(BIN)/python -m pytest -n logical --dist worksteal -m "not slow" $(foreach name,$(QUICK),tests/test_$(name).py)
 
