@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 import heavebond as hb
 from benchmarks.measuring import PAIRS, Figure, at_most, duration, paired, process, seconds
 from heavebond.numbers.dae import Assembly
-from heavebond.numbers.simulation import Tolerances
+from heavebond.numbers.simulator import Tolerances
 
 Array = NDArray[np.float64]
 DIAGRAM = Path(__file__).parent / "chain.yaml"

@@ -13,7 +13,7 @@ from heavebond.evidence.diagnosis import Diagnosis, diagnose
 from heavebond.evidence.residuals import Run
 from heavebond.evidence.scoring import SEARCH
 from heavebond.numbers.quick import QuickSimulator
-from heavebond.numbers.simulation import Simulator
+from heavebond.numbers.simulator import Simulator
 
 RIG, MISSING = "passive", "dry friction"
 HELD = "cylinder"

@@ -15,7 +15,7 @@ import heavebond as hb
 from benchmarks.floor import Floor, NoFloor
 from benchmarks.measuring import Figure, at_most, duration, paired, spoken
 from heavebond.numbers.idas import integrator_options
-from heavebond.numbers.simulation import Tolerances
+from heavebond.numbers.simulator import Tolerances
 
 Array = NDArray[np.float64]
 DIAGRAM = Path(__file__).parent / "heave.yaml"

@@ -42,7 +42,8 @@ if TYPE_CHECKING:
     from heavebond.language.model import Model, load, loads
     from heavebond.numbers.dae import Assembly, assemble
     from heavebond.numbers.result import Result
-    from heavebond.numbers.simulation import Simulator, simulate
+    from heavebond.numbers.simulation import simulate
+    from heavebond.numbers.simulator import Simulator
     from heavebond.pictures.drawing import draw
     from heavebond.studies.campaign import StudyResult, run_study
     from heavebond.studies.energy import audit
@@ -71,7 +72,8 @@ _EXPORTS = {
     "language.model": ("load", "loads", "Model"),
     "numbers.dae": ("assemble", "Assembly"),
     "numbers.result": ("Result",),
-    "numbers.simulation": ("simulate", "Simulator"),
+    "numbers.simulation": ("simulate",),
+    "numbers.simulator": ("Simulator",),
     "pictures.drawing": ("draw",),
     "studies.campaign": ("run_study", "StudyResult"),
     "studies.energy": ("audit",),

@@ -12,7 +12,7 @@ import heavebond as hb
 from heavebond.language.library import bundled
 from heavebond.language.model import loads
 from heavebond.numbers.dae import Array, Assembly
-from heavebond.numbers.simulation import Simulator, Tolerances
+from heavebond.numbers.simulator import Simulator, Tolerances
 from heavebond.studies.adjoint import Adjoint
 from heavebond.studies.costs import Evaluator, read_cost
 from heavebond.studies.objective import Objective, Task, ranges

@@ -9,7 +9,7 @@ import reference_cmc_ahc as reference
 import heavebond as hb
 from heavebond.basis.units import read_unit
 from heavebond.numbers.initialise import start
-from heavebond.numbers.simulation import Simulator, Tolerances
+from heavebond.numbers.simulator import Simulator, Tolerances
 
 CASES = {
     "cmc_ahc": reference.ACTIVE,

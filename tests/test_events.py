@@ -12,7 +12,7 @@ import heavebond as hb
 from heavebond.evidence.experiment import load_experiment
 from heavebond.evidence.fitting import fit
 from heavebond.numbers.dae import Assembly
-from heavebond.numbers.simulation import Simulator, Tolerances
+from heavebond.numbers.simulator import Simulator, Tolerances
 from heavebond.studies.adjoint import Adjoint
 from heavebond.studies.energy import audit
 from heavebond.studies.gradient_check import check_gradients, costs_of

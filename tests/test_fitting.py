@@ -12,9 +12,9 @@ import heavebond as hb
 from heavebond.basis.errors import Place
 from heavebond.basis.units import parse_range
 from heavebond.evidence.comparison import compare
+from heavebond.evidence.diagram_files import fitted_diagram, write
 from heavebond.evidence.experiment import Experiment, Free, load_experiment
 from heavebond.evidence.fitting import Fit, fit, profile
-from heavebond.evidence.writing import fitted_diagram, write
 
 DRIVE = Path(__file__).parents[2] / "shared" / "data" / "real" / "emps"
 

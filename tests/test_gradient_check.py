@@ -15,7 +15,7 @@ from test_tuning import ABSORBER
 
 import heavebond as hb
 from heavebond import cli
-from heavebond.numbers.simulation import Simulator, Tolerances
+from heavebond.numbers.simulator import Simulator, Tolerances
 from heavebond.studies.gradient_check import Ran, Subject, Verdict, check_gradients, costs_of, signals_of
 from heavebond.studies.kinks import Kinks
 from heavebond.studies.objective import Task, ranges

@@ -18,7 +18,7 @@ from scipy.integrate import solve_ivp
 import heavebond as hb
 from heavebond.numbers.charts import MOST, Charts, columns_of
 from heavebond.numbers.result import Result
-from heavebond.numbers.simulation import Simulator, Tolerances
+from heavebond.numbers.simulator import Simulator, Tolerances
 from heavebond.studies.energy import audit
 from heavebond.text.expression import parse_formula
 

@@ -20,7 +20,7 @@ from benchmarks.fuzz.relations import RELATIONS
 from benchmarks.fuzz.trying import FAULTS, sandbox, tried
 from heavebond.basis.errors import HeavebondError
 from heavebond.language.library import bundled
-from heavebond.numbers.simulation import Simulator
+from heavebond.numbers.simulator import Simulator
 
 EXAMPLES = ("spring", "cylinder", "end_cushion", "thermal_resistance", "receiver", "dc_motor", "torsion_spring")
 MACHINES = (*(f"examples/{name}.yaml" for name in EXAMPLES), "quarter_car/quarter_car.yaml")

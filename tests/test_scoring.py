@@ -16,7 +16,7 @@ from heavebond.evidence.residuals import Residuals, Run
 from heavebond.evidence.scoring import Base, Score, scored, searched
 from heavebond.language.model import Setting
 from heavebond.numbers.dae import Array
-from heavebond.numbers.simulation import Simulator, Tolerances
+from heavebond.numbers.simulator import Simulator, Tolerances
 
 EFFECT = "PneumaticValve in inlet (b_cr)"
 OTHERS = ("PneumaticLine between receiver and inlet.b", "SensorGain in the channel receiver.p")

@@ -18,7 +18,7 @@ from heavebond.evidence.rivals import Alternative
 from heavebond.evidence.separation import Separation, separate
 from heavebond.evidence.writing import write_proposal
 from heavebond.numbers.dae import Array
-from heavebond.numbers.simulation import Simulator
+from heavebond.numbers.simulator import Simulator
 
 NOISE = 2e-3  # m
 MACHINE = """

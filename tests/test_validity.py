@@ -16,8 +16,8 @@ import heavebond as hb
 from heavebond.basis.errors import RunWarning, SimulationError, UsageError
 from heavebond.cli import main
 from heavebond.language.model import Model
-from heavebond.numbers import simulation
 from heavebond.numbers.findings import Verdict, listening
+from heavebond.numbers.simulator import Simulator
 
 SUCKING = """
 model: sucking
@@ -310,14 +310,14 @@ equations: |
 def test_energy_of_a_run_that_ran_away_is_refused_before_it_is_integrated(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its squares overflow in the integrals, which took minutes and ended in words about something else."""
     runs = 0
-    whole = simulation.Simulator.run
+    whole = Simulator.run
 
-    def counted(self: simulation.Simulator, *given: object) -> hb.Result:
+    def counted(self: Simulator, *given: object) -> hb.Result:
         nonlocal runs
         runs += 1
         return whole(self, *given)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(simulation.Simulator, "run", counted)
+    monkeypatch.setattr(Simulator, "run", counted)
     with pytest.raises(SimulationError, match="run-runaway"):
         hb.audit(hb.loads(WINCH.replace("until: 10 s", "until: 45 s")))
     assert runs == 1

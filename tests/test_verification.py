@@ -10,7 +10,7 @@ import pytest
 
 import heavebond as hb
 from heavebond.cli import main
-from heavebond.numbers.simulation import Tolerances
+from heavebond.numbers.simulator import Tolerances
 from heavebond.studies.verification import ALLOWED, verify
 
 BLOCK = """

@@ -20,7 +20,7 @@ from heavebond.evidence.experiment import Experiment
 from heavebond.evidence.residuals import Run
 from heavebond.evidence.scoring import Base
 from heavebond.numbers.dae import Array
-from heavebond.numbers.simulation import Tolerances
+from heavebond.numbers.simulator import Tolerances
 
 TIGHT, QUICK = Tolerances(1e-10, 1e-12), Tolerances(1e-7, 1e-9)
 FINE = 4  # the hidden machine is driven by so many times more samples than are measured

@@ -18,7 +18,7 @@ from heavebond.basis.errors import HeavebondError
 from heavebond.numbers.dae import Array, Assembly
 from heavebond.numbers.idas import Tolerances
 from heavebond.numbers.result import Probe, Result
-from heavebond.numbers.simulation import Simulator
+from heavebond.numbers.simulator import Simulator
 
 RTOL, ATOL = 1e-8, 1e-10
 TIGHTER = 100.0

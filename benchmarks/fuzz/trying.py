@@ -23,7 +23,7 @@ from heavebond.language.model import Model
 from heavebond.numbers.dae import Array, Assembly, assemble
 from heavebond.numbers.inputs import pieced
 from heavebond.numbers.result import Result
-from heavebond.numbers.simulation import Simulator, grid
+from heavebond.numbers.simulator import Simulator, grid
 from heavebond.numbers.validity import at_point
 from heavebond.pictures.bond_picture import draw_bond_graph
 from heavebond.reports.summary import summary

@@ -26,7 +26,7 @@ from heavebond.basis.units import dimension_text, read_unit
 from heavebond.language.model import Model
 from heavebond.numbers.dae import Array, Assembly
 from heavebond.numbers.result import unknown_signal
-from heavebond.numbers.simulation import Time
+from heavebond.numbers.simulator import Time
 from heavebond.numbers.start_equations import Point
 from heavebond.studies.linearisation import Linear, Linearisation
 from heavebond.studies.stability import Stability, eigenvalues, stability

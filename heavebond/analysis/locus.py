@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from heavebond.analysis.operating import OperatingPoints
 from heavebond.basis.errors import HeavebondError, Problem, UsageError
 from heavebond.basis.units import Range
+from heavebond.equations.parameters import check_ranges
 from heavebond.language.model import Model
 from heavebond.numbers.dae import Array
-from heavebond.numbers.simulation import Time
+from heavebond.numbers.simulator import Time
 from heavebond.studies.linearisation import Linear, Linearisation
-from heavebond.studies.objective import check_ranges
 from heavebond.studies.stability import Stability, eigenvalues
 
 POINTS = 81
@@ -39,7 +39,7 @@ def root_locus(model: Model, parameter: str, span: Range, *, at: Time | None = N
     """The poles of a diagram over a span of a parameter; UsageError where fewer than two values have an operating point."""
     operating = OperatingPoints(model, at)
     linearisation = Linearisation(operating.assembly)
-    check_ranges(operating.assembly, {parameter: span})
+    check_ranges({q.name: q.unit for q in operating.assembly.flat.parameters}, {parameter: span})
 
     def linear(value: float) -> Linear:
         return linearisation.at(operating.at({parameter: value}))

@@ -28,7 +28,7 @@ from heavebond.analysis.linear_system import StateSpace, StateSpaces, spread
 from heavebond.basis.errors import Problem, UsageError
 from heavebond.language.model import Model
 from heavebond.numbers.dae import Array
-from heavebond.numbers.simulation import Time
+from heavebond.numbers.simulator import Time
 from heavebond.studies.stability import MARGINAL, STABLE, UNSTABLE, Stability
 
 # A direct share of the loop so large that nothing is left of what is added: it cannot be cut there.

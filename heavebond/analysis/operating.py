@@ -20,7 +20,7 @@ from heavebond.language.sections import Initial
 from heavebond.numbers.dae import Array, Assembly, build
 from heavebond.numbers.initialise import start
 from heavebond.numbers.result import columns
-from heavebond.numbers.simulation import Simulator, Time, grid, seconds
+from heavebond.numbers.simulator import Simulator, Time, grid, seconds
 from heavebond.numbers.start_equations import Point, StartEquations
 from heavebond.studies.linearisation import start_point
 from heavebond.text.expression import Call, Expr, children, names

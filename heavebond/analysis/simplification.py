@@ -19,11 +19,11 @@ import numpy as np
 from heavebond.basis.errors import HeavebondError
 from heavebond.equations.flatten import Flat
 from heavebond.evidence.change import Change
-from heavebond.evidence.writing import extended_from
+from heavebond.evidence.diagram_files import extended_from
 from heavebond.language.model import Model, extended
 from heavebond.numbers.dae import Array, assemble
 from heavebond.numbers.result import Result
-from heavebond.numbers.simulation import Simulator, Time
+from heavebond.numbers.simulator import Simulator, Time
 from heavebond.studies.energy import EnergyAudit, EnergyLine, audit
 from heavebond.text.source import parse
 from heavebond.text.symbols import stack

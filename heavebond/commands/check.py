@@ -143,7 +143,7 @@ def _start(assembly: Assembly) -> tuple[Start, Point]:
 
     from heavebond.numbers.initialise import start
     from heavebond.numbers.inputs import pieced
-    from heavebond.numbers.simulation import grid
+    from heavebond.numbers.simulator import grid
     from heavebond.studies.linearisation import start_point
 
     if not assembly.flat.inputs:

@@ -21,7 +21,7 @@ from heavebond.commands.arguments import (
 )
 
 if TYPE_CHECKING:
-    from heavebond.numbers.simulation import Tolerances
+    from heavebond.numbers.simulator import Tolerances
     from heavebond.studies.gradient_check import Subject, Verdict
     from heavebond.studies.study import Study
 
@@ -48,7 +48,7 @@ def check_gradient(file: str, of: tuple[str, ...], to: tuple[str, ...], settings
     the reason is told: tolerances that are too loose, a law with a kink between the runs, or a mistake.
     """
     from heavebond.commands import terminal
-    from heavebond.numbers.simulation import Tolerances
+    from heavebond.numbers.simulator import Tolerances
     from heavebond.studies.gradient_check import check_gradients
 
     study = _study(file)

@@ -42,10 +42,10 @@ def fit(experiment: str, starts: int, segments: int, robust: bool, profiled: tup
     """
     from heavebond.commands import terminal
     from heavebond.commands.compare import noticed
+    from heavebond.evidence.diagram_files import fitted_diagram, quantity, write
     from heavebond.evidence.experiment import load_experiment
     from heavebond.evidence.fitting import fit as fitted
     from heavebond.evidence.fitting import profile
-    from heavebond.evidence.writing import fitted_diagram, quantity, write
 
     check_picture(output)
     if written is not None:

@@ -61,7 +61,8 @@ def run(model: str, settings: tuple[str, ...], until: str | None, every: str | N
     from heavebond.commands import terminal
     from heavebond.language.model import load
     from heavebond.numbers.findings import tell
-    from heavebond.numbers.simulation import Tolerances, simulate
+    from heavebond.numbers.simulation import simulate
+    from heavebond.numbers.simulator import Tolerances
     from heavebond.numbers.validity import without_value
     from heavebond.studies.verification import verify
     from heavebond.text.expression import names as names_in

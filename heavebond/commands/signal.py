@@ -52,7 +52,7 @@ def signal(file: str, signals: tuple[str, ...], begin: str | None, end: str | No
     from heavebond.basis.signal_files import read_courses
     from heavebond.basis.spectra import Swinging
     from heavebond.commands import terminal
-    from heavebond.numbers.simulation import seconds
+    from heavebond.numbers.simulator import seconds
 
     check_picture(output)
     window = seconds(begin or 0.0, "--from"), seconds(end or float("inf"), "--to")

@@ -137,7 +137,7 @@ def _tell_calibration(result: StudyResult) -> None:
 
 def _diagram(result: StudyResult, folder: Path) -> list[Path]:
     """What was calibrated as a diagram."""
-    from heavebond.evidence.writing import calibrated_diagram
+    from heavebond.studies.calibration import calibrated_diagram
 
     if result.calibrated is None:
         return []

@@ -44,7 +44,7 @@ def sweep(model: str, overs: tuple[str, ...], measures: tuple[str, ...], sample:
     kept when it is done; the same command goes on where it was stopped by Ctrl-C.
     """
     from heavebond.evidence.change import Change
-    from heavebond.evidence.writing import extended_from
+    from heavebond.evidence.diagram_files import extended_from
     from heavebond.language.model import find
     from heavebond.studies.study import load_study
     from heavebond.studies.sweep import Sweep, read_measure, read_over, study_text

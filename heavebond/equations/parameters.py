@@ -11,8 +11,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from heavebond.basis.errors import ModelError, Place, Problems, listing, suggest
-from heavebond.basis.units import ONE, Dimension, Unit, dimension_text, is_generic, solved
+from heavebond.basis.errors import NAMES_LISTED, ModelError, Place, Problem, Problems, UsageError, listing, suggest
+from heavebond.basis.units import ONE, Dimension, Range, Unit, dimension_text, is_generic, solved
 from heavebond.equations.connect import Network
 from heavebond.equations.expand import Bound, Expanded, Leaf
 from heavebond.language.definition import Domain, Formula, Parameter, Value
@@ -314,3 +314,18 @@ def _violated(leaf: Leaf, formula: Formula, made: Template, parameters: Paramete
         notes.append(f"{name} = {given}" + (f"   ({declaration.doc})" if declaration.doc else ""))
     problems.add("requirement", f"'{leaf.path}' ({leaf.component.name}) requires {formula.text}", leaf.place,
                  notes=notes, hint="Change one of these values.")
+
+
+def check_ranges(units: Mapping[str, Unit], ranges: Mapping[str, Range]) -> None:
+    """UsageError where a name is none of the parameters, whose units are given, or its range is in another unit."""
+    for name, wanted in ranges.items():
+        if name not in units:
+            raise UsageError([Problem("free-unknown", f"'{name}' is no parameter that may be free", None,
+                                      suggest(name, units) or NAMES_LISTED)])
+        if units[name].dimension != wanted.unit.dimension:
+            plain = wanted.unit.text == "1"
+            told = "has no unit" if plain else f"is in {wanted.unit.text}"
+            raise UsageError([Problem("unit-missing" if plain else "unit-wrong", f"the range of {name} {told}; "
+                                      f"{units[name].text} is needed", None,
+                                      f"Write '{wanted.low:g} .. {wanted.high:g} {units[name].text}', if that is meant."
+                                      if plain else f"Write it in {units[name].text} or in a multiple of it.")])

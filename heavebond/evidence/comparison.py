@@ -22,7 +22,7 @@ from heavebond.language import reading
 from heavebond.numbers.dae import Array, Assembly, assemble
 from heavebond.numbers.findings import tell
 from heavebond.numbers.result import Probe, Result
-from heavebond.numbers.simulation import Simulator, Tolerances
+from heavebond.numbers.simulator import Simulator, Tolerances
 from heavebond.text.expression import ExpressionProblem, names
 
 # Share of a sample interval from which on channels are early enough to blame that an input is held.

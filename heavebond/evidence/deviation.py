@@ -31,7 +31,7 @@ from heavebond.evidence.records import Mask, measure
 from heavebond.numbers.dae import Array, Assembly, build
 from heavebond.numbers.initialise import tangent
 from heavebond.numbers.result import Result, columns
-from heavebond.numbers.simulation import Simulator
+from heavebond.numbers.simulator import Simulator
 from heavebond.text.expression import names as names_in
 from heavebond.text.symbols import stack
 

@@ -24,7 +24,7 @@ from heavebond.evidence.experiment import Experiment, Free, Record
 from heavebond.evidence.records import Measured, measure
 from heavebond.numbers.dae import Array, Assembly
 from heavebond.numbers.result import Probe
-from heavebond.numbers.simulation import Simulator, Tolerances
+from heavebond.numbers.simulator import Simulator, Tolerances
 
 # A run that breaks down counts as this many standard deviations at every sample: far worse than any run that ends.
 BROKEN = 1e4

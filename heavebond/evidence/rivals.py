@@ -17,7 +17,7 @@ from heavebond.numbers.dae import Array, Assembly
 from heavebond.numbers.inputs import Pieced, read_input
 from heavebond.numbers.quick import QuickSimulator
 from heavebond.numbers.result import Probe
-from heavebond.numbers.simulation import Tolerances
+from heavebond.numbers.simulator import Tolerances
 
 STEPS = 6  # of a fit of one rival to another
 # finer than a search: what is wanted are small differences of runs

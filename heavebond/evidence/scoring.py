@@ -33,7 +33,7 @@ from heavebond.evidence.residuals import Residuals, Run
 from heavebond.numbers.dae import Array, Assembly
 from heavebond.numbers.quick import QuickSimulator, Unexplained
 from heavebond.numbers.result import Probe
-from heavebond.numbers.simulation import Tolerances
+from heavebond.numbers.simulator import Tolerances
 from heavebond.text.symbols import kinked
 
 # A search needs no more where the runs then err by less than this share of the noise (rms): what they err by, candidates

@@ -21,7 +21,7 @@ from heavebond.basis.progress import Progress
 from heavebond.evidence.comparison import TOLERANCES
 from heavebond.evidence.residuals import BROKEN, Residuals, Run
 from heavebond.numbers.dae import Array
-from heavebond.numbers.simulation import Simulator
+from heavebond.numbers.simulator import Simulator
 
 # The gaps, in nominal sizes of the states, count as much as data of this noise; one stage for each.
 LOOSE_TO_TIGHT = (1e-1, 1e-2, 1e-3, 1e-4)

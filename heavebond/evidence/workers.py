@@ -13,7 +13,7 @@ from heavebond.evidence.experiment import Experiment
 from heavebond.evidence.scoring import Base, Score, scored, searched
 from heavebond.evidence.trial import Trial, begun, followed, polished
 from heavebond.numbers.dae import Array
-from heavebond.numbers.simulation import Tolerances
+from heavebond.numbers.simulator import Tolerances
 
 T = TypeVar("T")
 _base: Base | None = None  # of this worker process

@@ -2,85 +2,21 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 from heavebond.basis.errors import Problem, UsageError
 from heavebond.basis.numerals import whole
 from heavebond.basis.presentation import readable_unit
-from heavebond.basis.units import Unit, read_unit
-from heavebond.basis.writable import why_unwritable, write_text
-from heavebond.evidence.change import Change, block, quoted
+from heavebond.basis.units import read_unit
+from heavebond.basis.writable import why_unwritable
+from heavebond.evidence.change import block, quoted
+from heavebond.evidence.diagram_files import extended_from, fitted_values, quantity, span, write, write_new
 from heavebond.evidence.experiment import FIXED, Experiment, load_experiment
 from heavebond.evidence.finding import Finding
-from heavebond.evidence.fitting import Fit, Fitted
 from heavebond.evidence.separation import Separation
 from heavebond.language.library import bundled
-from heavebond.language.model import Model
-from heavebond.studies.calibration import Calibrated
-from heavebond.studies.objective import Task
-from heavebond.studies.study import Study
-from heavebond.studies.tuning import Tuned
-
-
-def quantity(value: float, unit: Unit) -> str:
-    """`46.998 kN/m`: an SI value in a unit, to six digits."""
-    return unit.written(value)
-
-
-def fitted_diagram(fit: Fit, path: Path) -> str:
-    """The text of a diagram at `path` that extends the fitted one and sets what was fitted for all records."""
-    experiment = fit.experiment
-    records = [r.name for r in experiment.records.values() if r.use == "fit"]
-    change, notes = fitted_values(fit)
-    head = [f"model: {path.stem}",
-            f"summary: {experiment.model.name} with parameters fitted to {', '.join(records)}.",
-            f"extends: {extended_from(path, experiment.model.path)}"]
-    return "\n".join([*head, *block("set", change.settings, notes), *block("initial", change.initial, notes)]) + "\n"
-
-
-def fitted_values(fit: Fit) -> tuple[Change, dict[str, str]]:
-    """What was fitted for all records, as a change to the diagram, and the interval of each as a note."""
-    values, notes = {}, {}
-    for p in fit.parameters:
-        if not p.record:
-            unit = fit.experiment.free[p.name].range.unit
-            values[p.name] = quantity(p.value, unit)
-            notes[p.name.removeprefix("initial.")] = f"at the {p.at_bound} end of its range" if p.at_bound else \
-                p.known(partial(quantity, unit=unit))
-    return Change().with_values(values), notes
-
-
-def tuned_diagram(model: Model, task: Task, result: Tuned, path: Path, settings: Mapping[str, str]) -> str:
-    """The text of a diagram at `path` that extends the tuned one and sets the best values, and what was set beside them."""
-    tuned = {name: quantity(value, task.free[name].unit) for name, value in result.values.items()}
-    values = {**{name: quoted(text) for name, text in settings.items()}, **tuned}
-    head = [f"model: {path.stem}",
-            f"summary: {model.name}, tuned to a cost of {result.cost:.5g}.",
-            f"extends: {extended_from(path, model.path)}"]
-    return "\n".join([*head, *block("set", values)]) + "\n"
-
-
-def calibrated_diagram(study: Study, found: Calibrated, path: Path) -> str:
-    """The text of a diagram at `path` that extends a study's diagram and sets what was calibrated."""
-    assert study.calibration is not None
-    values = {name: quantity(after, study.calibration.free[name].unit) for name, (_, after) in found.values.items()}
-    notes = {name: f"at the {end} end of its range" for name, end in found.at_end.items()}
-    source = study.beside[study.calibration.source].source
-    head = [f"model: {path.stem}", f"summary: {study.model.name}, calibrated to what {source} gives.",
-            f"extends: {extended_from(path, study.model.path)}"]
-    return "\n".join([*head, *block("set", values, notes)]) + "\n"
-
-
-def extended_from(path: Path, model: Path) -> str:
-    """How a file at `path` names the diagram at `model`: a bundled one by its name, so that the file can move."""
-    inside = bundled("models").resolve()
-    if model.resolve().is_relative_to(inside) and not path.resolve().is_relative_to(inside):
-        return model.resolve().relative_to(inside).as_posix()
-    return Path(os.path.relpath(model.resolve(), path.resolve().parent)).as_posix()
 
 
 def finding_files(finding: Finding, before: Experiment, model: Path, experiment: Path) -> tuple[str, str]:
@@ -183,33 +119,5 @@ def write_proposal(separation: Separation, path: Path) -> list[Path]:
         return []
     rows = zip(*separation.columns.values(), strict=True)
     lines = [",".join(separation.columns), *(",".join(f"{value:.9g}" for value in row) for row in rows)]
-    _new(path, "\n".join(lines) + "\n")
+    write_new(path, "\n".join(lines) + "\n")
     return [path]
-
-
-def span(fitted: Fitted, unit: Unit, amplitude: bool) -> str:
-    """The range of a number that was found: an amplitude may grow by half and shrink to nothing, a shape keeps its own."""
-    low, high = fitted.low, fitted.high
-    if amplitude and fitted.value:
-        reach = 1.5 * abs(fitted.value)
-        low, high = max(low, -reach if low < 0 else low), min(high, reach) if high > 0 else high
-    shown = [f"{unit.from_si(end):.4g}" for end in (low, high)]
-    return f"{shown[0]} .. {shown[1]}" + ("" if unit.text in ("1", "") else f" {unit.text}")
-
-
-def write(path: Path, text: str) -> None:
-    """Write a new file; UsageError where it exists already or cannot be written, so that nothing is lost."""
-    if path.suffix not in (".yaml", ".yml"):
-        raise UsageError(f"'{path.name}' is no name of a diagram", hint=f"Write {path.with_suffix('.yaml').name}.")
-    _new(path, text)
-
-
-def _new(path: Path, text: str) -> None:
-    try:
-        write_text(path, text, exclusive=True)
-    except FileExistsError:
-        raise UsageError(f"{path} exists already", hint="Give another name, or remove it first.") from None
-    except OSError as error:
-        raise UsageError(f"{path} cannot be written: {error.strerror}") from None
-
-

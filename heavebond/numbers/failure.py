@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
@@ -21,9 +21,6 @@ from heavebond.numbers.result import Result, columns
 from heavebond.numbers.start_equations import Point
 from heavebond.numbers.validity import RAN_AWAY, WORTHLESS, typical_size
 
-if TYPE_CHECKING:
-    from heavebond.numbers.simulation import Simulator
-
 # singular values below this share of the largest are on their way to zero where a run stops
 NEAR = 1e-5
 # and in a run that went on: they are zero but for rounding
@@ -35,23 +32,30 @@ FOLDED = ("The links of a mechanism come to lie in one line there, from where it
 _TIME = re.compile(r"[Aa]t t ?= ?([-+.\deE]+)")
 
 
-def explain_failure(simulator: Simulator, assembly: Assembly, first: Start, said: str) -> SimulationError:
-    """The error for a run that stopped; looks at the state shortly before it did."""
-    times, chart = [float(t) for t in _TIME.findall(said)], None
-    stopped = max(times) if times else float("nan")
-    if simulator.switching is not None and simulator.switching.last is not None:
-        stretch = simulator.switching.last
-        stopped = stretch.time(times[-1]) if times else stretch.begin.t
-        last: Point | None = simulator.switching.before(stretch, stopped)
-        assembly, chart = stretch.begin.frame.assembly, stretch.begin.frame.chart
-    else:
-        last = _state_before(simulator, assembly, first, stopped)
+@dataclass(frozen=True)
+class Stop:
+    """Where an integrator gave up: at time `t` (s, NaN if it did not say), in the states of `assembly`, shortly after the
+    point `last` (None if none could be reached); `folded` where a mechanism lies in one line there."""
+
+    assembly: Assembly
+    t: float
+    last: Point | None
+    folded: bool = False
+
+
+def stop_times(said: str) -> list[float]:
+    """The times (s) that an integrator names in what it says of a failure."""
+    return [float(t) for t in _TIME.findall(said)]
+
+
+def explain_failure(stop: Stop, first: Start, said: str, rtol: float) -> SimulationError:
+    """The error for a run from `first` that stopped; `said` is what the integrator said, `rtol` its relative tolerance."""
     notes: list[str] = []
-    loosen = _loosen(simulator.tolerances.rtol)
+    loosen, stopped = _loosen(rtol), stop.t
     hint = f"Check the parameters of these components{loosen}."
-    if last is not None:
-        cause, notes = _cause(assembly, first, last, loosen)
-        hint = FOLDED if chart is not None and chart.folded(last) else cause or hint
+    if stop.last is not None:
+        cause, notes = _cause(stop.assembly, first, stop.last, loosen)
+        hint = FOLDED if stop.folded else cause or hint
     words = [line for line in said.splitlines() if "IDA" in line or "SUNDIALS" in line.upper()]
     solver = re.findall(r"IDA_[A-Z_]+", said)
     notes.append("IDAS said: " + (", ".join(dict.fromkeys(solver)) or (words[0][:160] if words else "nothing")))
@@ -80,24 +84,6 @@ def check_decided(result: Result, at: NDArray[np.intp], slopes: ca.Function) -> 
             point = assembly.point(t, here[1], here[2], here[3], here[4])
             found = losses(assembly.reduced.system, point)
             raise explain.undecided(assembly.flat, found, assembly.algebraic_names, f"at t = {t:.6g} s")
-
-
-def _state_before(simulator: Simulator, assembly: Assembly, first: Start, stopped: float) -> Point | None:
-    """The state a little before the end, found by integrating again up to there."""
-    begin = float(simulator.time[0])
-    if not np.isfinite(stopped) or stopped <= begin:
-        u = simulator.pieces.at(np.array([begin]))[:, 0]
-        return Point(begin, first.x, first.z, first.p, u, 1.0)
-    for share in (1 - 1e-6, 1 - 1e-3, 0.9):
-        times = np.array([begin, begin + (stopped - begin) * share])
-        again = type(simulator)(assembly, times=times, tolerances=simulator.tolerances)
-        try:
-            found = again.attempt(first)
-        except RuntimeError:
-            continue
-        u = again.pieces.at(times[-1:])[:, 0]
-        return Point(float(times[-1]), found.x[:, -1], found.z[:, -1], first.p, u, 1.0)
-    return None
 
 
 def _loosen(rtol: float) -> str:

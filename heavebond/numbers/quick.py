@@ -23,7 +23,7 @@ from heavebond.basis.buffered import Buffered
 from heavebond.basis.errors import Problem, SimulationError
 from heavebond.numbers.dae import Array, Assembly
 from heavebond.numbers.initialise import Start, Tangent
-from heavebond.numbers.simulation import Simulator
+from heavebond.numbers.simulator import Simulator
 from heavebond.numbers.solvers import Integrator, integrator, solver_options
 from heavebond.numbers.trace import Trace
 

@@ -22,7 +22,8 @@ from heavebond.language.reading import add_expression_problem
 from heavebond.language.view import WIDE, Seen
 from heavebond.numbers.dae import Array, Assembly, assemble
 from heavebond.numbers.result import Result
-from heavebond.numbers.simulation import Simulator, Time, simulate
+from heavebond.numbers.simulation import simulate
+from heavebond.numbers.simulator import Simulator, Time
 from heavebond.text.expression import Call, Expr, ExpressionProblem, children, names
 from heavebond.text.symbols import stack
 

@@ -21,7 +21,8 @@ from heavebond.equations.expand import Expanded
 from heavebond.language.model import Model
 from heavebond.numbers.dae import Array, assemble
 from heavebond.numbers.result import Result
-from heavebond.numbers.simulation import Time, seconds, simulate
+from heavebond.numbers.simulation import simulate
+from heavebond.numbers.simulator import Time, seconds
 from heavebond.studies.energy import port_powers
 
 POWER, MEAN, PEAK = "power", "mean", "peak"

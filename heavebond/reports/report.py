@@ -18,10 +18,10 @@ from heavebond.basis.presentation import count, number, path_text, readable, rea
 from heavebond.basis.units import read_unit
 from heavebond.evidence.comparison import RecordComparison
 from heavebond.evidence.diagnosis import Diagnosis
+from heavebond.evidence.diagram_files import quantity
 from heavebond.evidence.finding import Finding, Rung, meaning, misses, restrictions
 from heavebond.evidence.fitting import Fit
 from heavebond.evidence.misfit import Where
-from heavebond.evidence.writing import quantity
 from heavebond.language.library import bundled
 from heavebond.language.model import Model
 from heavebond.pictures.drawing import draw

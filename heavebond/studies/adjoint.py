@@ -27,7 +27,7 @@ from heavebond.numbers.dae import Array, Assembly
 from heavebond.numbers.idas import caught_errors, integrator_options
 from heavebond.numbers.initialise import Start, Tangent, start, tangent
 from heavebond.numbers.result import Result, columns
-from heavebond.numbers.simulation import Simulator
+from heavebond.numbers.simulator import Simulator
 from heavebond.numbers.solvers import DEFAULT
 from heavebond.studies.costs import CostSlopes, Evaluator
 from heavebond.text.symbols import stack

@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,8 +27,10 @@ from heavebond.basis.errors import HeavebondError, Problem, SimulationError
 from heavebond.basis.processes import as_done
 from heavebond.basis.progress import Progress
 from heavebond.basis.units import Range
+from heavebond.evidence.change import block
+from heavebond.evidence.diagram_files import extended_from
 from heavebond.numbers.dae import Array, Assembly
-from heavebond.numbers.simulation import Simulator
+from heavebond.numbers.simulator import Simulator
 from heavebond.studies.casework import assembled, own_values, run_times, tuned_by
 from heavebond.studies.costs import Evaluator, read_cost
 from heavebond.studies.objective import TOLERANCES, Objective
@@ -310,3 +313,14 @@ def _following(objective: Objective, gains: Mapping[str, float], own: Mapping[st
             whole = np.block([[by_gains, size * along[:, None]], [size * along[None, :], np.zeros((1, 1))]])
             found[name][moving] = -np.linalg.lstsq(whole, np.append(right, size * moved), rcond=None)[0][:-1]
     return found
+
+
+def calibrated_diagram(study: Study, found: Calibrated, path: Path) -> str:
+    """The text of a diagram at `path` that extends a study's diagram and sets what was calibrated."""
+    assert study.calibration is not None
+    values = {name: study.calibration.free[name].unit.written(after) for name, (_, after) in found.values.items()}
+    notes = {name: f"at the {end} end of its range" for name, end in found.at_end.items()}
+    source = study.beside[study.calibration.source].source
+    head = [f"model: {path.stem}", f"summary: {study.model.name}, calibrated to what {source} gives.",
+            f"extends: {extended_from(path, study.model.path)}"]
+    return "\n".join([*head, *block("set", values, notes)]) + "\n"

@@ -15,16 +15,17 @@ from heavebond.basis.errors import NAMES_LISTED, HeavebondError, ModelError, Pla
 from heavebond.basis.processes import Stopped, heed
 from heavebond.basis.progress import Progress
 from heavebond.basis.units import Unit, read_unit
+from heavebond.equations.parameters import check_ranges
 from heavebond.language.model import Model
 from heavebond.numbers.dae import Array, Assembly, assemble
 from heavebond.numbers.findings import Verdict
 from heavebond.numbers.result import Result, unknown_signal
-from heavebond.numbers.simulation import Simulator, grid
+from heavebond.numbers.simulator import Simulator, grid
 from heavebond.studies.axes import StudyCase, case_at, changed
 from heavebond.studies.costs import FUNCTIONALS, Cost, Evaluator, read_cost, read_limit
 from heavebond.studies.linearisation import ModesAtStart
 from heavebond.studies.modal import NUMBERS, chosen_mode, modal_number
-from heavebond.studies.objective import Objective, check_free, check_ranges, check_smooth
+from heavebond.studies.objective import Objective, check_free, check_smooth
 from heavebond.studies.rest_stability import words as stability_words
 from heavebond.studies.study import COST, SIMULATIONS, Calibration, Measure, Packed, Procedure, Study
 from heavebond.studies.tuning import Tuned, sweep_in_turn, tune
@@ -236,7 +237,7 @@ def _check_along(study: Study, assembly: Assembly, problems: Problems) -> None:
 def own_values(model: Model, calibration: Calibration) -> dict[str, float]:
     """What the diagram has where something is to be calibrated; UsageError for no parameter, or another unit."""
     assembly = assemble(model)
-    check_ranges(assembly, calibration.free)
+    check_ranges({q.name: q.unit for q in assembly.flat.parameters}, calibration.free)
     return {name: assembly.parameter_values[name] for name in calibration.free}
 
 

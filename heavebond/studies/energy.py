@@ -35,7 +35,7 @@ from heavebond.language.model import Model
 from heavebond.numbers.dae import Array, Assembly, assemble
 from heavebond.numbers.findings import tell, verdict
 from heavebond.numbers.result import Result
-from heavebond.numbers.simulation import Simulator, Time, Tolerances
+from heavebond.numbers.simulator import Simulator, Time, Tolerances
 from heavebond.text.symbols import split, stack
 
 if TYPE_CHECKING:

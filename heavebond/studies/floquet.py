@@ -14,7 +14,7 @@ import numpy as np
 from heavebond.basis.errors import HeavebondError
 from heavebond.numbers.dae import Array, Assembly
 from heavebond.numbers.result import columns
-from heavebond.numbers.simulation import Simulator
+from heavebond.numbers.simulator import Simulator
 from heavebond.numbers.start_equations import Point
 from heavebond.studies.linearisation import Linearisation
 

@@ -27,7 +27,7 @@ from heavebond.basis.quoting import xml_text
 from heavebond.basis.units import Unit
 from heavebond.basis.writable import new_file
 from heavebond.language.model import Model
-from heavebond.numbers.simulation import grid
+from heavebond.numbers.simulator import grid
 from heavebond.studies.c_code import SOURCES, c_name, c_text
 from heavebond.studies.portable import Portable, Quantity, derived, portable
 

@@ -20,7 +20,7 @@ from heavebond.basis.errors import HeavebondError, Problem, UsageError
 from heavebond.basis.progress import Progress
 from heavebond.numbers.dae import Array, Assembly
 from heavebond.numbers.result import Probe, Result
-from heavebond.numbers.simulation import Simulator, Time, Tolerances
+from heavebond.numbers.simulator import Simulator, Time, Tolerances
 from heavebond.studies.adjoint import Adjoint
 from heavebond.studies.influence import in_chunks
 from heavebond.studies.kinks import Kinks, Passing

@@ -21,7 +21,7 @@ from heavebond.basis.progress import Progress
 from heavebond.basis.units import Unit
 from heavebond.numbers.dae import Array, Assembly
 from heavebond.numbers.result import Probe
-from heavebond.numbers.simulation import Simulator, Time, Tolerances
+from heavebond.numbers.simulator import Simulator, Time, Tolerances
 
 MOST = 60  # parameters, where none are named
 AT_ONCE = 6  # sensitivities a run: beyond it the Jacobian grows faster than runs are saved

@@ -24,7 +24,7 @@ from heavebond.numbers.dae import Array, Assembly
 from heavebond.numbers.initialise import Start, start, tangent
 from heavebond.numbers.inputs import pieced
 from heavebond.numbers.result import signal_expression
-from heavebond.numbers.simulation import grid
+from heavebond.numbers.simulator import grid
 from heavebond.numbers.start_equations import Point, StartEquations
 from heavebond.studies.stability import Stability, stability, with_zeros
 from heavebond.text.symbols import stack

@@ -9,11 +9,12 @@ from functools import cached_property
 
 import numpy as np
 
-from heavebond.basis.errors import NAMES_LISTED, HeavebondError, Problem, SimulationError, StartError, UsageError, suggest
+from heavebond.basis.errors import HeavebondError, Problem, SimulationError, StartError, UsageError
 from heavebond.basis.units import Range, UnitProblem, parse_range
+from heavebond.equations.parameters import check_ranges
 from heavebond.numbers.dae import Array, Assembly
 from heavebond.numbers.result import Result
-from heavebond.numbers.simulation import Simulator, Tolerances, grid
+from heavebond.numbers.simulator import Simulator, Tolerances, grid
 from heavebond.studies.adjoint import CHARTS, Adjoint
 from heavebond.studies.costs import Cost, Evaluator, read_cost, read_limit
 from heavebond.studies.dry_friction import slopes_over
@@ -332,28 +333,12 @@ def check_smooth(cost: Cost) -> None:
                                   "Tune by peak(...), rms(...) or the like, and measure this one.")])
 
 
-def check_ranges(assembly: Assembly, ranges: Mapping[str, Range]) -> None:
-    """UsageError where a name is no parameter, or its range is in another unit."""
-    units = {q.name: q.unit for q in assembly.flat.parameters}
-    for name, wanted in ranges.items():
-        if name not in units:
-            raise UsageError([Problem("free-unknown", f"'{name}' is no parameter that may be free", None,
-                                      suggest(name, units) or NAMES_LISTED)])
-        if units[name].dimension != wanted.unit.dimension:
-            plain = wanted.unit.text == "1"
-            told = "has no unit" if plain else f"is in {wanted.unit.text}"
-            raise UsageError([Problem("unit-missing" if plain else "unit-wrong", f"the range of {name} {told}; "
-                                      f"{units[name].text} is needed", None,
-                                      f"Write '{wanted.low:g} .. {wanted.high:g} {units[name].text}', if that is meant."
-                                      if plain else f"Write it in {units[name].text} or in a multiple of it.")])
-
-
 def check_free(assembly: Assembly, task: Task) -> None:
     """UsageError where what is free cannot be: an unknown name, a range in another unit, a value outside its range."""
     if not task.free:
         raise UsageError([Problem("free-empty", "nothing is free to be tuned", None,
                                   "Name parameters and ranges: --free controller.K_p='0 .. 10 1/m'.")])
-    check_ranges(assembly, task.free)
+    check_ranges({q.name: q.unit for q in assembly.flat.parameters}, task.free)
     units = {q.name: q.unit.text for q in assembly.flat.parameters}
     for name, wanted in task.free.items():
         value = assembly.parameter_values[name]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
+from pathlib import Path
 
 import numpy as np
 
@@ -12,6 +13,8 @@ from heavebond.basis.errors import HeavebondError, Problem, UsageError, suggest
 from heavebond.basis.interrupts import ENDED_EARLY, finishing
 from heavebond.basis.presentation import brief
 from heavebond.basis.progress import Progress, numbered
+from heavebond.evidence.change import block, quoted
+from heavebond.evidence.diagram_files import extended_from, quantity
 from heavebond.language.model import Model
 from heavebond.numbers.dae import Array, Assembly, assemble
 from heavebond.studies.floquet import DECIDED, largest_multiplier
@@ -251,3 +254,13 @@ def sweep(problem: Objective, numbers: Sequence[int], *, progress: Progress | No
             progress(f"{k} of {costs.size}")
         costs[index] = problem.cost(np.array([axis[i] for axis, i in zip(axes, index, strict=True)]))
     return [problem.low[k] + axis * problem.span[k] for k, axis in enumerate(axes)], costs
+
+
+def tuned_diagram(model: Model, task: Task, result: Tuned, path: Path, settings: Mapping[str, str]) -> str:
+    """The text of a diagram at `path` that extends the tuned one and sets the best values, and what was set beside them."""
+    tuned = {name: quantity(value, task.free[name].unit) for name, value in result.values.items()}
+    values = {**{name: quoted(text) for name, text in settings.items()}, **tuned}
+    head = [f"model: {path.stem}",
+            f"summary: {model.name}, tuned to a cost of {result.cost:.5g}.",
+            f"extends: {extended_from(path, model.path)}"]
+    return "\n".join([*head, *block("set", values)]) + "\n"

@@ -10,7 +10,7 @@ import numpy as np
 from heavebond.basis.errors import HeavebondError, Problem, SimulationError, listing
 from heavebond.numbers.dae import Array, Assembly, assemble
 from heavebond.numbers.result import Result
-from heavebond.numbers.simulation import Simulator, Tolerances
+from heavebond.numbers.simulator import Simulator, Tolerances
 
 TIGHTER = 1e-2  # factor on the tolerances
 NARROWER = 0.1  # factor on the widths
