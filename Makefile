@@ -30,10 +30,9 @@ lint: $(READY)
 types: $(READY)
 	$(BIN)/mypy
 
-# docs/components/ from the component files, and the picture of the modules; after every change of these
+# docs/components/ from the component files; after every change of these
 pages: $(READY)
 	$(BIN)/heavebond library --pages docs/components
-	$(BIN)/python docs/pictures/layers.py
 
 # site/, from docs/: a site that opens from its folder, without a network
 docs: $(READY)

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 import heavebond as hb
 from benchmarks.measuring import PAIRS, Figure, at_most, duration, paired, process, seconds
-from heavebond.numbers.dae import Assembly
-from heavebond.numbers.simulator import Tolerances
+from heavebond.numerics.dae import Assembly
+from heavebond.numerics.simulator import Tolerances
 
 Array = NDArray[np.float64]
 DIAGRAM = Path(__file__).parent / "chain.yaml"

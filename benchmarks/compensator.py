@@ -14,14 +14,14 @@ import yaml
 
 import heavebond as hb
 from benchmarks.measuring import PAIRS, Figure, at_most, paired, process, spoken
-from heavebond.numbers.dae import Array
-from heavebond.numbers.solvers import compiler
-from heavebond.studies.adjoint import Adjoint
-from heavebond.studies.costs import Evaluator, read_cost
-from heavebond.studies.objective import TOLERANCES
+from heavebond.numerics.dae import Array
+from heavebond.numerics.solvers import compiler
+from heavebond.optimise.adjoint import Adjoint
+from heavebond.optimise.costs import Evaluator, read_cost
+from heavebond.optimise.objective import TOLERANCES
+from heavebond.optimise.tuning import tune
 from heavebond.studies.study import load_study
-from heavebond.studies.tuning import tune
-from heavebond.text.source import Mapping, Node, Scalar, read
+from heavebond.text.yaml_source import Mapping, Node, Scalar, read
 
 SENSITIVE = ("controller.K_p", "controller.K_v", "ahc.valve.f_n", "crown.m", "wave.a")
 COMMAND = ("-c", "from heavebond.cli import main; main()")

@@ -9,11 +9,11 @@ from dataclasses import replace
 import heavebond as hb
 from benchmarks.diagnosis.rigs import RIGS
 from benchmarks.measuring import Figure, duration, paired, spoken
-from heavebond.evidence.diagnosis import Diagnosis, diagnose
-from heavebond.evidence.residuals import Run
-from heavebond.evidence.scoring import SEARCH
-from heavebond.numbers.quick import QuickSimulator
-from heavebond.numbers.simulator import Simulator
+from heavebond.diagnosis.diagnosis import Diagnosis, diagnose
+from heavebond.diagnosis.scoring import SEARCH
+from heavebond.fit.residuals import Run
+from heavebond.numerics.quick_simulation import QuickSimulator
+from heavebond.numerics.simulator import Simulator
 
 RIG, MISSING = "passive", "dry friction"
 HELD = "cylinder"

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 import heavebond as hb
 from benchmarks.floor import Floor, NoFloor
 from benchmarks.measuring import Figure, at_most, duration, paired, spoken
-from heavebond.numbers.idas import integrator_options
-from heavebond.numbers.simulator import Tolerances
+from heavebond.numerics.idas import integrator_options
+from heavebond.numerics.simulator import Tolerances
 
 Array = NDArray[np.float64]
 DIAGRAM = Path(__file__).parent / "heave.yaml"

@@ -16,7 +16,7 @@ import heavebond as hb
 from benchmarks import large_by_hand
 from benchmarks.large_by_hand import Flat
 from benchmarks.measuring import Figure, duration, paired, seconds, spoken
-from heavebond.numbers.simulator import Tolerances
+from heavebond.numerics.simulator import Tolerances
 
 Array = NDArray[np.float64]
 HERE = Path(__file__).parent

@@ -22,11 +22,11 @@ from distributed import Client, LocalCluster
 
 import heavebond as hb
 from benchmarks.measuring import Figure, cpu, duration, write_page
-from heavebond.basis.cluster import Cluster
-from heavebond.basis.processes import as_done
+from heavebond.core.cluster import Cluster
+from heavebond.core.parallel import as_done
 from heavebond.language.model import find
 from heavebond.studies.campaign import AHEAD
-from heavebond.studies.casework import assembled, worked
+from heavebond.studies.run_case import assembled, worked
 from heavebond.studies.study import Packed, Study, load_study
 
 PAGE = Path(__file__).parents[1] / "docs" / "scaling.md"

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 import heavebond as hb
 from benchmarks.measuring import PAIRS, Figure, Paired, at_most, cpu
 from heavebond.language import library
-from heavebond.numbers.dae import assemble
+from heavebond.numerics.dae import assemble
 
 MACHINES = ("cmc_ahc", "cmc_ahc/passive", "cmc_ahc/detailed", "cmc_ahc/irregular_sea", "hydrostatic_drive", "excavator_boom",
             "pneumatic_cylinder", "mechanisms/double_pendulum", "quarter_car")

@@ -2,9 +2,9 @@
 
 The pipeline, each step a pure function between frozen values:
 
-    YAML text --source--> tree --library, model--> Model --expand, connect, flatten--> Flat
-      --structure, index_reduction, states, reduce--> Reduced --dae--> Assembly
-      --initialise--> Start --simulation (IDAS)--> Result --comparison--> Comparison
+    YAML text --yaml_source--> tree --library, model--> Model --expand, connect, flatten--> Flat
+      --matching, index_reduction, state_selection, reduce--> Reduced --dae--> Assembly
+      --initialise--> Start --simulator (IDAS)--> Result --comparison--> Comparison
 
     import heavebond as hb
     model = hb.load("cmc_ahc")
@@ -18,11 +18,7 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from heavebond.analysis.linear_system import StateSpace, state_space
-    from heavebond.analysis.locus import root_locus
-    from heavebond.analysis.margins import loop_crossings, loop_margins
-    from heavebond.analysis.simplification import simplify
-    from heavebond.basis.errors import (
+    from heavebond.core.errors import (
         DataError,
         HeavebondError,
         ModelError,
@@ -31,54 +27,58 @@ if TYPE_CHECKING:
         StartError,
         UsageError,
     )
-    from heavebond.basis.saved import SavedRun, read_run
-    from heavebond.evidence.catalogue import candidates
-    from heavebond.evidence.comparison import Comparison, compare
-    from heavebond.evidence.diagnosis import Diagnosis, attempt, diagnose
-    from heavebond.evidence.experiment import Experiment, load_experiment
-    from heavebond.evidence.finding import ladder
-    from heavebond.evidence.fitting import Fit, fit
-    from heavebond.evidence.misfit import Where, where
+    from heavebond.diagnosis.catalogue import candidates
+    from heavebond.diagnosis.diagnosis import Diagnosis, attempt, diagnose
+    from heavebond.diagnosis.ladder import ladder
+    from heavebond.energy.audit import audit
+    from heavebond.energy.simplification import simplify
+    from heavebond.fit.comparison import Comparison, compare
+    from heavebond.fit.experiment import Experiment, load_experiment
+    from heavebond.fit.fitting import Fit, fit
     from heavebond.language.model import Model, load, loads
-    from heavebond.numbers.dae import Assembly, assemble
-    from heavebond.numbers.result import Result
-    from heavebond.numbers.simulation import simulate
-    from heavebond.numbers.simulator import Simulator
+    from heavebond.linear.linear_system import StateSpace, state_space
+    from heavebond.linear.margins import loop_crossings, loop_margins
+    from heavebond.linear.root_locus import root_locus
+    from heavebond.localise.misfit import Where, where
+    from heavebond.numerics.dae import Assembly, assemble
+    from heavebond.numerics.result import Result
+    from heavebond.numerics.simulation import simulate
+    from heavebond.numerics.simulator import Simulator
+    from heavebond.optimise.tuning import tune
     from heavebond.pictures.drawing import draw
+    from heavebond.records.saved_runs import SavedRun, read_run
     from heavebond.studies.campaign import StudyResult, run_study
-    from heavebond.studies.energy import audit
     from heavebond.studies.study import Study, load_study
-    from heavebond.studies.tuning import tune
 
 __version__ = "0.1.0"
 
 # name -> module; loaded when first used, so that `import heavebond` and `heavebond --help` stay quick. No name is that of
 # a module: importing the module would put it in the function's place.
 _EXPORTS = {
-    "analysis.linear_system": ("state_space", "StateSpace"),
-    "analysis.locus": ("root_locus",),
-    "analysis.margins": ("loop_crossings", "loop_margins"),
-    "analysis.simplification": ("simplify",),
-    "basis.errors": ("DataError", "HeavebondError", "ModelError", "RunWarning", "SimulationError", "StartError",
+    "linear.linear_system": ("state_space", "StateSpace"),
+    "linear.root_locus": ("root_locus",),
+    "linear.margins": ("loop_crossings", "loop_margins"),
+    "energy.simplification": ("simplify",),
+    "core.errors": ("DataError", "HeavebondError", "ModelError", "RunWarning", "SimulationError", "StartError",
                      "UsageError"),
-    "basis.saved": ("read_run", "SavedRun"),
-    "evidence.catalogue": ("candidates",),
-    "evidence.comparison": ("compare", "Comparison"),
-    "evidence.diagnosis": ("attempt", "diagnose", "Diagnosis"),
-    "evidence.experiment": ("Experiment", "load_experiment"),
-    "evidence.finding": ("ladder",),
-    "evidence.fitting": ("Fit", "fit"),
-    "evidence.misfit": ("Where", "where"),
+    "records.saved_runs": ("read_run", "SavedRun"),
+    "diagnosis.catalogue": ("candidates",),
+    "fit.comparison": ("compare", "Comparison"),
+    "diagnosis.diagnosis": ("attempt", "diagnose", "Diagnosis"),
+    "fit.experiment": ("Experiment", "load_experiment"),
+    "diagnosis.ladder": ("ladder",),
+    "fit.fitting": ("Fit", "fit"),
+    "localise.misfit": ("Where", "where"),
     "language.model": ("load", "loads", "Model"),
-    "numbers.dae": ("assemble", "Assembly"),
-    "numbers.result": ("Result",),
-    "numbers.simulation": ("simulate",),
-    "numbers.simulator": ("Simulator",),
+    "numerics.dae": ("assemble", "Assembly"),
+    "numerics.result": ("Result",),
+    "numerics.simulation": ("simulate",),
+    "numerics.simulator": ("Simulator",),
     "pictures.drawing": ("draw",),
     "studies.campaign": ("run_study", "StudyResult"),
-    "studies.energy": ("audit",),
+    "energy.audit": ("audit",),
     "studies.study": ("load_study", "Study"),
-    "studies.tuning": ("tune",),
+    "optimise.tuning": ("tune",),
 }
 _WHERE = {name: module for module, names in _EXPORTS.items() for name in names}
 __all__ = [

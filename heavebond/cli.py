@@ -1,7 +1,7 @@
 """The command line: which commands there are, and how what is wrong ends (message, exit code, JSON).
 
 Exit codes: 0 fine; 1 the model, the data or a run is at fault; 2 wrong usage; 70 a fault of heavebond itself; 130
-interrupted by Ctrl-C, 143 by SIGTERM; 141 the reader went away. A run is at fault that says so of itself (see `findings`).
+interrupted by Ctrl-C, 143 by SIGTERM; 141 the reader went away. A run is at fault where its verdict is (see `run_verdict`).
 """
 
 from __future__ import annotations
@@ -19,10 +19,6 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 
 from heavebond import __version__
-from heavebond.basis.errors import HeavebondError, Problem, UsageError, suggest
-from heavebond.basis.interrupts import WORDS, is_interrupt, last_heard, obeyed
-from heavebond.basis.interrupts import listening as signals_heard
-from heavebond.basis.writable import write_text
 from heavebond.commands.animate import animate
 from heavebond.commands.arguments import check_writable
 from heavebond.commands.candidates import candidates
@@ -51,9 +47,13 @@ from heavebond.commands.terminal import PIPE_CLOSED, print_problems, warn
 from heavebond.commands.try_effect import try_effect
 from heavebond.commands.tune import tune
 from heavebond.commands.where import where
+from heavebond.core.cancellation import WORDS, is_interrupt, last_heard, obeyed
+from heavebond.core.cancellation import listening as signals_heard
+from heavebond.core.errors import HeavebondError, Problem, UsageError, suggest
+from heavebond.core.writable import write_text
 
 if TYPE_CHECKING:
-    from heavebond.numbers.findings import Verdict
+    from heavebond.numerics.run_verdict import Verdict
 
 FINE, AT_FAULT, WRONG_USAGE, OWN_FAULT, SIGNALLED = 0, 1, 2, 70, 128
 
@@ -73,7 +73,7 @@ class Commands(click.Group):
             self._main(args, prog_name)
 
     def _main(self, args: Sequence[str] | None, prog_name: str | None) -> NoReturn:
-        from heavebond.numbers.findings import listening
+        from heavebond.numerics.run_verdict import listening
 
         given = list(sys.argv[1:] if args is None else args)
         command = next((word for word in given if word in self.commands), "")
@@ -125,7 +125,7 @@ class Commands(click.Group):
 def _judged(heard: list[tuple[str, Verdict]], code: int, problems: list[Problem], figures: dict[str, object]
             ) -> tuple[int, list[Problem], dict[str, object]]:
     """The verdicts of the runs of a command: a line each where a range was left, a problem where a run is worthless."""
-    from heavebond.numbers.findings import together, verdict_of_all
+    from heavebond.numerics.run_verdict import together, verdict_of_all
 
     for name, found in dict(heard).items():
         if found.failed:

@@ -37,11 +37,11 @@ import heavebond as hb
 from heavebond.cli import main
 from heavebond.language import laws
 from heavebond.language.library import bundled, library
-from heavebond.language.power import check_power
-from heavebond.numbers.initialise import start
-from heavebond.numbers.inputs import pieced
-from heavebond.studies.casework import checked
-from heavebond.text.source import parse, read
+from heavebond.language.power_law import check_power
+from heavebond.numerics.initialise import start
+from heavebond.numerics.inputs import pieced
+from heavebond.studies.run_case import checked
+from heavebond.text.yaml_source import parse, read
 
 ROOT = Path(__file__).parent.parent
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))

@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 import heavebond as hb
 from heavebond.equations.flatten import Flat, flatten
 from heavebond.language.library import library
-from heavebond.text.symbols import split, stack
+from heavebond.language.symbols import split, stack
 
 Array = NDArray[np.float64]
 CHECKED: dict[str, list[str]] = {}  # component -> the tests that compare it

@@ -11,12 +11,12 @@ from test_sensitivities import LOOP, MEASURED, PENDULUM, PRELOADED, _bundled, _t
 import heavebond as hb
 from heavebond.language.library import bundled
 from heavebond.language.model import loads
-from heavebond.numbers.dae import Array, Assembly
-from heavebond.numbers.simulator import Simulator, Tolerances
-from heavebond.studies.adjoint import Adjoint
-from heavebond.studies.costs import Evaluator, read_cost
-from heavebond.studies.objective import Objective, Task, ranges
-from heavebond.studies.tuning import tune
+from heavebond.numerics.dae import Array, Assembly
+from heavebond.numerics.simulator import Simulator, Tolerances
+from heavebond.optimise.adjoint import Adjoint
+from heavebond.optimise.costs import Evaluator, read_cost
+from heavebond.optimise.objective import Objective, Task, ranges
+from heavebond.optimise.tuning import tune
 
 TIGHT = Tolerances(1e-10, 1e-12, along=0.1)
 

@@ -9,7 +9,7 @@ import pytest
 import heavebond as hb
 from benchmarks import chain, compensator, heave, large
 from benchmarks.measuring import Paired, at_most, duration
-from heavebond.numbers import idas
+from heavebond.numerics import idas
 
 
 @pytest.mark.parametrize("gain", heave.GAINS.values(), ids=list(heave.GAINS))

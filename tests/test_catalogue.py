@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from heavebond.evidence.catalogue import Candidate, candidates
-from heavebond.evidence.comparison import assemble_for
-from heavebond.evidence.experiment import load_experiment
+from heavebond.diagnosis.catalogue import Candidate, candidates
+from heavebond.fit.comparison import assemble_for
+from heavebond.fit.experiment import load_experiment
 from heavebond.language.model import loads
-from heavebond.numbers.simulation import simulate
+from heavebond.numerics.simulation import simulate
 
 OWN = """
 component: SquareDrag

@@ -16,8 +16,8 @@ from matplotlib.image import imread
 
 import heavebond
 from heavebond import cli
-from heavebond.basis.errors import SimulationError
 from heavebond.commands.demo import FIGURES, SEAS
+from heavebond.core.errors import SimulationError
 
 SLIDER = """\
 model: slider
@@ -220,14 +220,14 @@ def test_a_failed_integration_ends_with_1(monkeypatch: pytest.MonkeyPatch) -> No
     def fail(*_: object, **__: object) -> None:
         raise SimulationError("the integration stopped at t = 0.2 s")
 
-    monkeypatch.setattr("heavebond.numbers.simulation.simulate", fail)
+    monkeypatch.setattr("heavebond.numerics.simulation.simulate", fail)
     answer = call("run", "slider.yaml")
     assert answer.exit_code == 1
     assert answer.stderr.startswith("the integration stopped at t = 0.2 s [simulation]")
 
 
 def test_a_fault_of_the_program_is_in_the_json_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("heavebond.numbers.simulation.simulate", lambda *_, **__: 1 / 0)
+    monkeypatch.setattr("heavebond.numerics.simulation.simulate", lambda *_, **__: 1 / 0)
     answer = call("run", "slider.yaml", "--json", "out.json")
     assert answer.exit_code == 70
     assert json.loads(Path("out.json").read_text())["problems"][0]["code"] == "internal"
@@ -342,7 +342,7 @@ def test_interrupted_is_one_line_and_130(monkeypatch: pytest.MonkeyPatch) -> Non
     def interrupt(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("heavebond.numbers.simulation.simulate", interrupt)
+    monkeypatch.setattr("heavebond.numerics.simulation.simulate", interrupt)
     answer = call("run", "slider.yaml", "--json", "out.json")
     assert answer.exit_code == 130
     assert answer.stderr.split() == ["interrupted"]

@@ -8,9 +8,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from heavebond.basis.clock_times import ClockProblem, read_clock
-from heavebond.basis.errors import HeavebondError
-from heavebond.evidence.comparison import compare
+from heavebond.core.errors import HeavebondError
+from heavebond.fit.comparison import compare
+from heavebond.records.clock_times import ClockProblem, read_clock
 
 RIG = """
 model: rig

@@ -7,9 +7,9 @@ import pytest
 import reference_cmc_ahc as reference
 
 import heavebond as hb
-from heavebond.basis.units import read_unit
-from heavebond.numbers.initialise import start
-from heavebond.numbers.simulator import Simulator, Tolerances
+from heavebond.core.units import read_unit
+from heavebond.numerics.initialise import start
+from heavebond.numerics.simulator import Simulator, Tolerances
 
 CASES = {
     "cmc_ahc": reference.ACTIVE,

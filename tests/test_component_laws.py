@@ -7,14 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from heavebond.basis.errors import ModelError
+from heavebond.core.errors import ModelError
 from heavebond.language.component_file import parse_component
 from heavebond.language.definition import Component
 from heavebond.language.laws import check
 from heavebond.language.library import bundled, library
-from heavebond.language.power import TOLERANCE, PowerReport, check_power
+from heavebond.language.power_law import TOLERANCE, PowerReport, check_power
 from heavebond.text.expression import Call, Name, children
-from heavebond.text.source import read
+from heavebond.text.yaml_source import read
 
 DOMAINS = library().domains
 FILES = [path for path in (*sorted(bundled("components").rglob("*.yaml")),

@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from heavebond.text.corners import rounded
+from heavebond.language.smoothing import rounded
 
 X = ca.SX.sym("x", 3)
 Y = ca.SX.sym("y", 2)

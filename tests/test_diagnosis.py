@@ -15,17 +15,17 @@ from benchmarks.diagnosis.making import Hidden
 from benchmarks.diagnosis.rigs import RIGS
 from benchmarks.diagnosis.truths import TRUTHS
 from heavebond.cli import main
-from heavebond.evidence import leftover, refits, rung, verdict
-from heavebond.evidence.comparison import compare
-from heavebond.evidence.diagnosis import Diagnosis, attempt, diagnose
-from heavebond.evidence.experiment import Experiment, load_experiment
-from heavebond.evidence.finding import rung as rung_of
-from heavebond.evidence.fitting import Fitted, fit
-from heavebond.evidence.fixed_values import fixed_values
-from heavebond.evidence.separation import Extra
-from heavebond.evidence.trial import Trial
+from heavebond.diagnosis import refit_schedule, residual_tests, stage, verdict
+from heavebond.diagnosis.diagnosis import Diagnosis, attempt, diagnose
+from heavebond.diagnosis.experiment_design import Extra
+from heavebond.diagnosis.fixed_values import fixed_values
+from heavebond.diagnosis.ladder import rung as rung_of
+from heavebond.diagnosis.refit import Trial
+from heavebond.fit.comparison import compare
+from heavebond.fit.experiment import Experiment, load_experiment
+from heavebond.fit.fitting import Fitted, fit
 from heavebond.language.model import load, loads
-from heavebond.numbers.simulation import simulate
+from heavebond.numerics.simulation import simulate
 
 NAMES = {"parameters", "noise", "limits"}  # what holds entries by names that are not keys
 PAGE = Path(__file__).parents[1] / "docs" / "diagnosis.md"
@@ -140,14 +140,14 @@ def test_what_acts_alike_is_named_together(tmp_path: Path) -> None:
 def test_a_law_that_could_bend_further_but_does_not_is_no_rival(tmp_path: Path) -> None:
     # play whose gap closes in the fit is a compliance too; the two ends of the string are alike
     machine = Hidden(replace(RIGS["passive"], seconds=20), [KNOWN["passive", "string compliance"]], "test", tmp_path)
-    made = rung.step(machine.case([4.0]).experiment, number=1, classes=["series compliance", "backlash"])
+    made = stage.step(machine.case([4.0]).experiment, number=1, classes=["series compliance", "backlash"])
     assert {t.candidate.kind for t in made.trials} == {"series compliance", "backlash"}
     assert {t.candidate.kind for t in made.cluster} == {"series compliance"}
     # another end that leaves more elsewhere, yet no more than noise, stays; one that leaves more does not
     best, other = made.cluster
-    noise = 1 + leftover.SIGMAS * (2 / best.samples_held_out) ** 0.5
+    noise = 1 + residual_tests.SIGMAS * (2 / best.samples_held_out) ** 0.5
     for left, alike in ((noise - 1e-3, True), (noise + 0.1, False)):
-        again = rung.choosing(replace(made, trials=(best, replace(other, chi2_held_out=left, slack=0.0))), best)
+        again = stage.choosing(replace(made, trials=(best, replace(other, chi2_held_out=left, slack=0.0))), best)
         assert (len(again.cluster) == 2) is alike
     # where neither law reaches the noise, up to 2.5 times the best's error above it is a matter of their forms
     def inexact(trial: Trial, left: float) -> Trial:
@@ -155,9 +155,9 @@ def test_a_law_that_could_bend_further_but_does_not_is_no_rival(tmp_path: Path) 
 
     near = inexact(best, 4.0)
     for left, alike in ((1 + 3 * 2.4**2, True), (1 + 3 * 2.7**2, False)):
-        again = rung.choosing(replace(made, trials=(near, inexact(other, left))), near)
+        again = stage.choosing(replace(made, trials=(near, inexact(other, left))), near)
         assert (len(again.cluster) == 2) is alike
-    stiffness = fit(rung.following(made)).parameters[-1]  # 1e6 N/m, sought from 1e4 to 1e10: near neither end
+    stiffness = fit(stage.following(made)).parameters[-1]  # 1e6 N/m, sought from 1e4 to 1e10: near neither end
     assert stiffness.name == "series_compliance.c" and not stiffness.at_bound
 
 
@@ -181,13 +181,13 @@ def test_what_the_catalogue_lacks_is_a_shape(tmp_path: Path) -> None:
 
 def test_where_the_largest_scores_mislead_everything_is_refitted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # no score is trusted at all: what is refitted first is nothing
-    monkeypatch.setattr(refits, "REFITS", 0)
-    monkeypatch.setattr(refits, "PROMISING", 2.0)
+    monkeypatch.setattr(refit_schedule, "REFITS", 0)
+    monkeypatch.setattr(refit_schedule, "PROMISING", 2.0)
     said = found(tmp_path, "receiver", [("leak in", 4e-10)], ["leakage", "line resistance"])
     assert said.verdict == "effect"
     assert len(said.steps[0].trials) > 1
     experiment = said.steps[0].experiment
-    assert not rung.step(experiment, number=1, classes=["leakage"], thorough=False).trials
+    assert not stage.step(experiment, number=1, classes=["leakage"], thorough=False).trials
 
 
 def test_too_little_motion_tells_nothing(tmp_path: Path) -> None:

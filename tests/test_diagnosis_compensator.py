@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 from benchmarks.diagnosis.compensator import CASES, LEAKAGE, made
-from heavebond.evidence.catalogue import candidates
-from heavebond.evidence.diagnosis import Diagnosis, attempt, diagnose
-from heavebond.evidence.fitting import fit
-from heavebond.evidence.rung import fitted_base, step
-from heavebond.evidence.scoring import scored
+from heavebond.diagnosis.catalogue import candidates
+from heavebond.diagnosis.diagnosis import Diagnosis, attempt, diagnose
+from heavebond.diagnosis.scoring import scored
+from heavebond.diagnosis.stage import fitted_base, step
+from heavebond.fit.fitting import fit
 
 CYLINDER = ("ahc.cylinder",)
 

@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from heavebond.evidence.catalogue import candidates
-from heavebond.evidence.comparison import compare
-from heavebond.evidence.experiment import load_experiment
-from heavebond.evidence.refits import planned
-from heavebond.evidence.rung import fitted_base
-from heavebond.evidence.scoring import Base, scored, searched
-from heavebond.evidence.trial import Trial, begun, followed
-from heavebond.numbers.dae import Array
+from heavebond.diagnosis.catalogue import candidates
+from heavebond.diagnosis.refit import Trial, begun, followed
+from heavebond.diagnosis.refit_schedule import planned
+from heavebond.diagnosis.scoring import Base, scored, searched
+from heavebond.diagnosis.stage import fitted_base
+from heavebond.fit.comparison import compare
+from heavebond.fit.experiment import load_experiment
+from heavebond.numerics.dae import Array
 
 STEP, SAMPLES = 0.02, 800
 Equations = Callable[[float, Array, float], list[float]]  # time, states, input: derivatives

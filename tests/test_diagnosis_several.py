@@ -13,14 +13,14 @@ import pytest
 from benchmarks.diagnosis.making import Hidden
 from benchmarks.diagnosis.rigs import RIGS
 from benchmarks.diagnosis.truths import RECEIVER
-from heavebond.evidence import climbing, verdict
-from heavebond.evidence.climbing import Way, climb
-from heavebond.evidence.diagnosis import _beside, _Come, _noticeable, _weighed, diagnose
-from heavebond.evidence.finding import Finding
-from heavebond.evidence.fixed_values import VALUE
-from heavebond.evidence.leftover import Leftover
-from heavebond.evidence.rung import Step
-from heavebond.evidence.trial import Trial
+from heavebond.diagnosis import stepwise_selection, verdict
+from heavebond.diagnosis.diagnosis import _beside, _Come, _noticeable, _weighed, diagnose
+from heavebond.diagnosis.fixed_values import VALUE
+from heavebond.diagnosis.ladder import Finding
+from heavebond.diagnosis.refit import Trial
+from heavebond.diagnosis.residual_tests import Leftover
+from heavebond.diagnosis.stage import Step
+from heavebond.diagnosis.stepwise_selection import Way, climb
 
 SAMPLES = 1000
 CLASSES = ("choked flow", "sensor offset", "dead band", "sensor gain")
@@ -94,7 +94,7 @@ def climbed(monkeypatch: pytest.MonkeyPatch, table: Table, *, given: bool = True
         trials = sorted((trial(effects, e) for e in new if e not in effects), key=lambda t: t.cost)
         bare = Step(experiment(effects), dict.fromkeys(effects, 0.0), chi2 * SAMPLES, SAMPLES,  # type: ignore[arg-type]
                     chi2, chi2, SAMPLES, (), Leftover(0, 0, 0, 9), (), tuple(trials), None, (), {}, (), False, 0.0)
-        best = climbing.leaders(bare, 1)
+        best = stepwise_selection.leaders(bare, 1)
         return best[0] if best else bare
 
     def experiment(effects: str) -> SimpleNamespace:
@@ -104,9 +104,9 @@ def climbed(monkeypatch: pytest.MonkeyPatch, table: Table, *, given: bool = True
         made.append(at.effects)
         return step(at.effects, "ABCD")
 
-    monkeypatch.setattr(climbing, "following", lambda made: made.chosen.experiment)
-    monkeypatch.setattr(climbing, "candidates", lambda at: [trial("", e).candidate for e in "ABCD"])
-    monkeypatch.setattr(climbing, "single", lambda at, candidate, say: step(at.effects, [candidate.label]))
+    monkeypatch.setattr(stepwise_selection, "following", lambda made: made.chosen.experiment)
+    monkeypatch.setattr(stepwise_selection, "candidates", lambda at: [trial("", e).candidate for e in "ABCD"])
+    monkeypatch.setattr(stepwise_selection, "single", lambda at, candidate, say: step(at.effects, [candidate.label]))
     way, _ = climb(experiment(""), stepping, lambda text: None, most)  # type: ignore[arg-type]
     return "".join(added.candidate.label for added in way), made
 
@@ -151,9 +151,9 @@ def test_an_effect_that_hardly_takes_anything_away_is_no_finding() -> None:
     for before, after, named in ((16.1, 15.2, False), (16.1, 12.0, True), (1.05, 1.0, True), (1e6, 9e5, False)):
         for held in (True, False):
             made = step(before, after, held)
-            way, last = _noticeable((climbing.Added(made, ()),), made)
+            way, last = _noticeable((stepwise_selection.Added(made, ()),), made)
             assert (len(way) == 1, last.chosen is not None) == (named, named)
-    two = (climbing.Added(step(16.1, 15.2), ()), climbing.Added(step(15.2, 1.0), ()))
+    two = (stepwise_selection.Added(step(16.1, 15.2), ()), stepwise_selection.Added(step(15.2, 1.0), ()))
     assert _noticeable(two, two[1].step)[0] == two
 
 
@@ -170,8 +170,8 @@ def test_another_effect_takes_the_place_of_one_that_it_beats_beside_a_later_one(
 
 def test_a_name_by_an_effect_that_is_taken_out_goes_back_to_what_drove_it() -> None:
     gone = SimpleNamespace(change=SimpleNamespace(moved={"inlet.u": "lag_inlet.u"}))
-    assert climbing._before("Delay before lag_inlet.u", gone) == "Delay before inlet.u"  # type: ignore[arg-type]
-    assert climbing._before("Delay before outlet.u", gone) == "Delay before outlet.u"  # type: ignore[arg-type]
+    assert stepwise_selection._before("Delay before lag_inlet.u", gone) == "Delay before inlet.u"  # type: ignore[arg-type]
+    assert stepwise_selection._before("Delay before outlet.u", gone) == "Delay before outlet.u"  # type: ignore[arg-type]
 
 
 def test_two_laws_of_one_name_are_named_once() -> None:

@@ -17,17 +17,17 @@ import pytest
 from click.testing import CliRunner
 
 import heavebond as hb
-from heavebond.basis.errors import HeavebondError
 from heavebond.cli import main
+from heavebond.core.errors import HeavebondError
 from heavebond.equations.connect import connect
 from heavebond.equations.expand import expand
 from heavebond.language.library import bundled, library
 from heavebond.pictures import pictograms
 from heavebond.pictures.drawing import WARNING
 from heavebond.pictures.layout import Drawn, Options, lay_out
-from heavebond.pictures.lettering import NAME, Box, text_width
 from heavebond.pictures.routing import route
 from heavebond.pictures.sheets import opened_blocks, sheet
+from heavebond.pictures.text_metrics import NAME, Box, text_width
 
 SVG = "{http://www.w3.org/2000/svg}"
 BUNDLED = sorted(f"{path.parent.name}/{path.stem}" for path in bundled("models").glob("*/*.yaml")

@@ -12,7 +12,7 @@ import pytest
 import heavebond as hb
 from heavebond.language.definition import Component
 from heavebond.language.library import library
-from heavebond.numbers.result import Result
+from heavebond.numerics.result import Result
 
 LIBRARY = library()
 COMPONENTS = {name: LIBRARY.component(name) for name in LIBRARY.names()}

@@ -10,7 +10,7 @@ import pytest
 from rich.console import Console
 
 import heavebond as hb
-from heavebond.studies.energy import EnergyAudit, EnergyLine, audit, table
+from heavebond.energy.audit import EnergyAudit, EnergyLine, audit, table
 
 LIFT = """
 model: lift

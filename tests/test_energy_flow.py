@@ -10,11 +10,11 @@ import pytest
 from test_energy import LEAKY, LIFT, line
 
 import heavebond as hb
-from heavebond.analysis.energy_flow import energy_flow
 from heavebond.cli import main
+from heavebond.energy.audit import audit, with_blocks
+from heavebond.energy.power_flow import energy_flow
 from heavebond.pictures.plot import save
 from heavebond.pictures.plot_energy import plot_activity, plot_energy_flow
-from heavebond.studies.energy import audit, with_blocks
 
 SWING = """
 model: swing

@@ -9,15 +9,15 @@ import pytest
 from diagrams import BALL, FLOOR
 
 import heavebond as hb
-from heavebond.evidence.experiment import load_experiment
-from heavebond.evidence.fitting import fit
-from heavebond.numbers.dae import Assembly
-from heavebond.numbers.simulator import Simulator, Tolerances
-from heavebond.studies.adjoint import Adjoint
-from heavebond.studies.energy import audit
-from heavebond.studies.gradient_check import check_gradients, costs_of
-from heavebond.studies.objective import Objective, Task, ranges
-from heavebond.studies.portable import portable
+from heavebond.energy.audit import audit
+from heavebond.exchange.portable import portable
+from heavebond.fit.experiment import load_experiment
+from heavebond.fit.fitting import fit
+from heavebond.numerics.dae import Assembly
+from heavebond.numerics.simulator import Simulator, Tolerances
+from heavebond.optimise.adjoint import Adjoint
+from heavebond.optimise.gradient_check import check_gradients, costs_of
+from heavebond.optimise.objective import Objective, Task, ranges
 from heavebond.text.expression import parse_formula
 
 TIGHT = Tolerances(1e-12, 1e-14, along=1.0)

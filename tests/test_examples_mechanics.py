@@ -7,8 +7,8 @@ import pytest
 from examples import Array, Case, check, without_example
 
 import heavebond as hb
-from heavebond.numbers.initialise import start
-from heavebond.studies.linearisation import Linearisation, start_point
+from heavebond.linear.linearisation import Linearisation, start_point
+from heavebond.numerics.initialise import start
 
 PI = np.pi
 LAW = "the law at a prescribed motion; nothing is integrated"

@@ -10,7 +10,7 @@ from scipy.interpolate import RegularGridInterpolator
 from scipy.signal import step
 
 import heavebond as hb
-from heavebond.text.symbols import uniform
+from heavebond.language.symbols import uniform
 
 PI = np.pi
 LAW = "the law itself; nothing is integrated"

@@ -16,10 +16,10 @@ from click.testing import CliRunner
 
 import heavebond as hb
 from heavebond.cli import main
+from heavebond.exchange.c_code import c_name, c_text, export_c
+from heavebond.exchange.fmu_export import export_fmu
+from heavebond.exchange.portable import Portable, portable
 from heavebond.language.library import bundled
-from heavebond.studies.c_code import c_name, c_text, export_c
-from heavebond.studies.fmu_export import export_fmu
-from heavebond.studies.portable import Portable, portable
 
 COMPILER = next((found for name in ("cc", "gcc", "clang") if (found := shutil.which(name))), None)
 compiled = pytest.mark.skipif(COMPILER is None, reason="there is no C compiler here")
@@ -273,7 +273,7 @@ def test_an_fmu_brings_its_sources_and_is_the_same_each_time(tmp_path: Path) -> 
 
 
 def test_names_of_outputs_that_are_taken(tmp_path: Path) -> None:
-    from heavebond.studies.fmu_export import description
+    from heavebond.exchange.fmu_export import description
 
     text = LOOP.replace("inlet:  {is: inlet.p, unit: bar}", "inlet.p: {unit: bar}")
     names = [v.get("name") for v in Xml.fromstring(description(portable(hb.loads(text)), "m", "t")).iter("Float64")]

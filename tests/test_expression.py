@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import heavebond
-from heavebond.basis.units import Dimension, dimension_text, read_unit
+from heavebond.core.units import Dimension, dimension_text, read_unit
+from heavebond.language.symbols import Context, evaluate, uniform
 from heavebond.text.dimensions import dimension
 from heavebond.text.expression import (
     Binary,
@@ -28,7 +29,6 @@ from heavebond.text.expression import (
     parse_equation,
     parse_formula,
 )
-from heavebond.text.symbols import Context, evaluate, uniform
 
 
 def shape(expr: object) -> str:

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import heavebond as hb
-from heavebond.basis.errors import Place
-from heavebond.basis.units import parse_range
-from heavebond.evidence.comparison import compare
-from heavebond.evidence.diagram_files import fitted_diagram, write
-from heavebond.evidence.experiment import Experiment, Free, load_experiment
-from heavebond.evidence.fitting import Fit, fit, profile
+from heavebond.core.errors import Place
+from heavebond.core.units import parse_range
+from heavebond.fit.comparison import compare
+from heavebond.fit.diagram_files import fitted_diagram, write
+from heavebond.fit.experiment import Experiment, Free, load_experiment
+from heavebond.fit.fitting import Fit, fit, profile
 
 DRIVE = Path(__file__).parents[2] / "shared" / "data" / "real" / "emps"
 

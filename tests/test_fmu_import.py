@@ -14,7 +14,7 @@ from click.testing import CliRunner
 
 import heavebond as hb
 from heavebond.cli import main
-from heavebond.studies.fmu_export import export_fmu, platform_of
+from heavebond.exchange.fmu_export import export_fmu, platform_of
 
 pytest.importorskip("fmpy", reason="FMPy is not installed")
 COMPILER = next((found for name in ("cc", "gcc", "clang") if (found := shutil.which(name))), None)
@@ -206,7 +206,7 @@ def test_a_misspelt_fmu_and_fmpy_missing(rig: Path, monkeypatch: pytest.MonkeyPa
 
 
 def test_fmus_that_are_no_components_do_not_disturb(rig: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from heavebond.analysis.schema import schema
+    from heavebond.exchange.json_schema import schema
     from heavebond.language.library import library
 
     (rig / "broken.fmu").write_text("nonsense")

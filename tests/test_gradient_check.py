@@ -15,10 +15,10 @@ from test_tuning import ABSORBER
 
 import heavebond as hb
 from heavebond import cli
-from heavebond.numbers.simulator import Simulator, Tolerances
-from heavebond.studies.gradient_check import Ran, Subject, Verdict, check_gradients, costs_of, signals_of
-from heavebond.studies.kinks import Kinks
-from heavebond.studies.objective import Task, ranges
+from heavebond.numerics.simulator import Simulator, Tolerances
+from heavebond.optimise.gradient_check import Ran, Subject, Verdict, check_gradients, costs_of, signals_of
+from heavebond.optimise.kinks import Kinks
+from heavebond.optimise.objective import Task, ranges
 
 # A force of 10 N at most, and cut at 10 N: more amplitude is cut, a higher limit cuts nothing.
 LIMITED = """

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 import heavebond as hb
-from heavebond.numbers.result import Result
-from heavebond.studies.energy import audit
+from heavebond.energy.audit import audit
+from heavebond.numerics.result import Result
 
 Array = NDArray[np.float64]
 FOLDER = Path(__file__).parent / "hard"

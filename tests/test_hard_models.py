@@ -16,7 +16,7 @@ import pytest
 from scipy.optimize import fsolve
 
 import heavebond as hb
-from heavebond.basis.errors import HeavebondError
+from heavebond.core.errors import HeavebondError
 
 HARD = Path(__file__).parent / "hard"
 LPM = 1e-3 / 60

@@ -14,8 +14,8 @@ from PIL import Image
 import heavebond as hb
 from heavebond.pictures.animation import save_animation
 from heavebond.pictures.bond_picture import draw_bond_graph
+from heavebond.pictures.colour_map import paint
 from heavebond.pictures.motion import animate
-from heavebond.pictures.painting import paint
 
 WRITING = """(() => { const page = document.documentElement.getBoundingClientRect();
   return [page.left, page.top, page.right, page.bottom, [...document.querySelectorAll("text")].map(text => {

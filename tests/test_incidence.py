@@ -10,7 +10,7 @@ import pytest
 
 import heavebond as hb
 from heavebond.equations.reduce import explicit
-from heavebond.text.incidence import DEFINITE, INDEFINITE, NONLINEAR, NUMBER, PARAMETER, UNIT, classify
+from heavebond.language.incidence import DEFINITE, INDEFINITE, NONLINEAR, NUMBER, PARAMETER, UNIT, classify
 
 x, y, p, volume = (ca.SX.sym(name) for name in ("x", "y", "p", "V"))
 

@@ -14,8 +14,8 @@ from test_sensitivities import HANGING, MEASURED, PRELOADED, SLIDER, _text
 
 import heavebond as hb
 from heavebond import cli
+from heavebond.optimise.influence import AT_ONCE, candidates, in_chunks, rank
 from heavebond.pictures.plot import COLOURS, plot_influence, save
-from heavebond.studies.influence import AT_ONCE, candidates, in_chunks, rank
 
 FREE = SLIDER.replace("d: 4 N*s/m", "d: 0 N*s/m").replace("load.v: 0.1 m/s", "load.v: 0 m/s")
 
@@ -94,7 +94,7 @@ def test_measured_inputs_have_a_scale(tmp_path: Path) -> None:
 
 def test_groups_do_not_matter(slider: hb.Assembly, monkeypatch: pytest.MonkeyPatch) -> None:
     together = rank(slider, ["load.x", "spring.F"])
-    monkeypatch.setattr("heavebond.studies.influence.in_chunks", lambda names: in_chunks(names, 1))
+    monkeypatch.setattr("heavebond.optimise.influence.in_chunks", lambda names: in_chunks(names, 1))
     for one, other in zip(together.rankings, rank(slider, ["load.x", "spring.F"]).rankings, strict=True):
         assert [i.parameter for i in one.influences] == [i.parameter for i in other.influences]
         for a, b in zip(one.influences, other.influences, strict=True):

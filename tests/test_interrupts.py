@@ -15,10 +15,10 @@ import pytest
 from click.testing import CliRunner
 
 import heavebond as hb
-from heavebond.basis.interrupts import check, finishing, is_interrupt, listening, obeyed
 from heavebond.cli import main
-from heavebond.evidence.residuals import Residuals
-from heavebond.studies.objective import Objective
+from heavebond.core.cancellation import check, finishing, is_interrupt, listening, obeyed
+from heavebond.fit.residuals import Residuals
+from heavebond.optimise.objective import Objective
 
 MODEL = """
 model: pair
@@ -165,7 +165,7 @@ def test_no_signal_is_lost_in_formulas_and_runs() -> None:
 
 RUNNER = """
 import os, signal, sys, time
-from heavebond.basis.processes import Processes, as_done
+from heavebond.core.parallel import Processes, as_done
 def work(number):
     os.write(1, b"%d\\n" % os.getpid())
     time.sleep(1000 if number else 2)

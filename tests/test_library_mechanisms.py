@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import BSpline
 
 import heavebond as hb
-from heavebond.studies.linearisation import ModesAtStart
+from heavebond.linear.linearisation import ModesAtStart
 
 X = np.array([-0.4, 0.0, 0.1, 0.7])
 F = np.array([-300.0, 0.0, 20.0, 500.0])

@@ -13,7 +13,7 @@ from scipy.interpolate import BSpline, RegularGridInterpolator
 from scipy.special import gamma
 
 import heavebond as hb
-from heavebond.basis.errors import ModelError
+from heavebond.core.errors import ModelError
 
 PD_ON_A_MASS = """\
 model: pd

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline
 
 import heavebond as hb
-from heavebond.basis.errors import ModelError
+from heavebond.core.errors import ModelError
 
 LINE, SHAFT = ("x", "v", "f"), ("phi", "w", "tau")
 S = np.array([-0.3, -0.12, -0.099, -0.05, 0.0, 0.021, 0.099, 0.1004, 0.25, 0.4])[:, None]

@@ -12,12 +12,12 @@ import pytest
 from click.testing import CliRunner
 
 import heavebond as hb
-from heavebond.basis import limits
-from heavebond.basis.errors import ModelError, Place, Problem, Problems
-from heavebond.basis.measurements import read_table
 from heavebond.cli import main
+from heavebond.core import limits
+from heavebond.core.errors import ModelError, Place, Problem, Problems
 from heavebond.language import fmu_description
-from heavebond.text.source import parse
+from heavebond.records.measurements import read_table
+from heavebond.text.yaml_source import parse
 
 
 def unconnected(number: int) -> str:
@@ -56,7 +56,7 @@ def test_problems_are_counted_and_the_first_twenty_shown(tmp_path: Path) -> None
 
 def test_a_record_with_a_hundred_thousand_columns_is_refused_before_its_cells_are_read(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("heavebond.basis.text_tables._numbers", lambda cells: pytest.fail("cells are read"))
+    monkeypatch.setattr("heavebond.records.text_tables._numbers", lambda cells: pytest.fail("cells are read"))
     names = ",".join(f"c{k}" for k in range(100_000))
     (tmp_path / "wide.csv").write_text(f"{names}\n{names.replace('c', '')}\n")
     with pytest.raises(hb.DataError, match=r"100000 columns; up to 5000 are read \[record-columns\]"):
@@ -64,7 +64,7 @@ def test_a_record_with_a_hundred_thousand_columns_is_refused_before_its_cells_ar
 
 
 def test_a_file_of_hundreds_of_thousands_of_keys_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("heavebond.text.source.ENTRIES", 2000)
+    monkeypatch.setattr("heavebond.text.yaml_source.ENTRIES", 2000)
     parse("model: a\nnodes:\n" + "".join(f"  k{k}: v\n" for k in range(900)))
     with pytest.raises(ModelError, match=r"more than 2000 keys and values \[file-too-long\]"):
         parse("model: a\nnodes:\n" + "".join(f"  k{k}: v\n" for k in range(1100)))

@@ -13,12 +13,12 @@ from test_linearisation import FREE, OSCILLATOR
 from test_sensitivities import LOOP
 
 import heavebond as hb
-from heavebond.analysis.operating import OperatingPoints
-from heavebond.basis.units import parse_range
 from heavebond.cli import main
+from heavebond.core.units import parse_range
+from heavebond.linear.linearisation import Linearisation
+from heavebond.linear.modal_energy import energy_shares
+from heavebond.linear.operating_point import OperatingPoints
 from heavebond.pictures.plot_linear import plot_nyquist
-from heavebond.studies.linearisation import Linearisation
-from heavebond.studies.modal_energy import energy_shares
 
 # passive_rig by hand: masses, stiffnesses and dampings of the diagram
 M, C, D, C_S, D_S = 120e3, 42e3, 52e3, 217e3, 8e3

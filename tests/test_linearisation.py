@@ -11,10 +11,10 @@ from test_sensitivities import LOOP
 
 import heavebond as hb
 from heavebond.cli import main
-from heavebond.numbers.dae import Assembly
-from heavebond.numbers.initialise import start
-from heavebond.studies.linearisation import Linearisation, ModesAtStart, start_point
-from heavebond.studies.modal import chosen_mode, modal_number, modal_slope
+from heavebond.linear.linearisation import Linearisation, ModesAtStart, start_point
+from heavebond.linear.modal_values import chosen_mode, modal_number, modal_slope
+from heavebond.numerics.dae import Assembly
+from heavebond.numerics.initialise import start
 
 NONE = np.zeros(0)
 OSCILLATOR = """

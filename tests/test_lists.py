@@ -9,15 +9,15 @@ import pytest
 from click.testing import CliRunner
 
 import heavebond as hb
-from heavebond.basis.errors import HeavebondError, ModelError
 from heavebond.cli import main
+from heavebond.core.errors import HeavebondError, ModelError
 from heavebond.language.component_file import parse_component
 from heavebond.language.definition import Component
 from heavebond.language.laws import check
 from heavebond.language.library import library
 from heavebond.language.lists import written_out
-from heavebond.language.power import check_power
-from heavebond.text.source import parse
+from heavebond.language.power_law import check_power
+from heavebond.text.yaml_source import parse
 
 CHAIN = """\
 component: Chain

@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import brentq
 
 import heavebond as hb
-from heavebond.studies.energy import audit
+from heavebond.energy.audit import audit
 
 BAR, LPM, RPM = 1e5, 1e-3/60, 2*np.pi/60
 

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 import heavebond as hb
-from heavebond.analysis.linear_system import StateSpace
-from heavebond.analysis.margins import Crossings, crossings, loop_frequencies, loops, open_loop
-from heavebond.basis.units import parse_range
 from heavebond.cli import main
-from heavebond.numbers.start_equations import Point
-from heavebond.studies.stability import Stability, stability
+from heavebond.core.units import parse_range
+from heavebond.linear.linear_system import StateSpace
+from heavebond.linear.margins import Crossings, crossings, loop_frequencies, loops, open_loop
+from heavebond.linear.stability import Stability, stability
+from heavebond.numerics.start_equations import Point
 
 PD = """
 model: pd

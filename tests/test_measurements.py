@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from heavebond.basis.errors import DataError, HeavebondError, Place, UsageError
-from heavebond.basis.measurements import Table, check_gaps, check_time, column, gaps, read_table, samples
+from heavebond.core.errors import DataError, HeavebondError, Place, UsageError
+from heavebond.records.measurements import Table, check_gaps, check_time, column, gaps, read_table, samples
 
 
 def write(folder: Path, text: str, name: str = "train.csv") -> Path:

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 import heavebond as hb
-from heavebond.numbers.charts import MOST, Charts, columns_of
-from heavebond.numbers.result import Result
-from heavebond.numbers.simulator import Simulator, Tolerances
-from heavebond.studies.energy import audit
+from heavebond.energy.audit import audit
+from heavebond.numerics.dynamic_state_selection import MOST, Charts, columns_of
+from heavebond.numerics.result import Result
+from heavebond.numerics.simulator import Simulator, Tolerances
 from heavebond.text.expression import parse_formula
 
 Array = NDArray[np.float64]

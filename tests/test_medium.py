@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 import heavebond as hb
-from heavebond.basis.errors import ModelError
 from heavebond.cli import main
-from heavebond.evidence.catalogue import candidates
-from heavebond.evidence.experiment import load_experiment
+from heavebond.core.errors import ModelError
+from heavebond.diagnosis.catalogue import candidates
+from heavebond.fit.experiment import load_experiment
 from heavebond.language.library import library
 from heavebond.reports.summary import summary
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from heavebond.basis import metrics
-from heavebond.basis.measurements import column, read_table
+from heavebond.records import metrics
+from heavebond.records.measurements import column, read_table
 
 HIDDEN = Path(__file__).resolve().parents[2] / "shared" / "data" / "hidden"
 KNOWN_NOISE = {

@@ -18,9 +18,9 @@ from benchmarks.fuzz.metamorphic import DIFFERENCES, compared
 from benchmarks.fuzz.mutants import Mutant, files_of, mutant, roots
 from benchmarks.fuzz.relations import RELATIONS
 from benchmarks.fuzz.trying import FAULTS, sandbox, tried
-from heavebond.basis.errors import HeavebondError
+from heavebond.core.errors import HeavebondError
 from heavebond.language.library import bundled
-from heavebond.numbers.simulator import Simulator
+from heavebond.numerics.simulator import Simulator
 
 EXAMPLES = ("spring", "cylinder", "end_cushion", "thermal_resistance", "receiver", "dc_motor", "torsion_spring")
 MACHINES = (*(f"examples/{name}.yaml" for name in EXAMPLES), "quarter_car/quarter_car.yaml")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import heavebond as hb
-from heavebond.basis.errors import ModelError
+from heavebond.core.errors import ModelError
 from heavebond.equations import flatten as flattening
 from heavebond.language.model import loads
 

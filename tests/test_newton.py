@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import heavebond as hb
-from heavebond.basis.newton import Frame, continued, factors, least_change, newton, settled
-from heavebond.numbers.initialise import start
-from heavebond.numbers.start_equations import StartEquations
+from heavebond.numerics.initialise import start
+from heavebond.numerics.newton import Frame, continued, factors, least_change, newton, settled
+from heavebond.numerics.start_equations import StartEquations
 
 FREE = Frame(np.ones(1), np.full(1, -np.inf), np.full(1, np.inf))
 

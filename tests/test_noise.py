@@ -11,7 +11,7 @@ from scipy.signal import periodogram
 from scipy.stats import kurtosis, norm
 
 import heavebond as hb
-from heavebond.numbers.result import Result
+from heavebond.numerics.result import Result
 
 SIGMA, LOW, HIGH, SINES, T_1, STEP = 0.02, 1.0, 5.0, 100, 0.1, 0.02
 # a sine lies anywhere in its hundredth of the band, and 200 s hold 800 periods of a beat over the whole band: what is

@@ -9,11 +9,11 @@ import pytest
 from click.testing import CliRunner
 
 import heavebond as hb
-from heavebond.basis.clock_times import ClockProblem, read_clock
-from heavebond.basis.measurements import read_table
-from heavebond.basis.numerals import number, plain, whole
-from heavebond.basis.units import UnitProblem, parse_quantity, parse_range, unit
 from heavebond.cli import main
+from heavebond.core.numerals import number, plain, whole
+from heavebond.core.units import UnitProblem, parse_quantity, parse_range, unit
+from heavebond.records.clock_times import ClockProblem, read_clock
+from heavebond.records.measurements import read_table
 from heavebond.text.expression import ExpressionProblem, parse_formula
 
 # underscores as in Python, Arabic-Indic, Devanagari, full-width and superscript digits
@@ -64,7 +64,7 @@ def test_the_command_line_refuses_them_too(text: str, tmp_path: Path) -> None:
 
 
 def test_counts_in_files_have_plain_digits(tmp_path: Path) -> None:
-    from heavebond.evidence.writing import _counted
+    from heavebond.diagnosis.diagnosis_files import _counted
 
     assert _counted("rig_\u00b2", 1) == "rig_\u00b2_2"
     assert whole("9" * 5000) is None

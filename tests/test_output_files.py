@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 import heavebond as hb
-from heavebond.basis.saved import SUFFIXES, SavedRun, write_run
-from heavebond.basis.writable import new_file, write_text
+from heavebond.core.writable import new_file, write_text
+from heavebond.records.saved_runs import SUFFIXES, SavedRun, write_run
 
 SOURCE = Path(hb.__file__).parent
 # what these write is read by themselves, in a temporary folder
-OWN = {"studies/fmu_export.py", "evidence/deviation.py", "numbers/solvers.py"}
+OWN = {"exchange/fmu_export.py", "localise/ltv_model.py", "numerics/solvers.py"}
 WRITERS = re.compile(r"\.write_text\(|\.write_bytes\(|open\([^)\n]*[\"'][wxa]b?[\"']|\.to_csv\(|\.to_parquet\(|savemat\(|"
                      r"netcdf_file\([^)]*\"w\"|savefig\(|\.savez?\(|savetxt\(|ZipFile\([^)]*\"w\"|writer\.saving\(")
 
@@ -27,7 +27,7 @@ def test_every_writer_writes_to_a_new_file_that_is_renamed() -> None:
     called = {"pictures/film.py": "pictures/animation.py"}
     writing = {path.relative_to(SOURCE).as_posix(): path.read_text(encoding="utf-8") for path in SOURCE.rglob("*.py")
                if WRITERS.search(path.read_text(encoding="utf-8"))}
-    assert {"pictures/plot.py", "basis/saved.py", "studies/fmu_export.py", "studies/study_table.py"} <= set(writing)
+    assert {"pictures/plot.py", "records/saved_runs.py", "exchange/fmu_export.py", "studies/tables.py"} <= set(writing)
     for name, text in writing.items():
         text = (SOURCE / called[name]).read_text(encoding="utf-8") if name in called else text
         for found in WRITERS.finditer(text):
@@ -63,7 +63,7 @@ def test_a_full_disk_leaves_the_old_file(suffix: str, tmp_path: Path) -> None:
     before = path.read_bytes()
     script = f"""
 import resource, signal, sys, numpy as np
-from heavebond.basis.saved import SavedRun, write_run
+from heavebond.records.saved_runs import SavedRun, write_run
 import pandas, scipy.io, pyarrow.parquet
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (9000, 9000))

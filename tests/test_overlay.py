@@ -9,10 +9,10 @@ import pytest
 from click.testing import CliRunner
 
 import heavebond as hb
-from heavebond.basis.saved import SavedRun, write_run
 from heavebond.cli import main
 from heavebond.pictures.overlay import Overlay, read_column, read_overlay
 from heavebond.pictures.plot import RECORD, plot_runs, save
+from heavebond.records.saved_runs import SavedRun, write_run
 
 TIME = np.linspace(0.0, 2.0, 41)
 

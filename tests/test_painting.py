@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 import heavebond as hb
 from heavebond.cli import main
-from heavebond.pictures.painting import BOTH_WAYS, FADED, SCALE, paint
+from heavebond.pictures.colour_map import BOTH_WAYS, FADED, SCALE, paint
 
 # two dampers drawn by a constant force: powers by hand
 PULL = """

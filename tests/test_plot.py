@@ -15,8 +15,8 @@ from matplotlib.image import imread
 from matplotlib.transforms import Bbox
 
 import heavebond as hb
-from heavebond.evidence.comparison import Comparison
-from heavebond.evidence.finding import Rung
+from heavebond.diagnosis.ladder import Rung
+from heavebond.fit.comparison import Comparison
 from heavebond.pictures.plot import COLOURS, DENSE, plot_comparison, plot_ladder, plot_runs, plot_signals, save
 
 SLIDER = """

@@ -10,9 +10,9 @@ import pytest
 from heavebond.cli import main
 from heavebond.language.component_file import parse_component
 from heavebond.language.library import library
-from heavebond.language.power import check_power
+from heavebond.language.power_law import check_power
 from heavebond.language.power_terms import power_problems
-from heavebond.text.source import parse
+from heavebond.text.yaml_source import parse
 
 DAMPER = """\
 component: Brake

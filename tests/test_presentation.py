@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from heavebond.basis.presentation import columns, count, number, path_text, quantity, readable, readable_unit, unit_label
+from heavebond.core.presentation import columns, count, number, path_text, quantity, readable, readable_unit, unit_label
 
 
 @pytest.mark.parametrize(("value", "digits", "text"), [

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import heavebond as hb
-from heavebond.studies.casework import assembled, measured, tuned_by
-from heavebond.studies.objective import Objective
+from heavebond.optimise.objective import Objective
+from heavebond.studies.run_case import assembled, measured, tuned_by
 from heavebond.studies.study import load_study
 
 STUDIES = "cmc_ahc/studies/"

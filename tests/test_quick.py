@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from heavebond.basis.errors import SimulationError
-from heavebond.evidence.catalogue import candidates
-from heavebond.evidence.experiment import Experiment, load_experiment
-from heavebond.evidence.residuals import Run
-from heavebond.evidence.scoring import SEARCH
+from heavebond.core.errors import SimulationError
+from heavebond.diagnosis.catalogue import candidates
+from heavebond.diagnosis.scoring import SEARCH
+from heavebond.fit.experiment import Experiment, load_experiment
+from heavebond.fit.residuals import Run
 from heavebond.language.library import bundled
-from heavebond.numbers import quick
-from heavebond.numbers.dae import Array
-from heavebond.numbers.quick import QuickSimulator, Unexplained
+from heavebond.numerics import quick_simulation
+from heavebond.numerics.dae import Array
+from heavebond.numerics.quick_simulation import QuickSimulator, Unexplained
 
 RIG = bundled("models") / "cylinder_rig"
 FREE = ["load_spring.c", "load_damper.d", "valve.q_r"]
@@ -82,7 +82,7 @@ def test_steps_at_held_inputs_are_one_step_from_the_second_run_on(rig: Path) -> 
 
 
 def test_what_cannot_be_run_is_given_up_without_a_reason(rig: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(quick, "MOST_EXACT", 1)
+    monkeypatch.setattr(quick_simulation, "MOST_EXACT", 1)
     experiment = load_experiment(rig / "spline.yaml")
     given_up = Run(experiment, experiment.records["train"], [], kind=Unexplained)
     with pytest.raises(SimulationError) as raised:

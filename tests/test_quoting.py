@@ -14,11 +14,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from heavebond.basis.quoting import c_comment, file_stem, script_json, visible, xml
+from heavebond.core.quoting import c_comment, file_stem, script_json, visible, xml
+from heavebond.exchange.c_code import c_text
+from heavebond.exchange.fmu_export import description
+from heavebond.exchange.portable import portable
 from heavebond.language.model import loads
-from heavebond.studies.c_code import c_text
-from heavebond.studies.fmu_export import description
-from heavebond.studies.portable import portable
 
 # texts made of what could end or translate something, beside any other character
 SHARP = st.text(st.one_of(st.sampled_from('*/\\?=\n\r"\'<>&]-!{}%$#\x1b\x00\u202e\u2028\ud800\ufffe '), st.characters()),
@@ -138,7 +138,7 @@ def test_control_characters_of_a_name_do_not_reach_the_terminal(tmp_path, capfd)
 
 
 def test_a_model_named_like_a_path_is_changed_in_memory():
-    from heavebond.evidence.change import Change
+    from heavebond.fit.change import Change
 
     model = loads(named('rig 1/2: "a" #'))
     changed = Change(settings={"load.m": "2 kg"}).on_model(model)
@@ -148,14 +148,14 @@ def test_a_model_named_like_a_path_is_changed_in_memory():
 
 @pytest.mark.parametrize("name", ["- a", "* b", "a\x1bb", "? c", "a: b", "#", "-", ".", "& x"])
 def test_a_name_stays_what_it_is_in_a_written_diagram(name):
-    from heavebond.evidence.change import Change
+    from heavebond.fit.change import Change
 
     assert Change().on_model(loads(named("plain")), name=name).name == name
 
 
 def test_more_output_points_than_any_machine_holds_are_refused():
     import heavebond as hb
-    from heavebond.basis.errors import UsageError
+    from heavebond.core.errors import UsageError
 
     for until, every, said in (("1e300 s", "1e-15 s", "too large a number"), ("1e90 s", "1e-15 s", "the most is 10000000"),
                                (1e300, 1e-15, "the most is 10000000"), ("1e5 s", "1e-15 s", "the most is 10000000")):
@@ -170,7 +170,7 @@ def test_a_fault_of_the_program_is_one_message_and_a_file(fault, tmp_path, monke
     def fail(*_, **__):
         raise fault
 
-    monkeypatch.setattr("heavebond.numbers.simulation.simulate", fail)
+    monkeypatch.setattr("heavebond.numerics.simulation.simulate", fail)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     path = tmp_path / "rig.yaml"
     path.write_text(named("plain"))

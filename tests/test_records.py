@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 import heavebond as hb
-from heavebond.evidence.comparison import Comparison, compare
-from heavebond.evidence.experiment import load_experiment
+from heavebond.fit.comparison import Comparison, compare
+from heavebond.fit.experiment import load_experiment
 
 DRIVE = Path(__file__).parents[2] / "shared" / "data" / "real" / "emps"
 HIDDEN = ("passive_rig/friction", "passive_rig/nothing", "cylinder_rig/leakage", "receiver_rig/choked")

@@ -7,10 +7,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from heavebond.basis.lateness import lateness
-from heavebond.basis.metrics import estimate_noise
-from heavebond.basis.screening import outliers, step_of
-from heavebond.evidence.records import merged
+from heavebond.fit.records import merged
+from heavebond.records.metrics import estimate_noise
+from heavebond.records.outliers import outliers, step_of
+from heavebond.records.time_delay import lateness
 
 T = np.arange(0, 60, 0.01)
 RANDOM = np.random.default_rng(3)

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from scipy.special import ellipk
 
 import heavebond as hb
+from heavebond.energy.audit import EnergyAudit, audit
 from heavebond.language.definition import Body
-from heavebond.studies.energy import EnergyAudit, audit
 
 SMALL = 1e-6
 G = 9.81

@@ -13,12 +13,12 @@ import pytest
 from benchmarks.diagnosis.making import Hidden
 from benchmarks.diagnosis.rigs import RIGS
 from benchmarks.diagnosis.truths import TRUTHS
-from heavebond.evidence import trial
-from heavebond.evidence.catalogue import Candidate, candidates
-from heavebond.evidence.diagnosis import diagnose
-from heavebond.evidence.rung import fitted_base
-from heavebond.evidence.scoring import Base, Score, scored
-from heavebond.evidence.trial import Trial, begun, followed, polished
+from heavebond.diagnosis import refit
+from heavebond.diagnosis.catalogue import Candidate, candidates
+from heavebond.diagnosis.diagnosis import diagnose
+from heavebond.diagnosis.refit import Trial, begun, followed, polished
+from heavebond.diagnosis.scoring import Base, Score, scored
+from heavebond.diagnosis.stage import fitted_base
 
 
 def refitted(base: Base, candidate: Candidate, guesses: Sequence[Score]) -> Trial | None:
@@ -30,13 +30,13 @@ def refitted(base: Base, candidate: Candidate, guesses: Sequence[Score]) -> Tria
 def test_an_amplitude_is_sought_beyond_what_the_tangent_tells(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The free flow of the valve takes most of a leak's misfit on itself, so that the leak is seven times what the rest asks
     for."""
-    monkeypatch.setattr(trial, "WIDE", 3.0)
+    monkeypatch.setattr(refit, "WIDE", 3.0)
     truth = next(t for t in TRUTHS["cylinder"] if t.name == "valve leak")
     machine = Hidden(replace(RIGS["cylinder"], seconds=10.0), [truth], "test", tmp_path, 1.0, 0.0)
     base = fitted_base(machine.case([1e-11]).experiment)
     leak = next(c for c in candidates(base.problem.experiment) if c.label == truth.label)
     guesses = scored(base, leak)
-    assert trial._Refit(base, leak, guesses).ranges["valve.leakage"][1] < 0.5e-11
+    assert refit._Refit(base, leak, guesses).ranges["valve.leakage"][1] < 0.5e-11
     found = refitted(base, leak, guesses)
     assert found is not None
     assert found.values["valve.leakage"] == pytest.approx(1e-11, rel=0.1)
@@ -51,9 +51,9 @@ def test_a_close_comparison_goes_beyond_an_end_that_nobody_declared(tmp_path: Pa
     base = fitted_base(machine.case([4e-10]).experiment)
     leak = next(c for c in candidates(base.problem.experiment) if c.label == truth.label)
     guesses, number = scored(base, leak), leak.numbers[0].name
-    monkeypatch.setattr(trial, "WIDE", 2.0)  # the leak is four times what would move the channels by the misfit
+    monkeypatch.setattr(refit, "WIDE", 2.0)  # the leak is four times what would move the channels by the misfit
     with monkeypatch.context() as at_once:
-        at_once.setattr(trial, "WIDENED", 0)
+        at_once.setattr(refit, "WIDENED", 0)
         narrow = refitted(base, leak, guesses)
     assert narrow is not None
     end = narrow.experiment.free[number].range.high
@@ -91,7 +91,7 @@ def test_an_amplitude_that_no_score_moves_stays_neutral(tmp_path: Path) -> None:
     found = refitted(base, stop, guesses)
     assert found is not None
     assert "end_stop.c" in found.values and "end_stop.d" not in found.experiment.free
-    beside = trial._Refit(base, stop, guesses)._beside()
+    beside = refit._Refit(base, stop, guesses)._beside()
     assert beside is not None and len(beside) == found.unknowns
 
 

@@ -10,8 +10,8 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from heavebond.evidence.refits import Refits
-from heavebond.evidence.residuals import Descent
+from heavebond.diagnosis.refit_schedule import Refits
+from heavebond.fit.residuals import Descent
 
 SAMPLES = 1000
 

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 from browser import Tab, browser
 
-from heavebond.basis.presentation import number, readable
-from heavebond.evidence.diagnosis import Diagnosis, diagnose
-from heavebond.evidence.finding import meaning, misses, restrictions
-from heavebond.evidence.misfit import Where, where
-from heavebond.evidence.separation import Alternative, separate
+from heavebond.core.presentation import number, readable
+from heavebond.diagnosis.diagnosis import Diagnosis, diagnose
+from heavebond.diagnosis.experiment_design import Alternative, separate
+from heavebond.diagnosis.ladder import meaning, misses, restrictions
+from heavebond.localise.misfit import Where, where
 from heavebond.pictures.markup import data_block, element, escaped
 from heavebond.reports.report import report
 from heavebond.reports.report_charts import ticks

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import heavebond as hb
-from heavebond.studies.objective import Case, Objective, Task, ranges
-from heavebond.studies.robustness import Robustness, robustness, uncertainties
-from heavebond.studies.tuning import Tuned, tune
+from heavebond.optimise.objective import Case, Objective, Task, ranges
+from heavebond.optimise.robustness import Robustness, robustness, uncertainties
+from heavebond.optimise.tuning import Tuned, tune
 
 # m x'' + d x' + k y = F(t), T y' = x - y: unstable from k = d (1/T + d/m) on (Hurwitz).
 SERVO = """

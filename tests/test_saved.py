@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 import heavebond as hb
-from heavebond.basis.saved import SUFFIXES, SavedRun, identifiers, write_run
+from heavebond.records.saved_runs import SUFFIXES, SavedRun, identifiers, write_run
 
 MODEL = """
 model: pair
@@ -82,7 +82,7 @@ def test_the_formats_are_those_of_their_own_tools(run: hb.Result, tmp_path: Path
 
 @pytest.mark.parametrize("suffix", [".csv", ".mat", ".parquet"])
 def test_a_saved_run_serves_as_a_record(run: hb.Result, suffix: str, tmp_path: Path) -> None:
-    from heavebond.basis.measurements import read_table
+    from heavebond.records.measurements import read_table
 
     run.save(tmp_path / f"r{suffix}")
     table = read_table(tmp_path / f"r{suffix}", beside="time" if suffix == ".mat" else None)
@@ -136,7 +136,7 @@ def test_a_number_cut_at_the_end_of_a_csv_file_is_refused(tmp_path: Path) -> Non
 
 
 def test_a_cut_run_is_refused_as_a_record_too(run: hb.Result, tmp_path: Path) -> None:
-    from heavebond.basis.measurements import read_table
+    from heavebond.records.measurements import read_table
 
     run.save(tmp_path / "r.csv", ["cart.x"])
     lines = (tmp_path / "r.csv").read_text().splitlines()

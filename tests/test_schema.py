@@ -11,13 +11,13 @@ import yaml
 from click.testing import CliRunner
 from doc_pages import PAGES, blocks
 
-from heavebond.analysis.schema import component_file, diagram, schema
-from heavebond.analysis.schema import experiment as experiment_file
-from heavebond.analysis.schema import study as study_file
-from heavebond.analysis.schema_values import written_units
-from heavebond.basis.units import unit
 from heavebond.cli import main
-from heavebond.evidence import experiment
+from heavebond.core.units import unit
+from heavebond.exchange.json_schema import component_file, diagram, schema
+from heavebond.exchange.json_schema import experiment as experiment_file
+from heavebond.exchange.json_schema import study as study_file
+from heavebond.exchange.json_schema_values import written_units
+from heavebond.fit import experiment
 from heavebond.language import component_file as component_files
 from heavebond.language import effects, library, model
 from heavebond.studies import study

@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from heavebond.evidence import refits, scoring
-from heavebond.evidence.catalogue import Candidate, candidates
-from heavebond.evidence.comparison import assemble_for, driven_by
-from heavebond.evidence.experiment import load_experiment
-from heavebond.evidence.residuals import Residuals, Run
-from heavebond.evidence.scoring import Base, Score, scored, searched
+from heavebond.diagnosis import refit_schedule, scoring
+from heavebond.diagnosis.catalogue import Candidate, candidates
+from heavebond.diagnosis.scoring import Base, Score, scored, searched
+from heavebond.fit.comparison import assemble_for, driven_by
+from heavebond.fit.experiment import load_experiment
+from heavebond.fit.residuals import Residuals, Run
 from heavebond.language.model import Setting
-from heavebond.numbers.dae import Array
-from heavebond.numbers.simulator import Simulator, Tolerances
+from heavebond.numerics.dae import Array
+from heavebond.numerics.simulator import Simulator, Tolerances
 
 EFFECT = "PneumaticValve in inlet (b_cr)"
 OTHERS = ("PneumaticLine between receiver and inlet.b", "SensorGain in the channel receiver.p")
@@ -207,7 +207,7 @@ def test_laws_with_other_shapes_are_not_the_same_machine() -> None:
     plain = Score(candidate, {}, 9.0, 1.0, np.zeros(0), 1.0, 1.0, direction)
     for shapes, alike in (({}, True), ({"s_0": 1.0, "s_1": 2.0}, False)):
         other = Score(candidate, shapes, 9.0, 1.0, np.zeros(0), 1.0, 1.0, direction)
-        assert refits._same([plain], [other], {}) is alike
+        assert refit_schedule._same([plain], [other], {}) is alike
 
 
 def test_one_diagram_serves_records_that_differ_in_their_files_alone(problem: Residuals) -> None:

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import heavebond as hb
-from heavebond.numbers.dae import Assembly
-from heavebond.numbers.simulator import Simulator, Tolerances
+from heavebond.numerics.dae import Assembly
+from heavebond.numerics.simulator import Simulator, Tolerances
 
 # differences of runs at 1e-12 with steps of 1e-3 of each parameter are right to about 1e-12/1e-3 + (1e-3)**4
 TIGHT = Tolerances(1e-12, 1e-14, along=1.0)

@@ -9,16 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from heavebond.evidence.comparison import assemble_for
-from heavebond.evidence.diagnosis import diagnose
-from heavebond.evidence.experiment import Experiment, load_experiment
-from heavebond.evidence.fitting import fit
-from heavebond.evidence.proposals import Limits, Recorded, family
-from heavebond.evidence.rivals import Alternative
-from heavebond.evidence.separation import Separation, separate
-from heavebond.evidence.writing import write_proposal
-from heavebond.numbers.dae import Array
-from heavebond.numbers.simulator import Simulator
+from heavebond.diagnosis.alternatives import Alternative
+from heavebond.diagnosis.diagnosis import diagnose
+from heavebond.diagnosis.diagnosis_files import write_proposal
+from heavebond.diagnosis.experiment_design import Separation, separate
+from heavebond.diagnosis.proposals import Limits, Recorded, family
+from heavebond.fit.comparison import assemble_for
+from heavebond.fit.experiment import Experiment, load_experiment
+from heavebond.fit.fitting import fit
+from heavebond.numerics.dae import Array
+from heavebond.numerics.simulator import Simulator
 
 NOISE = 2e-3  # m
 MACHINE = """

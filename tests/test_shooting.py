@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import heavebond as hb
-from heavebond.numbers.simulator import Simulator, Tolerances
+from heavebond.numerics.simulator import Simulator, Tolerances
 
 # A loop that is left to the solver (no volume between two turbulent orifices), beside a state.
 LOOP = """

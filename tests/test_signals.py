@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from heavebond.basis.errors import DataError, UsageError
-from heavebond.basis.signals import Pieces, align, evaluate, pieces
+from heavebond.core.errors import DataError, UsageError
+from heavebond.records.piecewise import Pieces, align, evaluate, pieces
 
 KINDS = ("spline", "linear", "hold")
 

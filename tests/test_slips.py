@@ -6,14 +6,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from heavebond.basis.errors import DataError, HeavebondError, ModelError
-from heavebond.basis.measurements import read_table
-from heavebond.evidence import verdict
-from heavebond.evidence.comparison import compare
-from heavebond.evidence.experiment import load_experiment
-from heavebond.evidence.finding import Rung
-from heavebond.evidence.fitting import fit
-from heavebond.evidence.slips import (
+from heavebond.core.errors import DataError, HeavebondError, ModelError
+from heavebond.diagnosis import verdict
+from heavebond.diagnosis.ladder import Rung
+from heavebond.fit.comparison import compare
+from heavebond.fit.experiment import load_experiment
+from heavebond.fit.fitting import fit
+from heavebond.fit.unit_and_sign_checks import (
     declared_otherwise,
     seems_in_another_unit,
     seems_turned,
@@ -21,7 +20,8 @@ from heavebond.evidence.slips import (
     time_seems_in,
 )
 from heavebond.language.model import loads
-from heavebond.numbers.simulation import simulate
+from heavebond.numerics.simulation import simulate
+from heavebond.records.measurements import read_table
 
 MOTION = np.sin(np.linspace(0, 20, 400)) + 0.3 * np.sin(np.linspace(0, 47, 400))
 

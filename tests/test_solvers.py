@@ -157,8 +157,8 @@ def test_sensitivities_go_through_events_with_cvodes(tmp_path: Path) -> None:
 
 
 def test_a_run_backwards_asks_for_idas() -> None:
-    from heavebond.studies.adjoint import Adjoint
-    from heavebond.studies.costs import Evaluator, read_cost
+    from heavebond.optimise.adjoint import Adjoint
+    from heavebond.optimise.costs import Evaluator, read_cost
 
     assembly, study = hb.assemble(hb.load("cmc_ahc")), hb.load_study("cmc_ahc/quality_index")
     evaluator = Evaluator(assembly, [read_cost(assembly, study.tuning.cost)], 72.0, 96.0)
@@ -230,7 +230,7 @@ def test_a_compiler_that_fails_and_what_it_leaves(monkeypatch: pytest.MonkeyPatc
     model = hb.load("quarter_car")
     assert hb.simulate(model, 0.1, solver="rosenbrock").time[-1] == 0.1
     assert list(tmp_path.iterdir()) == []
-    monkeypatch.setattr("heavebond.numbers.solvers.compiler", lambda: "false")
+    monkeypatch.setattr("heavebond.numerics.solvers.compiler", lambda: "false")
     with pytest.raises(hb.UsageError, match="false could not compile the equations"):
         hb.simulate(model, 0.1, solver="rosenbrock")
     assert list(tmp_path.iterdir()) == []
@@ -277,8 +277,8 @@ def test_a_node_between_shut_valves_is_filled_and_the_run_begins_anew() -> None:
 
 
 def test_another_solver_goes_on_from_the_last_accepted_point(monkeypatch: pytest.MonkeyPatch) -> None:
-    from heavebond.numbers import switching
-    from heavebond.numbers.idas import Idas
+    from heavebond.numerics import event_integration
+    from heavebond.numerics.idas import Idas
 
     plain = hb.simulate(hb.load("quarter_car"), 3.0)
     call = Idas.__call__
@@ -290,7 +290,7 @@ def test_another_solver_goes_on_from_the_last_accepted_point(monkeypatch: pytest
         return call(self, **given)
 
     monkeypatch.setattr(Idas, "__call__", stopping)
-    assert switching.reason("x IDA_CONV_FAIL y") == "IDA_CONV_FAIL"
+    assert event_integration.reason("x IDA_CONV_FAIL y") == "IDA_CONV_FAIL"
     run = hb.simulate(hb.load("quarter_car"), 3.0)
     changes = run.statistics["solver_changes"]
     assert isinstance(changes, list) and [(c["before"], c["after"], c["why"]) for c in changes] == [

@@ -13,9 +13,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import heavebond as hb
-from heavebond.basis.errors import HeavebondError, ModelError, Place, Problem, Problems, suggest
+from heavebond.core.errors import HeavebondError, ModelError, Place, Problem, Problems, suggest
 from heavebond.language.library import bundled
-from heavebond.text.source import Mapping, Scalar, Sequence, parse, read
+from heavebond.text.yaml_source import Mapping, Scalar, Sequence, parse, read
 
 SLIDER = """\
 model: slider
@@ -164,7 +164,7 @@ def test_folders_and_missing_files(tmp_path: Path) -> None:
 
 
 def test_a_file_of_any_size_is_not_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("heavebond.text.source.FILE_BYTES", 100)
+    monkeypatch.setattr("heavebond.text.yaml_source.FILE_BYTES", 100)
     (tmp_path / "x.yaml").write_text(SLIDER)
     with pytest.raises(ModelError, match="file-too-large"):
         read(tmp_path / "x.yaml")

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import heavebond as hb
-from heavebond.basis.signal_files import read_courses
-from heavebond.basis.spectra import Course, Swinging, evenly, rainflow_cycles
 from heavebond.cli import main
+from heavebond.records.signal_files import read_courses
+from heavebond.records.spectra import Course, Swinging, evenly, rainflow_cycles
 
 TIME = np.arange(0, 200, 0.05)
 

@@ -7,10 +7,10 @@ import pytest
 from test_linearisation import FREE, OSCILLATOR
 
 import heavebond as hb
-from heavebond.analysis.operating import OperatingPoints
-from heavebond.numbers.dae import Array
-from heavebond.studies.linearisation import Linearisation
-from heavebond.studies.stability import Stability, eigenvalues, stability
+from heavebond.linear.linearisation import Linearisation
+from heavebond.linear.operating_point import OperatingPoints
+from heavebond.linear.stability import Stability, eigenvalues, stability
+from heavebond.numerics.dae import Array
 
 FREE_WITH_VALVE = FREE.replace("spring: {is: Spring, c: 300 N/m}", "spring: {is: SpringDamper, c: 300 N/m, d: 40 kN*s/m}")
 

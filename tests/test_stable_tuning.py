@@ -11,13 +11,13 @@ from test_robustness import SERVO
 
 import heavebond as hb
 from heavebond.cli import main
-from heavebond.numbers.dae import Assembly
-from heavebond.studies.casework import Outcome
-from heavebond.studies.dry_friction import dry_frictions, slopes_over
-from heavebond.studies.floquet import largest_multiplier
-from heavebond.studies.objective import Objective, Task, ranges
-from heavebond.studies.rest_stability import RestStability, loop, words
-from heavebond.studies.tuning import stability_of, tune
+from heavebond.linear.describing_function import dry_frictions, slopes_over
+from heavebond.linear.floquet import largest_multiplier
+from heavebond.linear.rest_stability import RestStability, loop, words
+from heavebond.numerics.dae import Assembly
+from heavebond.optimise.objective import Objective, Task, ranges
+from heavebond.optimise.tuning import stability_of, tune
+from heavebond.studies.run_case import Outcome
 
 LIMIT = 100 * (1 / 0.02 + 100 / 10)  # N/m: Hurwitz, for the servo
 # the better the larger the gain, whatever the loop does in the short run that is looked at

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from heavebond.equations.states import LARGE, pivot_columns
+from heavebond.equations.state_selection import LARGE, pivot_columns
 
 
 @pytest.mark.parametrize("rows", [1, 2, 7, 40])

@@ -12,8 +12,8 @@ from scipy.optimize import linear_sum_assignment
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import maximum_bipartite_matching
 
-from heavebond.basis.index_reduction import collapse, pantelides
-from heavebond.basis.structure import (
+from heavebond.equations.index_reduction import collapse, pantelides
+from heavebond.equations.matching import (
     Block,
     Tearing,
     block_lower_triangular,

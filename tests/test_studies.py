@@ -17,11 +17,11 @@ from scipy.optimize import minimize_scalar
 
 import heavebond as hb
 from heavebond.cli import main
+from heavebond.optimise.objective import Objective
+from heavebond.optimise.sampled_values import sampled_value
 from heavebond.studies import campaign
 from heavebond.studies.calibration import Point, at_point
-from heavebond.studies.casework import Outcome, assembled
-from heavebond.studies.objective import Objective
-from heavebond.studies.sampled import sampled_value
+from heavebond.studies.run_case import Outcome, assembled
 
 SOFT = "model: soft\nextends: isolator.yaml\nset: {spring.c: 20 kN/m}\n"
 STUDY = """study: transmission

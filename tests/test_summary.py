@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import heavebond as hb
-from heavebond.numbers.initialise import start
+from heavebond.numerics.initialise import start
 from heavebond.reports.summary import Summary, summary
 
 SLIDER = """

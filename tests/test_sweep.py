@@ -16,14 +16,14 @@ import pytest
 from diagrams import ISOLATOR
 
 import heavebond as hb
-from heavebond.basis.units import parse_range
 from heavebond.cli import main
+from heavebond.core.units import parse_range
 from heavebond.pictures.plot_study import plot_study
 from heavebond.studies import campaign
-from heavebond.studies.casework import Outcome, worked
+from heavebond.studies.run_case import Outcome, worked
 from heavebond.studies.sampling import Sampling, points
 from heavebond.studies.study import Procedure
-from heavebond.studies.study_table import table, to_pandas, write_files
+from heavebond.studies.tables import table, to_pandas, write_files
 from heavebond.studies.uncertainty import indices, slopes, spreads, swings
 
 SAMPLE = """study: sample
@@ -253,7 +253,7 @@ def test_pictures_of_samples(folder: Path, kind: str, pictures: set[str]) -> Non
 def test_wrong_sweeps_are_refused(folder: Path, monkeypatch: pytest.MonkeyPatch, options: tuple[str, ...], code: str
                                   ) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setattr("heavebond.basis.cluster.PATIENCE", 0.5)
+    monkeypatch.setattr("heavebond.core.cluster.PATIENCE", 0.5)
     exit_code, told = _called("sweep", "isolator.yaml", "--measure", "largest(motion)", *options)
     assert (exit_code != 0, code in [p["code"] for p in told["problems"]]) == (True, True)  # type: ignore[attr-defined]
 
@@ -314,7 +314,7 @@ def test_a_process_that_dies_costs_its_case_only(folder: Path, monkeypatch: pyte
 
 def test_a_worker_of_a_cluster_that_is_killed_costs_its_task_only(folder: Path) -> None:
     distributed = pytest.importorskip("distributed")
-    from heavebond.basis.cluster import Cluster
+    from heavebond.core.cluster import Cluster
 
     study = _study(SAMPLE.replace("latin_hypercube: 6", "latin_hypercube: 24"))
     here = hb.run_study(study, processes=1)
@@ -334,10 +334,10 @@ def test_a_worker_of_a_cluster_that_is_killed_costs_its_task_only(folder: Path) 
 
 def test_a_cluster_that_loses_all_of_its_workers_is_not_waited_for(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     distributed = pytest.importorskip("distributed")
-    from heavebond.basis.cluster import Cluster
+    from heavebond.core.cluster import Cluster
 
-    monkeypatch.setattr("heavebond.basis.cluster.PATIENCE", 2.0)
-    monkeypatch.setattr("heavebond.basis.processes.LISTEN", 0.2)
+    monkeypatch.setattr("heavebond.core.cluster.PATIENCE", 2.0)
+    monkeypatch.setattr("heavebond.core.parallel.LISTEN", 0.2)
     study = _study(SAMPLE.replace("latin_hypercube: 6", "latin_hypercube: 24"))
     with distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as local:
         def tell(text: str) -> None:

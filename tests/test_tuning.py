@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import heavebond as hb
-from heavebond.numbers.dae import Assembly
-from heavebond.studies.costs import read_cost
-from heavebond.studies.objective import Case, Objective, Task, ranges
-from heavebond.studies.search import search
+from heavebond.numerics.dae import Assembly
+from heavebond.optimise.costs import read_cost
+from heavebond.optimise.objective import Case, Objective, Task, ranges
+from heavebond.optimise.search import search
+from heavebond.optimise.tuning import Tuned, sweep, tune
 from heavebond.studies.study import load_study
-from heavebond.studies.tuning import Tuned, sweep, tune
 
 ABSORBER = """
 model: absorber

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from heavebond.basis.units import (
+from heavebond.core.units import (
     DIMENSIONLESS,
     ONE,
     UnitProblem,

@@ -13,11 +13,11 @@ import pytest
 from click.testing import CliRunner
 
 import heavebond as hb
-from heavebond.basis.errors import RunWarning, SimulationError, UsageError
 from heavebond.cli import main
+from heavebond.core.errors import RunWarning, SimulationError, UsageError
 from heavebond.language.model import Model
-from heavebond.numbers.findings import Verdict, listening
-from heavebond.numbers.simulator import Simulator
+from heavebond.numerics.run_verdict import Verdict, listening
+from heavebond.numerics.simulator import Simulator
 
 SUCKING = """
 model: sucking

@@ -10,8 +10,8 @@ import pytest
 
 import heavebond as hb
 from heavebond.cli import main
-from heavebond.numbers.simulator import Tolerances
-from heavebond.studies.verification import ALLOWED, verify
+from heavebond.numerics.simulator import Tolerances
+from heavebond.optimise.verification import ALLOWED, verify
 
 BLOCK = """
 model: block

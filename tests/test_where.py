@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from heavebond.basis.errors import UsageError
 from heavebond.cli import main
-from heavebond.evidence.comparison import compare_record
-from heavebond.evidence.curves import Samples, Variable, best_curve
-from heavebond.evidence.deviation import Beside, known_of, with_values
-from heavebond.evidence.experiment import Experiment, load_experiment
-from heavebond.evidence.misfit import Where, where
-from heavebond.evidence.places import nodes_of, places_of
-from heavebond.evidence.smoother import Unknown
+from heavebond.core.errors import UsageError
+from heavebond.equations.places import nodes_of, places_of
+from heavebond.fit.comparison import compare_record
+from heavebond.fit.experiment import Experiment, load_experiment
 from heavebond.language.model import load, loads
-from heavebond.numbers.dae import assemble
+from heavebond.localise.curves import Samples, Variable, best_curve
+from heavebond.localise.kalman_smoother import Unknown
+from heavebond.localise.ltv_model import Beside, known_of, with_values
+from heavebond.localise.misfit import Where, where
+from heavebond.numerics.dae import assemble
 
 COMPONENT = """\
 component: Missing

@@ -12,14 +12,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from heavebond.basis.progress import Progress
-from heavebond.evidence.catalogue import Candidate, candidates
-from heavebond.evidence.diagnosis import diagnose
-from heavebond.evidence.experiment import load_experiment
-from heavebond.evidence.rung import fitted_base, step
-from heavebond.evidence.scoring import Base, Score, scored
-from heavebond.evidence.trial import Trial
-from heavebond.evidence.workers import Workers
+from heavebond.core.progress import Progress
+from heavebond.diagnosis.candidate_workers import Workers
+from heavebond.diagnosis.catalogue import Candidate, candidates
+from heavebond.diagnosis.diagnosis import diagnose
+from heavebond.diagnosis.refit import Trial
+from heavebond.diagnosis.scoring import Base, Score, scored
+from heavebond.diagnosis.stage import fitted_base, step
+from heavebond.fit.experiment import load_experiment
 
 CHOSEN = ("PneumaticValve in inlet (b_cr)", "SensorGain in the channel receiver.p", "DeadBand before inlet.u")
 
@@ -100,13 +100,13 @@ def _not_followed(base: Base, trial: Trial, guesses: Sequence[Score], progress: 
 def test_a_worker_that_the_system_kills_costs_its_candidate_only(
         base: Base, chosen: list[Candidate], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("heavebond.evidence.workers.scored", _dying)
+    monkeypatch.setattr("heavebond.diagnosis.candidate_workers.scored", _dying)
     with Workers(base, 2) as workers:
         scores = {c.label: got for c, got in workers.score(chosen)}
     assert Path("died").exists() and Path("dead").exists()
     assert set(scores) == set(CHOSEN) and workers.lost == [CHOSEN[1]]
     assert scores[CHOSEN[0]] and not scores[CHOSEN[1]] and scores[CHOSEN[2]]
-    monkeypatch.setattr("heavebond.evidence.workers.followed", _not_followed)
+    monkeypatch.setattr("heavebond.diagnosis.candidate_workers.followed", _not_followed)
     with Workers(base, 2) as workers:
         begun = [t for _, t in workers.begin([(c, scores[c.label]) for c in chosen if scores[c.label]]) if t is not None]
         after = {c.label: t for c, t in workers.follow([(t, scores[t.candidate.label]) for t in begun])}
@@ -115,7 +115,7 @@ def test_a_worker_that_the_system_kills_costs_its_candidate_only(
 
 
 def test_a_diagnosis_says_what_it_is_without(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("heavebond.evidence.workers.scored", _killed)
+    monkeypatch.setattr("heavebond.diagnosis.candidate_workers.scored", _killed)
     found = diagnose("receiver_rig/choked", number=2, classes=("sensor gain",))
     assert found.steps[0].lost and found.as_dict()["lost"] == sorted(found.steps[0].lost)
     assert any(line.startswith("Not tried to the end: ") and found.steps[0].lost[0] in line for line in found.words)

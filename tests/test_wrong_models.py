@@ -21,9 +21,9 @@ import numpy as np
 import pytest
 
 import heavebond as hb
-from heavebond.basis.errors import HeavebondError
-from heavebond.numbers.initialise import start
-from heavebond.numbers.inputs import pieced
+from heavebond.core.errors import HeavebondError
+from heavebond.numerics.initialise import start
+from heavebond.numerics.inputs import pieced
 from heavebond.text.expression import constant
 
 WRONG = Path(__file__).parent / "wrong"

@@ -29,10 +29,10 @@ from benchmarks.diagnosis.making import TIGHT, generator
 from benchmarks.diagnosis.making import Case as Judged
 from benchmarks.diagnosis.rigs import HERE, Rig, sea
 from benchmarks.diagnosis.truths import Truth
-from heavebond.basis.errors import listing
-from heavebond.evidence.diagnosis import Diagnosis
-from heavebond.evidence.experiment import Experiment
-from heavebond.evidence.misfit import where
+from heavebond.core.errors import listing
+from heavebond.diagnosis.diagnosis import Diagnosis
+from heavebond.fit.experiment import Experiment
+from heavebond.localise.misfit import where
 from heavebond.reports.report import report as page
 
 STUDY = "compensator"

@@ -13,14 +13,14 @@ import pandas as pd
 
 from benchmarks.diagnosis.rigs import TRAIN, VALIDATE, Rig
 from benchmarks.diagnosis.truths import Draw, Truth
-from heavebond.basis.errors import HeavebondError, SimulationError
-from heavebond.evidence.catalogue import Candidate, candidates
-from heavebond.evidence.change import Change
-from heavebond.evidence.experiment import Experiment
-from heavebond.evidence.residuals import Run
-from heavebond.evidence.scoring import Base
-from heavebond.numbers.dae import Array
-from heavebond.numbers.simulator import Tolerances
+from heavebond.core.errors import HeavebondError, SimulationError
+from heavebond.diagnosis.catalogue import Candidate, candidates
+from heavebond.diagnosis.scoring import Base
+from heavebond.fit.change import Change
+from heavebond.fit.experiment import Experiment
+from heavebond.fit.residuals import Run
+from heavebond.numerics.dae import Array
+from heavebond.numerics.simulator import Tolerances
 
 TIGHT, QUICK = Tolerances(1e-10, 1e-12), Tolerances(1e-7, 1e-9)
 FINE = 4  # the hidden machine is driven by so many times more samples than are measured
@@ -157,7 +157,7 @@ class Hidden:
 
     def reference(self) -> tuple[Array, Base]:
         """The channels (channels, N) of the base machine with the drawn values, and its derivatives there."""
-        from heavebond.evidence.residuals import Residuals
+        from heavebond.fit.residuals import Residuals
 
         model = self.base.model.with_parameters(self.values)
         problem = Residuals(replace(self.plain, model=model), tolerances=QUICK)

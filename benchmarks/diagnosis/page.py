@@ -10,7 +10,7 @@ from typing import Any
 
 from benchmarks.diagnosis import compensator, confusion, detectability, false_alarms, keeping
 from benchmarks.diagnosis.rigs import RIGS
-from heavebond.basis.presentation import readable
+from heavebond.core.presentation import readable
 
 PAGE = Path(__file__).parents[2] / "docs" / "diagnosis_study.md"
 BEGIN, END = "<!-- written by `python -m benchmarks.diagnosis.page` -->", "<!-- end of what it writes -->"

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 import heavebond as hb
-from heavebond.evidence.experiment import Experiment
-from heavebond.numbers.dae import Array
+from heavebond.fit.experiment import Experiment
+from heavebond.numerics.dae import Array
 
 HERE = Path(__file__).parent
 Signal = Callable[[Array], Array]

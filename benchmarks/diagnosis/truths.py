@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from heavebond.evidence.change import Change, Part
-from heavebond.numbers.dae import Array
+from heavebond.fit.change import Change, Part
+from heavebond.numerics.dae import Array
 
 Draw = Mapping[str, float]
 Path = Callable[[float, Draw], Mapping[str, float]]

@@ -11,11 +11,11 @@ import numpy as np
 
 import heavebond as hb
 from benchmarks.fuzz.diagrams import OWN
-from heavebond.basis.errors import HeavebondError
+from heavebond.core.errors import HeavebondError
 from heavebond.language.model import loads
-from heavebond.numbers.dae import Array
-from heavebond.numbers.result import Result, columns
-from heavebond.text.symbols import split, stack
+from heavebond.language.symbols import split, stack
+from heavebond.numerics.dae import Array
+from heavebond.numerics.result import Result, columns
 
 # an energy that does not close to this share at the usual tolerances is looked at again with tighter ones
 OPEN = 1e-5

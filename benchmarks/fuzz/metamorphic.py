@@ -14,11 +14,11 @@ import heavebond as hb
 from benchmarks.fuzz.relations import RELATIONS, Same
 from benchmarks.fuzz.sheets import Sheet, sheet
 from benchmarks.fuzz.trying import output_times
-from heavebond.basis.errors import HeavebondError
-from heavebond.numbers.dae import Array, Assembly
-from heavebond.numbers.idas import Tolerances
-from heavebond.numbers.result import Probe, Result
-from heavebond.numbers.simulator import Simulator
+from heavebond.core.errors import HeavebondError
+from heavebond.numerics.dae import Array, Assembly
+from heavebond.numerics.idas import Tolerances
+from heavebond.numerics.result import Probe, Result
+from heavebond.numerics.simulator import Simulator
 
 RTOL, ATOL = 1e-8, 1e-10
 TIGHTER = 100.0

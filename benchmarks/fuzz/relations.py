@@ -14,9 +14,9 @@ from random import Random
 from typing import Any
 
 from benchmarks.fuzz.sheets import Sheet, names_in, over_values, quantities, renamed
-from heavebond.basis.units import UnitProblem, read_unit
+from heavebond.core.units import UnitProblem, read_unit
 from heavebond.language.definition import Component
-from heavebond.numbers.dae import Assembly
+from heavebond.numerics.dae import Assembly
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from heavebond.basis.units import UnitProblem, parse_quantity
+from heavebond.core.units import UnitProblem, parse_quantity
 from heavebond.language.model import beside
 from heavebond.text.expression import Expr, ExpressionProblem, Name, Number, children, parse_formula
-from heavebond.text.source import Mapping, Node, Scalar, read
+from heavebond.text.yaml_source import Mapping, Node, Scalar, read
 
 Entry = dict[str, Any]
 HEAD = re.compile(r"[A-Za-z_]\w*")

@@ -17,19 +17,19 @@ import numpy as np
 import heavebond as hb
 from benchmarks.fuzz.judging import WRONG, violation
 from benchmarks.fuzz.mutants import Mutant, kind_of, mutant
-from heavebond.analysis.operating import OperatingPoints, stuck
-from heavebond.basis.errors import HeavebondError
+from heavebond.core.errors import HeavebondError
+from heavebond.energy.audit import table
 from heavebond.language.model import Model
-from heavebond.numbers.dae import Array, Assembly, assemble
-from heavebond.numbers.inputs import pieced
-from heavebond.numbers.result import Result
-from heavebond.numbers.simulator import Simulator, grid
-from heavebond.numbers.validity import at_point
+from heavebond.linear.linearisation import Linearisation, start_point
+from heavebond.linear.modal_energy import energy_shares
+from heavebond.linear.operating_point import OperatingPoints, stuck
+from heavebond.numerics.dae import Array, Assembly, assemble
+from heavebond.numerics.inputs import pieced
+from heavebond.numerics.result import Result
+from heavebond.numerics.simulator import Simulator, grid
+from heavebond.numerics.validity import at_point
 from heavebond.pictures.bond_picture import draw_bond_graph
 from heavebond.reports.summary import summary
-from heavebond.studies.energy import table
-from heavebond.studies.linearisation import Linearisation, start_point
-from heavebond.studies.modal_energy import energy_shares
 
 POINTS = 200
 EVERY = 10  # one mutant in so many goes through all
@@ -179,7 +179,7 @@ def _checked(model: Model) -> Assembly:
 
 
 def hb_start(assembly: Assembly, u: Array) -> object:
-    from heavebond.numbers.initialise import start
+    from heavebond.numerics.initialise import start
 
     return start(assembly, 0.0, u)
 

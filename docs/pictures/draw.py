@@ -7,23 +7,23 @@ import tempfile
 from pathlib import Path
 
 import heavebond as hb
-from heavebond.analysis.energy_flow import energy_flow
-from heavebond.analysis.starter_folder import start_folder
-from heavebond.basis.spectra import Swinging, evenly
-from heavebond.basis.units import parse_range
+from heavebond.core.units import parse_range
+from heavebond.energy.power_flow import energy_flow
+from heavebond.fit.starter_folder import start_folder
 from heavebond.language.model import find
+from heavebond.optimise.objective import Objective
+from heavebond.optimise.tuning import sweep, tune
 from heavebond.pictures import plot, plot_energy, plot_linear
 from heavebond.pictures.animation import save_animation
 from heavebond.pictures.bond_picture import draw_bond_graph
+from heavebond.pictures.colour_map import paint
 from heavebond.pictures.motion import animate
-from heavebond.pictures.painting import paint
 from heavebond.pictures.plot_spectra import plot_spectra
 from heavebond.pictures.plot_study import plot_study
 from heavebond.pictures.plot_where import plot_place
-from heavebond.studies.objective import Objective
+from heavebond.records.spectra import Swinging, evenly
 from heavebond.studies.study import load_study
 from heavebond.studies.sweep import Sweep, read_over, study_text
-from heavebond.studies.tuning import sweep, tune
 
 # what `heavebond diagnose` writes for the rig of the first page
 FOUND = {

@@ -1,1 +1,1 @@
-"""The commands of `heavebond`, a module each. A command returns its figures for --json and raises what is wrong."""
+"""The commands of the command line, one module each."""

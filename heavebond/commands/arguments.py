@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from heavebond.basis.errors import HeavebondError, Problem, Problems, UsageError, suggest
-from heavebond.basis.numerals import NUMBER as NUMBER_FORM
-from heavebond.basis.numerals import whole
+from heavebond.core.errors import HeavebondError, Problem, Problems, UsageError, suggest
+from heavebond.core.numerals import NUMBER as NUMBER_FORM
+from heavebond.core.numerals import whole
 
 if TYPE_CHECKING:
     from heavebond.language.model import Model
-    from heavebond.numbers.dae import Assembly
+    from heavebond.numerics.dae import Assembly
     from heavebond.text.expression import Expr
 
 Command = TypeVar("Command", bound=Callable[..., Any])
@@ -172,7 +172,7 @@ def check_signals(assembly: Assembly, option: str, formulas: dict[str, Expr]) ->
 
 def assembled(model: Model, option: str, formulas: dict[str, Expr]) -> Assembly:
     """The diagram with the positions that only signals of an option ask for; UsageError for a signal that is not there."""
-    from heavebond.numbers.dae import assemble
+    from heavebond.numerics.dae import assemble
     from heavebond.text.expression import names
 
     assembly = assemble(model, {name.text for formula in formulas.values() for name in names(formula)})
@@ -193,7 +193,7 @@ def check_writable(path: Path, suffixes: Sequence[str] = ()) -> None:
     if suffixes and path.suffix.lower() not in suffixes:
         raise UsageError([Problem("file-suffix", f"'{path}' does not end in {' or '.join(suffixes)}", None,
                                   f"Write for example {path.stem or 'file'}{suffixes[0]}.")])
-    from heavebond.basis.writable import why_unwritable
+    from heavebond.core.writable import why_unwritable
 
     if path.is_dir():
         reason = "it is a folder"

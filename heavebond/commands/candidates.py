@@ -9,7 +9,7 @@ import click
 from heavebond.commands.arguments import json_option
 
 if TYPE_CHECKING:
-    from heavebond.evidence.catalogue import Candidate
+    from heavebond.diagnosis.catalogue import Candidate
 
 HEAD = ("class", "effect", "place", "what is fitted")
 
@@ -23,8 +23,8 @@ def candidates(experiment: str) -> dict[str, object]:
     A component of your own with an `effect:` entry, beside the diagram or in its `components` folder, takes part.
     """
     from heavebond.commands import terminal
-    from heavebond.evidence.catalogue import candidates as found_in
-    from heavebond.evidence.experiment import load_experiment
+    from heavebond.diagnosis.catalogue import candidates as found_in
+    from heavebond.fit.experiment import load_experiment
 
     found = found_in(load_experiment(experiment))
     ordered = sorted(found, key=lambda c: c.kind)

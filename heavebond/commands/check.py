@@ -10,10 +10,10 @@ import click
 from heavebond.commands.arguments import blamed_on_settings, json_option, set_option, with_settings
 
 if TYPE_CHECKING:
-    from heavebond.basis.errors import Problem
-    from heavebond.numbers.dae import Assembly
-    from heavebond.numbers.initialise import Start
-    from heavebond.numbers.start_equations import Point
+    from heavebond.core.errors import Problem
+    from heavebond.numerics.dae import Assembly
+    from heavebond.numerics.initialise import Start
+    from heavebond.numerics.start_equations import Point
 
 
 @click.command(short_help="Check a diagram; tell its states, loops, index and start.")
@@ -28,12 +28,12 @@ def check(model: str, listed: bool, settings: tuple[str, ...]) -> dict[str, obje
     FILE is a YAML file or the name of a bundled diagram (cmc_ahc, cmc_ahc/passive). A file that begins with `component:` is
     checked as a component: its units, equations and power.
     """
-    from heavebond.basis.errors import StartError
     from heavebond.commands.terminal import output, working
+    from heavebond.core.errors import StartError
     from heavebond.language.model import load
-    from heavebond.numbers.dae import assemble
-    from heavebond.numbers.findings import tell
-    from heavebond.numbers.validity import at_point
+    from heavebond.numerics.dae import assemble
+    from heavebond.numerics.run_verdict import tell
+    from heavebond.numerics.validity import at_point
     from heavebond.reports.summary import summary
 
     path = _component_file(model)
@@ -65,8 +65,8 @@ def check(model: str, listed: bool, settings: tuple[str, ...]) -> dict[str, obje
 
 def _check_powers(assembly: Assembly) -> list[Problem]:
     """Print what is not declared about the powers of the user's components; ModelError where one creates power."""
-    from heavebond.basis.errors import ModelError
     from heavebond.commands.terminal import output, working
+    from heavebond.core.errors import ModelError
     from heavebond.language.power_terms import CREATED, power_problems, used
 
     model = assembly.model
@@ -83,8 +83,8 @@ def _check_powers(assembly: Assembly) -> list[Problem]:
 
 def _component_file(name: str) -> Path | None:
     """The path of a file whose first key is `component:`."""
-    from heavebond.basis.errors import HeavebondError
-    from heavebond.text.source import read
+    from heavebond.core.errors import HeavebondError
+    from heavebond.text.yaml_source import read
 
     path = Path(name)
     if not (path.is_file() and path.suffix in (".yaml", ".yml")):
@@ -97,14 +97,14 @@ def _component_file(name: str) -> Path | None:
 
 def _check_component(path: Path) -> dict[str, object]:
     """Units, balance and power of a component; ModelError with what is wrong."""
-    from heavebond.basis.errors import ModelError
     from heavebond.commands.terminal import output, working
+    from heavebond.core.errors import ModelError
     from heavebond.language.component_file import parse_component
     from heavebond.language.laws import check as check_laws
     from heavebond.language.library import library
-    from heavebond.language.power import check_power
+    from heavebond.language.power_law import check_power
     from heavebond.language.power_terms import power_problems, used
-    from heavebond.text.source import read
+    from heavebond.text.yaml_source import read
 
     known = library([path.parent, path.parent.parent])
     component = parse_component(read(path), known.domains)
@@ -127,8 +127,8 @@ def _check_component(path: Path) -> dict[str, object]:
 
 def _names(assembly: Assembly) -> object:
     """Variables, then parameters with their values: what formulas, --plot and --set understand."""
-    from heavebond.basis.presentation import readable
     from heavebond.commands.terminal import table
+    from heavebond.core.presentation import readable
 
     flat = assembly.flat
     rows = [(name, flat.unknowns[j].unit.text, "", flat.unknowns[j].doc) for name, j in flat.names.items()]
@@ -141,10 +141,10 @@ def _start(assembly: Assembly) -> tuple[Start, Point]:
     """The start, and the same as a point with the inputs there."""
     import numpy as np
 
-    from heavebond.numbers.initialise import start
-    from heavebond.numbers.inputs import pieced
-    from heavebond.numbers.simulator import grid
-    from heavebond.studies.linearisation import start_point
+    from heavebond.linear.linearisation import start_point
+    from heavebond.numerics.initialise import start
+    from heavebond.numerics.inputs import pieced
+    from heavebond.numerics.simulator import grid
 
     if not assembly.flat.inputs:
         begun = start(assembly)

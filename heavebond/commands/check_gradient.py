@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 import click
 
-from heavebond.basis.errors import Problem, UsageError
 from heavebond.commands.arguments import (
     Number,
     assembled,
@@ -19,10 +18,11 @@ from heavebond.commands.arguments import (
     to_option,
     with_settings,
 )
+from heavebond.core.errors import Problem, UsageError
 
 if TYPE_CHECKING:
-    from heavebond.numbers.simulator import Tolerances
-    from heavebond.studies.gradient_check import Subject, Verdict
+    from heavebond.numerics.simulator import Tolerances
+    from heavebond.optimise.gradient_check import Subject, Verdict
     from heavebond.studies.study import Study
 
 HEAD = ("of", "to", "error", "at tight rtol", "step", "verdict")
@@ -48,8 +48,8 @@ def check_gradient(file: str, of: tuple[str, ...], to: tuple[str, ...], settings
     the reason is told: tolerances that are too loose, a law with a kink between the runs, or a mistake.
     """
     from heavebond.commands import terminal
-    from heavebond.numbers.simulator import Tolerances
-    from heavebond.studies.gradient_check import check_gradients
+    from heavebond.numerics.simulator import Tolerances
+    from heavebond.optimise.gradient_check import check_gradients
 
     study = _study(file)
     tolerances = Tolerances(rtol, rtol / 100) if rtol else None
@@ -71,7 +71,7 @@ def check_gradient(file: str, of: tuple[str, ...], to: tuple[str, ...], settings
 def _study(file: str) -> Study | None:
     from heavebond.language.model import find
     from heavebond.studies.study import load_study
-    from heavebond.text.source import read
+    from heavebond.text.yaml_source import read
 
     return load_study(file) if "study" in read(find(file, "diagram or study")).root.items else None
 
@@ -79,7 +79,7 @@ def _study(file: str) -> Study | None:
 def _subject(file: str, study: Study | None, of: tuple[str, ...], settings: tuple[str, ...], until: str | None,
              tolerances: Tolerances | None, backwards: bool) -> Subject:
     from heavebond.language.model import load
-    from heavebond.studies.gradient_check import costs_of, signals_of
+    from heavebond.optimise.gradient_check import costs_of, signals_of
 
     if not of and study is None:
         raise UsageError([Problem("nothing-to-check", "no signal is named", None, "Add --of crown.x.")])

@@ -19,8 +19,8 @@ from heavebond.commands.arguments import (
 )
 
 if TYPE_CHECKING:
-    from heavebond.evidence.comparison import Channel, Comparison
-    from heavebond.evidence.experiment import Experiment
+    from heavebond.fit.comparison import Channel, Comparison
+    from heavebond.fit.experiment import Experiment
 
 HEAD = ("record", "channel", "rms error", "fit", "bias", "noise", "error/noise")
 
@@ -35,10 +35,10 @@ def compare(experiment: str, settings: tuple[str, ...], output: Path | None) -> 
 
     EXPERIMENT is a YAML file or a bundled one (passive_rig/friction).
     """
-    from heavebond.basis.presentation import number
     from heavebond.commands import terminal
-    from heavebond.evidence.comparison import compare as compared
-    from heavebond.evidence.experiment import load_experiment
+    from heavebond.core.presentation import number
+    from heavebond.fit.comparison import compare as compared
+    from heavebond.fit.experiment import load_experiment
 
     check_picture(output)
     with blamed_on_settings(settings), terminal.working("simulating the records"):
@@ -61,7 +61,7 @@ def compare(experiment: str, settings: tuple[str, ...], output: Path | None) -> 
 
 def noticed(comparison: Comparison, width: int) -> list[str]:
     """The notes on all records as lines of a terminal."""
-    from heavebond.basis.presentation import columns
+    from heavebond.core.presentation import columns
 
     rows = [(name if k == 0 else "", note) for name, record in comparison.records.items()
             for k, note in enumerate(record.notes)]
@@ -90,7 +90,7 @@ def _table(comparison: Comparison) -> object:
 
 def _row(channel: Channel, largest: float) -> tuple[str, ...]:
     """All of a channel's values in the unit that suits the `largest` of them: they are to be compared."""
-    from heavebond.basis.presentation import number, readable
+    from heavebond.core.presentation import number, readable
 
     error, bias, noise = (readable(v, channel.unit, 3, beside=largest) for v in (channel.error, channel.bias, channel.noise))
     return (channel.name, error, _percent(channel.fit), bias, noise,
@@ -98,6 +98,6 @@ def _row(channel: Channel, largest: float) -> tuple[str, ...]:
 
 
 def _percent(value: float) -> str:
-    from heavebond.basis.presentation import number
+    from heavebond.core.presentation import number
 
     return f"{number(value, 3)} %" if math.isfinite(value) else "-"

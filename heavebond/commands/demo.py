@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 
 import click
 
-from heavebond.basis.errors import Problem, UsageError
 from heavebond.commands.arguments import check_writable, json_option
+from heavebond.core.errors import Problem, UsageError
 
 if TYPE_CHECKING:
-    from heavebond.numbers.dae import Array
-    from heavebond.numbers.result import Result
+    from heavebond.numerics.dae import Array
+    from heavebond.numerics.result import Result
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ def demo(output: Path) -> dict[str, object]:
             runs[f"{sea.title}, {mode}"] = evaluated(results[mode], sea)
         pictures.append(_picture(sea, results, output))
     console = terminal.output()
-    from heavebond.basis.presentation import number
+    from heavebond.core.presentation import number
 
     console.print(terminal.table(
         "Crown-mounted compensator", ("", "unit", *(label.replace(" sea, ", "\n") for label in runs)),
@@ -108,7 +108,7 @@ def _make(folder: Path) -> None:
 
 def _run(name: str) -> Result:
     from heavebond.language.model import load
-    from heavebond.numbers.simulation import simulate
+    from heavebond.numerics.simulation import simulate
 
     return simulate(load(name))
 

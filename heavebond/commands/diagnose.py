@@ -11,11 +11,11 @@ import click
 from heavebond.commands.arguments import Number, Whole, check_writable, json_option
 
 if TYPE_CHECKING:
-    from heavebond.evidence.diagnosis import Diagnosis
-    from heavebond.evidence.experiment import Experiment
-    from heavebond.evidence.finding import Finding
-    from heavebond.evidence.misfit import Where
-    from heavebond.evidence.rung import Step
+    from heavebond.diagnosis.diagnosis import Diagnosis
+    from heavebond.diagnosis.ladder import Finding
+    from heavebond.diagnosis.stage import Step
+    from heavebond.fit.experiment import Experiment
+    from heavebond.localise.misfit import Where
 
 RANKED = 12  # candidates that are shown
 
@@ -42,11 +42,11 @@ def diagnose(experiment: str, auto: bool, classes: tuple[str, ...], seconds: flo
     (NAME_report.html). Figures count on records that were not fitted; where there are none, on stretches that are held
     out. Ctrl-C ends the search with what was found so far.
     """
-    from heavebond.basis.writable import write_text
     from heavebond.commands import terminal
-    from heavebond.evidence.diagnosis import diagnose as diagnosed
-    from heavebond.evidence.experiment import load_experiment
-    from heavebond.evidence.writing import Targets, write_findings, write_proposal
+    from heavebond.core.writable import write_text
+    from heavebond.diagnosis.diagnosis import diagnose as diagnosed
+    from heavebond.diagnosis.diagnosis_files import Targets, write_findings, write_proposal
+    from heavebond.fit.experiment import load_experiment
     from heavebond.reports.report import report
 
     given = load_experiment(experiment)
@@ -81,10 +81,10 @@ def diagnose(experiment: str, auto: bool, classes: tuple[str, ...], seconds: flo
 
 def _where(found: Diagnosis) -> Where | None:
     """What the places of the first diagram ask for; None where that cannot be told, or the user ends it."""
-    from heavebond.basis.errors import HeavebondError
-    from heavebond.basis.interrupts import obeyed
     from heavebond.commands import terminal
-    from heavebond.evidence.misfit import where
+    from heavebond.core.cancellation import obeyed
+    from heavebond.core.errors import HeavebondError
+    from heavebond.localise.misfit import where
 
     try:
         with terminal.working("looking where it fails"):
@@ -96,9 +96,9 @@ def _where(found: Diagnosis) -> Where | None:
 
 def check_classes(experiment: Experiment, classes: tuple[str, ...]) -> None:
     """UsageError for a class that the catalogue does not have for this diagram."""
-    from heavebond.basis.errors import Problem, UsageError, listing, suggest
-    from heavebond.evidence.catalogue import candidates
-    from heavebond.evidence.fixed_values import VALUE
+    from heavebond.core.errors import Problem, UsageError, listing, suggest
+    from heavebond.diagnosis.catalogue import candidates
+    from heavebond.diagnosis.fixed_values import VALUE
 
     known = sorted({VALUE, *(c.kind for c in candidates(experiment))}) if classes else []
     for name in classes:
@@ -125,9 +125,9 @@ def _show(found: Diagnosis) -> None:
 
 
 def _ranking(step: Step, which: str) -> object:
-    from heavebond.basis.presentation import count, number
     from heavebond.commands import terminal
     from heavebond.commands.candidates import typed
+    from heavebond.core.presentation import count, number
 
     cluster = {t.candidate.label for t in step.cluster}
     rows = [("*" if t.candidate.label in cluster else "", t.candidate.kind, typed(t.candidate), t.candidate.place,
@@ -141,10 +141,10 @@ def _ranking(step: Step, which: str) -> object:
 
 def parameters(finding: Finding) -> object:
     """The numbers of an effect with their intervals, as a table."""
-    from heavebond.basis.presentation import in_unit, readable_unit
-    from heavebond.basis.units import read_unit
     from heavebond.commands import terminal
-    from heavebond.evidence.finding import meaning
+    from heavebond.core.presentation import in_unit, readable_unit
+    from heavebond.core.units import read_unit
+    from heavebond.diagnosis.ladder import meaning
 
     rows = []
     for p in finding.parameters:

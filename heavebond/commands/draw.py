@@ -6,8 +6,6 @@ from pathlib import Path
 
 import click
 
-from heavebond.basis.errors import Problem, UsageError
-from heavebond.basis.writable import write_text
 from heavebond.commands.arguments import (
     blamed_on_settings,
     check_writable,
@@ -15,6 +13,8 @@ from heavebond.commands.arguments import (
     set_option,
     with_settings,
 )
+from heavebond.core.errors import Problem, UsageError
+from heavebond.core.writable import write_text
 
 
 @click.command(short_help="Draw a diagram with symbols, wires and names.")
@@ -44,7 +44,7 @@ def draw(model: str, output: Path | None, opened: tuple[str, ...], open_all: boo
     """
     from heavebond.language.model import load
     from heavebond.pictures import bond_picture, drawing
-    from heavebond.pictures.painting import paint
+    from heavebond.pictures.colour_map import paint
 
     path = output or Path(f"{Path(model).stem}{'_bonds' if bonds else ''}.svg")
     check_writable(path, (".svg",))

@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING
 
 import click
 
-from heavebond.basis.errors import Problem, UsageError
-from heavebond.basis.writable import write_text
 from heavebond.commands.arguments import (
     Number,
     blamed_on_settings,
@@ -18,10 +16,12 @@ from heavebond.commands.arguments import (
     set_option,
     with_settings,
 )
+from heavebond.core.errors import Problem, UsageError
+from heavebond.core.writable import write_text
 
 if TYPE_CHECKING:
-    from heavebond.analysis.simplification import Simplified
-    from heavebond.studies.energy import EnergyAudit
+    from heavebond.energy.audit import EnergyAudit
+    from heavebond.energy.simplification import Simplified
 
 
 @click.command(short_help="Where the energy of a run goes; which components matter.")
@@ -53,8 +53,8 @@ def energy(model: str, until: str | None, every: str | None, audited: bool, sank
     The power at any port is a signal too: heavebond run MODEL --plot spring.a.power
     """
     from heavebond.commands import terminal
+    from heavebond.energy.audit import audit, table, with_blocks
     from heavebond.language.model import load
-    from heavebond.studies.energy import audit, table, with_blocks
 
     for path in (sankey, activity):
         check_picture(path)
@@ -75,7 +75,7 @@ def energy(model: str, until: str | None, every: str | None, audited: bool, sank
         found.raise_if_open()
         console.print("the energy balance closes")
     if share is not None:
-        from heavebond.analysis.simplification import simplify
+        from heavebond.energy.simplification import simplify
 
         with terminal.working("trying without") as progress:
             reduced = simplify(diagram, share / 100, limit / 100, found=found, progress=progress)
@@ -93,7 +93,7 @@ def _pictures(found: EnergyAudit, name: str, sankey: Path | None, activity: Path
     """The pictures that are asked for, written."""
     if sankey is None and activity is None:
         return []
-    from heavebond.analysis.energy_flow import energy_flow
+    from heavebond.energy.power_flow import energy_flow
     from heavebond.pictures.plot import save
     from heavebond.pictures.plot_energy import plot_activity, plot_energy_flow
 
@@ -103,8 +103,8 @@ def _pictures(found: EnergyAudit, name: str, sankey: Path | None, activity: Path
 
 
 def _print_reduced(reduced: Simplified) -> None:
-    from heavebond.basis.presentation import number
     from heavebond.commands import terminal
+    from heavebond.core.presentation import number
 
     console = terminal.output()
     rows = [(one.component, f"{100 * one.share:.3g} %", one.step.words if not one.kept else

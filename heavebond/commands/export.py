@@ -11,7 +11,7 @@ import click
 from heavebond.commands.arguments import blamed_on_settings, check_writable, json_option, set_option, with_settings
 
 if TYPE_CHECKING:
-    from heavebond.studies.portable import Quantity
+    from heavebond.exchange.portable import Quantity
 
 SUFFIXES = (".fmu", ".c")
 
@@ -30,9 +30,9 @@ def export(model: str, output: Path, inputs: tuple[str, ...], settings: tuple[st
     It starts as the diagram says. Measured inputs become inputs, and those named by --input.
     """
     from heavebond.commands import terminal
+    from heavebond.exchange.c_code import export_c
+    from heavebond.exchange.fmu_export import export_fmu
     from heavebond.language.model import load
-    from heavebond.studies.c_code import export_c
-    from heavebond.studies.fmu_export import export_fmu
 
     check_writable(output, SUFFIXES)
     with blamed_on_settings(settings), terminal.working("writing"):

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 
 import click
 
-from heavebond.basis.interrupts import ENDED_EARLY, Interrupted, last_heard
 from heavebond.commands.arguments import Whole, check_new, check_picture, json_option, picture_option
+from heavebond.core.cancellation import ENDED_EARLY, Interrupted, last_heard
 
 if TYPE_CHECKING:
-    from heavebond.evidence.experiment import Experiment
-    from heavebond.evidence.fitting import Fit
+    from heavebond.fit.experiment import Experiment
+    from heavebond.fit.fitting import Fit
 
 HEAD = ("parameter", "before", "fitted", "95 % interval", "range")
 
@@ -42,10 +42,10 @@ def fit(experiment: str, starts: int, segments: int, robust: bool, profiled: tup
     """
     from heavebond.commands import terminal
     from heavebond.commands.compare import noticed
-    from heavebond.evidence.diagram_files import fitted_diagram, quantity, write
-    from heavebond.evidence.experiment import load_experiment
-    from heavebond.evidence.fitting import fit as fitted
-    from heavebond.evidence.fitting import profile
+    from heavebond.fit.diagram_files import fitted_diagram, quantity, write
+    from heavebond.fit.experiment import load_experiment
+    from heavebond.fit.fitting import fit as fitted
+    from heavebond.fit.fitting import profile
 
     check_picture(output)
     if written is not None:
@@ -92,7 +92,7 @@ def fit(experiment: str, starts: int, segments: int, robust: bool, profiled: tup
 
 def _check_free(given: Experiment, names: Sequence[str]) -> None:
     """UsageError for a name that is not free: found before the fit and not after it."""
-    from heavebond.basis.errors import Problem, UsageError, listing, suggest
+    from heavebond.core.errors import Problem, UsageError, listing, suggest
 
     for name in names:
         if name not in given.free:
@@ -102,8 +102,8 @@ def _check_free(given: Experiment, names: Sequence[str]) -> None:
 
 def parameters(found: Fit) -> object:
     """The fitted parameters with their intervals, as a table."""
-    from heavebond.basis.presentation import in_unit
     from heavebond.commands import terminal
+    from heavebond.core.presentation import in_unit
 
     rows = []
     for p in found.parameters:
@@ -119,8 +119,8 @@ def parameters(found: Fit) -> object:
 
 
 def _records(found: Fit) -> object:
-    from heavebond.basis.presentation import number, readable
     from heavebond.commands import terminal
+    from heavebond.core.presentation import number, readable
 
     rows = []
     for before_fit, part in zip(found.before.parts, found.after.parts, strict=True):

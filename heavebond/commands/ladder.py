@@ -11,7 +11,7 @@ import click
 from heavebond.commands.arguments import check_picture, json_option, picture_option
 
 if TYPE_CHECKING:
-    from heavebond.evidence.finding import Rung
+    from heavebond.diagnosis.ladder import Rung
 
 HEAD = ("error, fitted", "not fitted", "chi-square, fitted", "not fitted")
 
@@ -26,7 +26,7 @@ def ladder(experiments: tuple[str, ...], output: Path | None) -> dict[str, objec
     The error is that of the model over the size of what was measured; chi-square per sample is 1 where only noise is left.
     """
     from heavebond.commands import terminal
-    from heavebond.evidence.finding import ladder as climbed
+    from heavebond.diagnosis.ladder import ladder as climbed
 
     check_picture(output)
     with terminal.working("comparing") as progress:
@@ -44,8 +44,8 @@ def ladder(experiments: tuple[str, ...], output: Path | None) -> dict[str, objec
 
 def table(rungs: Sequence[Rung], first: str) -> object:
     """The ladder as a table; `first` says what stands in its rows."""
-    from heavebond.basis.presentation import number
     from heavebond.commands import terminal
+    from heavebond.core.presentation import number
 
     rows = [(r.name, *(f"{number(100 * e, 3)} %" for e in (r.error_fit, r.error_held_out)),
              *(number(c, 3) for c in (r.chi2_fit, r.chi2_held_out))) for r in rungs]

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from heavebond.basis.errors import ModelError, Problem, Problems, UsageError, suggest
 from heavebond.commands.arguments import json_option
+from heavebond.core.errors import ModelError, Problem, Problems, UsageError, suggest
 
 if TYPE_CHECKING:
     from heavebond.language.definition import Component, Parameter, Variable
@@ -50,8 +50,8 @@ def _pages(folder: Path) -> dict[str, object]:
 
 
 def _list(known: Library) -> dict[str, object]:
-    from heavebond.basis.presentation import columns
     from heavebond.commands.terminal import output
+    from heavebond.core.presentation import columns
     from heavebond.language.library import bundled
 
     problems = Problems()
@@ -77,8 +77,8 @@ def _list(known: Library) -> dict[str, object]:
 
 
 def _show(component: Component) -> dict[str, object]:
-    from heavebond.basis.presentation import columns, path_text
     from heavebond.commands.terminal import output
+    from heavebond.core.presentation import columns, path_text
 
     console = output()
     console.print(component.name, style="bold")
@@ -110,8 +110,8 @@ def _show(component: Component) -> dict[str, object]:
 
 
 def _equations(component: Component) -> None:
-    from heavebond.basis.presentation import columns
     from heavebond.commands.terminal import output
+    from heavebond.core.presentation import columns
 
     console = output()
     if component.equations:
@@ -137,7 +137,7 @@ def _equations(component: Component) -> None:
 def _example(component: Component) -> None:
     from heavebond.commands.terminal import output
     from heavebond.language.library import example
-    from heavebond.text.source import read_text
+    from heavebond.text.yaml_source import read_text
 
     path = example(component)
     if path is None:
@@ -161,7 +161,7 @@ def _unit(item: Parameter | Variable) -> str:
 
 def _given(parameter: Parameter) -> str:
     """Default and bounds: `default 0 m, at least 0`."""
-    from heavebond.basis.presentation import number
+    from heavebond.core.presentation import number
 
     parts = []
     if parameter.default is not None:

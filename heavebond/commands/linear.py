@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING
 
 import click
 
-from heavebond.basis.errors import Problem, UsageError
-from heavebond.basis.writable import new_file
 from heavebond.commands.arguments import (
     at_options,
     blamed_on_settings,
@@ -23,14 +21,16 @@ from heavebond.commands.arguments import (
     settings_of,
     with_settings,
 )
+from heavebond.core.errors import Problem, UsageError
+from heavebond.core.writable import new_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from heavebond.analysis.linear_system import StateSpace
-    from heavebond.analysis.margins import Crossings, Margin
     from heavebond.language.model import Model
-    from heavebond.numbers.dae import Array
+    from heavebond.linear.linear_system import StateSpace
+    from heavebond.linear.margins import Crossings, Margin
+    from heavebond.numerics.dae import Array
 
 PICTURES = ("bode", "nyquist", "poles", "step")
 MATRICES = (".npz", ".mat")
@@ -79,10 +79,10 @@ def linear(model: str, inputs: tuple[str, ...], outputs: tuple[str, ...], loop: 
         when = operating_time(at, steady)
         if over is not None:
             return _locus(diagram, over, when, output)
-        from heavebond.analysis.linear_system import StateSpaces
-        from heavebond.analysis.margins import loops
-        from heavebond.analysis.operating import stuck
-        from heavebond.basis.presentation import count
+        from heavebond.core.presentation import count
+        from heavebond.linear.linear_system import StateSpaces
+        from heavebond.linear.margins import loops
+        from heavebond.linear.operating_point import stuck
 
         made = StateSpaces(diagram, chosen, wanted, when) if loop is None else loops(diagram, loop, when)
         system = made.at()
@@ -130,7 +130,7 @@ def _span(channels: Sequence[StateSpace], asked: str | None) -> Array:
     """The frequencies in Hz of a picture: as asked for, or those of all channels."""
     import numpy as np
 
-    from heavebond.basis.units import UnitProblem, parse_range
+    from heavebond.core.units import UnitProblem, parse_range
 
     if asked is None:
         every = [channel.frequencies() for channel in channels]
@@ -142,7 +142,7 @@ def _span(channels: Sequence[StateSpace], asked: str | None) -> Array:
     if (found.unit.text != "Hz" and found.unit.counts != "cycles") or not 0 < found.low < found.high:
         raise UsageError([Problem("frequencies", f"--frequencies {asked}: these are not two frequencies in Hz above 0", None,
                                   "Write for example --frequencies '0.01 .. 10 Hz'.")])
-    from heavebond.analysis.linear_system import spread
+    from heavebond.linear.linear_system import spread
 
     ends = 2 * np.pi * np.array([10 * found.low, found.high / 10])
     return spread(-ends.astype(complex), channels[0].poles)
@@ -152,9 +152,9 @@ def _print_channels(channels: Sequence[StateSpace], span: Array) -> list[dict[st
     """A table of static gain, largest gain and zeros of each channel; the same for machines."""
     import numpy as np
 
-    from heavebond.basis.presentation import number
-    from heavebond.basis.units import read_unit
     from heavebond.commands import terminal
+    from heavebond.core.presentation import number
+    from heavebond.core.units import read_unit
     from heavebond.pictures.plot_linear import channel_name, ratio
 
     rows, told = [], []
@@ -176,7 +176,7 @@ def _print_channels(channels: Sequence[StateSpace], span: Array) -> list[dict[st
 
 # -- a loop ------------------------------------------------------------------------------------------------------------
 def _cut(system: StateSpace, asked: str | None) -> tuple[list[StateSpace], Array, Crossings]:
-    from heavebond.analysis.margins import crossings, loop_frequencies, open_loop
+    from heavebond.linear.margins import crossings, loop_frequencies, open_loop
 
     cut = open_loop(system)
     found = crossings(cut, system.stability())
@@ -184,8 +184,8 @@ def _cut(system: StateSpace, asked: str | None) -> tuple[list[StateSpace], Array
 
 
 def _print_crossings(found: Crossings) -> None:
-    from heavebond.basis.presentation import number, readable_time
     from heavebond.commands import terminal
+    from heavebond.core.presentation import number, readable_time
 
     def row(name: str, margin: Margin | None, words: str) -> tuple[str, str, str]:
         if margin is None:
@@ -221,10 +221,10 @@ def _crossings_told(found: Crossings) -> dict[str, object]:
 
 # -- a parameter that moves --------------------------------------------------------------------------------------------
 def _locus(diagram: Model, over: str, when: str | None, output: Path | None) -> dict[str, object]:
-    from heavebond.analysis.locus import root_locus
-    from heavebond.basis.presentation import readable
-    from heavebond.basis.units import UnitProblem, parse_range
     from heavebond.commands import terminal
+    from heavebond.core.presentation import readable
+    from heavebond.core.units import UnitProblem, parse_range
+    from heavebond.linear.root_locus import root_locus
 
     (parameter, text), = settings_of("--over", [over]).items()
     try:
@@ -280,7 +280,7 @@ def _step_times(channel: StateSpace, until: str | None) -> Array:
     """Times (N,) in s on which a step has settled, or as long as asked for."""
     import numpy as np
 
-    from heavebond.numbers.simulator import seconds
+    from heavebond.numerics.simulator import seconds
 
     if until is not None:
         return np.linspace(0, seconds(until, "--until"), 1001)

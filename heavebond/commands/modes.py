@@ -16,10 +16,10 @@ from heavebond.commands.arguments import (
 )
 
 if TYPE_CHECKING:
-    from heavebond.numbers.dae import Assembly
-    from heavebond.numbers.start_equations import Point
-    from heavebond.studies.linearisation import Mode
-    from heavebond.studies.modal_energy import ModalShares
+    from heavebond.linear.linearisation import Mode
+    from heavebond.linear.modal_energy import ModalShares
+    from heavebond.numerics.dae import Assembly
+    from heavebond.numerics.start_equations import Point
 
 LEAST = 0.05  # what takes part by less is not named
 MOST = 4
@@ -37,12 +37,12 @@ def modes(model: str, at: str | None, steady: bool, settings: tuple[str, ...]) -
     A friction law is linearised as it is at rest, where it holds everything: --set its forces to 0 for the modes in motion,
     or take a moment of motion by --at.
     """
-    from heavebond.analysis.operating import OperatingPoints, stuck
-    from heavebond.basis.presentation import count
     from heavebond.commands import terminal
+    from heavebond.core.presentation import count
     from heavebond.language.model import load
-    from heavebond.studies.linearisation import Linearisation
-    from heavebond.studies.modal_energy import energy_shares
+    from heavebond.linear.linearisation import Linearisation
+    from heavebond.linear.modal_energy import energy_shares
+    from heavebond.linear.operating_point import OperatingPoints, stuck
 
     with blamed_on_settings(settings), terminal.working("linearising"):
         operating = OperatingPoints(with_settings(load(model), settings), operating_time(at, steady))

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
-from heavebond.basis.errors import Problem, UsageError
 from heavebond.commands.arguments import check_picture, json_option
+from heavebond.core.errors import Problem, UsageError
 
 
 @click.command(short_help="Lay saved runs and records over each other.")
@@ -31,7 +31,7 @@ def plot(files: tuple[str, ...], signals: tuple[str, ...], columns: tuple[str, .
     bundled one) whose record is drawn as dots, or a record of which --column says what is in it.
     """
     from heavebond.commands import terminal
-    from heavebond.numbers.simulator import seconds
+    from heavebond.numerics.simulator import seconds
     from heavebond.pictures.overlay import common_signals, read_column, read_overlay
 
     check_picture(output)

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 import click
 
-from heavebond.basis.errors import Problem, UsageError
 from heavebond.commands.arguments import (
     Number,
     assembled,
@@ -23,10 +22,11 @@ from heavebond.commands.arguments import (
     set_option,
     with_settings,
 )
+from heavebond.core.errors import Problem, UsageError
 
 if TYPE_CHECKING:
-    from heavebond.numbers.result import Result
-    from heavebond.studies.verification import Verification
+    from heavebond.numerics.result import Result
+    from heavebond.optimise.verification import Verification
 
 
 @click.command(short_help="Simulate a diagram; draw and save what comes of it.")
@@ -57,14 +57,14 @@ def run(model: str, settings: tuple[str, ...], until: str | None, every: str | N
 
     MODEL is a YAML file or the name of a bundled diagram (cmc_ahc, cmc_ahc/passive).
     """
-    from heavebond.basis.saved import SUFFIXES
     from heavebond.commands import terminal
     from heavebond.language.model import load
-    from heavebond.numbers.findings import tell
-    from heavebond.numbers.simulation import simulate
-    from heavebond.numbers.simulator import Tolerances
-    from heavebond.numbers.validity import without_value
-    from heavebond.studies.verification import verify
+    from heavebond.numerics.run_verdict import tell
+    from heavebond.numerics.simulation import simulate
+    from heavebond.numerics.simulator import Tolerances
+    from heavebond.numerics.validity import without_value
+    from heavebond.optimise.verification import verify
+    from heavebond.records.saved_runs import SUFFIXES
     from heavebond.text.expression import names as names_in
 
     if plotted and output is None:
@@ -108,7 +108,7 @@ def run(model: str, settings: tuple[str, ...], until: str | None, every: str | N
 def _tell(found: Verification, told: dict[str, object]) -> None:
     """Print how far each output moves, and put it into the figures; SimulationError with these where one moves too far."""
     from heavebond.commands import terminal
-    from heavebond.studies.verification import raise_if_moved
+    from heavebond.optimise.verification import raise_if_moved
 
     terminal.output().print(terminal.table(
         "what moves, in shares of the range", ("output", "tolerances / 100", "and widths / 10"),
@@ -121,8 +121,8 @@ def _tell(found: Verification, told: dict[str, object]) -> None:
 
 def _changes(result: Result) -> list[str]:
     """What a run changed on its way: its equations, its solver, its states."""
-    from heavebond.basis.errors import listing
-    from heavebond.basis.presentation import count
+    from heavebond.core.errors import listing
+    from heavebond.core.presentation import count
 
     said, fills = [], result.statistics.get("fills")
     if isinstance(fills, dict):
@@ -150,7 +150,7 @@ def _figures(result: Result, names: Sequence[str]) -> dict[str, dict[str, float 
 
 
 def _shown(value: float | str) -> str:
-    from heavebond.basis.presentation import number
+    from heavebond.core.presentation import number
 
     # below this it is the integrator's rounding in any unit that an engineer shows
     return number(0.0 if abs(float(value)) < 1e-12 else float(value))
@@ -173,7 +173,7 @@ def _files(result: Result, plotted: Sequence[str], output: Path | None, saved: S
 
 
 def _statistics(result: Result) -> str:
-    from heavebond.basis.presentation import count
+    from heavebond.core.presentation import count
 
     said = result.statistics
     seconds = said["seconds"]

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import click
 
-from heavebond.basis.errors import Problem, UsageError
-from heavebond.basis.writable import write_text
 from heavebond.commands.arguments import check_writable, json_option
+from heavebond.core.errors import Problem, UsageError
+from heavebond.core.writable import write_text
 
 NAME = "heavebond.schema.json"
 
@@ -26,8 +26,8 @@ def schema(folder: Path, output: Path | None) -> dict[str, object]:
     Its extension YAML (redhat.vscode-yaml) then completes while you type and underlines what is wrong. Run this again after
     you have added a component.
     """
-    from heavebond.analysis.schema import schema as make
     from heavebond.commands.terminal import output as console
+    from heavebond.exchange.json_schema import schema as make
     from heavebond.language.library import library
 
     if not folder.is_dir():

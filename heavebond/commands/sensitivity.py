@@ -23,7 +23,7 @@ from heavebond.commands.arguments import (
 )
 
 if TYPE_CHECKING:
-    from heavebond.studies.influence import Influence, Ranking, Rankings
+    from heavebond.optimise.influence import Influence, Ranking, Rankings
 
 HEAD = ("parameter", "value", "influence", "1 % more moves it by", "at")
 
@@ -51,7 +51,7 @@ def sensitivity(model: str, of: tuple[str, ...], to: tuple[str, ...], settings: 
     """
     from heavebond.commands import terminal
     from heavebond.language.model import load
-    from heavebond.studies.influence import rank
+    from heavebond.optimise.influence import rank
 
     check_picture(output)
     formulas = read_signals("--of", of)
@@ -77,8 +77,8 @@ def sensitivity(model: str, of: tuple[str, ...], to: tuple[str, ...], settings: 
 
 
 def _table(ranking: Ranking, rows: int) -> object:
-    from heavebond.basis.presentation import number, readable
     from heavebond.commands import terminal
+    from heavebond.core.presentation import number, readable
 
     size = f"rms {readable(ranking.size, ranking.unit, 3)} " + ("(it stands still)" if ranking.still else "about its mean")
     return terminal.table(f"{ranking.signal}: {size}", HEAD, [

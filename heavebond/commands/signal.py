@@ -20,7 +20,7 @@ from heavebond.commands.arguments import (
 )
 
 if TYPE_CHECKING:
-    from heavebond.basis.spectra import Course, Swinging
+    from heavebond.records.spectra import Course, Swinging
 
 CLASSES = 20  # of range, in the JSON file
 DIAGRAMS = (".yaml", ".yml", "")
@@ -49,10 +49,10 @@ def signal(file: str, signals: tuple[str, ...], begin: str | None, end: str | No
     The significant height is 4 sqrt(m_0) of the spectrum; waves go from one upward crossing of the mean to the next; cycles
     are counted by the rainflow method (ASTM E1049-85), the equivalent range is that of one cycle a second.
     """
-    from heavebond.basis.signal_files import read_courses
-    from heavebond.basis.spectra import Swinging
     from heavebond.commands import terminal
-    from heavebond.numbers.simulator import seconds
+    from heavebond.numerics.simulator import seconds
+    from heavebond.records.signal_files import read_courses
+    from heavebond.records.spectra import Swinging
 
     check_picture(output)
     window = seconds(begin or 0.0, "--from"), seconds(end or float("inf"), "--to")
@@ -81,10 +81,10 @@ def signal(file: str, signals: tuple[str, ...], begin: str | None, end: str | No
 def _run(file: str, signals: tuple[str, ...], settings: tuple[str, ...], until: str | None, every: str | None,
          window: tuple[float, float]) -> list[Course]:
     """Signals of a diagram that is run now."""
-    from heavebond.basis.spectra import evenly
     from heavebond.commands import terminal
     from heavebond.language.model import load
-    from heavebond.numbers.simulation import simulate
+    from heavebond.numerics.simulation import simulate
+    from heavebond.records.spectra import evenly
 
     formulas = read_signals("--signal", signals)
     with blamed_on_settings(settings):
@@ -119,7 +119,7 @@ def _figures(one: Swinging, slope: float) -> dict[str, Any]:
 
 
 def _rows(told: dict[str, Any], unit: str, slope: float) -> list[tuple[str, str, str]]:
-    from heavebond.basis.presentation import number
+    from heavebond.core.presentation import number
 
     rows = [("mean", "mean", unit), ("deviation", "standard deviation", unit), ("least", "least", unit),
             ("most", "most", unit), ("significant", "spectrum: significant height, 4 sqrt(m0)", unit),

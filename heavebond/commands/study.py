@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import click
 
-from heavebond.basis.interrupts import Interrupted, last_heard
-from heavebond.basis.quoting import file_stem
-from heavebond.basis.writable import write_text
 from heavebond.commands.arguments import Whole, json_option, scheduler_option
+from heavebond.core.cancellation import Interrupted, last_heard
+from heavebond.core.quoting import file_stem
+from heavebond.core.writable import write_text
 
 if TYPE_CHECKING:
     from heavebond.studies.campaign import StudyResult
@@ -43,10 +43,10 @@ def study(file: str, output: Path | None, processes: int | None, fresh: bool, sc
 
 def work_out(asked: Study, folder: Path, processes: int | None, fresh: bool, scheduler: str | None) -> dict[str, object]:
     """Work a study out, tell it and write its files; the figures for JSON."""
-    from heavebond.basis.cluster import Cluster
     from heavebond.commands import terminal
+    from heavebond.core.cluster import Cluster
     from heavebond.studies.campaign import run_study
-    from heavebond.studies.study_table import as_dict, write_files
+    from heavebond.studies.tables import as_dict, write_files
 
     with ExitStack() as stack:
         cluster = stack.enter_context(Cluster(scheduler)) if scheduler is not None else None
@@ -65,7 +65,7 @@ def work_out(asked: Study, folder: Path, processes: int | None, fresh: bool, sch
 
 def _tell(result: StudyResult) -> None:
     from heavebond.commands import terminal
-    from heavebond.studies.study_table import mode_rows, shown, stability_rows
+    from heavebond.studies.tables import mode_rows, shown, stability_rows
 
     console = terminal.output()
     _tell_calibration(result)
@@ -100,7 +100,7 @@ def _tell(result: StudyResult) -> None:
 def _tell_sample(result: StudyResult) -> None:
     """What the points of a sample say together."""
     from heavebond.commands import terminal
-    from heavebond.studies.study_table import index_rows, slope_rows, spread_rows
+    from heavebond.studies.tables import index_rows, slope_rows, spread_rows
 
     console = terminal.output()
     for title, head, rows, words in (
@@ -120,7 +120,7 @@ def _tell_sample(result: StudyResult) -> None:
 
 def _tell_calibration(result: StudyResult) -> None:
     from heavebond.commands import terminal
-    from heavebond.studies.study_table import calibration_rows, residual_rows
+    from heavebond.studies.tables import calibration_rows, residual_rows
 
     found = result.calibrated
     if found is None:

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import click
 
-from heavebond.basis.errors import Problem, UsageError
-from heavebond.basis.writable import write_text
 from heavebond.commands.arguments import Whole, json_option, scheduler_option, set_option, settings_of
 from heavebond.commands.study import work_out
+from heavebond.core.errors import Problem, UsageError
+from heavebond.core.writable import write_text
 
 
 @click.command(short_help="Run a diagram many times: grids, samples, the worst case, what matters.")
@@ -43,8 +43,8 @@ def sweep(model: str, overs: tuple[str, ...], measures: tuple[str, ...], sample:
     The sweep is written as a study into the folder: `heavebond study FOLDER/study.yaml` goes on from there. Each case is
     kept when it is done; the same command goes on where it was stopped by Ctrl-C.
     """
-    from heavebond.evidence.change import Change
-    from heavebond.evidence.diagram_files import extended_from
+    from heavebond.fit.change import Change
+    from heavebond.fit.diagram_files import extended_from
     from heavebond.language.model import find
     from heavebond.studies.study import load_study
     from heavebond.studies.sweep import Sweep, read_measure, read_over, study_text

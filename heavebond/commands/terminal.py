@@ -8,10 +8,10 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from typing import IO, TYPE_CHECKING, Any, NoReturn
 
-from heavebond.basis.errors import Problem
-from heavebond.basis.interrupts import check
-from heavebond.basis.limits import PROBLEMS_SHOWN
-from heavebond.basis.quoting import visible
+from heavebond.core.cancellation import check
+from heavebond.core.errors import Problem
+from heavebond.core.limits import PROBLEMS_SHOWN
+from heavebond.core.quoting import visible
 
 if TYPE_CHECKING:
     from rich.console import Console

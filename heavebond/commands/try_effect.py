@@ -24,13 +24,13 @@ def try_effect(experiment: str, component: str, between: tuple[str, str] | None,
     COMPONENT has an `effect:` entry (`heavebond candidates EXPERIMENT` lists those that fit), or is a dormant parameter
     such as cylinder.leakage, or a number that the diagram holds fixed such as crown.m.
     """
-    from heavebond.basis.presentation import number
     from heavebond.commands import terminal
     from heavebond.commands.diagnose import parameters
     from heavebond.commands.ladder import table
-    from heavebond.evidence.diagnosis import attempt
-    from heavebond.evidence.experiment import load_experiment
-    from heavebond.evidence.writing import Targets, write_findings
+    from heavebond.core.presentation import number
+    from heavebond.diagnosis.diagnosis import attempt
+    from heavebond.diagnosis.diagnosis_files import Targets, write_findings
+    from heavebond.fit.experiment import load_experiment
 
     given = load_experiment(experiment)
     targets = Targets.beside(given, folder) if folder is not None else None

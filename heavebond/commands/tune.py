@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING
 
 import click
 
-from heavebond.basis.errors import ModelError, Problem, UsageError
-from heavebond.basis.interrupts import ENDED_EARLY, Interrupted, last_heard
 from heavebond.commands.arguments import (
     Whole,
     blamed_on_settings,
@@ -23,14 +21,16 @@ from heavebond.commands.arguments import (
     settings_of,
     with_settings,
 )
+from heavebond.core.cancellation import ENDED_EARLY, Interrupted, last_heard
+from heavebond.core.errors import ModelError, Problem, UsageError
 
 if TYPE_CHECKING:
-    from heavebond.basis.units import Range
+    from heavebond.core.units import Range
     from heavebond.language.model import Model
-    from heavebond.numbers.dae import Array, Assembly
-    from heavebond.studies.objective import Task
-    from heavebond.studies.robustness import Robustness
-    from heavebond.studies.tuning import Tuned
+    from heavebond.numerics.dae import Array, Assembly
+    from heavebond.optimise.objective import Task
+    from heavebond.optimise.robustness import Robustness
+    from heavebond.optimise.tuning import Tuned
 
 TIMES = 3  # a free parameter without a range may grow to so many times its value
 
@@ -66,12 +66,12 @@ def tune(study: str, free: tuple[str, ...], cost: str | None, limits: tuple[str,
     """Minimise the cost of STUDY, a YAML file or a bundled one (cmc_ahc/quality_index), or of a DIAGRAM by --free and
     --cost."""
     from heavebond.commands import terminal
-    from heavebond.numbers.dae import assemble
-    from heavebond.numbers.simulation import simulate
-    from heavebond.studies.objective import Objective
-    from heavebond.studies.robustness import robustness as around
-    from heavebond.studies.tuning import sweep
-    from heavebond.studies.tuning import tune as tuned
+    from heavebond.numerics.dae import assemble
+    from heavebond.numerics.simulation import simulate
+    from heavebond.optimise.objective import Objective
+    from heavebond.optimise.robustness import robustness as around
+    from heavebond.optimise.tuning import sweep
+    from heavebond.optimise.tuning import tune as tuned
 
     check_picture(output)
     if written is not None:
@@ -113,8 +113,8 @@ class Asked:
 def _asked(name: str, cost: str | None, limits: tuple[str, ...], evaluate: str | None, reference: tuple[str, ...]) -> Asked:
     """The study, with what the options say instead; for a diagram the options alone."""
     from heavebond.language.model import load
-    from heavebond.studies.objective import Task
-    from heavebond.studies.rest_stability import STABLE
+    from heavebond.linear.rest_stability import STABLE
+    from heavebond.optimise.objective import Task
     from heavebond.studies.study import load_study
 
     try:
@@ -136,7 +136,7 @@ def _asked(name: str, cost: str | None, limits: tuple[str, ...], evaluate: str |
 
 
 def _seconds(text: str) -> tuple[float, float]:
-    from heavebond.basis.units import UnitProblem, parse_range, unit
+    from heavebond.core.units import UnitProblem, parse_range, unit
 
     try:
         found = parse_range(text)
@@ -149,8 +149,8 @@ def _seconds(text: str) -> tuple[float, float]:
 
 def _free(assembly: Assembly, texts: tuple[str, ...]) -> dict[str, Range]:
     """Ranges by name; a parameter without one may go from 0 to three times its value."""
-    from heavebond.basis.units import Range
-    from heavebond.studies.objective import ranges
+    from heavebond.core.units import Range
+    from heavebond.optimise.objective import ranges
 
     found: dict[str, Range] = {}
     units = {q.name: q.unit for q in assembly.flat.parameters}
@@ -172,8 +172,8 @@ def _free(assembly: Assembly, texts: tuple[str, ...]) -> dict[str, Range]:
 def _tell(name: str, assembly: Assembly, result: Tuned, robust: Robustness | None, swept: tuple[list[Array], Array] | None
           ) -> None:
     from heavebond.commands import terminal
-    from heavebond.studies.rest_stability import STABLE
-    from heavebond.studies.rest_stability import words as stability_words
+    from heavebond.linear.rest_stability import STABLE
+    from heavebond.linear.rest_stability import words as stability_words
 
     console = terminal.output()
     console.print(_table(name, assembly, result.task, result))
@@ -202,7 +202,7 @@ def _tell(name: str, assembly: Assembly, result: Tuned, robust: Robustness | Non
 
 def _table(name: str, assembly: Assembly, task: Task, result: Tuned) -> object:
     from heavebond.commands import terminal
-    from heavebond.evidence.diagram_files import quantity
+    from heavebond.fit.diagram_files import quantity
 
     rows = [(parameter, quantity(assembly.parameter_values[parameter], wanted.unit),
              quantity(result.values[parameter], wanted.unit),
@@ -213,7 +213,7 @@ def _table(name: str, assembly: Assembly, task: Task, result: Tuned) -> object:
 
 def _changes(assembly: Assembly, result: Tuned, robust: Robustness) -> object:
     from heavebond.commands import terminal
-    from heavebond.evidence.diagram_files import quantity
+    from heavebond.fit.diagram_files import quantity
 
     units = {q.name: q.unit for q in assembly.flat.parameters}
     rows = []
@@ -228,7 +228,7 @@ def _changes(assembly: Assembly, result: Tuned, robust: Robustness) -> object:
 
 
 def _words(result: Tuned, robust: Robustness) -> Iterator[str]:
-    from heavebond.evidence.diagram_files import quantity
+    from heavebond.fit.diagram_files import quantity
 
     if len(result.cost_of_cases) > 1:
         yield f"the worst case is {robust.worst[0]}, cost {robust.worst[1]:.5g}"
@@ -239,7 +239,7 @@ def _words(result: Tuned, robust: Robustness) -> Iterator[str]:
 
 
 def _end_words(result: Tuned) -> Iterator[str]:
-    from heavebond.evidence.diagram_files import quantity
+    from heavebond.fit.diagram_files import quantity
 
     for name, end in result.at_end.items():
         wanted = result.task.free[name]
@@ -266,8 +266,8 @@ def _files(asked: Asked, result: Tuned, robust: Robustness | None, swept: tuple[
 
         files.append(save(plot_surface(result.task, result, *swept, robust.ellipse if robust else None), output))
     if written is not None:
-        from heavebond.evidence.diagram_files import write
-        from heavebond.studies.tuning import tuned_diagram
+        from heavebond.fit.diagram_files import write
+        from heavebond.optimise.tuning import tuned_diagram
 
         write(written, tuned_diagram(asked.model, result.task, result, written, settings))
         files.append(written)

@@ -10,7 +10,7 @@ import click
 from heavebond.commands.arguments import check_picture, json_option, picture_option
 
 if TYPE_CHECKING:
-    from heavebond.evidence.misfit import Suspect, Where
+    from heavebond.localise.misfit import Suspect, Where
 
 HEAD = ("place", "explains", "behind", "rms", "follows", "R2", "shape")
 
@@ -27,11 +27,11 @@ def where(experiment: str, fitted: bool, output: Path | None) -> dict[str, objec
     With --output name.png the pictures are name.png (the best place), name_2.png and so on, and name_misfit.png.
     """
     from heavebond.commands import terminal
-    from heavebond.evidence.excerpts import cut
-    from heavebond.evidence.experiment import load_experiment
-    from heavebond.evidence.fitting import fit
-    from heavebond.evidence.misfit import summary
-    from heavebond.evidence.misfit import where as found_where
+    from heavebond.fit.excerpts import cut
+    from heavebond.fit.experiment import load_experiment
+    from heavebond.fit.fitting import fit
+    from heavebond.localise.misfit import summary
+    from heavebond.localise.misfit import where as found_where
 
     check_picture(output)
     loaded = load_experiment(experiment)
@@ -63,7 +63,7 @@ def _table(found: Where) -> object:
 
 
 def _row(suspect: Suspect) -> tuple[str, ...]:
-    from heavebond.basis.presentation import number, readable
+    from heavebond.core.presentation import number, readable
 
     curve = suspect.curve
     told = ("-", "-", "-")
@@ -75,7 +75,7 @@ def _row(suspect: Suspect) -> tuple[str, ...]:
 
 
 def _drawn(found: Where, output: Path) -> list[Path]:
-    from heavebond.evidence.misfit import shown
+    from heavebond.localise.misfit import shown
     from heavebond.pictures.plot import save
     from heavebond.pictures.plot_where import plot_misfit, plot_place
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from heavebond.basis.errors import ModelError, Place, Problems, either
-from heavebond.basis.units import (
+from heavebond.core.errors import ModelError, Place, Problems, either
+from heavebond.core.units import (
     ONE,
     Dimension,
     Unit,

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from heavebond.basis.errors import HeavebondError, ModelError, Place, Problems, listing, nearest, suggest
-from heavebond.basis.limits import OF_A_KIND
-from heavebond.basis.units import is_generic
+from heavebond.core.errors import HeavebondError, ModelError, Place, Problems, listing, nearest, suggest
+from heavebond.core.limits import OF_A_KIND
+from heavebond.core.units import is_generic
 from heavebond.equations.repetition import repeated
 from heavebond.language import laws
 from heavebond.language.definition import Body, Component, End, FileInput, Instance, Parameter, Port, SignalPort, Value

@@ -8,14 +8,13 @@ from math import inf
 
 import casadi as ca
 
-from heavebond.basis.errors import ModelError, Place, Problems
-from heavebond.basis.units import DIMENSIONLESS, ONE, Dimension, Unit, declared_unit, dimension_text, read_unit
-from heavebond.equations.asked import check_asked
-from heavebond.equations.clock import check_steps, timed
+from heavebond.core.errors import ModelError, Place, Problems
+from heavebond.core.units import DIMENSIONLESS, ONE, Dimension, Unit, declared_unit, dimension_text, read_unit
 from heavebond.equations.connect import Group, Network, connect, drivers, signal_unit
+from heavebond.equations.events import FlatEvent, Held, held_bounds, leaf_events, with_held
 from heavebond.equations.expand import Bound, Expanded, Leaf, expand
-from heavebond.equations.happening import FlatEvent, Held, held_bounds, leaf_events, with_held
 from heavebond.equations.medium import with_media
+from heavebond.equations.output_checks import check_asked
 from heavebond.equations.ownership import Names, check_outputs, claim_clocks, claim_names
 from heavebond.equations.parameters import (
     FlatParameter,
@@ -28,13 +27,14 @@ from heavebond.equations.parameters import (
     solved_unit,
 )
 from heavebond.equations.resolver import NOTHING_KNOWN, Bond, Plausible, Resolver, Unknown, plausible
+from heavebond.equations.time_conditions import check_steps, timed
 from heavebond.language.definition import Domain, FileInput, Member, Value
+from heavebond.language.incidence import Interval, classify
 from heavebond.language.model import Model
+from heavebond.language.symbols import nonsmooth, split, stack
 from heavebond.language.template import LEVELS, Template, template
 from heavebond.language.values import add_formula_problem, check_dimension
 from heavebond.text.expression import Expr, ExpressionProblem, constant, names, parse_formula
-from heavebond.text.incidence import Interval, classify
-from heavebond.text.symbols import nonsmooth, split, stack
 
 SECOND = declared_unit("s").dimension
 Entries = list[tuple[int, int]]  # (column, kind); column = level * len(unknowns) + unknown

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from heavebond.basis.structure import components_of
-from heavebond.equations.explain import bookkeeping, domain_at
 from heavebond.equations.flatten import Flat
+from heavebond.equations.matching import components_of
+from heavebond.equations.structural_messages import bookkeeping, domain_at
 from heavebond.language.definition import Domain
-from heavebond.text.symbols import split, stack
+from heavebond.language.symbols import split, stack
 
 
 @dataclass(frozen=True)

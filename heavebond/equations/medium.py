@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 
-from heavebond.basis.errors import ModelError, Problems, either
+from heavebond.core.errors import ModelError, Problems, either
 from heavebond.equations.expand import Bound, Expanded, Leaf, Medium, default
 from heavebond.language.definition import Component, Domain, Parameter, Value
 from heavebond.text.expression import Name

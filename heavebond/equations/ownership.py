@@ -6,10 +6,10 @@ import re
 from collections.abc import Hashable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
-from heavebond.basis.errors import Place, Problems
+from heavebond.core.errors import Place, Problems
 from heavebond.equations.connect import Group, Network
+from heavebond.equations.events import Held
 from heavebond.equations.expand import Expanded, Leaf
-from heavebond.equations.happening import Held
 from heavebond.equations.resolver import POWER
 from heavebond.language.definition import Domain
 from heavebond.language.sections import Shown

@@ -11,17 +11,17 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from heavebond.basis.errors import NAMES_LISTED, ModelError, Place, Problem, Problems, UsageError, listing, suggest
-from heavebond.basis.units import ONE, Dimension, Range, Unit, dimension_text, is_generic, solved
+from heavebond.core.errors import NAMES_LISTED, ModelError, Place, Problem, Problems, UsageError, listing, suggest
+from heavebond.core.units import ONE, Dimension, Range, Unit, dimension_text, is_generic, solved
 from heavebond.equations.connect import Network
 from heavebond.equations.expand import Bound, Expanded, Leaf
 from heavebond.language.definition import Domain, Formula, Parameter, Value
+from heavebond.language.incidence import Interval
+from heavebond.language.symbols import Context, evaluate, stack
 from heavebond.language.template import Template
 from heavebond.language.values import NOT_FINITE, add_formula_problem, check_bounds, check_dimension
 from heavebond.text.dimensions import number_dimension
 from heavebond.text.expression import Binary, Call, Expr, ExpressionProblem, Name, Number, children, names
-from heavebond.text.incidence import Interval
-from heavebond.text.symbols import Context, evaluate, stack
 
 Array = NDArray[np.float64]
 

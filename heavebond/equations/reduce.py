@@ -17,15 +17,15 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from heavebond.basis.errors import ModelError
-from heavebond.basis.index_reduction import Pantelides, collapse, pantelides
-from heavebond.basis.structure import block_lower_triangular, maximum_matching, tear
-from heavebond.equations import explain
+from heavebond.core.errors import ModelError
+from heavebond.equations import structural_messages
 from heavebond.equations.flatten import Flat, FlatEquation
-from heavebond.equations.rank import Row, Simultaneous, losses
-from heavebond.equations.states import Column, Constraints, Guess, constraints, select_states
-from heavebond.text.incidence import DEFINITE, NONLINEAR, PARAMETER, UNIT, classify
-from heavebond.text.symbols import split, stack, uniform
+from heavebond.equations.index_reduction import Pantelides, collapse, pantelides
+from heavebond.equations.lost_rank import Row, Simultaneous, losses
+from heavebond.equations.matching import block_lower_triangular, maximum_matching, tear
+from heavebond.equations.state_selection import Column, Constraints, Guess, constraints, select_states
+from heavebond.language.incidence import DEFINITE, NONLINEAR, PARAMETER, UNIT, classify
+from heavebond.language.symbols import split, stack, uniform
 
 # a coefficient in a loop that is not divided by, as a share of the largest of its equation among unknowns of its unit
 WEAK = 1e-7
@@ -133,11 +133,11 @@ def _check_and_differentiate(flat: Flat, rows: list[list[int]], derivative: list
     collapsed = collapse(rows, derivative)
     matching = maximum_matching(collapsed, len(flat.unknowns))
     if -1 in matching or len(rows) != len(flat.unknowns):
-        raise explain.singular(flat, collapsed, matching)
+        raise structural_messages.singular(flat, collapsed, matching)
     result = pantelides(rows, len(derivative), derivative)
     kinked = [i for i, order in enumerate(result.order) if order and flat.equations[i].kink]
     if kinked:
-        raise explain.kinked(flat, kinked)
+        raise structural_messages.kinked(flat, kinked)
     return result
 
 
@@ -207,9 +207,9 @@ class System:
         for j, (symbol, unknown) in enumerate(zip(self.flat.levels[0], self.flat.unknowns, strict=True)):
             point[symbol.element_hash()] = float(guess[j]) or 0.1 * unknown.nominal * (0.5 + uniform(3, j))
         point |= self._plain_numbers()
-        problems = explain.lost(self.flat, losses(system, point))
+        problems = structural_messages.lost(self.flat, losses(system, point))
         return ModelError(problems) if problems else \
-            explain.singular(self.flat, collapse_rows(self.flat), [-1] * len(self.flat.equations))
+            structural_messages.singular(self.flat, collapse_rows(self.flat), [-1] * len(self.flat.equations))
 
     def _plain_numbers(self) -> dict[int, float]:
         """What an equation alone says, `u = 0` of a valve that the diagram shuts for good, by the hash of its symbol."""

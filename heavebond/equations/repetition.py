@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
-from heavebond.basis.errors import Problems
-from heavebond.basis.limits import OF_A_KIND
+from heavebond.core.errors import Problems
+from heavebond.core.limits import OF_A_KIND
 from heavebond.language.definition import Body, Component, End, Instance, Value, Wire
 from heavebond.language.lists import whole_number
 

@@ -8,12 +8,12 @@ from math import inf
 
 import casadi as ca
 
-from heavebond.basis.errors import NAMES_LISTED, Place, suggest
-from heavebond.basis.units import ONE, Dimension, Unit, declared_unit
+from heavebond.core.errors import NAMES_LISTED, Place, suggest
+from heavebond.core.units import ONE, Dimension, Unit, declared_unit
 from heavebond.language.definition import Domain
+from heavebond.language.symbols import Context, evaluate, stack
 from heavebond.text.dimensions import SECOND, dimension
 from heavebond.text.expression import Expr, ExpressionProblem, Name
-from heavebond.text.symbols import Context, evaluate, stack
 
 POWER, WATT = "power", declared_unit("W").dimension
 

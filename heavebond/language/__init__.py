@@ -1,1 +1,1 @@
-"""What files say: components, diagrams, their laws."""
+"""Components, models, effects: what files declare, and the laws that declarations must obey."""

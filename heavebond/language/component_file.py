@@ -8,8 +8,8 @@ from collections.abc import Mapping as Dictionary
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
-from heavebond.basis.errors import ModelError, Place, Problems, suggest
-from heavebond.basis.units import DIMENSIONLESS, ONE, Unit, UnitProblem, check_unit, is_generic
+from heavebond.core.errors import ModelError, Place, Problems, suggest
+from heavebond.core.units import DIMENSIONLESS, ONE, Unit, UnitProblem, check_unit, is_generic
 from heavebond.language import reading
 from heavebond.language.definition import (
     Body,
@@ -26,7 +26,7 @@ from heavebond.language.definition import (
 from heavebond.language.effects import EffectReader, sought
 from heavebond.language.when import when_entries
 from heavebond.text.expression import Expr, Number, constant, parse_equation, parse_formula
-from heavebond.text.source import Mapping, Node, Scalar, Source
+from heavebond.text.yaml_source import Mapping, Node, Scalar, Source
 
 T = TypeVar("T")
 COMPONENT_KEYS = (

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from heavebond.basis.errors import Place
-from heavebond.basis.units import Range, Unit
+from heavebond.core.errors import Place
+from heavebond.core.units import Range, Unit
 from heavebond.text.expression import Compare, Equation, Expr, Name
 
 

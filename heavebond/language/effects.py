@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping as Dictionary
 from dataclasses import dataclass
 
-from heavebond.basis.errors import ModelError, Place, Problems, either, listing, suggest
-from heavebond.basis.units import Range, Unit, UnitProblem, check_unit, is_generic, parse_range
+from heavebond.core.errors import ModelError, Place, Problems, either, listing, suggest
+from heavebond.core.units import Range, Unit, UnitProblem, check_unit, is_generic, parse_range
 from heavebond.language import reading
 from heavebond.language.definition import (
     ATTACHES,
@@ -21,7 +21,7 @@ from heavebond.language.definition import (
     Variable,
 )
 from heavebond.text.expression import names
-from heavebond.text.source import Mapping, Node, Scalar
+from heavebond.text.yaml_source import Mapping, Node, Scalar
 
 KEYS = ("class", "says", "attaches", "amplitude", "try", "also", "replaces", "start", "settled")
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from heavebond.basis.errors import Problems, listing, suggest
-from heavebond.basis.units import dimension_text, is_generic
+from heavebond.core.errors import Problems, listing, suggest
+from heavebond.core.units import dimension_text, is_generic
 from heavebond.language import reading
 from heavebond.language.definition import Component, Formula, Reset, When
 from heavebond.text.dimensions import SECOND, TRUTH, Lookup, dimension, number_dimension

@@ -12,10 +12,10 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-from heavebond.basis.errors import ModelError, Problem, listing
-from heavebond.basis.limits import FMU_VARIABLES
-from heavebond.basis.numerals import number
-from heavebond.basis.units import UnitProblem, declared_unit, dimension_of, dimension_text, read_unit
+from heavebond.core.errors import ModelError, Problem, listing
+from heavebond.core.limits import FMU_VARIABLES
+from heavebond.core.numerals import number
+from heavebond.core.units import UnitProblem, declared_unit, dimension_of, dimension_text, read_unit
 from heavebond.language.definition import Foreign, ForeignVariable
 from heavebond.text.expression import KEYWORDS
 

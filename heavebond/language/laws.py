@@ -1,14 +1,14 @@
 """The laws that a component file obeys whatever diagram it stands in: units agree, equations and unknowns balance.
 
-The third law, power, is a numerical one (see `heavebond.language.power`).
+The third law, power, is a numerical one (see `heavebond.language.power_law`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
-from heavebond.basis.errors import ModelError, Problems, listing, suggest
-from heavebond.basis.units import ONE, Dimension, declared_unit, dimension_text
+from heavebond.core.errors import ModelError, Problems, listing, suggest
+from heavebond.core.units import ONE, Dimension, declared_unit, dimension_text
 from heavebond.language import reading
 from heavebond.language.definition import (
     Component,

@@ -9,14 +9,14 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 
-from heavebond.basis.errors import ModelError, Place, Problem, Problems, either, suggest
-from heavebond.basis.units import DIMENSIONLESS
+from heavebond.core.errors import ModelError, Place, Problem, Problems, either, suggest
+from heavebond.core.units import DIMENSIONLESS
 from heavebond.language import reading
 from heavebond.language.component_file import parse_component
 from heavebond.language.definition import Component, Domain, Member
 from heavebond.language.fmu_description import described
 from heavebond.text.expression import constant
-from heavebond.text.source import Mapping, parse, read, read_text, short_path
+from heavebond.text.yaml_source import Mapping, parse, read, read_text, short_path
 
 _HEAD = re.compile(r"""^component:[ \t]+["']?([^"'#\n]+?)["']?[ \t]*(?:#.*)?$""", re.MULTILINE)
 

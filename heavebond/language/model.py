@@ -7,8 +7,8 @@ from collections.abc import Mapping as Dictionary
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from heavebond.basis.errors import ModelError, Place, Problem, Problems, UsageError, listing, suggest
-from heavebond.basis.presentation import brief, count
+from heavebond.core.errors import ModelError, Place, Problem, Problems, UsageError, listing, suggest
+from heavebond.core.presentation import brief, count
 from heavebond.language import reading
 from heavebond.language.definition import Body, End, FileInput, Instance, Value, Wire
 from heavebond.language.library import Library, bundled, is_bundled, library, shown_path
@@ -24,7 +24,7 @@ from heavebond.language.sections import (
 )
 from heavebond.language.view import Seen, read_view
 from heavebond.text.expression import Number
-from heavebond.text.source import Node, Scalar, Source, parse, read
+from heavebond.text.yaml_source import Node, Scalar, Source, parse, read
 
 MODEL_KEYS = ("model", "summary", "extends", "parameters", "components", "nodes", "set", "remove", "initial", "show",
               "simulate", "view", "source", "notes")

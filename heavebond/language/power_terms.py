@@ -1,7 +1,7 @@
 """Which term of a component creates power: the sign that is wrong, or the energy that is not declared.
 
-The third law (see `power`), sum of the powers in = d(stores)/dt + dissipates + unbalanced, fails on random motions. Where it
-holds on all of them with the sign of one term changed, or of the power at some ports, that term is to blame.
+The third law (see `power_law`), sum of the powers in = d(stores)/dt + dissipates + unbalanced, fails on random motions.
+Where it holds on all of them with the sign of one term changed, or of the power at some ports, that term is to blame.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from itertools import combinations
 
 import numpy as np
 
-from heavebond.basis.errors import Place, Problem, either
+from heavebond.core.errors import Place, Problem, either
 from heavebond.language.definition import Body, Component, Domain, EquationLine
 from heavebond.language.library import Library, is_bundled
-from heavebond.language.power import TOLERANCE, Array, check_power, powers
+from heavebond.language.power_law import TOLERANCE, Array, check_power, powers
 from heavebond.text.expression import Expr, Name, names
 
 MOST_PORTS = 5  # of a component whose ports are tried in all combinations; of one with more, each by itself

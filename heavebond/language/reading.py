@@ -8,11 +8,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
-from heavebond.basis.errors import HeavebondError, Place, Problems, nearest, suggest
-from heavebond.basis.units import Unit, UnitProblem, check_unit, generic_unit, parse_quantity, read_unit
+from heavebond.core.errors import HeavebondError, Place, Problems, nearest, suggest
+from heavebond.core.units import Unit, UnitProblem, check_unit, generic_unit, parse_quantity, read_unit
 from heavebond.language.definition import Body, End, FileInput, Formula, Instance, Value, Wire
 from heavebond.text.expression import KEYWORDS, Equation, Expr, ExpressionProblem, Number, constant, names, parse_formula
-from heavebond.text.source import Mapping, Node, Scalar, Sequence, Source
+from heavebond.text.yaml_source import Mapping, Node, Scalar, Sequence, Source
 
 T = TypeVar("T", Expr, Equation)
 IDENTIFIER = re.compile(r"[A-Za-z_]\w*")
@@ -316,7 +316,7 @@ def elements(node: Sequence, name: str, what: str, problems: Problems) -> dict[s
 def column_values(node: Mapping, name: str, source: Source, problems: Problems) -> dict[str, Value]:
     """`{file: curve.csv, values: dp, unit: bar}`: a list that stands in a column of a file; empty cells at its end are none
     of it."""
-    from heavebond.basis.measurements import column, read_table  # NumPy: only where a file is read
+    from heavebond.records.measurements import column, read_table  # NumPy: only where a file is read
 
     known_keys(node, ["file", "values", "unit"], "a list from a file", problems, required=["file", "values", "unit"])
     unit, wanted = node.items.get("unit"), node.items["values"]

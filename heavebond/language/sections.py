@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-from heavebond.basis.errors import Place, Problems, listing, suggest
-from heavebond.basis.units import Dimension, declared_unit
+from heavebond.core.errors import Place, Problems, listing, suggest
+from heavebond.core.units import Dimension, declared_unit
 from heavebond.language import reading
 from heavebond.language.definition import FileInput, Value
 from heavebond.language.values import add_formula_problem, check_dimension
 from heavebond.text.dimensions import dimension
 from heavebond.text.expression import Expr, ExpressionProblem, Name, constant, parse_formula
-from heavebond.text.source import Mapping, Node, Scalar, Sequence, Source
+from heavebond.text.yaml_source import Mapping, Node, Scalar, Sequence, Source
 
 SECOND = declared_unit("s")
 STARTS = ("steady", "rest")

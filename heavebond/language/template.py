@@ -9,11 +9,11 @@ from math import inf
 
 import casadi as ca
 
-from heavebond.basis.errors import ModelError, Place, Problem, listing, suggest
+from heavebond.core.errors import ModelError, Place, Problem, listing, suggest
 from heavebond.language.definition import Component, Domain, Formula, Variable, When
+from heavebond.language.incidence import Entry, Interval, classify
+from heavebond.language.symbols import Context, evaluate, indicator, nonsmooth, stack
 from heavebond.text.expression import Expr, ExpressionProblem, Name, names
-from heavebond.text.incidence import Entry, Interval, classify
-from heavebond.text.symbols import Context, evaluate, indicator, nonsmooth, stack
 
 # der(der(x)) is as far as a component's own text goes; index reduction differentiates on the flat model
 LEVELS = 3

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from math import isfinite
 
-from heavebond.basis.errors import Place, Problems
-from heavebond.basis.units import Dimension, Unit, UnitProblem, check_unit, dimension_text
+from heavebond.core.errors import Place, Problems
+from heavebond.core.units import Dimension, Unit, UnitProblem, check_unit, dimension_text
 from heavebond.language import reading
 from heavebond.language.definition import Parameter, Value
 from heavebond.text.expression import ExpressionProblem, Number

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from heavebond.basis.errors import Place, Problems
+from heavebond.core.errors import Place, Problems
 from heavebond.language import reading
 from heavebond.language.definition import Formula
 from heavebond.text.expression import parse_formula
-from heavebond.text.source import Mapping, Node, Scalar, Sequence
+from heavebond.text.yaml_source import Mapping, Node, Scalar, Sequence
 
 COLOURS = ("grey", "dark", "blue", "sea", "gas", "oil", "rock", "red", "green", "orange")
 # what each kind of shape needs, what it may have besides, and its colour

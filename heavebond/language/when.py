@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from heavebond.basis.errors import Problems
+from heavebond.core.errors import Problems
 from heavebond.language import reading
 from heavebond.language.definition import Formula, Reset, When
-from heavebond.text.source import Mapping, Node, Scalar
+from heavebond.text.yaml_source import Mapping, Node, Scalar
 
 # what an entry begins with
 KINDS = ("condition", "at", "every")

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from heavebond.basis.errors import Problem, UsageError
-from heavebond.basis.presentation import number, unit_label
-from heavebond.basis.writable import new_file, write_text
-from heavebond.numbers.dae import Array
+from heavebond.core.errors import Problem, UsageError
+from heavebond.core.presentation import number, unit_label
+from heavebond.core.writable import new_file, write_text
+from heavebond.numerics.dae import Array
 from heavebond.pictures.markup import data_block, element, page
 from heavebond.pictures.motion import Motion
 

@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
-from heavebond.basis.presentation import count
+from heavebond.core.presentation import count
 from heavebond.equations.connect import Network, connect
 from heavebond.equations.expand import Expanded, Leaf, expand
 from heavebond.language.definition import Component, Domain

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 
-from heavebond.basis.quoting import xml
+from heavebond.core.quoting import xml
 from heavebond.language.model import Model
 from heavebond.pictures.bond_graph import WORD, Bond, BondGraph, Vertex, bond_graph, told
 from heavebond.pictures.bond_layout import Point, places
 from heavebond.pictures.drawing import COLOURS, EDGE, OTHER, QUIET, WARNING
-from heavebond.pictures.lettering import FONT, KIND, NAME, SUMMARY, TITLE, Box, Style, bounds, text_width, wrapped
+from heavebond.pictures.text_metrics import FONT, KIND, NAME, SUMMARY, TITLE, Box, Style, bounds, text_width, wrapped
 
 BARB, BAR = 9, 7  # px: the half arrow's length, half of a causal stroke
 LETTER, LABEL = Style(17, bold=True), Style(10, quiet=True)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
-from heavebond.pictures.lettering import Box, Lettering, Line, lettering, size
 from heavebond.pictures.pictograms import GRID, SIDES, Anchor, Shape
 from heavebond.pictures.routing import Point, Wire
+from heavebond.pictures.text_metrics import Box, Lettering, Line, lettering, size
 
 CLEAR = 4  # px between a picture and its name
 MOUTH = 3 * GRID  # what stays free before an anchor

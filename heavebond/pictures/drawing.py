@@ -5,14 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from heavebond.basis.presentation import number, unit_label
-from heavebond.basis.quoting import xml
+from heavebond.core.presentation import number, unit_label
+from heavebond.core.quoting import xml
 from heavebond.equations.connect import connect
 from heavebond.equations.expand import expand
 from heavebond.language.definition import Component
 from heavebond.language.model import Model
+from heavebond.pictures.colour_map import FADED, Paint
 from heavebond.pictures.layout import Drawn, Item, Options, Strand, lay_out
-from heavebond.pictures.lettering import (
+from heavebond.pictures.pictograms import SIDES, STRAIGHT, Anchor, Mark, Shape, box, symbol
+from heavebond.pictures.sheets import NODE, marked_places, opened_blocks, sheet
+from heavebond.pictures.text_metrics import (
     FONT,
     KIND,
     SUMMARY,
@@ -27,9 +30,6 @@ from heavebond.pictures.lettering import (
     text_width,
     wrapped,
 )
-from heavebond.pictures.painting import FADED, Paint
-from heavebond.pictures.pictograms import SIDES, STRAIGHT, Anchor, Mark, Shape, box, symbol
-from heavebond.pictures.sheets import NODE, marked_places, opened_blocks, sheet
 
 EDGE = 20  # px around the drawing
 NARROWEST = 420  # px, so that a title has room

@@ -9,9 +9,9 @@ from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
-from heavebond.basis.errors import Problem, UsageError
+from heavebond.core.errors import Problem, UsageError
 from heavebond.language.view import WIDE
-from heavebond.numbers.dae import Array
+from heavebond.numerics.dae import Array
 from heavebond.pictures.motion import Motion, Moving, Outline
 
 RATE, MOST = 12, 600  # pictures a second, and in all: a GIF holds each of them whole

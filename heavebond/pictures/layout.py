@@ -8,11 +8,11 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 from heavebond.pictures.captions import caption, name_of_node
-from heavebond.pictures.lettering import KIND, NAME, NODE_NAME, TAG, VALUE, Box, Lettering, Line, bounds, lettering, size
 from heavebond.pictures.pictograms import GRID, SIDES, Anchor, Shape, box, symbol
 from heavebond.pictures.placement import Cell, Piece, Placement, place
 from heavebond.pictures.routing import Wire, route
 from heavebond.pictures.sheets import NODE, Net, Part, Sheet, marks_on
+from heavebond.pictures.text_metrics import KIND, NAME, NODE_NAME, TAG, VALUE, Box, Lettering, Line, bounds, lettering, size
 
 GAP_X, GAP_Y, MARGIN, STUB, CLEAR = 60, 40, 30, 20, 4
 WIDER = (1.0, 1.4, 1.9, 2.5)  # gaps that are tried in turn until every wire and name has its place

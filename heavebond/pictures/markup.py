@@ -7,7 +7,7 @@ import hashlib
 from collections.abc import Iterable, Sequence
 from importlib import resources
 
-from heavebond.basis.quoting import script_json, xml
+from heavebond.core.quoting import script_json, xml
 
 _EMPTY = {"meta", "path", "line", "rect", "circle", "br", "input"}
 

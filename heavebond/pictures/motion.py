@@ -14,18 +14,18 @@ from dataclasses import dataclass, field
 import casadi as ca
 import numpy as np
 
-from heavebond.basis.errors import ModelError, Problem, Problems, UsageError, listing
-from heavebond.basis.presentation import converted, readable_unit
-from heavebond.basis.units import ONE, Dimension, declared_unit
+from heavebond.core.errors import ModelError, Problem, Problems, UsageError, listing
+from heavebond.core.presentation import converted, readable_unit
+from heavebond.core.units import ONE, Dimension, declared_unit
 from heavebond.language.model import Model
 from heavebond.language.reading import add_expression_problem
+from heavebond.language.symbols import stack
 from heavebond.language.view import WIDE, Seen
-from heavebond.numbers.dae import Array, Assembly, assemble
-from heavebond.numbers.result import Result
-from heavebond.numbers.simulation import simulate
-from heavebond.numbers.simulator import Simulator, Time
+from heavebond.numerics.dae import Array, Assembly, assemble
+from heavebond.numerics.result import Result
+from heavebond.numerics.simulation import simulate
+from heavebond.numerics.simulator import Simulator, Time
 from heavebond.text.expression import Call, Expr, ExpressionProblem, children, names
-from heavebond.text.symbols import stack
 
 RATE, LEAST_FRAMES, MOST_FRAMES = 25.0, 500, 3000  # pictures a second, and of a whole run
 EDGE, BAND, ASPECT = 0.05, 0.04, 1.35  # around the picture, how deep ground is, and the least width, of its height

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from heavebond.basis.errors import DataError, Problem, UsageError, listing, suggest
-from heavebond.basis.saved import SUFFIXES, SavedRun, read_run
-from heavebond.basis.units import UnitProblem, read_unit
+from heavebond.core.errors import DataError, Problem, UsageError, listing, suggest
+from heavebond.core.units import UnitProblem, read_unit
+from heavebond.records.saved_runs import SUFFIXES, SavedRun, read_run
 
 if TYPE_CHECKING:
-    from heavebond.evidence.experiment import Experiment
+    from heavebond.fit.experiment import Experiment
 
 EXPERIMENT = (".yaml", ".yml", "")  # the last: the name of a bundled one
 SECONDS = ("time", "s")
@@ -78,7 +78,7 @@ def _label(path: Path, paths: list[Path]) -> str:
 def _read(path: Path, columns: list[Column], record: str) -> tuple[SavedRun, bool]:
     """The file as signals, and whether they were measured."""
     if path.suffix in EXPERIMENT:
-        from heavebond.evidence.experiment import load_experiment
+        from heavebond.fit.experiment import load_experiment
 
         return _of_experiment(load_experiment(path), record), True
     try:
@@ -100,7 +100,7 @@ def _undescribed(path: Path) -> UsageError:
 
 def _of_table(path: Path, columns: list[Column]) -> SavedRun:
     """The named columns of a record; its first column is the time in s, or a column called `time` in --column."""
-    from heavebond.basis.measurements import check_time, column, read_table, timed
+    from heavebond.records.measurements import check_time, column, read_table, timed
 
     table = read_table(path)
     clock = next((c for c in columns if c.signal == SECONDS[0]), Column(SECONDS[0], table.header[0], SECONDS[1]))
@@ -115,7 +115,7 @@ def _of_table(path: Path, columns: list[Column]) -> SavedRun:
 
 def _of_experiment(experiment: Experiment, record: str) -> SavedRun:
     """The channels of one record, by their names and by the formulas that they should equal."""
-    from heavebond.evidence.records import measure
+    from heavebond.fit.records import measure
 
     if record and record not in experiment.records:
         raise UsageError([Problem("record-unknown", f"the experiment has no record '{record}'", None, suggest(

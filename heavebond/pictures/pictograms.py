@@ -16,10 +16,10 @@ from functools import lru_cache
 from pathlib import Path
 from xml.etree import ElementTree
 
-from heavebond.basis.errors import ModelError, Place, Problem, listing, suggest
+from heavebond.core.errors import ModelError, Place, Problem, listing, suggest
 from heavebond.language.definition import Component
 from heavebond.language.library import bundled, shown_path
-from heavebond.pictures.lettering import KIND, NAME, PORT, Line, size, text_width
+from heavebond.pictures.text_metrics import KIND, NAME, PORT, Line, size, text_width
 
 GRID = 10
 SIDES = {"left": (-1, 0), "right": (1, 0), "top": (0, -1), "bottom": (0, 1)}

@@ -15,23 +15,23 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator, NullLocator
 from numpy.typing import NDArray
 
-from heavebond.basis.errors import Problem, UsageError, listing, suggest
-from heavebond.basis.presentation import converted, number, quantity, readable_unit, unit_label, written
-from heavebond.basis.units import read_unit
-from heavebond.basis.writable import new_file
+from heavebond.core.errors import Problem, UsageError, listing, suggest
+from heavebond.core.presentation import converted, number, quantity, readable_unit, unit_label, written
+from heavebond.core.units import read_unit
+from heavebond.core.writable import new_file
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from heavebond.basis.saved import SavedRun
-    from heavebond.evidence.comparison import Channel, Comparison, RecordComparison
-    from heavebond.evidence.finding import Rung
-    from heavebond.numbers.dae import Array
-    from heavebond.numbers.result import Result
-    from heavebond.studies.influence import Influence, Ranking, Rankings
-    from heavebond.studies.objective import Task
-    from heavebond.studies.robustness import Ellipse
-    from heavebond.studies.tuning import Tuned
+    from heavebond.diagnosis.ladder import Rung
+    from heavebond.fit.comparison import Channel, Comparison, RecordComparison
+    from heavebond.numerics.dae import Array
+    from heavebond.numerics.result import Result
+    from heavebond.optimise.influence import Influence, Ranking, Rankings
+    from heavebond.optimise.objective import Task
+    from heavebond.optimise.robustness import Ellipse
+    from heavebond.optimise.tuning import Tuned
+    from heavebond.records.saved_runs import SavedRun
 
 SUFFIXES = (".png", ".svg", ".pdf")
 DPI = 100

@@ -13,15 +13,15 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch, PathPatch, Rectangle
 from matplotlib.path import Path
 
-from heavebond.analysis.energy_flow import Box, EnergyFlow, Link
-from heavebond.basis.presentation import number, readable
+from heavebond.core.presentation import number, readable
+from heavebond.energy.audit import BLOCK
+from heavebond.energy.power_flow import Box, EnergyFlow, Link
 from heavebond.pictures.plot import COLOURS, DPI, WIDTH, figure_title
-from heavebond.studies.energy import BLOCK
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from heavebond.studies.energy import EnergyAudit, EnergyLine
+    from heavebond.energy.audit import EnergyAudit, EnergyLine
 
 DOMAINS = {"translational": "#8fa3ad", "rotational": "#c8a45c", "hydraulic": COLOURS[4], "pneumatic": COLOURS[3],
            "electrical": COLOURS[5]}

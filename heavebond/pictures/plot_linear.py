@@ -9,19 +9,19 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullLocator
 
-from heavebond.analysis.margins import CUT
-from heavebond.basis.presentation import number, readable, readable_unit, unit_label
-from heavebond.basis.units import read_unit
+from heavebond.core.presentation import number, readable, readable_unit, unit_label
+from heavebond.core.units import read_unit
+from heavebond.linear.margins import CUT
 from heavebond.pictures.plot import COLOURS, DASHES, DPI, RECT, WIDTH, figure_title
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
-    from heavebond.analysis.linear_system import StateSpace
-    from heavebond.analysis.locus import RootLocus
-    from heavebond.analysis.margins import Crossings
-    from heavebond.numbers.dae import Array
+    from heavebond.linear.linear_system import StateSpace
+    from heavebond.linear.margins import Crossings
+    from heavebond.linear.root_locus import RootLocus
+    from heavebond.numerics.dae import Array
 
 GRID = "#e4e4e4"
 DAMPINGS = (0.1, 0.3, 0.5, 0.7)

@@ -10,7 +10,7 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from heavebond.basis.presentation import number, unit_label
+from heavebond.core.presentation import number, unit_label
 from heavebond.pictures.plot import COLOURS, DPI, WIDE
 from heavebond.studies.uncertainty import QUANTILES, Indices, Slopes, Swing, drawn, groups, indices, slopes, swings
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from heavebond.studies.campaign import StudyResult
-    from heavebond.studies.casework import Outcome
+    from heavebond.studies.run_case import Outcome
     from heavebond.studies.study import Picture
 
 WIDTH = 6.7  # inches: the text of an A4 page

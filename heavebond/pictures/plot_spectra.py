@@ -9,14 +9,14 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from heavebond.basis.presentation import unit_label
+from heavebond.core.presentation import unit_label
 from heavebond.pictures.plot import COLOURS, DPI
 from heavebond.pictures.plot_sample import SMALL, quiet
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from heavebond.basis.spectra import Swinging
+    from heavebond.records.spectra import Swinging
 
 CLASSES = 20
 FEW = 10  # cycles in a class, up to which their axis is not logarithmic

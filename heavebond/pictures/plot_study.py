@@ -12,7 +12,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from heavebond.basis.presentation import converted, readable_unit, unit_label
+from heavebond.core.presentation import converted, readable_unit, unit_label
 from heavebond.pictures.plot import COLOURS, DASHES, DPI, WIDE
 from heavebond.pictures.plot_sample import PANEL, SMALL, WIDTH, headed, histograms, maps, quiet, shares, tornados
 from heavebond.studies.study import Picture
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from heavebond.studies.campaign import StudyResult
-    from heavebond.studies.casework import Outcome
+    from heavebond.studies.run_case import Outcome
 
 MARKERS = ("o", "s", "^", "D", "v", "P")
 MOST_LABELS = 10  # lines that a legend names; more are coloured by an axis of numbers

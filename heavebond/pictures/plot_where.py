@@ -6,10 +6,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from heavebond.basis.presentation import readable_unit, unit_label
-from heavebond.basis.units import read_unit
-from heavebond.evidence.misfit import NOUNS, Suspect, Where
-from heavebond.numbers.dae import Array
+from heavebond.core.presentation import readable_unit, unit_label
+from heavebond.core.units import read_unit
+from heavebond.localise.misfit import NOUNS, Suspect, Where
+from heavebond.numerics.dae import Array
 from heavebond.pictures.plot import COLOURS, DPI, RECORD, RECT, WIDTH
 
 PANELS = 3

@@ -13,8 +13,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-from heavebond.pictures.lettering import Box
 from heavebond.pictures.pictograms import GRID, SIDES, Anchor
+from heavebond.pictures.text_metrics import Box
 
 STEP, BEND, CROSSING, NEAR, MOUTH, FAULT = 10, 35, 45, 7, 60, 4000
 DIRECTIONS = ((1, 0), (0, 1), (-1, 0), (0, -1))

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
-from heavebond.basis.errors import Problem, UsageError, listing, suggest
-from heavebond.basis.presentation import readable, unit_label
+from heavebond.core.errors import Problem, UsageError, listing, suggest
+from heavebond.core.presentation import readable, unit_label
 from heavebond.equations.connect import Network
 from heavebond.equations.expand import Expanded, Leaf
 from heavebond.language.definition import Body, Component, FileInput, Value
-from heavebond.pictures.lettering import shortened
+from heavebond.pictures.text_metrics import shortened
 from heavebond.text.expression import Number, names
 
 NODE = "node "  # before the path of a node, where components and ports could be meant as well

@@ -1,1 +1,1 @@
-"""Pages and summaries: the report of a diagnosis, the pages of the components."""
+"""Pages on diagnoses and components, and summaries of models."""

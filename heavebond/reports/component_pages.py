@@ -12,14 +12,14 @@ import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from heavebond.basis.presentation import number, unit_label
-from heavebond.basis.writable import write_text
+from heavebond.core.presentation import number, unit_label
+from heavebond.core.writable import write_text
 from heavebond.language.definition import Component, Domain, EquationLine, Parameter, Sought, Variable
 from heavebond.language.library import bundled, example, library
 from heavebond.pictures.drawing import symbol_picture
 from heavebond.text.expression import Name
-from heavebond.text.source import read_text
 from heavebond.text.tex import equation_tex, formula_tex, symbol_tex, text_tex
+from heavebond.text.yaml_source import read_text
 
 NO_EXAMPLE = "There is none yet."
 GENERATED = "<!-- Made from the component's file by `make pages`; changes belong there. -->"

@@ -13,17 +13,17 @@ from pathlib import Path
 import numpy as np
 
 from heavebond import __version__
-from heavebond.basis.errors import HeavebondError
-from heavebond.basis.presentation import count, number, path_text, readable, readable_unit
-from heavebond.basis.units import read_unit
-from heavebond.evidence.comparison import RecordComparison
-from heavebond.evidence.diagnosis import Diagnosis
-from heavebond.evidence.diagram_files import quantity
-from heavebond.evidence.finding import Finding, Rung, meaning, misses, restrictions
-from heavebond.evidence.fitting import Fit
-from heavebond.evidence.misfit import Where
+from heavebond.core.errors import HeavebondError
+from heavebond.core.presentation import count, number, path_text, readable, readable_unit
+from heavebond.core.units import read_unit
+from heavebond.diagnosis.diagnosis import Diagnosis
+from heavebond.diagnosis.ladder import Finding, Rung, meaning, misses, restrictions
+from heavebond.fit.comparison import RecordComparison
+from heavebond.fit.diagram_files import quantity
+from heavebond.fit.fitting import Fit
 from heavebond.language.library import bundled
 from heavebond.language.model import Model
+from heavebond.localise.misfit import Where
 from heavebond.pictures.drawing import draw
 from heavebond.pictures.markup import Html, data_block, element, joined, page, table
 from heavebond.reports.report_charts import BLUE, Fall, ladder, swatch
@@ -56,7 +56,7 @@ Section = tuple[str, str, Html]
 def report(diagnosis: Diagnosis, where: Where | None = None, *, written: Sequence[Path] = ()) -> str:
     """The page of a diagnosis as the text of an HTML file.
 
-    `where` (see `evidence.misfit`) adds in which state of motion the diagram failed before anything was added, and what
+    `where` (see `localise.misfit`) adds in which state of motion the diagram failed before anything was added, and what
     its places asked for; `written` are the experiments that the findings were written to, for the commands with which to
     go on.
     """

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from heavebond.basis.presentation import number
-from heavebond.numbers.dae import Array
+from heavebond.core.presentation import number
+from heavebond.numerics.dae import Array
 from heavebond.pictures.markup import Html, element
 
 # Okabe and Ito, Color universal design, 2008: told apart by every kind of colour vision

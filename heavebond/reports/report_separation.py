@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from heavebond.basis.presentation import number, readable_unit, unit_label
-from heavebond.basis.units import read_unit
-from heavebond.evidence.separation import Predicted, Separation, Tried
-from heavebond.numbers.dae import Array
+from heavebond.core.presentation import number, readable_unit, unit_label
+from heavebond.core.units import read_unit
+from heavebond.diagnosis.experiment_design import Predicted, Separation, Tried
+from heavebond.numerics.dae import Array
 from heavebond.pictures.markup import Html, element, joined, table
 from heavebond.reports.report_charts import BLUE, GREEN, INK, MOST_POINTS, ORANGE, PURPLE, Line, over, swatch
 

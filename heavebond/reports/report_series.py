@@ -10,13 +10,13 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from heavebond.basis.measurements import gaps
-from heavebond.basis.presentation import number, readable, readable_unit, unit_label
-from heavebond.basis.units import read_unit
-from heavebond.evidence.comparison import Channel, RecordComparison
-from heavebond.evidence.finding import Rung
-from heavebond.numbers.dae import Array
+from heavebond.core.presentation import number, readable, readable_unit, unit_label
+from heavebond.core.units import read_unit
+from heavebond.diagnosis.ladder import Rung
+from heavebond.fit.comparison import Channel, RecordComparison
+from heavebond.numerics.dae import Array
 from heavebond.pictures.markup import Html, element, joined
+from heavebond.records.measurements import gaps
 
 # Samples that a page carries of one channel, and of all together with their models: some 2 MB.
 MOST, IN_ALL = 8000, 250_000

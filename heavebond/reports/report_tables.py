@@ -6,16 +6,16 @@ import math
 from collections.abc import Sequence
 from functools import partial
 
-from heavebond.basis.errors import listing
-from heavebond.basis.presentation import count, in_unit, number, readable, readable_unit, unit_label
-from heavebond.basis.units import Unit, read_unit
-from heavebond.evidence.diagnosis import Diagnosis
-from heavebond.evidence.finding import meaning
-from heavebond.evidence.fitting import Fit, Fitted
-from heavebond.evidence.leftover import LEVELS, Leftover
-from heavebond.evidence.rung import EARNED, Step, indistinct, merit
-from heavebond.evidence.scoring import Score
-from heavebond.evidence.trial import Trial
+from heavebond.core.errors import listing
+from heavebond.core.presentation import count, in_unit, number, readable, readable_unit, unit_label
+from heavebond.core.units import Unit, read_unit
+from heavebond.diagnosis.diagnosis import Diagnosis
+from heavebond.diagnosis.ladder import meaning
+from heavebond.diagnosis.refit import Trial
+from heavebond.diagnosis.residual_tests import LEVELS, Leftover
+from heavebond.diagnosis.scoring import Score
+from heavebond.diagnosis.stage import EARNED, Step, indistinct, merit
+from heavebond.fit.fitting import Fit, Fitted
 from heavebond.pictures.markup import Html, element, joined, table
 from heavebond.reports.report_charts import interval
 

@@ -6,15 +6,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from heavebond.basis.errors import HeavebondError
-from heavebond.basis.presentation import number, readable_unit, unit_label
-from heavebond.basis.units import read_unit
-from heavebond.evidence.error_states import State
-from heavebond.evidence.finding import Finding
-from heavebond.evidence.misfit import NOUNS, Suspect, Where, shown, summary
-from heavebond.evidence.places import nodes_of
-from heavebond.numbers.dae import Array
-from heavebond.numbers.result import Result
+from heavebond.core.errors import HeavebondError
+from heavebond.core.presentation import number, readable_unit, unit_label
+from heavebond.core.units import read_unit
+from heavebond.diagnosis.ladder import Finding
+from heavebond.equations.places import nodes_of
+from heavebond.localise.error_states import State
+from heavebond.localise.misfit import NOUNS, Suspect, Where, shown, summary
+from heavebond.numerics.dae import Array
+from heavebond.numerics.result import Result
 from heavebond.pictures.markup import Html, element, joined
 from heavebond.reports.report_charts import BLUE, MOST_POINTS, ORANGE, Cloud, Line, over, steps, swatch
 

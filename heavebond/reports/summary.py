@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
-from heavebond.basis.errors import listing
-from heavebond.basis.presentation import columns, count, path_text, readable
+from heavebond.core.errors import listing
+from heavebond.core.presentation import columns, count, path_text, readable
 from heavebond.equations.expand import Medium
 from heavebond.equations.flatten import Flat, FlatEquation
 from heavebond.equations.grounding import Circuit, circuits
-from heavebond.equations.states import Column
-from heavebond.numbers.charts import Charts
-from heavebond.numbers.dae import Assembly
-from heavebond.numbers.initialise import Start, StartLine
+from heavebond.equations.state_selection import Column
+from heavebond.numerics.dae import Assembly
+from heavebond.numerics.dynamic_state_selection import Charts
+from heavebond.numerics.initialise import Start, StartLine
 
 SHOWN_NAMES = 60
 MOST_OF_A_CIRCUIT = 8

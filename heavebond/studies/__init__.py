@@ -1,1 +1,1 @@
-"""Many runs of one model, derivatives, and models for other programs."""
+"""Studies: many cases of one model, swept, tuned, measured and set beside published figures."""

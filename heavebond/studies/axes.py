@@ -19,16 +19,16 @@ from math import isfinite
 
 import numpy as np
 
-from heavebond.basis.errors import Place, Problems
-from heavebond.basis.units import Unit, UnitProblem, parse_quantity, read_unit
+from heavebond.core.errors import Place, Problems
+from heavebond.core.units import Unit, UnitProblem, parse_quantity, read_unit
 from heavebond.language import reading
 from heavebond.language.definition import Value
 from heavebond.language.model import Model, load_beside
 from heavebond.language.sections import Condition, Setting, read_settings
 from heavebond.studies.sampling import Sampling, names, points, read_sampling
 from heavebond.text.expression import Number, constant
-from heavebond.text.source import Mapping, Node, Scalar, Source
-from heavebond.text.source import Sequence as Items
+from heavebond.text.yaml_source import Mapping, Node, Scalar, Source
+from heavebond.text.yaml_source import Sequence as Items
 
 MOST_LEVELS = 10_000
 SPACED = ("from", "to", "number")

@@ -23,18 +23,18 @@ from typing import Any
 
 import numpy as np
 
-from heavebond.basis.errors import HeavebondError, Problem, SimulationError
-from heavebond.basis.processes import as_done
-from heavebond.basis.progress import Progress
-from heavebond.basis.units import Range
-from heavebond.evidence.change import block
-from heavebond.evidence.diagram_files import extended_from
-from heavebond.numbers.dae import Array, Assembly
-from heavebond.numbers.simulator import Simulator
-from heavebond.studies.casework import assembled, own_values, run_times, tuned_by
-from heavebond.studies.costs import Evaluator, read_cost
-from heavebond.studies.objective import TOLERANCES, Objective
-from heavebond.studies.search import search
+from heavebond.core.errors import HeavebondError, Problem, SimulationError
+from heavebond.core.parallel import as_done
+from heavebond.core.progress import Progress
+from heavebond.core.units import Range
+from heavebond.fit.change import block
+from heavebond.fit.diagram_files import extended_from
+from heavebond.numerics.dae import Array, Assembly
+from heavebond.numerics.simulator import Simulator
+from heavebond.optimise.costs import Evaluator, read_cost
+from heavebond.optimise.objective import TOLERANCES, Objective
+from heavebond.optimise.search import search
+from heavebond.studies.run_case import assembled, own_values, run_times, tuned_by
 from heavebond.studies.study import Calibration, Procedure, Study
 
 # A case that breaks down counts as so many widths off.

@@ -16,19 +16,19 @@ from pathlib import Path
 from typing import Any
 
 from heavebond import __version__
-from heavebond.basis.cluster import Cluster
-from heavebond.basis.errors import Problem, UsageError
-from heavebond.basis.interrupts import obeyed
-from heavebond.basis.presentation import brief
-from heavebond.basis.processes import Processes, as_done, processors
-from heavebond.basis.progress import Progress
-from heavebond.basis.quoting import file_stem
-from heavebond.basis.units import Unit
-from heavebond.basis.writable import write_text
+from heavebond.core.cancellation import obeyed
+from heavebond.core.cluster import Cluster
+from heavebond.core.errors import Problem, UsageError
+from heavebond.core.parallel import Processes, as_done, processors
+from heavebond.core.presentation import brief
+from heavebond.core.progress import Progress
+from heavebond.core.quoting import file_stem
+from heavebond.core.units import Unit
+from heavebond.core.writable import write_text
 from heavebond.language.definition import FileInput
 from heavebond.studies.axes import StudyCase
 from heavebond.studies.calibration import Calibrated, calibrate
-from heavebond.studies.casework import Outcome, checked, worked
+from heavebond.studies.run_case import Outcome, checked, worked
 from heavebond.studies.study import Procedure, Study, load_study
 
 KEPT = "done"

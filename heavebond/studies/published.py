@@ -16,13 +16,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 
-from heavebond.basis.errors import Place, Problems, listing, suggest
-from heavebond.basis.units import Unit, UnitProblem, parse_quantity, read_unit
+from heavebond.core.errors import Place, Problems, listing, suggest
+from heavebond.core.units import Unit, UnitProblem, parse_quantity, read_unit
 from heavebond.language import reading
 from heavebond.studies.axes import Axis
-from heavebond.text.source import Mapping as Entries
-from heavebond.text.source import Node, Scalar
-from heavebond.text.source import Sequence as Items
+from heavebond.text.yaml_source import Mapping as Entries
+from heavebond.text.yaml_source import Node, Scalar
+from heavebond.text.yaml_source import Sequence as Items
 
 NONE = "-"
 

@@ -18,12 +18,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from heavebond.basis.errors import Problems, suggest
-from heavebond.basis.numerals import whole
-from heavebond.basis.units import Range, UnitProblem, parse_range
+from heavebond.core.errors import Problems, suggest
+from heavebond.core.numerals import whole
+from heavebond.core.units import Range, UnitProblem, parse_range
 from heavebond.language import reading
-from heavebond.text.source import Mapping as Entries
-from heavebond.text.source import Node, Scalar
+from heavebond.text.yaml_source import Mapping as Entries
+from heavebond.text.yaml_source import Node, Scalar
 
 Array = NDArray[np.float64]
 DRAWN = ("sobol", "latin_hypercube", "random", "sobol_indices")  # with the number of points

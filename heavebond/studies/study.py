@@ -13,22 +13,22 @@ from pathlib import Path
 
 import numpy as np
 
-from heavebond.basis.errors import ModelError, Place, Problem, Problems, UsageError, listing, suggest
-from heavebond.basis.numerals import whole
-from heavebond.basis.presentation import brief, count
-from heavebond.basis.units import Range, UnitProblem, parse_quantity
+from heavebond.core.errors import ModelError, Place, Problem, Problems, UsageError, listing, suggest
+from heavebond.core.numerals import whole
+from heavebond.core.presentation import brief, count
+from heavebond.core.units import Range, UnitProblem, parse_quantity
 from heavebond.language import reading
 from heavebond.language.definition import FileInput
 from heavebond.language.model import Model, find, load_beside
 from heavebond.language.sections import read_settings
+from heavebond.linear.rest_stability import STABLE
+from heavebond.optimise.objective import Case, Task
+from heavebond.optimise.search import METHODS
 from heavebond.studies.axes import Axis, StudyCase, case_at, indices, read_axes, read_numbers
-from heavebond.studies.objective import Case, Task
 from heavebond.studies.published import Beside, read_beside
-from heavebond.studies.rest_stability import STABLE
 from heavebond.studies.sampling import read_ranges
-from heavebond.studies.search import METHODS
 from heavebond.text.expression import constant
-from heavebond.text.source import Mapping, Node, Scalar, Source, read
+from heavebond.text.yaml_source import Mapping, Node, Scalar, Source, read
 
 STUDY_KEYS = ("study", "summary", "model", "cases", "evaluate", "reference", "modes", "tune", "measure", "beside",
               "calibrate", "pictures", "notes")

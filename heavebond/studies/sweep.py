@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from heavebond.basis.errors import Problem, UsageError, listing, suggest
-from heavebond.basis.numerals import whole
-from heavebond.basis.units import Range, UnitProblem, parse_range
+from heavebond.core.errors import Problem, UsageError, listing, suggest
+from heavebond.core.numerals import whole
+from heavebond.core.units import Range, UnitProblem, parse_range
 from heavebond.studies.sampling import BALANCED, DRAWN, KINDS, NAMED
 
 EXAMPLE = "Write for example --over controller.K_p='1 .. 4 1/m; 9', or a list: --over wave.T='8 s, 10 s'."

@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from heavebond.numbers.dae import Array
+from heavebond.numerics.dae import Array
 from heavebond.studies.campaign import StudyResult
-from heavebond.studies.casework import Outcome
+from heavebond.studies.run_case import Outcome
 from heavebond.studies.sampling import AS_GIVEN, DRAWN, Sampling, distribution
 from heavebond.studies.study import SIMULATIONS
 

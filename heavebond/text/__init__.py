@@ -1,1 +1,1 @@
-"""From characters to trees and formulas."""
+"""YAML with places, expression grammar, dimensions, TeX."""

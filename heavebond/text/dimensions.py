@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from fractions import Fraction
 
-from heavebond.basis.units import ONE, Dimension, dimension_text, times
+from heavebond.core.units import ONE, Dimension, dimension_text, times
 from heavebond.text.expression import (
     Binary,
     Call,

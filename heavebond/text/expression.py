@@ -20,10 +20,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Union
 
-from heavebond.basis.errors import suggest
-from heavebond.basis.limits import BRACKETS, FORMULA, OPERATIONS, TERMS
-from heavebond.basis.limits import NUMBER as LARGEST
-from heavebond.basis.units import TOO_LARGE, Unit, UnitProblem, read_unit
+from heavebond.core.errors import suggest
+from heavebond.core.limits import BRACKETS, FORMULA, OPERATIONS, TERMS
+from heavebond.core.limits import NUMBER as LARGEST
+from heavebond.core.units import TOO_LARGE, Unit, UnitProblem, read_unit
 from heavebond.text.tokens import KEYWORDS as KEYWORDS
 from heavebond.text.tokens import ExpressionProblem as ExpressionProblem
 from heavebond.text.tokens import Token, tokens

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NoReturn
 
-from heavebond.basis.numerals import whole
-from heavebond.basis.units import UNIT, UnitProblem, read_unit
+from heavebond.core.numerals import whole
+from heavebond.core.units import UNIT, UnitProblem, read_unit
 
 KEYWORDS = {"and", "or", "not", "for", "in"}
 

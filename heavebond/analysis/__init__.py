@@ -1,1 +1,0 @@
-"""A machine looked at: linear system, energy, what may be left out."""

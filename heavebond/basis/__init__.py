@@ -1,1 +1,0 @@
-"""What all of them need: messages, units, processes, signals."""

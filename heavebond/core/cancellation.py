@@ -1,0 +1,113 @@
+"""Ctrl-C and the signals that ask a command to end: heard once, never lost, put off while a result is finished.
+
+A signal's handler raises wherever the program is. Inside CasADi that exception is dropped now and then (its conversion of
+arguments and the call of a function clear what is raised meanwhile), so that the handler also writes down which signal came:
+`check`, called between the steps of everything long, raises again until somebody has said `obeyed`.
+"""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from types import FrameType
+
+from heavebond.core.progress import Progress
+
+# Ctrl-C, the request to end, the end of the terminal
+SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+WORDS = {"SIGINT": "interrupted", "SIGTERM": "terminated", "SIGHUP": "terminated: the terminal was closed"}
+# of the process, as signals are: that which is not obeyed yet, and the last one
+_heard: list[int] = []
+_last: list[int] = []
+
+
+class Interrupted(KeyboardInterrupt):
+    """A signal that asks to end, `number`; a KeyboardInterrupt, so that every command ends by it as by Ctrl-C. `figures` are
+    what a command has to tell all the same: its best so far."""
+
+    def __init__(self, number: int = signal.SIGINT, figures: Mapping[str, object] | None = None):
+        super().__init__()
+        self.number, self.figures = int(number), dict(figures or {})
+
+
+ENDED_EARLY = "interrupted"  # why a search ended that gives its best so far
+
+
+@contextmanager
+def listening() -> Iterator[None]:
+    """Within it SIGTERM and SIGHUP end what runs as Ctrl-C does, and none of them is lost. Outside the main thread nothing
+    changes, as signals do not come there, nor for those that are ignored, as in jobs behind `nohup`."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.getsignal(number) for number in SIGNALS}
+    taken = [number for number, handler in before.items() if handler in (signal.SIG_DFL, signal.default_int_handler)]
+    for number in taken:
+        signal.signal(number, _hear)
+    try:
+        yield
+    finally:
+        for number in taken:
+            signal.signal(number, before[number])
+        _heard.clear()
+        _last.clear()
+
+
+def _hear(number: int, frame: FrameType | None) -> None:
+    _heard[:] = _last[:] = [number]
+    raise Interrupted(number)
+
+
+def check() -> None:
+    """Raise again what a library has dropped."""
+    if _heard:
+        raise Interrupted(_heard[0])
+
+
+def obeyed() -> int | None:
+    """Forget the signal that was heard, as what it asked for is done; its number."""
+    return _heard.pop() if _heard else None
+
+
+def last_heard() -> int:
+    """The number of the last signal that was heard, obeyed or not; that of Ctrl-C where none was listened to."""
+    return _last[-1] if _last else signal.SIGINT
+
+
+@contextmanager
+def finishing(say: Progress) -> Iterator[None]:
+    """Within it the first Ctrl-C is only answered (by `say`) and not obeyed, so that a search that took minutes is not lost
+    in the seconds in which its result is worked out; the second one is obeyed. The same for SIGTERM where it is listened to.
+
+    Outside the main thread nothing changes, as signals do not come there, nor where they are ignored, as in jobs that a
+    shell has put into the background."""
+    before = {number: signal.getsignal(number) for number in SIGNALS}
+    taken = [number for number, handler in before.items() if callable(handler)]
+    if threading.current_thread() is not threading.main_thread() or not taken:
+        yield
+        return
+
+    def restore() -> None:
+        for number in taken:
+            signal.signal(number, before[number])
+
+    def once(number: int, frame: FrameType | None) -> None:
+        restore()
+        say("finishing what was found; Ctrl-C once more ends without it")
+
+    for number in taken:
+        signal.signal(number, once)
+    try:
+        yield
+    finally:
+        restore()
+
+
+def is_interrupt(error: BaseException | None) -> bool:
+    """Whether an exception is Ctrl-C, or is a library's answer to it: CasADi's conversion of matrices ends as a SystemError
+    that was caused by it, and other calls in errors that come of its having been dropped."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__
+    return error is not None or bool(_heard)

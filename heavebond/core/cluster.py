@@ -1,0 +1,95 @@
+"""Work done on the workers of a dask.distributed scheduler: other machines, which have this program and the same files."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable
+from concurrent.futures import Future
+from threading import Lock
+from typing import Any, TypeVar
+
+from heavebond import __version__
+from heavebond.core.errors import Problem, UsageError
+from heavebond.core.parallel import Workers
+
+T = TypeVar("T")
+PATIENCE = 20.0  # seconds for a scheduler, for the first answer of a worker, and for workers that were lost to come back
+_one = Lock()
+
+
+class Cluster(Workers):
+    """The workers of a scheduler (`tcp://host:8786`) as an executor. The scheduler gives what a worker loses to another one,
+    and gives a task up with which several died.
+
+    UsageError where dask is not installed, where nobody answers, or where the workers have another version of this program;
+    later where all workers are lost and none comes back.
+    """
+
+    together = False
+
+    def __init__(self, address: str):
+        try:
+            import distributed
+            from distributed.scheduler import KilledWorker
+        except ImportError:
+            raise UsageError([Problem("dask-missing", "a scheduler needs dask.distributed", None,
+                                      "pip install 'heavebond[cluster]'")]) from None
+        self.died = (KilledWorker,)
+        try:
+            connect: Any = distributed.Client
+            self.client = connect(address, timeout=PATIENCE, set_as_default=False)
+        except (OSError, TimeoutError, ValueError) as error:
+            raise UsageError([Problem("scheduler-silent", f"no scheduler answers at '{address}'", None,
+                                      "Start one with `dask scheduler`, and workers with `dask worker tcp://HOST:8786 "
+                                      "--nthreads 1`; the address is what it prints.", (str(error),))]) from None
+        self.executor, self.address = self.client.get_executor(), address
+        self._missed: float | None = None  # since when there is no worker
+        try:
+            self.number = self._checked(address)
+        except BaseException:
+            self.shutdown()
+            raise
+
+    def _checked(self, address: str) -> int:
+        """How many tasks the workers take at a time."""
+        threads = self.client.nthreads()
+        if not threads:
+            raise UsageError([Problem("scheduler-alone", f"the scheduler at '{address}' has no workers", None,
+                                      f"Start some: `dask worker {address} --nthreads 1`.")])
+        try:
+            theirs = self.client.submit(_version, pure=False).result(timeout=PATIENCE)
+        except (ImportError, AttributeError, TimeoutError) as error:
+            raise UsageError([Problem("worker-unfit", "the workers do not have this program", None,
+                                      "Install heavebond where the workers run.", (f"{error}",))]) from None
+        if theirs != __version__:
+            raise UsageError([Problem("worker-unfit", f"the workers have heavebond {theirs}, here it is {__version__}", None,
+                                      "Install the same version where the workers run.")])
+        return sum(threads.values())
+
+    def submit(self, function: Callable[..., T], /, *given: Any, **named: Any) -> Future[T]:
+        self._missed = None
+        found: Future[T] = self.executor.submit(_alone, function, *given, **named)
+        return found
+
+    def listen(self) -> None:
+        if self.client.nthreads():
+            self._missed = None
+        elif self._missed is None:
+            self._missed = clock.monotonic()
+        elif clock.monotonic() - self._missed > PATIENCE:
+            raise UsageError([Problem("workers-lost", f"the scheduler at '{self.address}' has lost all of its workers", None,
+                                      f"Start some (`dask worker {self.address} --nthreads 1`) and give the same command "
+                                      "again: what was done is kept.")])
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        self.client.close()
+
+
+def _version() -> str:
+    return __version__
+
+
+def _alone(function: Callable[..., T], *given: Any, **named: Any) -> T:
+    """One task at a time in a process: the words of the solver are caught from a file descriptor, which threads share."""
+    with _one:
+        return function(*given, **named)

@@ -1,0 +1,218 @@
+"""What heavebond says when something is wrong: problems as data, with a place, a stable code and what to type."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+from heavebond.core.limits import PROBLEMS_SHOWN
+
+WIDEST_EXCERPT = 110
+LONGEST_MESSAGE = 400
+FEW = 3  # candidates with the same last word that are named
+SHORTEST_KIND = 5  # letters from which a capitalised name is taken for a component's in suggestions
+SHORTEST_BEGIN = 3  # letters with which a longer name may be meant
+
+
+@dataclass(frozen=True)
+class Place:
+    """A stretch of one line of a file; `line` and `column` count from 1, `text` is the whole line.
+
+    Where a text goes on in later lines, `continued` says from how many characters on, and where: (characters, place).
+    """
+
+    file: str
+    line: int
+    column: int = 1
+    text: str = ""
+    length: int = 1
+    continued: tuple[tuple[int, Place], ...] = ()
+
+    def moved(self, characters: int, length: int = 1) -> Place:
+        """The stretch that begins `characters` further on in the text that begins here."""
+        for start, place in reversed(self.continued):
+            if characters >= start:
+                return place.moved(characters - start, length)
+        rest = tuple((start - characters, place) for start, place in self.continued)
+        return Place(self.file, self.line, self.column + characters, self.text, max(1, length), rest)
+
+    def excerpt(self) -> list[str]:
+        """The line with a caret below the stretch (tabs count as one column, as they do in `column`)."""
+        if not self.text:
+            return []
+        number = f"{self.line:>5} | "
+        text, column = self._window()
+        room = max(1, len(text) - column + 1)
+        caret = " " * (column - 1) + "^" * max(1, min(self.length, room))
+        return [number + text.replace("\t", " "), " " * (len(number) - 2) + "| " + caret]
+
+    def _window(self) -> tuple[str, int]:
+        """The line and the column; of a long line the part around the column."""
+        if len(self.text) <= WIDEST_EXCERPT:
+            return self.text, self.column
+        begin = max(0, min(self.column - 1 - WIDEST_EXCERPT // 2, len(self.text) - WIDEST_EXCERPT))
+        end = begin + WIDEST_EXCERPT
+        before, after = "..." if begin else "", "..." if end < len(self.text) else ""
+        return before + self.text[begin:end] + after, self.column - begin + len(before)
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One thing that is wrong. `code` is stable; `notes` are further known facts; `hint` says what to type."""
+
+    code: str
+    message: str
+    place: Place | None = None
+    hint: str = ""
+    notes: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        head = f"{self.place.file}:{self.place.line}: " if self.place else ""
+        message = self.message if len(self.message) <= LONGEST_MESSAGE else self.message[:LONGEST_MESSAGE] + " ..."
+        lines = [f"{head}{message} [{self.code}]"]
+        if self.place:
+            lines += self.place.excerpt()
+        lines += [f"    {note}" for note in self.notes]
+        if self.hint:
+            lines += [f"  {line}" for line in self.hint.splitlines()]
+        return "\n".join(lines)
+
+    def as_dict(self) -> dict[str, object]:
+        """The problem for a machine (JSON)."""
+        place = self.place
+        where = {"file": place.file, "line": place.line, "column": place.column} if place else None
+        return {"code": self.code, "message": self.message, "place": where, "hint": self.hint,
+                "notes": list(self.notes)}
+
+
+class HeavebondError(Exception):
+    """A user's mistake, or a model or record that cannot do what was asked; never a fault of the program. `figures` is
+    what was computed all the same, for the JSON file."""
+
+    def __init__(self, problems: Iterable[Problem] | str, *, hint: str = ""):
+        self.figures: dict[str, object] = {}
+        if isinstance(problems, str):
+            problems = [Problem(self.default_code, problems, hint=hint)]
+        self.problems = tuple(problems)
+        more = len(self.problems) - PROBLEMS_SHOWN
+        super().__init__("\n\n".join([*(str(p) for p in self.problems[:PROBLEMS_SHOWN]),
+                                      *([f"and {more} more problems"] if more > 0 else [])]))
+
+    default_code = "error"
+
+
+class ModelError(HeavebondError):
+    """A component, diagram, experiment or study file says something impossible."""
+
+    default_code = "model"
+
+
+class DataError(HeavebondError):
+    """A measured record cannot be used as the experiment asks."""
+
+    default_code = "data"
+
+
+class UsageError(HeavebondError):
+    """The call or the command line is wrong (unknown signal, unreadable time, ...)."""
+
+    default_code = "usage"
+
+
+class StartError(HeavebondError):
+    """No consistent initial values exist, or the file does not decide them."""
+
+    default_code = "start"
+
+
+class SimulationError(HeavebondError):
+    """The integration could not reach the end."""
+
+    default_code = "simulation"
+
+
+class RunWarning(UserWarning):
+    """A run left the range in which its results mean something; the message is its verdict."""
+
+
+@dataclass
+class Problems:
+    """Collects the problems of one stage, so that a user sees all of them at once."""
+
+    found: list[Problem] = field(default_factory=list)
+    _known: set[Problem] = field(default_factory=set)
+
+    def add(self, code: str, message: str, place: Place | None = None, *, hint: str = "",
+            notes: Iterable[str] = ()) -> None:
+        """Note a problem and go on; the same problem at the same place is noted once."""
+        problem = Problem(code, message, place, hint, tuple(notes))
+        if problem not in self._known:
+            self._known.add(problem)
+            self.found.append(problem)
+
+    def extend(self, error: HeavebondError) -> None:
+        """Note the problems of an error that was caught."""
+        for problem in error.problems:
+            if problem not in self._known:
+                self._known.add(problem)
+                self.found.append(problem)
+
+    def raise_as(self, kind: type[HeavebondError] = ModelError) -> None:
+        """Raise all that was noted as one error, in the order of the lines; do nothing where nothing was."""
+        if self.found:
+            files = {f: k for k, f in enumerate(dict.fromkeys(p.place.file for p in self.found if p.place))}
+            raise kind(sorted(self.found, key=lambda p: (
+                (files[p.place.file], p.place.line, p.place.column) if p.place else (len(files), 0, 0))))
+
+
+def suggest(word: str, candidates: Iterable[str]) -> str:
+    """`Did you mean 'x'?` for the candidates nearest to `word` (case ignored), or an empty text.
+
+    The name of a component that stands in the word as a whole (`HydraulicCylinder`, `cylinder`) is the only one. A word that
+    ends a few candidates (`K_p` of `controller.K_p`) means these, and so does one that begins them (`dry`) where nothing is
+    nearer.
+    """
+    if len(word) > 100:
+        return ""
+    by_lower: dict[str, str] = {}
+    for candidate in candidates:
+        by_lower.setdefault(candidate.lower(), candidate)
+    ending = [n for n in by_lower if n.endswith(f".{word.lower()}")]
+    near = ending if 1 <= len(ending) <= FEW else difflib.get_close_matches(word.lower(), list(by_lower), n=2, cutoff=0.6)
+    if not near and len(word) >= SHORTEST_BEGIN:
+        beginning = [n for n in by_lower if n.startswith(word.lower())]
+        near = beginning if len(beginning) <= FEW else []
+    if not near:
+        return ""
+    kinds = {n: name for n, name in by_lower.items() if name[0].isupper() and len(n) >= SHORTEST_KIND}
+    inside = [n for n in kinds if n in word.lower()]
+    if inside:
+        near = [max(inside, key=len)]
+    elif near[0] in kinds:  # there are many components: a second one is a help only if it is about as near
+        near = near[:1] + difflib.get_close_matches(word.lower(), near[1:], cutoff=0.68)
+    return "Did you mean " + " or ".join(f"'{by_lower[n]}'" for n in near) + "?"
+
+
+# where no name is near, and there are too many to list
+NAMES_LISTED = "`heavebond check --names` lists them all."
+
+
+def nearest(word: str, candidates: Iterable[str]) -> str | None:
+    """The candidate that `word` most likely means, if any."""
+    found = suggest(word, candidates)
+    return found.split("'")[1] if found else None
+
+
+def either(words: Iterable[str], joint: str = "and") -> str:
+    """`'a', 'b' and 'c'`."""
+    quoted = [f"'{word}'" for word in words]
+    return f" {joint} ".join([", ".join(quoted[:-1]), quoted[-1]] if len(quoted) > 1 else quoted)
+
+
+def listing(words: Iterable[str], limit: int = 12) -> str:
+    """`a, b, c and 5 more`: a list that fits on a line."""
+    words = list(words)
+    if len(words) <= limit:
+        return ", ".join(words)
+    return ", ".join(words[:limit]) + f" and {len(words) - limit} more"

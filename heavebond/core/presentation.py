@@ -1,0 +1,152 @@
+"""How numbers, units and tables are shown to people: digits, prefixes, words for quantities, plain columns."""
+
+from __future__ import annotations
+
+import math
+import re
+import textwrap
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from heavebond.core.units import Unit, UnitProblem, dimension_text, read_unit
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+# Base unit -> (from this size in SI on, unit to show), largest first.
+READABLE: dict[str, tuple[tuple[float, str], ...]] = {
+    "N": ((1e7, "MN"), (1e3, "kN"), (0.0, "N")),
+    "N*m": ((1e7, "MN*m"), (1e3, "kN*m"), (0.0, "N*m")),
+    "N/m": ((1e7, "MN/m"), (1e3, "kN/m"), (0.0, "N/m")),
+    "N*s/m": ((1e7, "MN*s/m"), (1e3, "kN*s/m"), (0.0, "N*s/m")),
+    "Pa": ((1e4, "bar"), (0.0, "Pa")),
+    "m": ((0.2, "m"), (1e-4, "mm"), (0.0, "um")),
+    "m/s": ((0.1, "m/s"), (0.0, "mm/s")),
+    "m**3/s": ((0.0, "L/min"),),
+    "m**3": ((1.0, "m**3"), (0.0, "L")),
+    "W": ((1e6, "MW"), (1e3, "kW"), (0.0, "W")),
+    "J": ((1e6, "MJ"), (1e3, "kJ"), (0.0, "J")),
+    "kg": ((1e3, "t"), (1.0, "kg"), (0.0, "g")),
+    "kg/s": ((0.1, "kg/s"), (0.0, "g/s")),
+}
+QUANTITIES = {
+    "m": "position", "m/s": "velocity", "m/s**2": "acceleration", "N": "force", "N*m": "torque", "Pa": "pressure",
+    "m**3/s": "volume flow", "m**3": "volume", "kg": "mass", "kg/s": "mass flow", "K": "temperature", "W": "power",
+    "J": "energy", "s": "time", "N/m": "stiffness", "N*s/m": "damping", "V": "voltage", "A": "current", "1/s": "rate",
+}
+_POWERS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def quantity(unit: str) -> str:
+    """What a unit measures, in a word (`force`); empty where there is no common word for it."""
+    try:
+        read = read_unit(unit)
+    except UnitProblem:
+        return ""
+    if read.counts == "angle":
+        return "angular velocity" if read.dimension else "angle"
+    # kg/s is N*s/m by its dimension, and yet a flow as it is written
+    return QUANTITIES.get(unit) or QUANTITIES.get(dimension_text(read.dimension), "")
+
+
+def readable_unit(unit: str, size: float) -> str:
+    """The unit in which values of about `size` (given in `unit`) read well; any but a base unit is somebody's choice
+    and stays."""
+    if unit not in READABLE or not math.isfinite(size) or size == 0:
+        return unit
+    return next(shown for least, shown in READABLE[unit] if abs(size) >= least)
+
+
+def converted(values: NDArray[np.float64], unit: str, shown: str) -> NDArray[np.float64]:
+    """Values in one unit told in another of its kind."""
+    if unit == shown:
+        return values
+    source, target = read_unit(unit), read_unit(shown)
+    return (values * source.scale + source.offset - target.offset) / target.scale
+
+
+def readable(value: float, unit: str, digits: int = 5, *, beside: float | None = None) -> str:
+    """A value with its unit: 17250000 Pa as `172.5 bar`; in the unit of another one that it stands `beside`."""
+    shown = readable_unit(unit, value if beside is None else beside)
+    if shown != unit:
+        value = read_unit(shown).from_si(value)
+    return f"{number(value, digits)} {shown}" if shown != "1" else number(value, digits)
+
+
+def written(value: float, unit: str, digits: int) -> str:
+    """A value with its unit as on paper: `0.017 m²`."""
+    first, *rest = readable(value, unit, digits).split(" ", 1)
+    return " ".join([first, *map(unit_label, rest)])
+
+
+def readable_time(seconds: float, *others: float) -> list[str]:
+    """A stretch of time and others in the unit that suits it, to three digits: `21.3 ms`."""
+    unit, scale = next(((u, k) for u, k in (("s", 1.0), ("ms", 1e-3)) if abs(seconds) >= k), ("us", 1e-6))
+    return [f"{number(value / scale, 3)} {unit}" for value in (seconds, *others)]
+
+
+def number(value: float, digits: int = 5) -> str:
+    """A number to `digits` significant digits, without an exponent where that is short."""
+    if not math.isfinite(value):
+        return "-" if math.isnan(value) else "inf" if value > 0 else "-inf"
+    if value == 0:
+        return "0"
+    size = abs(value)
+    if 1e-4 <= size < 1e6:
+        decimals = max(0, digits - 1 - math.floor(math.log10(size)))
+        text = f"{value:.{decimals}f}"
+        return text.rstrip("0").rstrip(".") if "." in text else text
+    return f"{value:.{max(0, digits - 2)}e}"
+
+
+def in_unit(value: float, unit: Unit, digits: int) -> str:
+    """An SI value as a number in a unit, to `digits` significant digits."""
+    return number(unit.from_si(value), digits)
+
+
+def path_text(path: Path) -> str:
+    """A path as a user would type it: from the current folder where it lies below."""
+    whole, here = path.resolve(), Path.cwd()
+    return str(whole.relative_to(here) if whole.is_relative_to(here) else path)
+
+
+def count(how_many: int, thing: str, plural: str = "") -> str:
+    """`no loop`, `1 loop`, `3 loops`."""
+    word = thing if how_many == 1 else plural or thing + "s"
+    return f"{how_many or 'no'} {word}"
+
+
+def brief(thing: object, name: str, *parts: str) -> str:
+    """What `repr` gives of an object with a name: a line each for its parts, instead of all that it holds."""
+    return f"<{type(thing).__name__} {name!r}: " + "\n ".join(part for part in parts if part) + ">"
+
+
+def unit_label(unit: str) -> str:
+    """A unit as it is printed on paper: `m**3/s` as m³/s, `kN*s/m` as kN·s/m, `1` as a dash."""
+    if unit == "1":
+        return "–"
+    text = re.sub(r"\*\*(-?[0-9]+)", lambda found: found.group(1).translate(_POWERS), unit)
+    return text.replace("*", "·").replace("degC", "°C").replace("um", "µm")
+
+
+def columns(rows: Sequence[Sequence[str]], width: int, indent: int = 2) -> list[str]:
+    """Rows as lines of aligned columns two apart; the last column takes what is left and wraps (no column is cut)."""
+    if not rows:
+        return []
+    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]) - 1)]
+    begin = indent + sum(widths) + 2 * len(widths)
+    lines = []
+    for row in rows:
+        head = " " * indent + "".join(cell.ljust(w) + "  " for cell, w in zip(row, widths, strict=False))
+        # a wide first column must not squeeze the last one into a strip
+        narrow = width - begin < 24
+        if narrow and len(row[-1]) > width - begin:
+            lines.append(head.rstrip())
+            head, rest = " " * (indent + 4), indent + 4
+        else:
+            rest = begin
+        wrapped = textwrap.wrap(row[-1], max(20, width - rest), break_long_words=False, break_on_hyphens=False)
+        lines += [(head + (wrapped[0] if wrapped else "")).rstrip(), *(" " * rest + line for line in wrapped[1:])]
+    return lines

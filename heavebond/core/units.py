@@ -1,0 +1,382 @@
+"""Quantities as `NUMBER SPACE UNIT`, ranges and tolerances; dimensions as exponents (the only importer of pint).
+
+Inside heavebond every number is in SI base units. A dimension is a sorted tuple of (base unit, exponent) pairs without
+zeros; beside m, kg, s, A, K, mol, cd a base may be a unit still to be solved, such as `$U`. An angle in radians is
+dimensionless, as in the SI, but `Hz` and `rad/s` are told apart where a value is read.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from functools import lru_cache
+from math import isfinite, pi
+from typing import TYPE_CHECKING, Any
+
+from heavebond.core.common_units import common_unit
+from heavebond.core.errors import suggest
+from heavebond.core.limits import NUMBER as LARGEST
+from heavebond.core.limits import QUANTITY
+from heavebond.core.numerals import NUMBER
+
+if TYPE_CHECKING:
+    from pint import UnitRegistry
+
+Dimension = tuple[tuple[str, Fraction], ...]
+PINT_BASE = {"[length]": "m", "[mass]": "kg", "[time]": "s", "[current]": "A", "[temperature]": "K",
+             "[substance]": "mol", "[luminosity]": "cd"}
+ONE: Dimension = ()
+
+_LETTERS = "A-Za-zµΩ°"
+_UNDER = r"/\([A-Za-z]\w*(?:\*\*[0-9]+|[*/][A-Za-z]\w*)*\)"                         # /(s*Pa)
+UNIT = (rf"(?:1/)?[{_LETTERS}%][\w°%µΩ]*"                                        # kN
+        rf"(?:\*\*-?[0-9]{{1,2}}(?![0-9])|\^-?[0-9]+|[*/·](?=[{_LETTERS}])[\w°%µΩ]+)*"   # *s, /m, **2
+        rf"(?:{_UNDER})?|1(?:{_UNDER})?")
+_QUANTITY = re.compile(rf"\s*({NUMBER})(?:\s+({UNIT}))?\s*$")
+_RANGE = re.compile(rf"\s*({NUMBER})(?:\s+({UNIT}))?\s*\.\.\s*({NUMBER})(?:\s+({UNIT}))?\s*$")
+_BAND = re.compile(rf"\s*({NUMBER})(?:\s+({UNIT}))?\s*\+-\s*({NUMBER})(?:\s+({UNIT}))?\s*$")
+_DECIMAL_COMMA = re.compile(r"[0-9],[0-9]")
+
+
+TOO_LARGE = f"The largest number is {LARGEST:g} in SI units."
+
+SPELLINGS = {
+    "Nm": "N*m", "Ns": "N*s", "kNs": "kN*s", "kNm": "kN*m", "Nms": "N*m*s", "lpm": "L/min", "gpm": "gal/min",
+    "sec": "s", "Sec": "s", "KN": "kN", "Kg": "kg", "KG": "kg", "hz": "Hz", "kHZ": "kHz", "mpa": "MPa", "Mpa": "MPa",
+    "gpa": "GPa", "Gpa": "GPa", "kpa": "kPa", "PA": "Pa", "Bar": "bar", "BAR": "bar", "cc": "cm**3", "m3": "m**3",
+    "m2": "m**2", "s2": "s**2", "mm2": "mm**2", "cm2": "cm**2", "cm3": "cm**3", "mm3": "mm**3",
+    "Ohm": "ohm", "Ohms": "ohm", "ohms": "ohm", "mOhm": "mohm", "kOhm": "kohm", "MOhm": "Mohm"}
+COMMON = [
+    "N", "kN", "MN", "kg", "t", "g", "m", "mm", "cm", "km", "s", "ms", "min", "h", "Pa", "kPa", "MPa", "GPa", "bar",
+    "L", "L/min", "Hz", "kHz", "rad", "rad/s", "deg", "rpm", "degC", "K", "J", "kJ", "W", "kW", "V", "A", "mA", "%"]
+# the units library also knows constants (`c`, `e`, `k`), currencies and decibels, which would be misread names here
+KNOWN = {
+    "meter", "gram", "metric_ton", "second", "minute", "hour", "day", "newton", "pascal", "bar", "liter", "hertz",
+    "radian", "degree", "revolution", "turn", "revolutions_per_minute", "revolutions_per_second", "degree_Celsius",
+    "delta_degree_Celsius", "kelvin", "joule", "watt", "watt_hour", "volt", "ampere", "ohm", "farad", "henry",
+    "tesla", "weber", "coulomb", "siemens", "mole", "candela", "percent", "degree_Fahrenheit",
+    "delta_degree_Fahrenheit", "degree_Rankine", "inch", "foot", "yard", "mile", "nautical_mile", "knot", "pound",
+    "ounce", "slug", "force_pound", "pound_force_per_square_inch", "kip", "kip_per_square_inch", "gallon", "quart",
+    "pint", "barrel", "horsepower", "metric_horsepower", "kilogram_force", "force_kilogram", "atmosphere",
+    "standard_atmosphere", "torr", "millimeter_Hg", "centimeter_H2O", "poise", "stokes", "hectare", "are", "dyne",
+    "erg", "british_thermal_unit", "calorie", "technical_atmosphere"}
+ANGLES = {"radian", "degree", "turn", "revolution", "revolutions_per_minute", "revolutions_per_second"}
+_MISSPELT = re.compile(rf"(?<![\w*])(?:{'|'.join(SPELLINGS)})(?![A-Za-z0-9])")
+
+
+class UnitProblem(ValueError):
+    """A quantity that cannot be read; `code` is the stable code, `hint` says what to type."""
+
+    def __init__(self, code: str, message: str, hint: str = ""):
+        super().__init__(message)
+        self.code, self.message, self.hint = code, message, hint
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit: value_SI = value * scale + offset, its dimension, and what it counts (`angle`, `cycles` or nothing)."""
+
+    text: str
+    scale: float
+    offset: float
+    dimension: Dimension
+    counts: str = ""
+
+    def to_si(self, value: float) -> float:
+        """SI value of `value` given in this unit."""
+        return value * self.scale + self.offset
+
+    def from_si(self, value: float) -> float:
+        """Value in this unit of an SI value (also element by element for arrays)."""
+        return (value - self.offset) / self.scale
+
+    def written(self, value: float) -> str:
+        """`46.998 kN/m`: an SI value in this unit, to six digits."""
+        number = f"{self.from_si(value):.6g}"
+        return number if self.text in ("1", "") else f"{number} {self.text}"
+
+
+DIMENSIONLESS = Unit("1", 1.0, 0.0, ONE)
+
+
+def dimension_of(exponents: Mapping[str, Fraction]) -> Dimension:
+    """The dimension with these exponents."""
+    return tuple(sorted((base, Fraction(power)) for base, power in exponents.items() if power))
+
+
+def times(a: Dimension, b: Dimension, power: Fraction | int = 1) -> Dimension:
+    """The dimension of a * b**power."""
+    exponents = dict(a)
+    for base, exponent in b:
+        exponents[base] = exponents.get(base, Fraction(0)) + exponent * power
+    return dimension_of(exponents)
+
+
+@dataclass(frozen=True)
+class Range:
+    """`low .. high` in SI; `nominal` is the value of `v +- tolerance`, else None."""
+
+    low: float
+    high: float
+    unit: Unit
+    nominal: float | None = None
+
+
+@lru_cache(maxsize=1)
+def _registry() -> UnitRegistry[Any]:
+    import pint
+
+    registry: UnitRegistry[Any] = pint.UnitRegistry(autoconvert_offset_to_baseunit=True, cache_folder=None)
+    registry.define("percent = 0.01 = %")
+    registry.define("@alias revolution = rev")
+    return registry
+
+
+@lru_cache(maxsize=4096)
+def unit(text: str) -> Unit:
+    """Read a unit such as `kN/m`, `L/min`, `m**3/s`, `%`, `1`; raises UnitProblem where it is unknown."""
+    text = text.strip()
+    if text in ("1", ""):
+        return DIMENSIONLESS
+    if "^" in text:
+        raise UnitProblem("unit-power", f"the power in '{text}' is written `**`", f"Write '{text.replace('^', '**')}'.")
+    if len(text) > QUANTITY or not re.fullmatch(UNIT, text):
+        raise UnitProblem("unit-unknown", f"'{text}' is not a unit", "A unit is written without spaces: kN*s/m, "
+                          "m**3/s, 1/s.")
+    if _MISSPELT.search(text):  # the units library reads `Nm` as something else
+        raise UnitProblem("unit-unknown", f"'{text}' is not a known unit", _unit_hint(text))
+    if (common := common_unit(text)) is not None:
+        scale, exponents, counts = common
+        return Unit(text, scale, 0.0, dimension_of(exponents), counts)
+    return _looked_up(text)
+
+
+def _looked_up(text: str) -> Unit:
+    """A unit as pint knows it."""
+    import pint
+
+    registry = _registry()
+    try:
+        parsed = registry.parse_units(text.replace("°C", "degC").replace("·", "*"))
+        names = {next((n for _, n, _ in registry.parse_unit_name(name) if n in KNOWN), name) for name in parsed._units}
+        if not names <= KNOWN:
+            raise ValueError(text)
+        zero = registry.Quantity(0.0, parsed).to_base_units()
+        one = registry.Quantity(1.0, parsed).to_base_units()
+        many = registry.Quantity(1e6, parsed).to_base_units()  # the difference of two temperatures loses digits
+    except (pint.errors.PintError, AttributeError, ValueError, TypeError, KeyError, ArithmeticError,
+            AssertionError, SyntaxError, RecursionError) as error:  # the units library meets some texts with these
+        raise UnitProblem("unit-unknown", f"'{text}' is not a known unit", _unit_hint(text)) from error
+    dimension = dimension_of({PINT_BASE[name]: Fraction(float(str(power))).limit_denominator(1000)
+                              for name, power in dict(one.dimensionality).items()})
+    # to_base_units gives kilogram-metre-second numbers, which are the SI's own
+    offset = float(zero.magnitude)
+    scale = float(f"{(float(many.magnitude) - offset) / 1e6 if offset else float(one.magnitude):.16g}")
+    if not (isfinite(scale) and scale > 0):
+        raise UnitProblem("unit-unknown", f"'{text}' cannot be counted in base units", _unit_hint(text))
+    counts = "cycles" if "hertz" in names else "angle" if names & ANGLES else ""
+    return Unit(text, scale, offset, dimension, counts)
+
+
+def _unit_hint(text: str) -> str:
+    if _MISSPELT.search(text):
+        return f"Did you mean '{_MISSPELT.sub(lambda found: SPELLINGS[found.group()], text)}'?"
+    if near := suggest(text, COMMON):
+        return near
+    return "Units are written as N, kN/m, kN*s/m, bar, L/min, m**3/s, mm/s, Hz, rad/s, degC, %, 1."
+
+
+def dimension_text(dimension: Dimension) -> str:
+    """A dimension in the units an engineer would write, e.g. `N/m`, else in base units."""
+    for name in ("1", "m", "m/s", "m/s**2", "kg", "s", "N", "N/m", "N*s/m", "N*m", "Pa", "Pa/s", "m**2", "m**3",
+                 "m**3/s", "m**3/(s*Pa)", "W", "J", "kg/s", "kg/m**3", "K", "1/s", "A", "V", "1/m", "s/m",
+                 "N/s", "N*s", "N/m**2", "m/s**3", "kg*m**2", "kg*m", "Pa*s", "Pa*s/m**3", "Pa/m", "W/K", "J/kg",
+                 "J/(kg*K)"):
+        if _common(name) == dimension:
+            return name
+    over = [_power(b, e) for b, e in dimension if e > 0]
+    under = [_power(b, -e) for b, e in dimension if e < 0]
+    text = "*".join(over) or "1"
+    if not under:
+        return text
+    return f"{text}/{under[0]}" if len(under) == 1 else f"{text}/({'*'.join(under)})"
+
+
+@lru_cache(maxsize=64)
+def _common(name: str) -> Dimension:
+    return declared_unit(name).dimension
+
+
+def _power(base: str, exponent: Fraction) -> str:
+    return base if exponent == 1 else f"{base}**{exponent}"
+
+
+@lru_cache(maxsize=4096)
+def declared_unit(text: str) -> Unit:
+    """Read the unit of a declaration, where brackets are allowed (`m**3/(s*Pa)`) and the scale must be 1."""
+    flat = _without_brackets(text.strip())
+    read = unit(flat)
+    if abs(read.scale - 1.0) > 1e-12 or read.offset:
+        raise UnitProblem("unit-not-base", f"a declaration is in base units, and '{text}' is none",
+                          f"Write `unit: {dimension_text(read.dimension)}`; values may be given in {text}.")
+    return Unit(text, read.scale, read.offset, read.dimension, read.counts)
+
+
+def _without_brackets(text: str) -> str:
+    """`a/(b*c)` as `a/b/c`, `a/(b/c)` as `a/b*c`: the one use of brackets that units need."""
+    found = re.fullmatch(r"(.*)/\(([^()]*)\)", text)
+    if not found:
+        return text
+    factors = re.findall(r"(^|/|(?<!\*)\*(?!\*))((?:[^*/]|\*\*)+)", found.group(2))
+    return found.group(1) + "".join(("*" if sign == "/" else "/") + part for sign, part in factors)
+
+
+def read_unit(text: str) -> Unit:
+    """Read a unit at the edge (any scale, brackets allowed)."""
+    return replace(unit(_without_brackets(text.strip())), text=text.strip())
+
+
+def _number(text: str, whole: str) -> float:
+    return _within(float(text), whole)
+
+
+def _within(number: float, whole: str) -> float:
+    if not abs(number) <= LARGEST:
+        raise UnitProblem("number-too-large", f"'{whole}' is too large a number", TOO_LARGE)
+    return number
+
+
+def parse_quantity(text: str) -> tuple[float, Unit | None]:
+    """`42 kN/m` to (42000.0, unit); the unit is None where none is written. Raises UnitProblem."""
+    if len(text) > QUANTITY:
+        raise UnitProblem("not-a-quantity", f"'{text[:30]} ...' is too long for a number with a unit", AS_QUANTITY)
+    found = _QUANTITY.match(text)
+    if not found or "^" in text:
+        raise UnitProblem(*_why_not(text))
+    number = _number(found.group(1), text)
+    if found.group(2) is None:
+        return number, None
+    read = read_unit(found.group(2))
+    return _within(read.to_si(number), text), read
+
+
+def _why_not(text: str) -> tuple[str, str, str]:
+    if re.fullmatch(rf"\s*{NUMBER}\s+\S*\^\S*\s*", text):
+        return "unit-power", f"the power in '{text}' is written `**`", f"Write '{text.strip().replace('^', '**')}'."
+    if _DECIMAL_COMMA.search(text):
+        return "decimal-comma", f"'{text}' has a decimal comma", f"Write '{text.replace(',', '.')}'."
+    glued = re.fullmatch(rf"\s*((?>{NUMBER}))([A-Za-z%°µ].*)", text)
+    if glued:
+        return "quantity-no-space", f"'{text}' has no space between number and unit", \
+            f"Write '{glued.group(1)} {glued.group(2).strip()}'."
+    spaced = re.fullmatch(rf"\s*({NUMBER})\s+(\S+(?:\s+\S+)+)", text)
+    if spaced:
+        joined = re.sub(r"\s+", "*", re.sub(r"\s*([*/])\s*", r"\1", spaced.group(2)))
+        if not _is_unit(joined):
+            return "not-a-quantity", f"'{text}' is not a number with a unit", AS_QUANTITY
+        return "unit-space", f"'{text}' has a space inside its unit", f"Write '{spaced.group(1)} {joined}'."
+    return "not-a-quantity", f"'{text}' is not a number with a unit", AS_QUANTITY
+
+
+def _is_unit(text: str) -> bool:
+    try:
+        read_unit(text)
+    except UnitProblem:
+        return False
+    return True
+
+
+AS_QUANTITY = "Write for example `42 kN/m`, or a formula that begins with `=`."
+
+
+def parse_range(text: str) -> Range:
+    """`30 .. 70 kN*s/m` or `42 kN/m +- 20 %` or `42 +- 3 kN/m`; raises UnitProblem."""
+    found = _RANGE.match(text) if len(text) <= QUANTITY else None
+    if found:
+        low, low_unit, high, high_unit = found.groups()
+        last = read_unit(high_unit or low_unit or "1")
+        first = read_unit(low_unit) if low_unit else last
+        if first.dimension != last.dimension:
+            raise UnitProblem("range-units", f"the two ends of '{text}' are in different units",
+                              "Write both in the same unit.")
+        bounds = (_within(first.to_si(_number(low, text)), text), _within(last.to_si(_number(high, text)), text))
+        if bounds[0] >= bounds[1]:
+            raise UnitProblem("range-empty", f"the range '{text}' is empty", "Write the smaller value first.")
+        return Range(*bounds, last)
+    found = _BAND.match(text) if len(text) <= QUANTITY else None
+    if not found:
+        raise UnitProblem("not-a-range", f"'{text}' is not a range", _range_hint(text))
+    number, number_unit, width, width_unit = found.groups()
+    own = read_unit(number_unit or ("1" if width_unit in (None, "%") else width_unit))
+    value = own.to_si(_number(number, text))
+    if width_unit == "%":
+        half = abs(value) * _number(width, text) / 100
+    else:
+        half = abs(_number(width, text)) * read_unit(width_unit or own.text).scale
+    if half <= 0:
+        raise UnitProblem("range-empty", f"the range '{text}' has no width", "Write a tolerance above 0.")
+    return Range(value - half, value + half, own, value)
+
+
+def _range_hint(text: str) -> str:
+    """What may be meant by a text that is no range: a tolerance in other signs, or a quantity that lacks one."""
+    signed = re.sub(r"\s*(\+/-|±|\+ -)\s*", " +- ", text)
+    for meant in (signed, f"{text.strip()} +- 20 %"):
+        if _BAND.match(meant) and len(meant) <= QUANTITY:
+            return f"Write `{meant}`."
+    return "Write `30 .. 70 kN*s/m` or `42 kN/m +- 20 %`."
+
+
+def check_unit(given: Unit | None, wanted: Unit, value: float, text: str) -> None:
+    """Raise UnitProblem unless a value read as (`value`, `given`) may stand where `wanted` is declared."""
+    text = text.strip()
+    if given is None:
+        if wanted.dimension == ONE and wanted.counts == "":
+            return
+        if value == 0 and "e" not in text.lower() and wanted.offset == 0:
+            return  # a bare zero fits any unit
+        raise UnitProblem("unit-missing", f"'{text}' has no unit", f"Write '{text} {wanted.text}', if that is meant.")
+    if given.dimension != wanted.dimension:
+        needed = "a number without unit" if wanted.dimension == ONE else wanted.text
+        raise UnitProblem("unit-wrong", f"'{text}' is in {given.text}; {needed} is needed",
+                          "Write a number without unit, or in %." if wanted.dimension == ONE else
+                          f"Write it in {wanted.text} or in a multiple of it.")
+    if given.counts and wanted.counts and given.counts != wanted.counts:
+        factor = 2 * pi if wanted.counts == "angle" else 1 / (2 * pi)
+        raise UnitProblem("unit-cycles", f"'{text}' is in {given.text}; {wanted.text} is needed",
+                          f"1 Hz is 2*pi rad/s: write '{value * factor:.6g} {wanted.text}'.")
+    if not given.counts and (wanted.counts == "cycles" or (wanted.counts == "angle" and wanted.dimension != ONE)):
+        raise UnitProblem("unit-cycles", f"'{text}' does not say whether it counts cycles or radians",
+                          f"Write it in {wanted.text}.")
+
+
+@lru_cache(maxsize=4096)
+def generic_unit(text: str) -> Unit:
+    """A declared unit in which `$U` (solved for each instance) may take part: `$U/s`, `$Y/$U`, `$D.effort`."""
+    if "$" not in text:
+        return declared_unit(text)
+    if not re.fullmatch(r"[\w$.*/()-]+", text.strip()):
+        raise UnitProblem("unit-unknown", f"'{text}' is not a unit", "Write for example $U, $U/s or $Y/$U.")
+    dimension = ONE
+    for sign, factor in re.findall(r"(^|(?<!\*)[*/](?!\*))\s*((?:[^*/]|\*\*)+)", _without_brackets(text.strip())):
+        base, _, power = factor.strip().partition("**")
+        if not re.fullmatch(r"-?[0-9]{1,2}|", power) or not re.fullmatch(r"\$[A-Za-z]\w*(\.(effort|flow))?|[^$]+", base):
+            raise UnitProblem("unit-unknown", f"'{text}' is not a unit", "Write for example $U, $U/s or $Y/$U.")
+        part: Dimension = ((base, Fraction(1)),) if base.startswith("$") else declared_unit(base).dimension
+        dimension = times(dimension, part, Fraction(power or 1) * (-1 if sign == "/" else 1))
+    return Unit(text, 1.0, 0.0, dimension)
+
+
+def is_generic(dimension: Dimension) -> bool:
+    """Whether a unit still to be solved takes part."""
+    return any(base.startswith("$") for base, _ in dimension)
+
+
+def solved(dimension: Dimension, values: Mapping[str, Dimension]) -> Dimension:
+    """The dimension with the units that `values` knows put in."""
+    result = ONE
+    for base, power in dimension:
+        result = times(result, values.get(base, ((base, Fraction(1)),)), power)
+    return result

@@ -1,0 +1,1 @@
+"""Identification of unmodelled physics: catalogue of effects, scoring, refits, selection, experiment design."""

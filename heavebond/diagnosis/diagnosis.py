@@ -1,0 +1,363 @@
+"""From a misfit to the physical effect that is missing: the ladder of findings, and how sure they are.
+
+Each rung (see `diagnosis.stage`) adds an effect that leaves little on records that were not fitted. A finding is called by
+name only where, after it, what is left there is near the noise or nearly all of the error is gone; else it is a shape: a
+place and a curve. Where the records cannot tell candidates apart, all are named.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from heavebond.core.cancellation import finishing, obeyed
+from heavebond.core.errors import HeavebondError, Problem, UsageError, listing, suggest
+from heavebond.core.presentation import brief
+from heavebond.core.progress import Progress
+from heavebond.core.threads import single_threaded
+from heavebond.diagnosis.alternatives import Alternative
+from heavebond.diagnosis.catalogue import Candidate, candidates
+from heavebond.diagnosis.experiment_design import Separation, separate
+from heavebond.diagnosis.fixed_values import VALUE, fixed_values
+from heavebond.diagnosis.ladder import Finding, Rung, rung, with_limits
+from heavebond.diagnosis.refit import Trial
+from heavebond.diagnosis.stage import SECONDS, Step, following, learnt, merit, revalued, single, step
+from heavebond.diagnosis.stepwise_selection import DECISIVE, MOST, Added, Way, climb
+from heavebond.diagnosis.verdict import as_near, explained, near_noise, unexplained, verdict, words, worth_it
+from heavebond.fit.comparison import Comparison, compare
+from heavebond.fit.excerpts import as_long_as, cut, excerpt
+from heavebond.fit.experiment import Experiment, load_experiment
+from heavebond.fit.fitting import Fit, fit
+
+SEVERAL = "More than one effect may be missing: --auto looks for several that explain it together."
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What was found. `ladder` begins with the diagram as it stands and the same with its free parameters fitted;
+    `findings` and `steps` go together, but for a last step that found nothing; a fixed value that explains what no effect
+    does is the only finding, after a step of effects and one of values. `shape` is the learnt curve that lowers the
+    error most where no name can be given; `separation` the experiment that would tell alternatives apart. `verdict` is one
+    of those of `heavebond.diagnosis.verdict`, `words` says it; `searched` is the experiment on what the search looked at."""
+
+    experiment: Experiment
+    verdict: str
+    words: tuple[str, ...]
+    ladder: tuple[Rung, ...]
+    findings: tuple[Finding, ...]
+    steps: tuple[Step, ...]
+    shape: Finding | None
+    fitted: Fit | None
+    noise: dict[str, tuple[float, str, bool]]
+    seconds: float
+    separation: Separation | None
+    searched: Experiment
+
+    def __repr__(self) -> str:
+        return brief(self, self.experiment.name, self.verdict, *self.words)
+
+    @property
+    def last(self) -> Experiment:
+        """The experiment on the last diagram of the ladder."""
+        found = [*self.findings, *([self.shape] if self.shape is not None else [])]
+        return found[-1].fit.experiment if found else self.experiment
+
+    def as_dict(self) -> dict[str, object]:
+        """Everything for machines."""
+        return {
+            "verdict": self.verdict, "words": list(self.words), "partial": any(step.partial for step in self.steps),
+            "lost": sorted({label for step in self.steps for label in step.lost}),
+            "steps": [f.as_dict() for f in self.findings],
+            "shape": self.shape and self.shape.as_dict(), "ladder": [r.as_dict() for r in self.ladder],
+            "ranking": [_ranked(s) for s in self.steps],
+            "noise": {name: {"value": value, "unit": unit, "given": given}
+                      for name, (value, unit, given) in self.noise.items()},
+            "separation": self.separation and self.separation.as_dict(), "seconds": self.seconds}
+
+
+def _ranked(step: Step) -> list[dict[str, object]]:
+    """All candidates of a step, the refitted ones first, in the order of their rank."""
+    cluster = {t.candidate.label for t in step.cluster}
+    rows = [{**t.candidate.as_dict(), "score": t.score, "chi2_fit": t.chi2_fit, "chi2_held_out": t.chi2_held_out,
+             "error_over_noise_held_out": float(np.sqrt(t.chi2_held_out)), "bic_difference": t.bic - step.bic,
+             "cluster": t.candidate.label in cluster, "at_end": list(t.at_end),
+             "same_as": list(step.twins.get(t.candidate.label, ()))} for t in step.trials]
+    others = [s for s in step.scores if all(t.candidate.label != s.candidate.label for t in step.trials)]
+    return [*rows, *({**s.candidate.as_dict(), "score": s.gain, "cluster": s.candidate.label in cluster,
+                      "seen": s.told_apart} for s in others)]
+
+
+@single_threaded
+def diagnose(experiment: Experiment | str | Path, *, auto: bool = False, number: int | None = None, seconds: float = SECONDS,
+             classes: Sequence[str] = (), samples: int | None = None, progress: Progress | None = None) -> Diagnosis:
+    """Find out which effect the diagram of an experiment lacks.
+
+    One step, or with `auto` the ladder of several effects that leaves least (see `diagnosis.stepwise_selection`); `number`
+    processes (by default as many as there are processors); a step begins no refit after `seconds` of them; `classes`
+    narrows the catalogue; the search looks at so many `samples` of long records (see `fit.excerpts`), and what it
+    finds is fitted to all of them. Ctrl-C ends the search with what was found so far. Raises ModelError and DataError
+    where the experiment is wrong, UsageError where no record is to be fitted.
+    """
+    began = clock.perf_counter()
+    experiment = _loaded(experiment)
+    say = progress or (lambda text: None)
+    base = fit(experiment, progress=lambda text: say(f"fitting what is free: {text}")) if experiment.free else None
+    ladder = _first_rungs(experiment, base)
+
+    def stepping(experiment: Experiment, way: Way) -> Step:
+        beside = f" beside {listing(added.candidate.label for added in way)}" if len(way) > 1 else ""
+        return step(experiment, number=number, seconds=seconds, classes=classes, thorough=not way,
+                    progress=lambda text: say(f"step {len(way) + 1}{beside}: {text}"))
+
+    part, way, last = _climbed(experiment, excerpt(experiment, ladder[-1].comparison, samples),
+                               lambda now: climb(_at(now, base), stepping, say, MOST if auto else 1))
+    # the last step made may be that of the last effect itself
+    steps = [*(added.step for added in (way[:-1] if way and last.chosen is way[-1].chosen else way)), last]
+    with finishing(say):
+        findings = _confirmed(way, ladder, experiment, say)
+    ladder += [f.rung for f in findings]
+    now = _at(findings[-1].fit.experiment, findings[-1].fit) if findings else _at(experiment, base)
+    come = _Come(ladder, findings, steps)
+    if steps[0].left.significant and not steps[-1].partial and (not classes or VALUE in classes):
+        come = _weighed(come, way, experiment, lambda beside: revalued(
+            as_long_as(part, _at(experiment, base)), beside=beside, number=number, seconds=seconds,
+            progress=lambda text: say(f"trying other values of what is held fixed: {text}")))
+    shape = None
+    if unexplained(come.ladder, come.findings, come.steps):
+        say("learning a curve")
+        shape = _shape(as_long_as(part, now), experiment, number, seconds)
+    rungs = (*come.ladder, *([shape.rung] if shape is not None else []))
+    said = verdict(base, rungs, come.findings, come.steps, shape)
+    apart = _separation(come.findings, say) if said == "one_of" else None
+    told = (*words(said, rungs, come.findings, come.steps, shape), *map(as_near, come.values),
+            *(apart.words if apart is not None else ()),
+            *_lost(come.steps),
+            *([SEVERAL] if said == "shape" and come.findings and not auto else []), *_limits(classes, cut(part, experiment)))
+    return Diagnosis(experiment, said, told, rungs, tuple(come.findings), tuple(come.steps), shape, base,
+                     _noise(ladder[0].comparison), clock.perf_counter() - began, apart, part)
+
+
+@dataclass(frozen=True)
+class _Come:
+    """What a search has come to: the ladder, its findings and steps, and values of what is held fixed that the records
+    cannot tell from the findings."""
+
+    ladder: Sequence[Rung]
+    findings: Sequence[Finding]
+    steps: Sequence[Step]
+    values: Sequence[Trial] = ()
+
+
+def _climbed(experiment: Experiment, part: Experiment, climbing: Callable[[Experiment], tuple[Way, Step]]
+             ) -> tuple[Experiment, Way, Step]:
+    """The ladder that is found on a part of the records; on the whole where the part shows nothing, as what is missing may
+    show later. With what it was found on."""
+    way, last = climbing(part)
+    if part is experiment or last.left.significant or last.partial:
+        return part, *_noticeable(way, last)
+    return experiment, *_noticeable(*climbing(experiment))
+
+
+def _noticeable(way: Way, last: Step) -> tuple[Way, Step]:
+    """A ladder without a single effect that hardly takes anything away: beside what no law explains (the noise of a measured
+    input) some law always takes a few percent, beyond chance, and would be a name for nothing."""
+    if len(way) != 1 or worth_it(way[0].step):
+        return way, last
+    return (), replace(way[0].step, chosen=None, cluster=(), partial=last.partial)
+
+
+def _lost(steps: Sequence[Step]) -> list[str]:
+    """What the search is without, as the system ended a process."""
+    lost = list(dict.fromkeys(label for step in steps for label in step.lost))
+    return [f"Not tried to the end: {listing(lost, 4)}. The processes that worked on this died, also when it was tried "
+            "again alone (killed, or out of memory). Fewer `--processes`, or `--samples`, need less memory."] if lost else []
+
+
+def _limits(classes: Sequence[str], looked: str) -> list[str]:
+    """What was left out of the search."""
+    only = f"Tried were only effects of {'this class' if len(classes) == 1 else 'these classes'}: {listing(classes)}."
+    part = f"The records are long: the search looked at their beginning ({looked}), and what it found was fitted to all " \
+        "of them. `--samples` sets how much, `from:` and `to:` at a record which part."
+    return [*([only] if classes else []), *([part] if looked else [])]
+
+
+def _confirmed(way: Way, ladder: Sequence[Rung], given: Experiment, say: Progress) -> list[Finding]:
+    """The effects of a ladder with intervals and figures from full runs on the whole of the `given` records. What the first
+    one explains by itself is not taken back because several together do not reach the noise: then it stands alone."""
+    findings: list[Finding] = []
+    for added in way:
+        say(f"confirming {added.candidate.label}")
+        findings.append(_finding(added, given))
+    if len(findings) > 1 and explained(ladder, findings[:1]) and not explained(ladder, findings):
+        return [replace(findings[0], alternatives=way[0].step.cluster)]
+    return findings
+
+
+def _separation(findings: Sequence[Finding], say: Progress) -> Separation | None:
+    """The experiment that would tell apart what the first finding without one name may be, the best law of each class at
+    each place; None where the search for it is ended early or one of the diagrams cannot be run."""
+    unsure = next(f for f in findings if not f.certain)
+    best: dict[object, Trial] = {}
+    for trial in unsure.alternatives:
+        best.setdefault((trial.candidate.kind, frozenset(trial.candidate.where)), trial)
+    try:
+        return separate([Alternative(f"{t.candidate.kind} {t.candidate.place}", t.experiment, t.values,
+                                     t.samples + t.samples_held_out) for t in best.values()], progress=say)
+    except (KeyboardInterrupt, HeavebondError):
+        obeyed()
+        return None
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """One effect tried by hand: the ladder without and with it, the finding, how far BIC falls, and whether it earns its
+    place on what was not fitted."""
+
+    ladder: tuple[Rung, ...]
+    finding: Finding
+    bic_difference: float
+    earned: bool
+
+    def as_dict(self) -> dict[str, object]:
+        """The figures, for machines."""
+        return {"ladder": [r.as_dict() for r in self.ladder], "step": self.finding.as_dict(),
+                "bic_difference": self.bic_difference, "earned": self.earned}
+
+
+@single_threaded
+def attempt(experiment: Experiment | str | Path, component: str, places: Sequence[str] = (), *,
+            progress: Progress | None = None) -> Attempt:
+    """Put one effect into the diagram by hand and fit it: `attempt("rig.yaml", "CoulombFriction", ["platform", "crown"])`.
+
+    `component` is the name of a component with an `effect:`, of a dormant parameter (`cylinder.leakage`) or of one that is
+    held fixed (`crown.m`); `places` name nodes, parts or outputs until one place is left. UsageError where none or several
+    fit.
+    """
+    experiment = _loaded(experiment)
+    say = progress or (lambda text: None)
+    values = [c for c in fixed_values(experiment) if c.name == component]
+    chosen = _named([*candidates(experiment), *values], component, places)
+    base = fit(experiment, progress=say) if experiment.free else None
+    rungs = _first_rungs(experiment, base)
+    made = single(_at(experiment, base), chosen, say)
+    if made.chosen is None and not made.trials:
+        raise UsageError([Problem("try-broken", f"the diagram with {chosen.label} cannot be simulated", None,
+                                  "Try another place, or attach it in a diagram of your own and run that.")])
+    trial = made.trials[0]
+    found = _finding(Added(replace(made, chosen=trial), (trial,)), experiment)
+    return Attempt((*rungs, found.rung), found, trial.bic - made.bic, made.chosen is not None)
+
+
+def _named(found: Sequence[Candidate], component: str, places: Sequence[str]) -> Candidate:
+    """The one candidate that is meant; UsageError with those that could be."""
+    kinds = [c for c in found if component in (c.component, c.name)]
+    if not kinds and any(c.kind == component for c in found):
+        alike = [c for c in found if c.kind == component]
+        laws = dict.fromkeys(c.component for c in alike if _at_all(places, {*c.where, *c.change.nodes}))
+        raise UsageError([Problem("try-class", f"'{component}' is a class of effects, not one of them", None,
+                                  f"Try {listing(laws, 8)}." if laws else "`heavebond candidates` lists where it fits.")])
+    if len(set(places)) < len(places):
+        raise UsageError([Problem("try-place", f"'{places[0]}' is named twice; an effect between two nodes needs two", None,
+                                  "Write --between and the names of two different nodes.")])
+    if not kinds:
+        names = dict.fromkeys([*(c.component for c in found), *(c.name for c in found if c.attaches == "in")])
+        raise UsageError([Problem("try-unknown", f"no effect '{component}' fits anywhere in this diagram", None,
+                                  suggest(component, names) or "`heavebond candidates` lists what does.")])
+    here = [c for c in kinds if _at_all(places, {*c.where, *c.change.nodes})]
+    exact = [c for c in here if _at_all(places, set(c.where)) and len(places) == len(c.where)]
+    if len(here) == 1 or len(exact) == 1:
+        return (exact or here)[0]
+    listed = listing((c.place for c in here or kinds), 8)
+    if not here:
+        raise UsageError([Problem("try-place", f"{component} does not fit at {listing(places)}", None,
+                                  f"It fits {listed}.")])
+    raise UsageError([Problem("try-places", f"{component} fits at several places", None,
+                              f"Say which, with --between NODE NODE or --at NAME: {listed}.")])
+
+
+def _at_all(places: Sequence[str], known: set[str]) -> bool:
+    """Whether each place is among the names of nodes, parts and outputs, or a port of a part among them (`inlet.a`)."""
+    return all(place in known or place.rpartition(".")[0] in known for place in places)
+
+
+def _loaded(experiment: Experiment | str | Path) -> Experiment:
+    found = experiment if isinstance(experiment, Experiment) else load_experiment(experiment)
+    if not any(r.use == "fit" for r in found.records.values()):
+        raise UsageError([Problem("fit-no-record", "no record is to be fitted", None,
+                                  "Mark at least one record with `use: fit`.")])
+    return found
+
+
+def _first_rungs(experiment: Experiment, base: Fit | None) -> list[Rung]:
+    """The diagram as it stands, and with its free parameters fitted."""
+    name = experiment.model.name
+    if base is None:
+        return [rung(name, compare(experiment))]
+    return [rung(name, base.before), rung(f"{name}, parameters fitted", base.after)]
+
+
+def _at(experiment: Experiment, fitted: Fit | None) -> Experiment:
+    """The experiment with the fitted values in its diagram."""
+    if fitted is None:
+        return experiment
+    return replace(experiment, model=experiment.model.with_parameters(fitted.values))
+
+
+def _finding(added: Added, given: Experiment) -> Finding:
+    """The chosen effect with intervals and figures from full runs on the whole of the records."""
+    found = with_limits(added.candidate, fit(as_long_as(given, following(added.step))))
+    own = {n.name for n in added.candidate.numbers}
+    return Finding(added.candidate, tuple(p for p in found.parameters if p.name in own),
+                   rung(f"+ {added.candidate.label}", found.after), found, added.alternatives)
+
+
+def _weighed(come: _Come, way: Way, given: Experiment, trying: Callable[[Trial | None], Step]) -> _Come:
+    """What is found against other values of what the diagram holds fixed, `trying` these beside a trial that explains the
+    records: a value takes its place where it is better, and stands beside it where the records cannot tell."""
+    without = come.ladder[:len(come.ladder) - len(come.findings)]
+    chosen = way[len(come.findings) - 1].chosen if come.findings and explained(come.ladder, come.findings) else None
+    made = trying(chosen)
+    if (value := _value(made, given, without)) is not None:
+        return _Come([*without, value.rung], [value], [replace(come.steps[0], chosen=None, cluster=()), made])
+    if chosen is not None:
+        findings, values = _beside(come.findings, chosen, made)
+        return replace(come, findings=findings, values=values)
+    # ended by the user, or by time: nothing more is begun
+    return replace(come, steps=[*come.steps[:-1], replace(come.steps[-1], partial=True)]) if made.partial else come
+
+
+def _value(made: Step, given: Experiment, ladder: Sequence[Rung]) -> Finding | None:
+    """The fixed value by which what is left becomes noise, fitted to the whole of the records; None where there is none,
+    where an effect that stands beside the values is no worse, and where not all values were tried."""
+    if made.partial or made.chosen is None or not worth_it(made) or any(t.candidate.kind != VALUE for t in made.cluster):
+        return None
+    with finishing(lambda text: None):
+        found = _finding(Added(made, made.cluster), given)
+    return found if near_noise(found.rung) and explained([*ladder, found.rung], [found]) else None
+
+
+def _beside(findings: Sequence[Finding], chosen: Trial, made: Step) -> tuple[list[Finding], list[Trial]]:
+    """The findings, the last of which came with the trial that was `chosen`, and the values that the records cannot tell
+    from them. The only finding has those beside it that are the better explanation, though not by enough to decide: as near
+    with fewer numbers. Where they are no better, what is held fixed is taken as right."""
+    values = [] if made.partial else [t for t in made.cluster if t.candidate.kind == VALUE]
+    better = [t for t in values if merit(t) < merit(chosen) - DECISIVE]
+    if len(findings) > 1 or not better:
+        return list(findings), values
+    return [replace(findings[0], alternatives=(*findings[0].alternatives, *better))], values
+
+
+def _shape(experiment: Experiment, given: Experiment, number: int | None, seconds: float) -> Finding | None:
+    """The learnt curve that leaves least, where one earns its place, fitted to the whole of the records."""
+    made = learnt(experiment, number=number, seconds=seconds)
+    with finishing(lambda text: None):
+        return _finding(Added(made, made.cluster), given) if made.chosen is not None and worth_it(made) else None
+
+
+def _noise(comparison: Comparison) -> dict[str, tuple[float, str, bool]]:
+    first = next(iter(comparison.records.values()))
+    return {c.name: (c.noise, c.unit, c.noise_given) for c in first.channels.values()}

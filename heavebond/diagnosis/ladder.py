@@ -1,0 +1,187 @@
+"""What a diagnosis reports: models on the ladder of a falling error, and the effects that were added on it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from heavebond.core.errors import Problem, UsageError
+from heavebond.core.presentation import readable
+from heavebond.core.progress import Progress
+from heavebond.diagnosis.catalogue import Candidate
+from heavebond.diagnosis.refit import Trial
+from heavebond.fit.comparison import Channel, Comparison, RecordComparison, compare
+from heavebond.fit.experiment import Experiment, load_experiment
+from heavebond.fit.fitting import Fit, Fitted
+from heavebond.language.definition import Component
+from heavebond.numerics.dae import Array
+from heavebond.numerics.result import Probe
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One model on the ladder: its errors (root mean square over that of the measured about its mean) and chi-square per
+    sample on the fitted samples and on those held out."""
+
+    name: str
+    error_fit: float
+    error_held_out: float
+    chi2_fit: float
+    chi2_held_out: float
+    comparison: Comparison
+
+    @property
+    def samples_held_out(self) -> int:
+        """How many samples were not fitted."""
+        return sum(int(c.counts.sum()) for p in self.comparison.parts if p.use != "fit" for c in p.channels.values())
+
+    def as_dict(self) -> dict[str, object]:
+        """The figures, for machines."""
+        return {"name": self.name, "error_fit": self.error_fit, "error_held_out": self.error_held_out,
+                "chi2_fit": self.chi2_fit, "chi2_held_out": self.chi2_held_out}
+
+
+@dataclass(frozen=True)
+class Miss:
+    """What a model misses in a channel: the rms error and the noise, both in the channel's unit."""
+
+    channel: str
+    unit: str
+    error: float
+    noise: float
+
+    @property
+    def words(self) -> str:
+        """`9549 Pa`."""
+        return readable(self.error, self.unit, 3)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """An effect that was added: the candidate, the numbers that it was fitted with, the model with it, and what the
+    records cannot tell from it."""
+
+    candidate: Candidate
+    parameters: tuple[Fitted, ...]
+    rung: Rung
+    fit: Fit
+    alternatives: tuple[Trial, ...]
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """The classes that it may be of, the likeliest first."""
+        return tuple(dict.fromkeys(t.candidate.kind for t in self.alternatives))
+
+    @property
+    def certain(self) -> bool:
+        """Whether all that cannot be told from it are of one class at one place."""
+        return len(self.kinds) == 1 and len({frozenset(t.candidate.where) for t in self.alternatives}) == 1
+
+    def as_dict(self) -> dict[str, object]:
+        """The figures, for machines."""
+        return {**self.candidate.as_dict(), "part": self.candidate.name,
+                "parameters": {p.name: p.as_dict() for p in self.parameters},
+                "error_fit": self.rung.error_fit, "error_held_out": self.rung.error_held_out,
+                "chi2_fit": self.rung.chi2_fit, "chi2_held_out": self.rung.chi2_held_out,
+                "one_of": [t.candidate.as_dict() for t in self.alternatives]}
+
+
+def rung(name: str, comparison: Comparison) -> Rung:
+    """A model on the ladder, from its comparison with every record."""
+    fitted = [p for p in comparison.parts if p.use == "fit"]
+    checked = [p for p in comparison.parts if p.use != "fit"]
+    return Rung(name, _error(fitted), _error(checked), _chi2(fitted), _chi2(checked), comparison)
+
+
+def misses(rung: Rung) -> list[Miss]:
+    """What a model misses in each channel where nothing was fitted (where nothing was held out: where it was), all records
+    together."""
+    parts = [p for p in rung.comparison.parts if p.use != "fit"] or list(rung.comparison.parts)
+    found: dict[str, list[Channel]] = {}
+    for part in parts:
+        for name, channel in part.channels.items():
+            found.setdefault(name, []).append(channel)
+    return [Miss(name, channels[0].unit, *(
+        float(np.sqrt(np.average([v**2 for v in values], weights=[c.counts.sum() for c in channels])))
+        for values in ([c.error for c in channels], [c.noise for c in channels]))) for name, channels in found.items()]
+
+
+def with_limits(candidate: Candidate, fit: Fit) -> Fit:
+    """The fit with those numbers of an effect marked that are limits (sought where a variable of the part moves) and that
+    the variable does not reach on the fitted records: beyond its largest or smallest value there, with nothing that bounds
+    them on that side."""
+    limits = {n.name: n.follows for n in candidate.numbers if n.follows and n.sought is not None and not n.sought.held}
+    runs = [record.result for record in fit.after.records.values() if record.use == "fit"]
+    return replace(fit, parameters=tuple(
+        _limited(p, np.hstack([Probe(run.assembly, [limits[p.name]], si=True).values(run)[0] for run in runs]))
+        if p.name in limits else p for p in fit.parameters))
+
+
+def _limited(p: Fitted, course: Array) -> Fitted:
+    low, high = p.told
+    least, most = float(course.min()), float(course.max())
+    reach = most if p.value >= most and high is None else least if p.value <= least and low is None else None
+    return replace(p, unreached=reach)
+
+
+def meaning(fit: Fit, name: str) -> str:
+    """What the component says that a fitted parameter is; empty for an initial value or where it says nothing."""
+    path, _, own = name.rpartition(".")
+    component = _component(fit, path)
+    declared = component.parameters.get(own) if component is not None else None
+    return declared.doc if declared is not None else ""
+
+
+def restrictions(finding: Finding) -> str:
+    """For what the law of a finding holds, in the words of its component; empty where that says nothing."""
+    candidate = finding.candidate
+    component = _component(finding.fit, candidate.where[0] if candidate.attaches == "in" else candidate.name)
+    return component.restrictions if component is not None else ""
+
+
+def _component(fit: Fit, path: str) -> Component | None:
+    """The component at a path of the fitted diagram."""
+    leaves = next(iter(fit.after.records.values())).result.assembly.flat.expanded.leaves
+    return leaves[path].component if path in leaves else None
+
+
+def _error(parts: Sequence[RecordComparison]) -> float:
+    found = [p.normalised**2 for p in parts if math.isfinite(p.normalised)]
+    return math.sqrt(np.mean(found)) if found else math.nan
+
+
+def _chi2(parts: Sequence[RecordComparison]) -> float:
+    """Of all samples together."""
+    counts = [int(c.counts.sum()) for p in parts for c in p.channels.values()]
+    values = [c.chi2 for p in parts for c in p.channels.values()]
+    return float(np.average(values, weights=counts)) if values else math.nan
+
+
+def ladder(experiments: Sequence[Experiment | str | Path], *, progress: Progress | None = None) -> list[Rung]:
+    """Several experiments on the same records, each a model with more in it: their errors, in the order given.
+
+    Each model stands with the values of its diagram. Raises UsageError where the records or channels differ, and whatever
+    `compare` raises.
+    """
+    found = [e if isinstance(e, Experiment) else load_experiment(e) for e in experiments]
+    for other in found[1:]:
+        if _measured(other) != _measured(found[0]):
+            raise UsageError([Problem("ladder-records", f"{other.path.name} and {found[0].path.name} have different records "
+                                      "or channels, so their errors cannot be compared", None,
+                                      "Let the later experiments `extends:` the first one.")])
+    rungs = []
+    for experiment in found:
+        if progress:
+            progress(experiment.path.name)
+        rungs.append(rung(experiment.path.stem, compare(experiment)))
+    return rungs
+
+
+def _measured(experiment: Experiment) -> tuple[object, ...]:
+    """What is measured: the parts of records and their channels."""
+    return (sorted((str(r.file.resolve()), r.use, r.begin or 0.0, r.end or 0.0) for r in experiment.records.values()),
+            sorted((o.column, o.shown.unit) for o in experiment.outputs.values()))

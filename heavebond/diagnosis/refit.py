@@ -1,0 +1,443 @@
+"""One candidate put into the diagram and fitted with everything else that is free: what it makes of the misfit.
+
+A score (see `diagnosis.scoring`) is local; what decides is the refit. It starts at the base model's optimum with the step
+that the score asks for, and at the data sheet, for the choices of the shape parameters that begin best.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from time import process_time
+from typing import Literal
+
+import numpy as np
+
+from heavebond.core.errors import HeavebondError, SimulationError, StartError
+from heavebond.core.progress import Progress
+from heavebond.core.units import Range
+from heavebond.diagnosis.catalogue import Candidate
+from heavebond.diagnosis.early_stopping import idle, race, steep
+from heavebond.diagnosis.scoring import BEYOND, Base, Score, below, between, exact_runs, shape_ranges, sides
+from heavebond.fit.experiment import Experiment, Free
+from heavebond.fit.fitting import own_start
+from heavebond.fit.residuals import AT_END, BROKEN, Descent, Residuals, Run
+from heavebond.numerics.dae import Array
+from heavebond.numerics.quick_simulation import QuickSimulator
+
+FIRST, LAST = 8, 40  # runs of a descent: to compare starts, and to end
+# A refit is not followed to its end where its first steps leave all but this share of a chi-square per sample above LARGE.
+NOTHING, LARGE = 0.02, 10.0
+SECONDS = 60.0  # of this process, after which a refit that has not come far is not followed further
+# An amplitude is sought up to this many times what would move the channels by their whole misfit, as far as the tangent at
+# zero tells, and up to as many times that where it ends there, so often.
+WIDE, WIDENED = 30.0, 2
+STARTS = (0.15, 0.5, 0.85)  # shares of the ranges of shapes
+APART = 1.5  # where an amplitude begins that must be above another one
+SMALL = 0.02  # share of the amplitude that a score asks for with which a refit begins besides
+ASIDE = 0.02  # share of its range from an end at which a limit stands that is not felt: chi-square rises
+UNFELT = 4.0  # by no more than this, two standard deviations, in units of what is left
+INSIDE = 0.4  # share of its range at which an amplitude begins besides, where the range has an end
+CLOSE = 1e-8  # changes of the sum of squares at which a refit that is compared closely ends
+MOST_SHAPES = 3  # choices of the shapes from which a refit begins
+FURTHER = 16  # more of them for laws of several shapes, of which the best are taken
+LARGER = (0.7, 3.0, 12.0)  # amplitudes to be looked at besides, in units of what would move the channels by their misfit
+# Another start than the best is followed to its end where its sum of squares is so many times that of the best by then: from
+# a point that is not the same, and from one that may still win.
+ANOTHER = (1.001, 3.0)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A candidate after its refit: the values of all that was free (SI), the sum of squares with priors `cost`, chi-square
+    per sample on the fitted and the held-out records, the number of unknowns, which of the free parameters ended at an end
+    of their range, and the experiment with the candidate in it. `score` is the gain that its score had promised. By `slack`
+    the sum of squares on what was held out would fall, more than that of the fit would rise, if all numbers moved as the fit
+    lets them (of the trials that are compared closely; see `_Refit.slack`). `begun` are the first steps, from several
+    starts, of a refit that may be followed further, the best first; it `falls` where one of them still fell steeply, or
+    the best of them stands at an end of an amplitude's range that no declared bound is."""
+
+    candidate: Candidate
+    experiment: Experiment
+    values: Mapping[str, float]
+    cost: float
+    chi2_fit: float
+    chi2_held_out: float
+    samples: int
+    samples_held_out: int
+    unknowns: int
+    at_end: tuple[str, ...]
+    score: float
+    evaluations: int
+    slack: float = 0.0
+    begun: tuple[Descent, ...] = field(default=(), repr=False, compare=False)
+    falls: bool = False
+
+    @property
+    def bic(self) -> float:
+        """n ln(cost/n) + k ln n (G. Schwarz, 1978, doi:10.1214/aos/1176344136), with an unknown scale of the noise."""
+        return bic(self.cost, self.samples, self.unknowns)
+
+
+def bic(cost: float, samples: int, unknowns: int) -> float:
+    """The Bayesian information criterion of a fit with Gaussian residuals of unknown size."""
+    return float(samples * np.log(max(cost, 1e-300) / samples) + unknowns * np.log(samples))
+
+
+def begun(base: Base, candidate: Candidate, guesses: Sequence[Score] = (), least: float = 0.0,
+          progress: Progress | None = None) -> Trial | None:
+    """The first steps of a refit, from the best of several starts; None where the diagram with it cannot be simulated.
+    `least` is what the best of other candidates leaves, where that is known."""
+    try:
+        refit = _Refit(base, candidate, guesses)
+        found = refit.begin(least or np.inf, progress or (lambda text: None))
+        if not found:
+            return None
+        falls = any(d.unfinished and steep(d.history) for d in found) or bool(refit.wider(found[0].x))
+        return replace(refit.judged(found[0].x), begun=tuple(found) if refit.hopeful(found[0]) else (), falls=falls)
+    except HeavebondError:
+        return None
+
+
+def followed(base: Base, trial: Trial, guesses: Sequence[Score] = (), progress: Progress | None = None) -> Trial:
+    """A refit that was begun, followed until it hardly falls any more."""
+    if not trial.begun:
+        return trial
+    try:
+        refit = _Refit(base, trial.candidate, guesses)
+        return refit.judged(refit.follow(trial.begun, progress or (lambda text: None)))
+    except HeavebondError:
+        return replace(trial, begun=())
+
+
+def polished(base: Base, trial: Trial, guesses: Sequence[Score] = (), lender: Trial | None = None,
+             progress: Progress | None = None) -> Trial:
+    """A refit followed to the end of its valley: what is compared closely must have arrived. A `lender` is another law's
+    refit at the same place that fits better; from its values, as far as the two have the same, another valley is sought."""
+    refit = _Refit(base, trial.candidate, guesses)
+    refit.sought({n.name: trial.experiment.free[n.name].range for n in trial.candidate.numbers if n.name in refit.ranges})
+    values = {**trial.values, **_lent(lender, trial.candidate)} if lender is not None else trial.values
+    start = refit.problem.allowed(np.clip([c.inner(values[c.free.name]) for c in refit.problem.columns],
+                                          refit.problem.low, refit.problem.high))
+    try:
+        there = refit.arrive(start, progress or (lambda text: None))
+        better = refit.judged(there)
+        if lender is not None and better.cost >= trial.cost:
+            return trial
+        there, better = (there, better) if better.cost < trial.cost else (start, trial)
+        return replace(better, slack=refit.slack(there))
+    except HeavebondError:
+        return trial
+
+
+def _lent(lender: Trial, candidate: Candidate) -> dict[str, float]:
+    """The values of a refit for another law: what both diagrams have, and numbers of the laws that have the same name."""
+    own = {n.name.rpartition(".")[2]: n.name for n in candidate.numbers}
+    numbers = {n.name: n.name.rpartition(".")[2] for n in lender.candidate.numbers}
+    found = {name: value for name, value in lender.values.items() if name not in numbers}
+    return {**found, **{own[key]: lender.values[name] for name, key in numbers.items()
+                        if key in own and name in lender.values}}
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """Where a refit begins: values of the candidate's numbers, and of the base's free parameters (inner)."""
+
+    numbers: Mapping[str, float]
+    base: Array
+
+
+class _Refit:
+    """The least squares problem of the diagram with the candidate in it."""
+
+    def __init__(self, base: Base, candidate: Candidate, guesses: Sequence[Score]):
+        self.base, self.candidate, self.guesses, self.began = base, candidate, guesses, process_time()
+        changed = base.diagram(candidate.change).experiment
+        self.runs = base.runs(candidate.change, [])
+        self.ranges = {**shape_ranges(candidate, self.runs, base, BEYOND), **self._amplitudes()}
+        self.plans = self._plans()
+        freed = self._freed(changed, set(self.runs[0].assembly.parameter_values))
+        values = {name: self._inside(name) for name in self.ranges}
+        self.problem = Residuals(freed, runs=[run.again(list(freed.free), values, QuickSimulator) for run in self.runs])
+
+    def _scale(self, guess: Score) -> float:
+        """The amplitude whose own effect is as large as the whole misfit."""
+        return float(np.linalg.norm(self.base.r)) / guess.size if guess.size > 0 else 1.0
+
+    def _amplitudes(self) -> dict[str, tuple[float, float]]:
+        """Where each amplitude is sought; one that the records do not see (the turbulent part of a line in which the oil
+        hardly moves) stays neutral."""
+        found = {}
+        for number in self.candidate.vanishing:
+            scales = [self._scale(g) for g in self.guesses if number.name in g.along]
+            if not scales and self.guesses:
+                continue
+            widest = WIDE * max(scales, default=1.0)
+            low = number.neutral - widest if number.low is None else max(number.low, number.neutral - widest)
+            high = number.neutral + widest
+            found[number.name] = (low, high if number.high is None else min(high, number.high))
+        return found
+
+    @property
+    def _neutral(self) -> dict[str, float]:
+        """The amplitudes that are sought, each with the value at which the effect is absent."""
+        return {n.name: n.neutral for n in self.candidate.vanishing if n.name in self.ranges}
+
+    def _plans(self) -> list[_Plan]:
+        problem = self.base.problem
+        inside = np.clip(self.base.inner, problem.low, problem.high)
+        neutral = self._neutral
+        vanishing = list(neutral)
+        # amplitudes that a guess does not move begin small: from an end of its range one finds no way
+        little = {name: neutral[name] + (g.side or 1) * SMALL * self._scale(g) for g in self.guesses for name in g.along}
+        plans = []
+        for guess in sorted(self.guesses, key=lambda g: -g.gain)[:MOST_SHAPES]:
+            right = bool(vanishing) and (guess.signed or guess.z > 0)
+            size = guess.amplitude if right else (guess.side or 1) * 0.1 * self._scale(guess)
+            point = np.clip(inside + guess.step, problem.low, problem.high) if right else inside
+            numbers = {**little, **{name: neutral[name] + size for name in guess.along}, **guess.shapes}
+            # what must be above another amplitude begins there: at the same value its shapes would have no effect yet
+            numbers.update({high: APART * numbers[low] for high, low in self.candidate.orders
+                            if high in vanishing and low in vanishing})
+            plans += [_Plan(numbers, point), _Plan(numbers, problem.start)]
+        ended = {n.name: n.neutral + INSIDE * (n.high - n.neutral) for n in self.candidate.numbers
+                 if n.name in vanishing and n.high is not None}
+        if plans and ended:  # at the end of a range a law may have no slope any more
+            plans.append(_Plan({**plans[0].numbers, **ended}, problem.start))
+        if not plans:
+            for share in STARTS:
+                numbers = {name: between(low, high, share) for name, (low, high) in self.ranges.items()}
+                plans += [_Plan(numbers, inside)]
+        return [*plans, *self._larger(), *self._further(plans[0], vanishing)]
+
+    def _further(self, first: _Plan, vanishing: Sequence[str]) -> list[_Plan]:
+        """For a law of several shapes more choices of them, spread over their ranges, and of its size, to be looked at."""
+        from scipy.stats import qmc
+
+        shapes = [name for name in self.ranges if name not in vanishing]
+        if len(shapes) < 2:
+            return []
+        plans = []
+        for size, *shares in qmc.Halton(1 + len(shapes), scramble=False).random(1 + FURTHER)[1:]:
+            factor = 4 ** (size - 0.5)
+            numbers = {name: value * factor if name in vanishing else value for name, value in first.numbers.items()}
+            numbers.update({name: between(*self.ranges[name], share) for name, share in zip(shapes, shares, strict=True)})
+            for high, low in self.candidate.orders:
+                if {high, low} <= set(shapes) and numbers[high] < numbers[low]:
+                    numbers[high], numbers[low] = numbers[low], numbers[high]
+            plans.append(_Plan(numbers, first.base))
+        return plans
+
+    def _larger(self) -> list[_Plan]:
+        """Amplitudes that do as much as the whole misfit, as far as the tangent tells, and several times that, either way
+        round where both are allowed. Far from the optimum it tells neither size nor sign: a machine that has swung many
+        times out of step with the record swings no further out of it."""
+        best = sorted(self.guesses, key=lambda g: -g.gain)
+        shapes = list({tuple(g.shapes.values()): g.shapes for g in best}.values())[:MOST_SHAPES]
+        scales = {n: max((self._scale(g) for g in best if n.name in g.along), default=0.0)
+                  for n in self.candidate.vanishing}
+        inside = np.clip(self.base.inner, self.base.problem.low, self.base.problem.high)
+        return [_Plan({**at, **{n.name: n.neutral + (side if below(n) else 1) * size * scale
+                                for n, scale in scales.items()}}, inside)
+                for at in shapes for side in sides(self.candidate.vanishing) for size in LARGER] if scales else []
+
+    def _freed(self, changed: Experiment, known: set[str]) -> Experiment:
+        """The experiment with the candidate's numbers free as well, and inside their ranges."""
+        place = next(iter(changed.records.values())).place
+        units = {n.name: n.unit for n in self.candidate.numbers}
+        free = {name: Free(name, Range(low, high, units[name]), place) for name, (low, high) in self.ranges.items()}
+        inside = {name: self._inside(name) for name in self.ranges}
+        kept = {name: f for name, f in changed.free.items() if name in known}
+        return replace(changed, model=changed.model.with_parameters(inside), free={**kept, **free})
+
+    def _inside(self, name: str) -> float:
+        """The first guess of one of the candidate's numbers."""
+        return float(np.clip(self.plans[0].numbers[name], *self.ranges[name]))
+
+    def _start(self, plan: _Plan) -> Array:
+        """A plan as a point of the problem."""
+        there = {(c.free.name, c.record): v for c, v in zip(self.base.problem.columns, plan.base, strict=True)}
+        start: Array = np.array([there[c.free.name, c.record] if (c.free.name, c.record) in there else
+                          c.inner(float(np.clip(plan.numbers[c.free.name], *self.ranges[c.free.name])))
+                          for c in self.problem.columns])
+        span = self.problem.high - self.problem.low
+        return np.asarray(np.clip(start, self.problem.low + 1e-6 * span, self.problem.high - 1e-6 * span))
+
+    def _residuals(self, inner: Array, runs: Sequence[Run]) -> Array:
+        """Of the data (n,) in runs without sensitivities."""
+        problem, inner = self.problem, self.problem.allowed(inner)
+        return np.concatenate([run.residuals(problem.values_of(inner, run.record.name))[0] for run in runs])
+
+    def _cost(self, inner: Array) -> float:
+        try:
+            r = np.concatenate([self._residuals(inner, self.runs), self.problem.priors(inner)[0]])
+        except (SimulationError, StartError):
+            return np.inf
+        return float(r @ r) if np.all(np.isfinite(r)) else np.inf
+
+    def arrive(self, start: Array, progress: Progress) -> Array:
+        """From near an optimum to it."""
+        def arrived(start: Array) -> Array:
+            return self.problem.minimise(start, False, progress, most=LAST, tolerance=CLOSE).x
+
+        return self._further_out(arrived(start), arrived)
+
+    def _further_out(self, inner: Array, descended: Callable[[Array], Array]) -> Array:
+        """Further out where an amplitude ends at an end of its range that no declared bound is."""
+        for _ in range(WIDENED):
+            wider = self.wider(inner)
+            if not wider or process_time() - self.began > SECONDS:
+                break
+            values = [c.outer(v) for c, v in zip(self.problem.columns, inner, strict=True)]
+            self.sought(wider)
+            inner = descended(np.array([c.inner(v) for c, v in zip(self.problem.columns, values, strict=True)]))
+        return inner
+
+    def wider(self, inner: Array) -> dict[str, Range]:
+        """Wider ranges for amplitudes that ended at an end of theirs."""
+        found = {}
+        numbers = {n.name: n for n in self.candidate.vanishing}
+        for column, value, low, high in zip(self.problem.columns, inner, self.problem.low, self.problem.high, strict=True):
+            number, span = numbers.get(column.free.name), column.free.range
+            if number is None or min(value - low, high - value) >= AT_END * (high - low):
+                continue
+            ends = [number.neutral + WIDE * (end - number.neutral) for end in (span.low, span.high)]
+            wider = replace(span, low=ends[0] if number.low is None else max(number.low, ends[0]),
+                            high=ends[1] if number.high is None else min(number.high, ends[1]))
+            if (value > (low + high) / 2 and wider.high > span.high) or (value < (low + high) / 2 and wider.low < span.low):
+                found[number.name] = wider
+        return found
+
+    def sought(self, ranges: Mapping[str, Range]) -> None:
+        """Seek some numbers in other ranges from now on."""
+        experiment = self.problem.experiment
+        free = {name: replace(f, range=ranges[name]) if name in ranges else f for name, f in experiment.free.items()}
+        self.ranges |= {name: (span.low, span.high) for name, span in ranges.items()}
+        self.problem = Residuals(replace(experiment, free=free), runs=self.problem.runs)
+
+    def _out_of_the_way(self, inner: Array) -> Array:
+        """With limits that the fitted samples hardly feel (a stop that is not reached, or by one sample) at that end
+        of their range, or near it, where they are not felt either: other records go further."""
+        cost = self._cost(inner)
+        felt = UNFELT * cost / self.base.r.size
+        limits = {n.name for n in self.candidate.numbers if not n.amplitude and n.sought is not None and n.sought.seen}
+        for k, column in enumerate(self.problem.columns):
+            for share in (1 - ASIDE, ASIDE) if column.free.name in limits else ():
+                there = inner.copy()
+                there[k] = self.problem.low[k] + share * (self.problem.high[k] - self.problem.low[k])
+                if self._cost(there) <= cost + felt:
+                    inner = there
+                    break
+        return inner
+
+    def begin(self, least: float, progress: Progress) -> list[Descent]:
+        """The first steps from the best starts, that which leaves least first; none where no start can be simulated."""
+        starts = [self._start(plan) for plan in self.plans]
+        costs = [self._cost(start) for start in starts]
+        most = 3 if len(starts) > FURTHER else 2
+        chosen = [starts[k] for k in np.argsort(costs) if np.isfinite(costs[k])][:most]
+        if not chosen or process_time() - self.began > SECONDS:
+            return []
+        enough = race(self.problem.high - self.problem.low, least)
+        found = [self.problem.descend(start, False, progress, most=FIRST, tolerance=1e-4, method="trf", enough=enough)
+                 for start in chosen]
+        if all(2 * e.cost > self.base.cost for e in found) and (beside := self._beside()) is not None:
+            found.append(self.descend(beside, progress, FIRST, 1e-4))
+        return sorted(found, key=lambda e: e.cost)
+
+    def follow(self, begun: Sequence[Descent], progress: Progress) -> Array:
+        """The best of what was begun, and another that is near it, to the end."""
+        first, *others = begun
+        ends = [first, *(e for e in others if ANOTHER[0] < e.cost / first.cost < ANOTHER[1])][:2]
+        ends = [self.descend(e.x, progress, LAST, 1e-5) if e.unfinished else e for e in ends]
+        best = min(ends, key=lambda e: e.cost)
+        if self.problem.at_end(best.x).any():  # the reflective method may stop there though other unknowns could move on
+            best = min(best, self.descend(best.x, progress, LAST, 1e-5, "dogbox"), key=lambda e: e.cost)
+        return self._out_of_the_way(self._further_out(best.x, lambda start: self.descend(start, progress, LAST, 1e-5).x))
+
+    def hopeful(self, first: Descent) -> bool:
+        """Whether its first steps have taken anything of a large misfit away, and did not take too long."""
+        r = self.base.r
+        return process_time() - self.began <= SECONDS and \
+            not (float(r @ r) > LARGE * len(r) and 2 * first.cost > (1 - NOTHING) * float(r @ r))
+
+    def _beside(self) -> Array | None:
+        """A start next to the base model, from where a refit cannot end above it; None where the effect has no zero."""
+        if not self._neutral or not self.guesses:
+            return None
+        first = self.plans[0].numbers
+        small = {name: neutral + SMALL * (first[name] - neutral) for name, neutral in self._neutral.items()}
+        inside = np.clip(self.base.inner, self.base.problem.low, self.base.problem.high)
+        return self._start(_Plan({**first, **small}, inside))
+
+    def descend(self, start: Array, progress: Progress, most: int, tolerance: float,
+                method: Literal["trf", "dogbox"] = "trf") -> Descent:
+        """Steps that find their way from afar, until they hardly bring anything more."""
+        return self.problem.descend(start, False, progress, most=most, tolerance=tolerance, method=method, enough=idle)
+
+    def judged(self, inner: Array) -> Trial:
+        """The figures at the end, from runs of IDAS."""
+        problem = self.problem
+        exact = exact_runs(problem.experiment, self.runs, self.base.exact)
+        r, prior = self._residuals(inner, [exact[run.record.name] for run in self.runs]), problem.priors(inner)[0]
+        values = [problem.values_of(inner, run.record.name) for run in problem.runs]
+        held = held_out(problem, inner, exact)
+        at_end = tuple(c.free.name for c, end in zip(problem.columns, problem.at_end(inner), strict=True)
+                       if end and c.free.name not in self.ranges)
+        return Trial(self.candidate, problem.experiment, values[0], float(r @ r + prior @ prior), float(r @ r) / len(r),
+                     held[0], len(r), held[1], len(inner), at_end,
+                     max((g.gain for g in self.guesses), default=float("nan")),
+                     problem.evaluations)
+
+    def slack(self, inner: Array) -> float:
+        """What the numbers' own uncertainty does to the figure on what was held out. With r (n,) and J (n, m) the residuals
+        there and their derivatives, F the information of the fit with its priors, and steps d of what is not at an end of
+        its range,
+
+            |r|**2 - min over d of |r + J d|**2 + d'F d  =  (J'r)' (J'J + F)**-1 J'r,
+
+        so that |r|**2 less this is what a fit to all samples at once would add, as far as the tangent holds."""
+        problem = self.problem
+        moving = np.flatnonzero(~problem.at_end(inner))
+        fitted = np.vstack([problem.evaluate(inner)[1], problem.priors(inner)[1]])[:, moving]
+        r, J = self._checked(inner)
+        J = J[:, moving]
+        normal, slope = fitted.T @ fitted + J.T @ J, J.T @ r
+        scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+        return float(slope / scale @ np.linalg.lstsq(normal / scale[:, None] / scale, slope / scale, rcond=1e-12)[0])
+
+    def _checked(self, inner: Array) -> tuple[Array, Array]:
+        """Residuals (n,) of all samples that are held out, and their derivatives (n, m) to the inner unknowns."""
+        problem, names = self.problem, list(self.problem.experiment.free)
+        exact = exact_runs(problem.experiment, self.runs, self.base.exact)
+        parts, blocks = [np.zeros(0)], [np.zeros((0, len(inner)))]
+        for record in problem.experiment.records.values():
+            values = problem.values_of(inner, record.name)
+            if record.use != "fit":
+                values |= own_start(problem.experiment, record, values)
+            wrong, moved = exact[record.name].again(names, values, QuickSimulator).held_out(values)
+            block = np.zeros((len(wrong), len(inner)))
+            for k, column in enumerate(problem.columns):
+                if column.record in ("", record.name):
+                    block[:, k] = moved[names.index(column.free.name)] * column.slope(inner[k])
+            parts.append(wrong)
+            blocks.append(block)
+        return np.concatenate(parts), np.vstack(blocks)
+
+
+def held_out(problem: Residuals, inner: Array, runs: Mapping[str, Run]) -> tuple[float, int]:
+    """Chi-square per sample on what was not fitted, and its samples; NaN where there is nothing of the kind."""
+    experiment = problem.experiment
+    parts = [np.zeros(0)]
+    for record in experiment.records.values():
+        run, values = runs[record.name], problem.values_of(inner, record.name)
+        if record.use != "fit":
+            values = {**values, **own_start(experiment, record, values)}
+        elif not run.checking.any():
+            continue
+        try:
+            parts.append(run.held_out(values)[0])
+        except (SimulationError, StartError):  # it breaks down there: that counts against it, and is no end of the search
+            parts.append(np.full(int((run.checking if record.use == "fit" else run.counts).sum()), BROKEN))
+    r = np.concatenate(parts)
+    return (float(r @ r) / len(r) if len(r) else float("nan")), len(r)

@@ -1,0 +1,87 @@
+"""Is what a fitted model leaves noise, or is something missing? Three tests, together wrong 2 times in 100 where nothing is.
+
+* score: the largest z of all candidates (see `diagnosis.scoring`) against what the largest of as many, correlated as these
+  are, would be by chance;
+* size: chi-square of all samples against its distribution, where the noise is given (an estimate is no yardstick for it);
+* memory: the Ljung-Box test of each channel, the smallest p value times the number of channels (Bonferroni).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from heavebond.diagnosis.scoring import Base, Score
+from heavebond.fit.residuals import Run
+from heavebond.numerics.dae import Array
+from heavebond.records import metrics
+
+# Shares of the 2 % of false alarms; they add up to it.
+LEVELS = {"score": 0.01, "size": 0.005, "memory": 0.005}
+DRAWS = 20_000  # of the largest chance score: p values down to a few in ten thousand
+LAGS = 20
+NEAR = 1.5  # chi-square per sample up to which what is left is near the noise
+SIGMAS = 3.0  # standard deviations of that figure on what was not fitted, up to which what is left is noise
+
+
+@dataclass(frozen=True)
+class Leftover:
+    """p values of the three tests (1 where one cannot be made), and the largest score."""
+
+    score: float
+    size: float
+    memory: float
+    z: float
+
+    @property
+    def significant(self) -> bool:
+        """Whether more than noise is left."""
+        return any(getattr(self, name) < level for name, level in LEVELS.items())
+
+
+def leftover(base: Base, scores: Sequence[Score]) -> Leftover:
+    """The tests on what the base model leaves of the fitted samples."""
+    told = [s for s in scores if s.told_apart]
+    p_score, z = _largest(told)
+    return Leftover(p_score, _size(base) if base.problem.experiment.noise_given else 1.0, _memory(base), z)
+
+
+def is_noise(fitted: float, held_out: float, samples: int) -> bool:
+    """Whether these chi-squares a sample are no more than given noise can be: on `samples` that were not fitted by chance
+    alone, and near it on those that were fitted."""
+    return fitted <= NEAR and samples > 0 and held_out <= 1 + SIGMAS * (2 / samples) ** 0.5
+
+
+def _largest(scores: Sequence[Score]) -> tuple[float, float]:
+    """The chance that the largest of the scores, correlated as their directions are, is as large as it is."""
+    if not scores:
+        return 1.0, 0.0
+    directions = np.array([s.direction for s in scores])
+    signed = np.array([s.signed for s in scores])
+    z = np.array([s.z for s in scores])
+    observed = float(np.max(np.where(signed, np.abs(z), z)))
+    values, vectors = np.linalg.eigh(directions @ directions.T)
+    root = vectors * np.sqrt(np.maximum(values, 0))
+    draws = np.random.default_rng(0).standard_normal((DRAWS, len(scores))) @ root.T
+    largest = np.max(np.where(signed, np.abs(draws), draws), axis=1)
+    return float((np.sum(largest >= observed) + 1) / (DRAWS + 1)), observed
+
+
+def _size(base: Base) -> float:
+    from scipy.stats import chi2
+
+    return float(chi2.sf(float(base.r @ base.r), max(1, len(base.r) - len(base.inner))))
+
+
+def _memory(base: Base) -> float:
+    found = [metrics.whiteness(part, LAGS) for part in channels(base.problem.runs, base.r) if len(part) > 5 * LAGS]
+    finite = [p for p in found if np.isfinite(p)]
+    return min(1.0, min(finite) * len(finite)) if finite else 1.0
+
+
+def channels(runs: Sequence[Run], r: Array) -> list[Array]:
+    """The residuals (n,) of all runs as one array for each channel of each."""
+    sizes = [int(k) for run in runs for k in run.counts.sum(axis=1)]
+    return np.split(r, np.cumsum(sizes)[:-1])

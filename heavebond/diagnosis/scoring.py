@@ -1,0 +1,423 @@
+"""How much of a misfit each candidate could explain, from its amplitude's exact sensitivity at zero.
+
+With r (n,) the residuals of the data over their noise at the base model's optimum, J (n, m) their derivatives with respect
+to what is free already and s (n,) those to the amplitude a of a candidate that stands in the diagram at a = 0,
+
+    s_o = s - J (J'J + P)^-1 J's,     z = -s_o'r / |s_o|,     gain = z**2 (0 where the sign is not allowed),
+
+is the score (Lagrange multiplier) test: P holds the priors of the free parameters. Where nothing is missing z is normal
+with variance 1; with an amplitude a its mean is a |s_o| (the noncentrality), which says how large an effect must be to be
+seen. C. R. Rao (1948), doi:10.1017/S0305004100023987. A score is local: after a strong misfit it orders the work and
+names the family rather than the law. And an amplitude that is too small to be seen may already change how the machine moves
+(a leakage that is the only way out of a chamber): where the tangent turns before the effect can be seen, that at an
+amplitude that can be is a score besides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heavebond.core.errors import HeavebondError
+from heavebond.core.units import Dimension
+from heavebond.diagnosis.catalogue import Candidate, Sized, quantity
+from heavebond.fit.change import Change
+from heavebond.fit.comparison import assemble_for, driven_by
+from heavebond.fit.experiment import Experiment, Record
+from heavebond.fit.residuals import Residuals, Run
+from heavebond.language.symbols import kinked
+from heavebond.numerics.dae import Array, Assembly
+from heavebond.numerics.quick_simulation import QuickSimulator, Unexplained
+from heavebond.numerics.result import Probe
+from heavebond.numerics.simulator import Tolerances
+
+# A search needs no more where the runs then err by less than this share of the noise (rms): what they err by, candidates
+# would explain. Where a record moves so far above its noise that they err by more, each is made that much finer, so often.
+SEARCH = Tolerances(1e-5, 1e-7)
+ERRS, FINER, TIMES = 0.05, 0.1, 2
+# Of a direction less than this share is left when what is free has taken its part: the candidate acts as the free
+# parameters do, and no record can tell them apart.
+SAME = 1e-3
+# Share of the amplitude that would move the channels by the whole misfit, at which the tangent beside a kink is taken.
+BESIDE = 1e-3
+# z from which one effect is seen, at whose amplitude a second tangent is taken; and the cosine of the two (what free
+# parameters take left out) above which they are one: the second would tell 1 % more of the misfit.
+SEEN, TURNED = 5.0, 0.995
+# What is sought where the motion of the base model goes is sought this share of its span beyond: the machine and other
+# records move further, and a limit that is not reached must not stand where they do.
+BEYOND = 0.5
+DIAGRAMS = 200  # changed diagrams that are kept, of about 1 MB each
+# The size of an amplitude for error control: it moves the channels by this share of the misfit. It is sought in so many runs
+# at most, until one changes it by less than a factor.
+SIZED, RUNS, STAYS = 1e-2, 6, 3.0
+# A difference of two runs of the search is nothing where it is below so many times the error of one: the two err alike or
+# apart, up to twice as much.
+ROUGH = 2.0
+
+
+@dataclass(frozen=True)
+class Score:
+    """One candidate at one choice of its shapes: z (see the module), the amplitude that the score asks for, `step` of the
+    free parameters with it (in inner unknowns), the size |s| of its direction and the share of it that the free parameters
+    do not take; `direction` (n,) is s_o / |s_o|. An unseen one moves no channel beyond a thousandth of the noise. Of several
+    amplitudes those `along` are moved, which have one unit (a stiffness and a damping have no common size). A law
+    with a kink at amplitude zero, or whose tangent turns near it, has another tangent on either `side` (1, -1; 0: at zero),
+    each with its own score."""
+
+    candidate: Candidate
+    shapes: Mapping[str, float]
+    z: float
+    amplitude: float
+    step: Array
+    size: float
+    share: float
+    direction: Array
+    along: tuple[str, ...] = ()
+    side: int = 0
+
+    @property
+    def gain(self) -> float:
+        """How much chi-square it would take away, as far as the tangent holds."""
+        return self.z**2 if self.z > 0 or self.signed else 0.0
+
+    @property
+    def signed(self) -> bool:
+        """Whether the amplitude may have either sign."""
+        return self.side == 0 and any(below(n) for n in _along(self))
+
+    @property
+    def told_apart(self) -> bool:
+        """Whether the records see it as anything but the free parameters."""
+        return self.size > 0 and self.share > SAME
+
+
+def searched(experiment: Experiment, tolerances: Tolerances = SEARCH) -> Residuals:
+    """The least squares problem of an experiment with runs for a search."""
+    fitted = [r for r in experiment.records.values() if r.use == "fit"]
+    return Residuals(experiment, runs=[Run(experiment, record, list(experiment.free), tolerances, kind=QuickSimulator)
+                                       for record in fitted])
+
+
+def finer(problem: Residuals) -> Residuals:
+    """The same problem with runs that err by less."""
+    now = problem.runs[0].simulator.tolerances
+    then = replace(now, rtol=FINER * now.rtol, atol=FINER * now.atol)
+    return Residuals(problem.experiment, runs=[run.again(run.names, {}, QuickSimulator, then) for run in problem.runs])
+
+
+def exact_runs(experiment: Experiment, fitted: Sequence[Run], like: Mapping[str, Run] | None = None) -> dict[str, Run]:
+    """Runs of all records by IDAS; those fitted as given, of the others those of another diagram (`like`) may be there."""
+    own = {run.record.name: run.again([], {}, Unexplained) for run in fitted}
+    like = like or {}
+    first = fitted[0]
+
+    def other(record: Record) -> Run:
+        return Run(experiment, record, [], first.simulator.tolerances, kind=Unexplained, like=like.get(record.name),
+                   assembly=driven_by(first.assembly, experiment, first.record, record))
+
+    return {name: own.get(name) or other(record) for name, record in experiment.records.items()}
+
+
+@dataclass(frozen=True)
+class Diagram:
+    """A changed diagram: the experiment with it, and its equations for each of the records that are fitted."""
+
+    experiment: Experiment
+    assemblies: tuple[Assembly, ...]
+
+
+@dataclass(frozen=True)
+class Base:
+    """The base model at its optimum: residuals r (n,) by IDAS and `quick` by the integrator of the search, Jacobian J
+    (n, m), the derivatives of the priors (priors, m), the inner unknowns (m,), and runs of all records by IDAS."""
+
+    problem: Residuals
+    inner: Array
+    r: Array
+    quick: Array
+    J: Array
+    priors: Array
+    exact: Mapping[str, Run]
+    diagrams: dict[str, Diagram] = field(default_factory=dict, repr=False, compare=False)
+
+    @classmethod
+    def at(cls, problem: Residuals, inner: Array) -> Base:
+        """The base at a point of its least squares problem."""
+        J = problem.evaluate(inner)[1]
+        exact = exact_runs(problem.experiment, problem.runs)
+        r = np.concatenate([exact[run.record.name].residuals(problem.values_of(inner, run.record.name))[0]
+                            for run in problem.runs])
+        quick = np.concatenate([run.again([], {}, QuickSimulator).residuals(problem.values_of(inner, run.record.name))[0]
+                                for run in problem.runs])
+        return cls(problem, inner, r, quick, J, problem.priors(inner)[1], exact)
+
+    def diagram(self, change: Change) -> Diagram:
+        """The changed diagram; one that is scored and then refitted is assembled once. HeavebondError where it cannot be."""
+        key = repr(change)
+        if key not in self.diagrams:
+            changed = change.on_experiment(self.problem.experiment)
+            made = Diagram(changed, tuple(assemble_for(changed, run.record) for run in self.problem.runs))
+            if len(self.diagrams) == DIAGRAMS:
+                del self.diagrams[next(iter(self.diagrams))]
+            self.diagrams[key] = made
+        return self.diagrams[key]
+
+    def runs(self, change: Change, names: Sequence[str]) -> list[Run]:
+        """The fitted records with the changed diagram, whose parameters `names` are to be moved."""
+        made = self.diagram(change)
+        return [Run(made.experiment, run.record, list(names), run.simulator.tolerances, kind=QuickSimulator, like=run,
+                    assembly=assembly) for run, assembly in zip(self.problem.runs, made.assemblies, strict=True)]
+
+    @cached_property
+    def cost(self) -> float:
+        """The sum of squares of data and priors."""
+        prior = self.problem.priors(self.inner)[0]
+        return float(self.r @ self.r + prior @ prior)
+
+    @cached_property
+    def error(self) -> float:
+        """The length of what the integrator of the search does to the residuals by its errors."""
+        return float(np.linalg.norm(self.r - self.quick))
+
+    @cached_property
+    def moving(self) -> NDArray[np.int64]:
+        """The free parameters (indices) that are not held by an end of their range: one that is can take nothing more."""
+        return np.flatnonzero(~self.problem.at_end(self.inner))
+
+    @property
+    def rough(self) -> bool:
+        """Whether the runs of the search err by more than is small beside the noise."""
+        return self.error > ERRS * float(np.sqrt(len(self.r)))
+
+    def split(self, s: Array) -> tuple[Array, Array]:
+        """s without what the free parameters take of it, and the step of theirs that takes it: (n,), (m,)."""
+        J, priors = self.J[:, self.moving], self.priors[:, self.moving]
+        normal = J.T @ J + priors.T @ priors
+        scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+        step = np.zeros(len(self.inner))
+        step[self.moving] = np.linalg.lstsq(normal / scale[:, None] / scale, J.T @ s / scale, rcond=1e-12)[0] / scale
+        return s - self.J @ step, -step
+
+
+def scored(base: Base, candidate: Candidate) -> list[Score]:
+    """The scores of one candidate at a few choices of its shapes; none where the diagram with it cannot be simulated."""
+    try:
+        moving = [n.name for n in candidate.vanishing]
+        runs = base.runs(candidate.change, moving)
+        settled = _settled(candidate, runs, base)
+        if settled is not candidate:
+            candidate = settled
+            runs = base.runs(candidate.change, moving)
+        points = shape_points(candidate, runs, base)
+    except HeavebondError:
+        return []
+    found = []
+    kink = _kinked(base, candidate)
+    for shapes in points:
+        try:
+            if candidate.vanishes:
+                runs, moved = _tangents(base, candidate, runs, shapes)
+                found += [score for first in _at_zero(base, candidate, moved, shapes)
+                          for score in _on_sides(base, first, runs, kink)]
+            else:
+                found.append(_scored(base, candidate, shapes, _difference(base, runs, shapes), ROUGH * base.error))
+        except HeavebondError:  # this choice of the shapes cannot be simulated
+            continue
+    return found
+
+
+def _neutral(candidate: Candidate) -> dict[str, float]:
+    """The amplitudes where the effect is absent."""
+    return {n.name: n.neutral for n in candidate.vanishing}
+
+
+def _tangents(base: Base, candidate: Candidate, runs: list[Run], shapes: Mapping[str, float]
+              ) -> tuple[list[Run], dict[str, Array]]:
+    """d r / d a (n,) for each amplitude at zero, and runs whose error control knows how large amplitudes are. It takes one
+    that is zero for one unit; what 1 Pa*s/m3 of a resistance does is less than Newton's method leaves of algebraic unknowns,
+    and the tangent would be that."""
+    there = {**_neutral(candidate), **shapes}
+    moved = _moved(base, runs, there)
+    zero = {n.name: n for n in candidate.vanishing if n.neutral == 0}
+    sizes = dict.fromkeys(zero, 1.0)
+    for _ in range(RUNS if any(len(run.assembly.z_nominal) for run in runs) else 0):
+        lengths = {name: float(np.linalg.norm(moved[name])) for name in zero}
+        steps = {name: SIZED * float(np.linalg.norm(base.r)) / length for name, length in lengths.items() if length > 0}
+        steps = {name: min(step, zero[name].high or np.inf) for name, step in steps.items()}
+        if all(step < STAYS * sizes[name] for name, step in steps.items()):
+            break
+        sizes |= steps
+        runs = [run.again(run.names, sizes, QuickSimulator) for run in runs]
+        moved = _moved(base, runs, there)
+    return runs, moved
+
+
+def _at_zero(base: Base, candidate: Candidate, moved: Mapping[str, Array], shapes: Mapping[str, float]) -> list[Score]:
+    """The scores at amplitude zero, where d r / d a is `moved`: amplitudes of one unit move together."""
+    together: dict[Dimension, list[str]] = {}
+    for number in candidate.vanishing:
+        together.setdefault(number.unit.dimension, []).append(number.name)
+    return [replace(_scored(base, candidate, shapes, np.sum([moved[name] for name in names], axis=0)), along=tuple(names))
+            for names in together.values()]
+
+
+def below(number: Sized) -> bool:
+    """Whether it is an amplitude that may be less than neutral."""
+    return number.amplitude and (number.low is None or number.low < number.neutral)
+
+
+def sides(amplitudes: Sequence[Sized]) -> tuple[int, ...]:
+    """The sides of neutral (1, -1) on which they may be, together."""
+    return (1, -1) if any(map(below, amplitudes)) else (1,)
+
+
+def _kinked(base: Base, candidate: Candidate) -> bool:
+    """Whether its law has a kink at amplitude zero."""
+    amplitudes = {n.name.rpartition(".")[2]: n for n in candidate.vanishing}
+    component = base.problem.experiment.model.library.component(candidate.component)
+    return any(kinked(side, amplitudes) for line in component.equations for side in (line.tree.left, line.tree.right))
+
+
+def _on_sides(base: Base, at_zero: Score, runs: Sequence[Run], kink: bool) -> list[Score]:
+    """The score at amplitude zero and those beside it that say something else. At a kink these stand alone: they are taken
+    at so small an amplitude that it does next to nothing, since the derivative at the kink itself is of neither side (of a
+    valve whose edges shut at the same point, a thousand times that of either)."""
+    amplitudes = _along(at_zero)
+    if at_zero.size == 0 or not amplitudes or not (kink or at_zero.told_apart):
+        return [at_zero]
+    step = BESIDE * float(np.linalg.norm(base.r)) / at_zero.size if kink else SEEN / (at_zero.size * at_zero.share)
+    found = []
+    for side in sides(amplitudes):
+        with suppress(HeavebondError):  # so much cannot be simulated, or is more than there may be
+            found.append(_beside(base, at_zero, runs, side * step))
+    return found if kink else [at_zero, *(s for s in found if _turned(s, at_zero))]
+
+
+def _turned(one: Score, other: Score) -> bool:
+    """Whether two scores of a candidate are about different directions."""
+    return one.size > 0 and float(one.side * one.direction @ other.direction) < TURNED
+
+
+def _beside(base: Base, at_zero: Score, runs: Sequence[Run], step: float) -> Score:
+    """The score from the tangent at an amplitude."""
+    side = 1 if step > 0 else -1
+    there = {**_neutral(at_zero.candidate), **at_zero.shapes, **{n.name: n.neutral + step for n in _along(at_zero)}}
+    moved = _moved(base, runs, there)
+    s = side * np.sum([moved[name] for name in at_zero.along], axis=0)
+    found = _scored(base, at_zero.candidate, at_zero.shapes, s)
+    return replace(found, amplitude=side * found.amplitude, along=at_zero.along, side=side)
+
+
+def _along(score: Score) -> list[Sized]:
+    """The amplitudes that a score moves."""
+    return [n for n in score.candidate.numbers if n.name in score.along]
+
+
+def _settled(candidate: Candidate, runs: Sequence[Run], base: Base) -> Candidate:
+    """The candidate with the numbers that are held at what the motion says (`middle s`) set to it, and no longer sought."""
+    held = {n.name: n for n in candidate.numbers if n.sought is not None and n.sought.held}
+    values = {}
+    seen = _seen(list(held.values()), runs, base)
+    for name, number in held.items():
+        assert number.sought is not None
+        low, high = seen[name]
+        said = {"middle": (low + high) / 2, "half": (high - low) / 2, "peak": max(abs(low), abs(high))}
+        values[name] = quantity(said[number.sought.held], number.unit)
+    if not held:
+        return candidate
+    return replace(candidate, change=candidate.change.with_values(values),
+                   numbers=tuple(n for n in candidate.numbers if n.name not in held))
+
+
+def _difference(base: Base, runs: Sequence[Run], shapes: Mapping[str, float]) -> Array:
+    """What an effect that has no zero does to the residuals (n,) from a finite value on: the secant in place of the
+    tangent, so that an amplitude of 1 is that value."""
+    return np.concatenate([run.residuals(_values(base, run, shapes))[0] for run in runs]) - base.quick
+
+
+def _values(base: Base, run: Run, more: Mapping[str, float]) -> dict[str, float]:
+    """The base's values that the changed diagram has, and `more`."""
+    known = run.assembly.parameter_values
+    values = base.problem.values_of(base.inner, run.record.name)
+    return {**{name: value for name, value in values.items() if name in known}, **more}
+
+
+def _moved(base: Base, runs: Sequence[Run], values: Mapping[str, float]) -> dict[str, Array]:
+    """d r / d a (n,) for each amplitude."""
+    found = np.hstack([run.residuals(_values(base, run, values))[1] for run in runs])
+    return dict(zip(runs[0].names, found, strict=True))
+
+
+def _scored(base: Base, candidate: Candidate, shapes: Mapping[str, float], s: Array, least: float = 0.0) -> Score:
+    """The score along s (n,); one no larger than `least` is taken for the errors of the integrator. (Of a tangent there is
+    none: what an amplitude does not move has the derivative 0, and how small another one is depends on its unit alone.)"""
+    with np.errstate(over="ignore"):  # a run that went astray
+        size = float(np.linalg.norm(s))
+    if not np.isfinite(size) or size <= least:
+        return Score(candidate, shapes, 0.0, 0.0, np.zeros(len(base.inner)), 0.0, 0.0, np.zeros(0))
+    left, step = base.split(s)
+    length = float(np.linalg.norm(left))
+    z = float(-left @ base.r / length) if length > SAME * size else 0.0
+    amplitude = z / length if length > 0 else 0.0
+    return Score(candidate, shapes, z, amplitude, step * amplitude, size, length / size, left / max(length, 1e-300))
+
+
+def shape_points(candidate: Candidate, runs: Sequence[Run], base: Base) -> list[dict[str, float]]:
+    """Choices of the shape parameters: points along the diagonal of their ranges, in logarithms above zero."""
+    ranges = shape_ranges(candidate, runs, base)
+    if not ranges:
+        return [{}]
+    found = []
+    signed = any(low < 0 < high for low, high in ranges.values())
+    for share in (0.1, 0.5, 0.9) if not candidate.vanishes else (0.25, 0.5, 0.75) if signed else (0.25, 0.75):
+        point = {name: between(low, high, share) for name, (low, high) in ranges.items()}
+        for high_one, low_one in candidate.orders:  # a pair of limits is drawn together from outside
+            for name, part in ((high_one, 1 - share / 2), (low_one, share / 2)):
+                if name in ranges:
+                    point[name] = between(*ranges[name], part)
+        found.append(point)
+    return found
+
+
+def between(low: float, high: float, share: float) -> float:
+    """A point of a range: geometric above zero."""
+    return float(low * (high / low) ** share) if low > 0 else float(low + (high - low) * share)
+
+
+def shape_ranges(candidate: Candidate, runs: Sequence[Run], base: Base, beyond: float = 0.0
+                 ) -> dict[str, tuple[float, float]]:
+    """Where each shape is sought; `seen s` by the motion of s in the base model, and a share `beyond` of its span
+    further."""
+    found = {}
+    seen = _seen(candidate.numbers, runs, base)
+    for number in candidate.numbers:
+        if number.sought is None:
+            continue
+        if number.sought.range is not None:
+            low, high = number.sought.range.low, number.sought.range.high
+        else:
+            low, high = seen[number.name]
+            low, high = low - beyond * (high - low), high + beyond * (high - low)
+        low = max(low, number.low) if number.low is not None else low
+        high = min(high, number.high) if number.high is not None else high
+        if high > low:
+            found[number.name] = (low, high)
+    return found
+
+
+def _seen(numbers: Sequence[Sized], runs: Sequence[Run], base: Base) -> dict[str, tuple[float, float]]:
+    """For each number that is sought or held by the motion of a variable, between what values that moves in the base
+    model."""
+    variables = {n.name: n.follows for n in numbers if n.follows}
+    if not variables:
+        return {}
+    names = list(dict.fromkeys(variables.values()))
+    courses = np.hstack([Probe(run.assembly, names, si=True).values(run.simulator.run(_values(base, run, {})))
+                         for run in runs])
+    ends = {name: (float(course.min()), float(course.max())) for name, course in zip(names, courses, strict=True)}
+    return {name: ends[variable] for name, variable in variables.items()}

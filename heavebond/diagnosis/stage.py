@@ -1,0 +1,335 @@
+"""One rung of the ladder from a misfit to what is missing.
+
+Fit what is free; ask whether more than noise is left; score every candidate of the catalogue; refit those that can matter;
+take the one that leaves least on what was not fitted, if it earns its place there.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from heavebond.core.cancellation import obeyed
+from heavebond.core.errors import SimulationError
+from heavebond.core.progress import Progress
+from heavebond.diagnosis.candidate_workers import Workers
+from heavebond.diagnosis.catalogue import Candidate, candidates
+from heavebond.diagnosis.fixed_values import fixed_values
+from heavebond.diagnosis.refit import Trial, bic, held_out
+from heavebond.diagnosis.refit_schedule import Refits, planned
+from heavebond.diagnosis.residual_tests import Leftover, is_noise, leftover
+from heavebond.diagnosis.scoring import TIMES, Base, Score, finer, searched
+from heavebond.equations.places import nodes_of
+from heavebond.fit.experiment import Experiment
+from heavebond.fit.residuals import Residuals
+from heavebond.numerics.dae import Array
+
+UNKNOWN = "unknown law"  # the class of learnt curves: a shape, no name
+NEARLY = 0.1  # share of what the best takes away that a rival may leave, where the noise is not given,
+MISSED = 0.25  # and share of what the best misses the noise by that a rival may miss more where that is given;
+# where the best misses it by more than chance, times its error above the noise that a rival's may be: laws that are not
+# exact have been seen to leave twice what a wrong one at their place does, and a fourth of what others leave
+RIVALS = 2.5
+CLOSELY = 6  # trials at most are followed to the very end before they are compared,
+CLOSE = 0.05  # those within this share of the logarithm of chi-square of the best
+AS_ONE = 1e-6  # nodes move as one that differ by less than this share of the largest value
+STEADY = 0.01  # what varies by less than this share of its size is steady
+SECONDS = 600.0  # of refits, after which none is begun
+# A candidate earns its place where chi-square on what was not fitted falls by this, in units of what is left: normal
+# deviations of some 3 squared would come by chance once in a thousand tries.
+EARNED = 12.0
+
+
+@dataclass(frozen=True)
+class Step:
+    """One rung: the experiment that was diagnosed, its best fit of what was free (chi-square per sample on what was and was
+    not fitted), the tests on what that leaves, all scores and refits, best first, what was chosen, and those that the
+    records cannot tell from it (the chosen one first). `partial`: not all that was planned was refitted; `lost` are the
+    candidates whose process died."""
+
+    experiment: Experiment
+    values: dict[str, float]
+    cost: float
+    samples: int
+    chi2_fit: float
+    chi2_held_out: float
+    samples_held_out: int
+    at_end: tuple[str, ...]
+    left: Leftover
+    scores: tuple[Score, ...]
+    trials: tuple[Trial, ...]
+    chosen: Trial | None
+    cluster: tuple[Trial, ...]
+    twins: dict[str, tuple[str, ...]]
+    unseen: tuple[Candidate, ...]
+    partial: bool
+    seconds: float
+    lost: tuple[str, ...] = ()
+
+    @property
+    def bic(self) -> float:
+        """The information criterion of the model without any of the candidates."""
+        return bic(self.cost, self.samples, len(self.values))
+
+    @property
+    def merit(self) -> float:
+        """That of the model without any of the candidates; see `merit`."""
+        return _merit(self.cost, self.samples, len(self.values), self.chi2_held_out, self.samples_held_out)
+
+
+def step(experiment: Experiment, *, number: int | None = None, seconds: float = SECONDS, classes: Sequence[str] = (),
+         progress: Progress | None = None, thorough: bool = True) -> Step:
+    """One rung of the ladder. `classes` narrows the catalogue to candidates of these classes. A `thorough` search refits all
+    others too where none of those with the largest scores comes near the noise."""
+    found = [c for c in candidates(experiment) if c.kind != UNKNOWN and (not classes or c.kind in classes)]
+    return _step(experiment, found, number, seconds, progress or (lambda text: None), thorough=thorough)
+
+
+def learnt(experiment: Experiment, *, number: int | None = None, seconds: float = SECONDS,
+           progress: Progress | None = None) -> Step:
+    """A rung with learnt curves only: effects without a name."""
+    found = [c for c in candidates(experiment) if c.kind == UNKNOWN]
+    return _step(experiment, found, number, seconds, progress or (lambda text: None))
+
+
+def revalued(experiment: Experiment, *, beside: Trial | None = None, number: int | None = None, seconds: float = SECONDS,
+             progress: Progress | None = None) -> Step:
+    """A rung with other values of what the diagram holds fixed, in place of effects; `beside` what was found with these,
+    which it ranks among them: a value that soon is seen to leave more is not followed."""
+    return _step(experiment, fixed_values(experiment), number, seconds, progress or (lambda text: None), beside=beside)
+
+
+def single(experiment: Experiment, candidate: Candidate, progress: Progress) -> Step:
+    """A rung with one candidate, chosen by hand: it is refitted whatever its score."""
+    return _step(experiment, [candidate], 1, SECONDS, progress, always=True)
+
+
+def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None, seconds: float, say: Progress,
+          always: bool = False, thorough: bool = False, beside: Trial | None = None) -> Step:
+    began = clock.perf_counter()
+    say("fitting what is free")
+    base = fitted_base(experiment)
+    held, n_held = held_out(base.problem, base.inner, base.exact)
+    courses = _courses(base)
+    found = [c for c in found if always or _says_more(c, base, courses)]
+    scores: list[Score] = []
+    partial, twins = False, dict[str, tuple[str, ...]]()
+    with Workers(base, number) as workers:
+        refits = Refits(workers, say, {beside.candidate.label: beside} if beside is not None else {})
+        try:
+            for k, (candidate, got) in enumerate(workers.score(found), 1):
+                say(f"scoring {k} of {len(found)}: {candidate.label}")
+                scores += got
+            # in the order of the catalogue, whichever process was done first
+            place = {c.label: k for k, c in enumerate(found)}
+            scores.sort(key=lambda s: place[s.candidate.label])
+            left = leftover(base, scores)
+            if left.significant or always:
+                leading, rest, twins = planned(scores, _as_one(courses))
+                partial = not refits.make(leading, rest if thorough else [], clock.perf_counter() + seconds)
+                say("comparing the best closely")
+                refits.trials |= _polished(workers, list(refits.trials.values()), {c.label: g for c, g in (*leading, *rest)})
+        except KeyboardInterrupt:
+            obeyed()
+            partial, left, twins = True, leftover(base, scores), {}
+    trials = list(refits.trials.values())
+    made = _judged(base, (held, n_held), left, scores, trials, twins, partial, clock.perf_counter() - began)
+    return replace(made, lost=tuple(dict.fromkeys(workers.lost)))
+
+
+def _polished(workers: Workers, trials: Sequence[Trial], guesses: Mapping[str, Sequence[Score]]) -> dict[str, Trial]:
+    """The trials of candidates that were scored here and are near the best, followed to the end of their valleys: near on
+    all samples or on those that were fitted, as one that has not arrived may miss the others by much."""
+    order = sorted(trials, key=merit)
+    if not order:
+        return {}
+    margin = indistinct(order[0], merit(order[0])) + CLOSE * (order[0].samples + order[0].samples_held_out)
+    lowest = min(t.bic for t in order)
+    near = [t for t in order if t.candidate.label in guesses
+            and (merit(t) - merit(order[0]) < margin or t.bic - lowest < margin)][:CLOSELY]
+    better = {c.label: t for c, t in workers.polish([(t, guesses[t.candidate.label], None) for t in near])}
+    lent = [(t, guesses[t.candidate.label], lender) for t in better.values() if (lender := _lender(t, better.values()))]
+    return better | {c.label: t for c, t in workers.polish(lent)}
+
+
+def _lender(trial: Trial, others: Iterable[Trial]) -> Trial | None:
+    """The best fitting law at the same place that fits better: what it found may do for this one too, as a law that holds
+    it as a special case should never leave less by ending in another valley."""
+    there = [t for t in others if set(t.candidate.where) == set(trial.candidate.where) and t.cost < trial.cost]
+    return min(there, key=lambda t: t.cost, default=None)
+
+
+def fitted_base(experiment: Experiment) -> Base:
+    """The experiment with what is free fitted, from the diagram's values, with runs that err by little beside the noise."""
+    problem = searched(experiment)
+    base = _fitted(problem, problem.start)
+    for _ in range(TIMES):
+        if not base.rough:
+            break
+        try:
+            base = _fitted(finer(base.problem), base.inner)
+        except SimulationError:
+            break  # finer than the integrator can: beside a record far above its noise that is fine enough
+    return base
+
+
+def _fitted(problem: Residuals, inner: Array) -> Base:
+    if len(inner):
+        inner = problem.minimise(inner, False, lambda text: None, tolerance=1e-6).x
+    return Base.at(problem, inner)
+
+
+def _courses(base: Base) -> dict[str, tuple[str, Array]]:
+    """Each node of the base model with its domain and the course of its across variable on the fitted records."""
+    runs = [base.exact[run.record.name] for run in base.problem.runs]
+    results = [run.simulator.run(base.problem.values_of(base.inner, run.record.name)) for run in runs]
+    return {node.name: (node.domain.name, np.concatenate([result[f"{node.name}.{node.across}"] for result in results]))
+            for node in nodes_of(runs[0].assembly.flat).values()}
+
+
+def _as_one(courses: Mapping[str, tuple[str, Array]]) -> dict[str, str]:
+    """Nodes that move as one in the base model (what a lossless rope or lever joins), each with the first of them."""
+    found: dict[str, str] = {}
+    for name, (domain, course) in courses.items():
+        near = AS_ONE * max(float(np.abs(course).max()), 1e-300)
+        found[name] = next((first for first in found.values() if courses[first][0] == domain
+                            and np.abs(course - courses[first][1]).max() < near), name)
+    return found
+
+
+def _says_more(candidate: Candidate, base: Base, courses: Mapping[str, tuple[str, Array]]) -> bool:
+    """Whether what a law depends on besides its own motion changes at all: a seal that is pressed by a steady pressure has
+    dry friction, which the catalogue has without the pressure."""
+    effect = base.problem.experiment.model.library.component(candidate.component).effect
+    if effect is None or not effect.also:
+        return True
+    others = [courses[node][1] for node in candidate.change.nodes if node not in candidate.where and node in courses]
+    return all(float(np.ptp(course)) > STEADY * float(np.abs(course).max()) for course in others)
+
+
+def _judged(base: Base, held: tuple[float, int], left: Leftover, scores: Sequence[Score], trials: Sequence[Trial],
+            twins: dict[str, tuple[str, ...]], partial: bool, seconds: float) -> Step:
+    problem = base.problem
+    ended = tuple(c.free.name for c, end in zip(problem.columns, problem.at_end(base.inner), strict=True) if end)
+    made = Step(
+        problem.experiment, problem.values_of(base.inner, problem.runs[0].record.name), base.cost, len(base.r),
+        float(base.r @ base.r) / len(base.r), *held, ended, left, tuple(_best_of_each(scores)),
+        tuple(sorted(trials, key=merit)), None, (), twins, tuple(_unseen(scores)), partial, seconds)
+    earned = _earned(made)
+    return choosing(made, earned[0]) if earned else made
+
+
+def choosing(made: Step, trial: Trial) -> Step:
+    """The step with one of its trials chosen, and what the records cannot tell from it."""
+    margin = indistinct(trial, made.merit)
+    near = [t for t in _earned(made)
+            if t is trial or min(m(t) - m(trial) for m in (merit, _joint)) < margin or _as_good(t, trial)]
+    close = [t for t in near if t is not trial and not any(_needless(t, simpler) for simpler in near)]
+    return replace(made, chosen=trial, cluster=(trial, *close, *_twins_of([trial, *close], made.twins, made.scores)))
+
+
+def _as_good(trial: Trial, best: Trial) -> bool:
+    """Whether the same law at another place fits as well and leaves noise too: what it then leaves more on other records
+    comes of numbers that the fit leaves open (play on the one or the other side of a cylinder)."""
+    return trial.candidate.component == best.candidate.component and trial.experiment.noise_given \
+        and trial.cost - best.cost < EARNED and is_noise(trial.chi2_fit, trial.chi2_held_out, trial.samples_held_out)
+
+
+def _needless(trial: Trial, simpler: Trial) -> bool:
+    """Whether a law with fewer numbers at the same place leaves no more than this one, but for chance: play whose gap has
+    closed in the fit is the compliance beside it. That no law is exact is no excuse for one that could bend further."""
+    fit = (simpler.cost - trial.cost) / max(1.0, trial.chi2_fit)
+    return set(trial.candidate.where) == set(simpler.candidate.where) and trial.unknowns > simpler.unknowns \
+        and fit < EARNED and not _fallen(simpler.chi2_held_out, trial) > EARNED  # (NaN without samples held out)
+
+
+def leaders(made: Step, most: int) -> list[Step]:
+    """The step with each of the best trials chosen that earn their place, one of each class at each place."""
+    best: dict[object, Trial] = {}
+    for trial in _earned(made):
+        best.setdefault((trial.candidate.kind, frozenset(trial.candidate.where)), trial)
+    return [choosing(made, trial) for trial in list(best.values())[:most]]
+
+
+def _twins_of(close: Sequence[Trial], twins: Mapping[str, Sequence[str]], scores: Sequence[Score]) -> list[Trial]:
+    """Candidates of another class that are the same machine as one that was refitted. (Of the same class it is one law at
+    places that act alike; `leakage` between the chambers is `internal leakage` of the piston.)"""
+    by_label = {s.candidate.label: s.candidate for s in scores}
+    found = []
+    for trial in close:
+        for label in twins.get(trial.candidate.label, ()):
+            kinds = (trial.candidate.kind, by_label[label].kind)
+            if not kinds[0].endswith(kinds[1]) and not kinds[1].endswith(kinds[0]):
+                found.append(replace(trial, candidate=by_label[label]))
+    return found
+
+
+def _best_of_each(scores: Sequence[Score]) -> list[Score]:
+    best: dict[str, Score] = {}
+    for score in sorted(scores, key=lambda s: -s.gain):
+        best.setdefault(score.candidate.label, score)
+    return list(best.values())
+
+
+def _unseen(scores: Sequence[Score]) -> list[Candidate]:
+    """Candidates that the records cannot see apart from what is free already, at no choice of their shapes."""
+    told = {s.candidate.label for s in scores if s.told_apart}
+    return [s.candidate for s in _best_of_each(scores) if s.candidate.label not in told]
+
+
+def merit(trial: Trial) -> float:
+    """What ranks the refits: BIC of the fitted samples and n ln(chi-square) of the others; smaller is better."""
+    return _merit(trial.cost, trial.samples, trial.unknowns, trial.chi2_held_out, trial.samples_held_out)
+
+
+def _joint(trial: Trial) -> float:
+    """The merit with what was held out as a fit to all samples would leave it: numbers that the fit leaves open by little
+    may miss other records by more than one law does more than another."""
+    held = trial.chi2_held_out - trial.slack / max(trial.samples_held_out, 1)
+    return _merit(trial.cost, trial.samples, trial.unknowns, held, trial.samples_held_out)
+
+
+def _merit(cost: float, samples: int, unknowns: int, chi2: float, held: int) -> float:
+    return bic(cost, samples, unknowns) + (held * float(np.log(max(chi2, 1e-300))) if held else 0.0)
+
+
+def _earned(made: Step) -> list[Trial]:
+    """The trials whose merit and chi-square on what was not fitted both fall by more than chance allows, best first."""
+    return [t for t in made.trials if merit(t) < made.merit - EARNED
+            and (not made.samples_held_out or _fallen(made.chi2_held_out, t) > EARNED)]
+
+
+def _fallen(before: float, trial: Trial) -> float:
+    """How far chi-square of all that was not fitted is below what is `before` per sample, in units of what is left."""
+    return (before - trial.chi2_held_out) * trial.samples_held_out / max(1.0, trial.chi2_held_out)
+
+
+def indistinct(best: Trial, before: float) -> float:
+    """Refits whose merit is no more than this behind the best are not told from it: strong evidence in BIC is 10 (R. E.
+    Kass, A. E. Raftery, 1995, doi:10.1080/01621459.1995.10476572); and as no law is exact, 0.3 % of chi-square besides.
+    Where the noise is given and the best misses it, a rival that misses it by a quarter more is not excluded, nor, where
+    that is more than chance, one with up to 2.5 times the best's error above the noise: both are then laws that are not
+    exact, and which of them comes nearer is a matter of their forms. Where it is estimated it says little of how exact a
+    law could be: a rival that takes away nine tenths of what the best does (from the merit `before`) is not excluded."""
+    exact = 10.0 + 0.003 * (best.samples + best.samples_held_out)
+    if not best.experiment.noise_given:
+        return exact + NEARLY * (before - merit(best)) * (best.chi2_held_out > 2)
+    held = (best.chi2_held_out, best.samples_held_out) if best.samples_held_out else (best.chi2_fit, best.samples)
+    both = ((best.samples, best.chi2_fit), (best.samples_held_out, best.chi2_held_out))
+    above = [(n, c) for n, c in both if n and c > 1]
+    forms = 0.0 if is_noise(best.chi2_fit, *held) else \
+        sum(n * float(np.log((1 + RIVALS**2 * (c - 1)) / c)) for n, c in above)
+    return exact + max(forms, MISSED * sum(n * float(np.log(c)) for n, c in above))
+
+
+def following(before: Step) -> Experiment:
+    """The experiment with the chosen effect in its diagram, everything at its fitted values and free as it was sought."""
+    assert before.chosen is not None
+    trial = before.chosen
+    values = {n: v for n, v in trial.values.items() if n in trial.experiment.free}
+    return replace(trial.experiment, model=trial.experiment.model.with_parameters(values))
+
+

@@ -1,0 +1,173 @@
+"""Several effects at once: ladders that are followed side by side, and looked back on.
+
+Where two effects are missing, the first step sees both: a flexible law at a wrong place may take more of the misfit than
+either of them alone, and every further effect then mends what it does wrong. So
+
+* as long as more than the given noise is left, not only the best first effect is followed but the best of a few classes and
+  places, and of all ladders so begun the best few, until one reaches the noise;
+* beside what was found later, each earlier effect is taken out and sought anew among all candidates: one that is not missed
+  stays out, one that another does better than gives its place to it, and what is not told from it is named anew.
+
+This is selection forwards with steps back, after P. Pudil, J. Novovicova and J. Kittler (1994, doi
+10.1016/0167-8655(94)90127-9), by `merit` in place of their criterion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from heavebond.core.cancellation import obeyed
+from heavebond.core.progress import Progress
+from heavebond.diagnosis.catalogue import Candidate, candidates
+from heavebond.diagnosis.refit import Trial
+from heavebond.diagnosis.residual_tests import is_noise
+from heavebond.diagnosis.stage import Step, choosing, following, leaders, merit, single
+from heavebond.diagnosis.verdict import worth_it
+from heavebond.fit.experiment import Experiment
+
+MOST = 5  # effects
+WAYS = 3  # ladders that are followed side by side,
+FOLLOWED = 0.5  # those that take this share of what the best takes away
+DECISIVE = 10.0  # what another effect must be better by to take the place of one that was found (as in `rung.indistinct`)
+
+
+@dataclass(frozen=True)
+class Added:
+    """An effect on a ladder: the step at which it was chosen, and what the records cannot tell from it beside all others."""
+
+    step: Step
+    alternatives: tuple[Trial, ...]
+
+    @property
+    def chosen(self) -> Trial:
+        """The effect refitted."""
+        assert self.step.chosen is not None
+        return self.step.chosen
+
+    @property
+    def candidate(self) -> Candidate:
+        """What was added."""
+        return self.chosen.candidate
+
+    @property
+    def is_noise(self) -> bool:
+        """Whether no more than the noise is left after it: the given one, or less than an estimated one, which may hold what
+        a channel moves from one sample to the next."""
+        trial = self.chosen
+        if trial.experiment.noise_given:
+            return is_noise(trial.chi2_fit, trial.chi2_held_out, trial.samples_held_out)
+        return trial.chi2_fit <= 1 and not trial.chi2_held_out > 1  # (NaN where nothing is held out)
+
+
+Way = tuple[Added, ...]
+Stepping = Callable[[Experiment, Way], Step]
+
+
+def climb(experiment: Experiment, stepping: Stepping, say: Progress, most: int = MOST) -> tuple[Way, Step]:
+    """The ladder of at most `most` effects that leaves least, and the last step that was made from its last rung (with the
+    chosen effect on it, or with none that is worth it); `stepping` makes a step on an experiment, the ladder that leads
+    there given."""
+    last = stepping(experiment, ())
+    base, ways = last.merit, _extended((), last)
+    for _ in range(2 * most):
+        if not ways or len(ways[0]) >= most or last.partial or ways[0][-1].is_noise:
+            break
+        steps = []
+        for way in _promising(ways, base):
+            steps.append((way, stepping(following(way[-1].step), way)))
+            if steps[-1][1].partial or any(longer[-1].is_noise for longer in _extended(*steps[-1])):
+                break
+        longer = [found for way, made in steps for found in _extended(way, made)
+                  if worth_it(found[-1].step) and _merit(found) < _merit(ways[0])]
+        if longer:
+            ways = _distinct(sorted(longer, key=_merit))
+        last = replace(ways[0][-1].step if longer else steps[0][1], partial=steps[-1][1].partial)
+        if not longer:
+            break
+        if not last.partial:
+            ways[0], partial = _looked_back(ways[0], stepping, say)
+            last = replace(ways[0][-1].step, partial=partial)
+    return (ways[0] if ways else ()), last
+
+
+def _extended(way: Way, made: Step) -> list[Way]:
+    """A ladder with each of the effects that lead a step from it."""
+    return [(*way, Added(step, step.cluster)) for step in leaders(made, WAYS)]
+
+
+def _merit(way: Way) -> float:
+    return merit(way[-1].chosen)
+
+
+def _promising(ways: Sequence[Way], base: float) -> list[Way]:
+    """The ladders that may still win. An estimated noise is no yardstick by which the best could be found wanting: with it
+    the best alone is followed."""
+    given, best = ways[0][-1].step.experiment.noise_given, _merit(ways[0])
+    return [ways[0], *(way for way in ways[1:WAYS] if given and base - _merit(way) > FOLLOWED * (base - best))]
+
+
+def _distinct(ways: Sequence[Way]) -> list[Way]:
+    """The same effects in another order are one ladder."""
+    found: dict[frozenset[str], Way] = {}
+    for way in ways:
+        found.setdefault(frozenset(added.candidate.label for added in way), way)
+    return list(found.values())
+
+
+def _looked_back(way: Way, stepping: Stepping, say: Progress) -> tuple[Way, bool]:
+    """The ladder without what is not missed beside the effects found later, and with what is better in its place; and
+    whether the search was ended before all of it was looked at."""
+    k = 0
+    while k < len(way) - 1:
+        say(f"is {way[k].candidate.label} still needed?")
+        try:
+            others = _without(way, k, say)
+        except KeyboardInterrupt:
+            obeyed()
+            return way, True
+        if others is None:
+            k += 1
+            continue
+        again = stepping(following(others[-1].step), others)
+        if again.partial:
+            return way, True
+        if again.chosen is None or not worth_it(again):
+            way, k = others, 0
+        elif merit(again.chosen) < _merit(way) - DECISIVE:
+            way, k = (*others, Added(again, again.cluster)), 0
+        else:
+            same = next((t for t in again.trials if t.candidate.label == way[k].candidate.label), None)
+            alike = choosing(again, same).cluster if same is not None else (way[k].chosen, *again.cluster)
+            way, k = (*way[:k], replace(way[k], alternatives=alike), *way[k + 1:]), k + 1
+    return way, False
+
+
+def _without(way: Way, k: int, say: Progress) -> Way | None:
+    """The ladder without its k-th effect, what followed refitted one after the other; None where that stands upon it."""
+    found = way[:k]
+    for added in way[k + 1:]:
+        step = way[0].step if not found else None  # the first has tried nearly everything already
+        label = _before(added.candidate.label, way[k].candidate)
+        if step is None or label not in {t.candidate.label for t in step.trials}:
+            now = following(found[-1].step) if found else way[0].step.experiment
+            there = next((c for c in candidates(now) if c.label == label), None)
+            if there is None:
+                return None
+            step = single(now, there, say)
+        if step.partial and found:
+            raise KeyboardInterrupt
+        trial = next((t for t in step.trials if t.candidate.label == label), None)
+        if trial is None:
+            return None
+        step = choosing(step, trial)
+        found = (*found, Added(step, step.cluster))
+    return found
+
+
+def _before(label: str, gone: Candidate) -> str:
+    """What is called by the input of an effect that is taken out, by what drove that: `before lag_inlet.u`, `before
+    inlet.u`."""
+    for old, new in gone.change.moved.items():
+        label = label.replace(f"before {new}", f"before {old}")
+    return label

@@ -1,0 +1,1 @@
+"""Energy: audit of a run, power flow, model simplification by activity."""

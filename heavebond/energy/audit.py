@@ -1,0 +1,333 @@
+"""Where the energy goes: a run with the power of every component integrated beside its states.
+
+Over a run, for each component
+
+    energy in over its ports + supplied by a source + set by events
+        = change of the stored energy + dissipated + unbalanced
+
+The stored energy is taken from its formula at both ends and at both sides of every event, the others are integrals, so
+an error of the integration shows as an energy that is missing, and a component whose own law is wrong shows by name. At
+the nodes no power is lost (Tellegen's theorem): the powers of all ports sum to zero at every instant.
+
+The activity of a component is the integral of the size of the power that it takes in or gives out (over all its ports
+together): an element through which little power goes matters little. L. S. Louca, J. L. Stein, G. M. Hulbert, J. Sprague,
+Proper model generation: an energy-based methodology, Proc. ICBGM'97, 1997; L. S. Louca, J. L. Stein, Energy-based model
+reduction of linear systems, Proc. ICBGM'99, 1999.
+
+B. D. H. Tellegen, A general network theorem, with applications, Philips Res. Rep. 7 (1952) 259-269.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import casadi as ca
+import numpy as np
+
+from heavebond.core.errors import Problem, SimulationError, UsageError, listing, suggest
+from heavebond.core.presentation import brief, count, number, readable
+from heavebond.core.units import read_unit
+from heavebond.equations.flatten import Energetics
+from heavebond.language.model import Model
+from heavebond.language.symbols import split, stack
+from heavebond.numerics.dae import Array, Assembly, assemble
+from heavebond.numerics.result import Result
+from heavebond.numerics.run_verdict import tell, verdict
+from heavebond.numerics.simulator import Simulator, Time, Tolerances
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+# The integrator keeps states and integrals to 1e-8 a step; over some thousands of steps these errors add up.
+TOLERANCE = 1e-6
+ROUNDING = 1e-9  # of the largest energy: not shown in a table
+IN_KILOJOULES = 1e4  # J; a run with such an energy is told in kJ
+SHOWN = 6  # decimal places of the largest energy that a table goes down to
+LITTLE = 1e-4  # a share of activity that is told as less than this
+BLOCK = "block"
+QUADRATURES = 3  # energy in, dissipated, unbalanced
+
+
+@dataclass(frozen=True)
+class EnergyLine:
+    """The energies of one component over the run in J; `supplied` is what a source or a controlled law adds, `events` what
+    the store gains where events set states, `imbalance` what is missing, `why` the reason of the unbalanced power, `kind`
+    what stands under `power:`, or `block`. `start` and `end` are what the store holds, `delivered` what goes out while power
+    goes out, and `activity` what goes in and out; these two by the trapezoidal rule over the output points."""
+
+    component: str
+    energy_in: float
+    stored: float
+    dissipated: float
+    unbalanced: float
+    supplied: float
+    events: float
+    imbalance: float
+    kind: str = ""
+    why: str = ""
+    start: float = 0.0
+    delivered: float = 0.0
+    activity: float = 0.0
+
+    @property
+    def end(self) -> float:
+        """What the store holds at the end, in J."""
+        return self.start + self.stored
+
+
+@dataclass(frozen=True)
+class EnergyAudit:
+    """The energies of a run: a line for each component with power ports or storage, and what is lost at the nodes.
+
+    `largest` is the largest energy in J that any component took in, dissipated, left unbalanced or held in store at any
+    time: what all errors are compared with, as those of the states are relative too. `nodes` is the largest sum of all
+    port powers over the sum of their sizes, or over what would pass `largest` on within the run if that is more: at rest
+    there is but the rounding of powers. `ports` is the power in W into a component or a block over each of its ports,
+    (N,) at the times of the result.
+    """
+
+    lines: tuple[EnergyLine, ...]
+    largest: float
+    nodes: float
+    result: Result
+    ports: Mapping[str, Array] = field(default_factory=dict)
+
+    @property
+    def ranking(self) -> list[tuple[EnergyLine, float]]:
+        """The components that store, dissipate or supply, with their share of the activity of all, the most active first."""
+        total = sum(line.activity for line in self.lines)
+        order = sorted(self.lines, key=lambda line: -line.activity)
+        return [(line, line.activity / total if total else 0.0) for line in order]
+
+    def as_dict(self) -> dict[str, object]:
+        """The audit for machines, in J."""
+        shares = {line.component: share for line, share in self.ranking}
+        return {"until": float(self.result.time[-1]), "supplied": self.supplied, "taken": self.taken, "stored": self.stored,
+                "dissipated": self.dissipated, "unbalanced": self.unbalanced, "events": self.events,
+                "largest": self.largest, "missing": self.imbalance, "missing_at_nodes": self.nodes,
+                "closes": self.closes(),
+                "components": [{**asdict(line), "end": line.end, "activity_share": shares[line.component]}
+                               for line in self.lines]}
+
+    @property
+    def supplied(self) -> float:
+        """What sources give, in J."""
+        return sum(line.supplied for line in self.lines if line.supplied > 0)
+
+    def __repr__(self) -> str:
+        return brief(self, self.result.assembly.model.name, f"largest energy {readable(self.largest, 'J', 4)}, "
+                     f"{self.imbalance:.1e} of it missing", f"{count(len(self.lines), 'component')}")
+
+    @property
+    def taken(self) -> float:
+        """What sources take back, in J (negative)."""
+        return sum(line.supplied for line in self.lines if line.supplied < 0)
+
+    @property
+    def stored(self) -> float:
+        """What the stores hold at the end beyond the beginning, in J."""
+        return sum(line.stored for line in self.lines)
+
+    @property
+    def dissipated(self) -> float:
+        """What turns to heat, in J."""
+        return sum(line.dissipated for line in self.lines)
+
+    @property
+    def events(self) -> float:
+        """What events add to the stores, in J (an impact takes away)."""
+        return sum(line.events for line in self.lines)
+
+    @property
+    def unbalanced(self) -> float:
+        """What laws that do not conserve exactly leave over, in J."""
+        return sum(line.unbalanced for line in self.lines)
+
+    @property
+    def imbalance(self) -> float:
+        """The largest share of the largest energy that is missing, in a component or in the whole."""
+        if not self.largest:
+            return 0.0
+        whole = self.supplied + self.taken + self.events - self.stored - self.dissipated - self.unbalanced
+        return max(abs(whole), *(abs(line.imbalance) for line in self.lines)) / self.largest
+
+    def closes(self, tolerance: float = TOLERANCE) -> bool:
+        """Whether no energy is missing beyond `tolerance` times the largest one."""
+        return self.imbalance <= tolerance and self.nodes <= tolerance
+
+    def raise_if_open(self, tolerance: float = TOLERANCE) -> EnergyAudit:
+        """The audit itself; SimulationError with the components that lose energy where it does not close."""
+        if self.closes(tolerance):
+            return self
+        losing = sorted((line for line in self.lines if abs(line.imbalance) > tolerance * self.largest),
+                        key=lambda line: -abs(line.imbalance))
+        notes = [f"{line.component}: {line.imbalance:+.4g} J" for line in losing[:8]]
+        if self.nodes > tolerance:
+            notes.append(f"at the nodes {self.nodes:.2g} of the power")
+        raise SimulationError([Problem(
+            "energy-open", f"the energy of the run does not close: {max(self.imbalance, self.nodes):.2g} of "
+            f"{self.largest:.4g} J is missing", None,
+            "Run with a smaller rtol; if the gap stays, the law of a component above does not conserve energy.",
+            tuple(notes))])
+
+
+def audit(model: Model | Assembly, until: Time | None = None, *, every: Time | None = None,
+          parameters: Mapping[str, float | str] | None = None, rtol: float = 1e-9, atol: float = 1e-11) -> EnergyAudit:
+    """Run a diagram and account for its energy; arguments and errors as those of `simulate`.
+
+    The tolerances are a tenth of the usual ones, as the errors of all steps add up in an energy.
+    """
+    assembly = model if isinstance(model, Assembly) else assemble(model)
+    tolerances = Tolerances(rtol, atol)
+    leaves = assembly.flat.expanded.leaves
+    parts = [e for e in assembly.flat.energetics if leaves[e.owner].component.ports or leaves[e.owner].component.stores]
+    raw, energy = stack([stack([e.power, e.dissipated, e.unbalanced]) for e in parts]), stack([e.energy for e in parts])
+    before = Simulator(assembly, until, every=every, tolerances=tolerances).run(parameters)
+    worthless = [f for f in before.verdict.findings if f.failed and f.kind != "energy"]  # which is what is asked here
+    verdict(worthless).raise_if_failed()
+    rates, held, powers = before.evaluate(raw), before.evaluate(energy), assembly.express(raw)
+    # integrals in units of a common size, as the error control has one absolute tolerance for all that is integrated;
+    # what is always zero would only dilute its norm
+    duration = before.time[-1] - before.time[0]
+    size = max(float(np.abs(held).max(initial=0.0)), float(np.abs(rates).max(initial=0.0) * duration)) or 1.0
+    chosen = [k for k, power in enumerate(split(powers)) if not power.is_zero()]
+    result = Simulator(assembly, times=before.time, tolerances=tolerances,
+                       quadratures=powers[chosen] / size if chosen else None).run(parameters)
+    integrals = np.zeros(rates.shape)
+    if chosen:
+        integrals[chosen] = size * result.quadratures
+    energies = result.evaluate(energy)
+    stored, jumps = energies - energies[:, :1], _jumps(result, energy)
+    ports, through = rates[::QUADRATURES], port_powers(result)
+    tell(assembly.model.name, before.verdict)
+    largest = max(float(np.abs(values).max(initial=0.0)) for values in (integrals, stored, energies))
+    total = max(float(np.sum([np.abs(through[port]) for port in assembly.flat.bonds], axis=0).max(initial=0.0)),
+                largest / duration if duration else 0.0)
+    lines = (_line(e, integrals[QUADRATURES * k:QUADRATURES * (k + 1), -1], float(stored[k, -1]), float(jumps[k]))
+             for k, e in enumerate(parts))
+    return EnergyAudit(
+        tuple(replace(line, start=float(energies[k, 0]),
+                      delivered=float(np.trapezoid(np.maximum(-ports[k], 0.0), result.time)),
+                      activity=float(np.trapezoid(np.abs(ports[k]), result.time))) for k, line in enumerate(lines)),
+        largest, float(np.abs(ports.sum(axis=0)).max(initial=0.0) / total) if total else 0.0, result, through)
+
+
+def port_powers(result: Result) -> dict[str, Array]:
+    """The power in W into a component or a block over each port along a run, (N,)."""
+    flat = result.assembly.flat
+    bonds = {**flat.bonds, **flat.block_bonds}
+    return dict(zip(bonds, result.evaluate(stack([b.power(flat.levels[0]) for b in bonds.values()])), strict=True))
+
+
+def with_blocks(found: EnergyAudit, blocks: Iterable[str]) -> EnergyAudit:
+    """The audit with each of some blocks as one line: what its components store, dissipate and supply is summed up, and
+    active is what goes in and out of it. UsageError for what is no block."""
+    known = found.result.assembly.flat.expanded.blocks
+    closed = list(dict.fromkeys(blocks))
+    for name in closed:
+        if name not in known:
+            said = suggest(name, known) or (f"Blocks: {listing(known)}." if known else "This diagram has no blocks.")
+            raise UsageError([Problem("block-unknown", f"there is no block '{name}' to close", None, said)])
+    groups: dict[str, list[EnergyLine]] = {}
+    for line in found.lines:
+        around = [name for name in closed if line.component.startswith(f"{name}.")]
+        groups.setdefault(min(around, key=len, default=line.component), []).append(line)
+    return replace(found, lines=tuple(_block_line(name, own, found) if name in closed else own[0]
+                                      for name, own in groups.items()))
+
+
+def _block_line(block: str, own: list[EnergyLine], found: EnergyAudit) -> EnergyLine:
+    ports = [found.ports[port] for port, b in found.result.assembly.flat.block_bonds.items() if b.owner == block]
+    power, time = np.sum([np.zeros_like(found.result.time), *ports], axis=0), found.result.time
+
+    def total(energy: str) -> float:
+        return float(sum(getattr(line, energy) for line in own))
+
+    why = "; ".join(dict.fromkeys(line.why for line in own if line.why))
+    return EnergyLine(block, total("energy_in"), total("stored"), total("dissipated"), total("unbalanced"),
+                      total("supplied"), total("events"), total("imbalance"), BLOCK, why, total("start"),
+                      float(np.trapezoid(np.maximum(-power, 0.0), time)), float(np.trapezoid(np.abs(power), time)))
+
+
+def _line(part: Energetics, integrals: Array, stored: float, jumps: float) -> EnergyLine:
+    energy_in, dissipated, unbalanced = integrals.tolist()
+    left = energy_in + jumps - stored - dissipated - unbalanced
+    exempt = bool(part.kind)
+    return EnergyLine(part.owner, energy_in, stored, dissipated, unbalanced, -left if exempt else 0.0, jumps,
+                      0.0 if exempt else left, part.kind, part.why)
+
+
+def _jumps(result: Result, energy: ca.SX) -> Array:
+    """What each of the stored energies (m,) gains at all events of a run after its start."""
+    total = np.zeros(energy.numel())
+    for instant in result.instants:
+        if instant.time > result.time[0]:
+            function = ca.Function("energy", list(instant.assembly.arguments), [instant.assembly.express(energy)])
+            before, after = (np.array(function(*point.values())).ravel() for point in (instant.before, instant.after))
+            total += after - before
+    return total
+
+
+def table(found: EnergyAudit) -> Table:
+    """The audit as a table in J or kJ, sources first and then the most active first; below it the components that only
+    pass energy on or have none, what is missing, and why some power is unbalanced."""
+    from rich import box
+    from rich.table import Table
+
+    sources_first = sorted(found.ranking, key=lambda item: item[0].kind in ("", BLOCK))
+    busy = [item for item in sources_first if _has_energy(found, item[0])]
+    why = {line.component: line.why for line, _ in busy if line.why}
+    unit = "J" if found.largest < IN_KILOJOULES else "kJ"
+    shown = Table("", title=f"energy over {found.result.time[-1] - found.result.time[0]:.6g} s in {unit}",
+                  title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False,
+                  caption_justify="left", caption_style="", caption="\n".join(_notes(found, busy, why)))
+    shown.columns[0].header, shown.columns[0].overflow = "component", "fold"
+    events = ("at events",) if found.result.assembly.flat.events else ()
+    losing = () if found.closes() else ("missing",)
+    for name in ("supplied", "in", *events, "start", "end", "dissipated", "delivered", *(("unbalanced",) if why else ()),
+                 *losing, "activity"):
+        shown.add_column(name, justify="right", no_wrap=True)
+
+    def row(name: str, *values: float, share: str = "") -> None:
+        supplied, energy_in, at_events, start, end, dissipated, delivered, unbalanced, missing = (
+            _told(value, found.largest, unit) for value in values)
+        shown.add_row(name, supplied, energy_in, *((at_events,) if events else ()), start, end, dissipated, delivered,
+                      *((unbalanced,) if why else ()), *((missing,) if losing else ()), share)
+
+    for line, share in busy:
+        told = "" if share < ROUNDING else f"< {100 * LITTLE:g} %" if share < LITTLE else f"{number(100 * share, 3)} %"
+        row(f"{line.component} *" if line.why else line.component, line.supplied, line.energy_in, line.events, line.start,
+            line.end, line.dissipated, line.delivered, line.unbalanced, line.imbalance, share=told)
+    shown.add_section()
+    row("all", found.supplied + found.taken, sum(line.energy_in for line in found.lines), found.events,
+        sum(line.start for line in found.lines), sum(line.end for line in found.lines), found.dissipated, 0.0,
+        found.unbalanced, sum(line.imbalance for line in found.lines))
+    return shown
+
+
+def _has_energy(found: EnergyAudit, line: EnergyLine) -> bool:
+    return any(abs(value) > ROUNDING * found.largest for value in (
+        line.supplied, line.energy_in, line.events, line.start, line.end, line.dissipated, line.delivered, line.unbalanced,
+        line.imbalance))
+
+
+def _told(value: float, largest: float, unit: str) -> str:
+    """Four digits, and none that are nothing beside the largest energy of the run."""
+    if abs(value) <= ROUNDING * largest:
+        return ""
+    size = read_unit(unit).scale
+    digits = SHOWN - math.ceil(math.log10(max(largest, abs(value))) - math.log10(size))
+    return number(round(value / size, digits), 4)
+
+
+def _notes(found: EnergyAudit, busy: Sequence[tuple[EnergyLine, float]], why: Mapping[str, str]) -> list[str]:
+    """What is said below the table."""
+    told = {line.component for line, _ in busy}
+    idle = [line.component for line in found.lines if line.component not in told]
+    return [*([f"nothing kept, lost or given: {', '.join(idle)}"] if idle else []),
+            f"missing: {found.imbalance:.1e} of {readable(found.largest, 'J', 4)}; at the nodes {found.nodes:.1e}",
+            *(f"* {reason}: {', '.join(name for name, own in why.items() if own == reason)}"
+              for reason in dict.fromkeys(why.values()))]

@@ -1,0 +1,155 @@
+"""From where to where energy goes over a run: components and nodes as boxes, net energies as links between them.
+
+The net energy over a port goes between its component and its node. A node through which energy only passes from one
+component to another is left out: the two are linked directly. What circulates is kept, and drawn backwards.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from heavebond.energy.audit import EnergyAudit
+from heavebond.equations.flatten import Flat
+
+SWEEPS = 6  # of the ordering within the columns; more change nothing that the eye would see
+
+
+@dataclass(frozen=True)
+class Box:
+    """A component (or a node, then `node`): what it supplies, turns to heat, and stores over the run, in J; the `column`
+    from the left and the place `row` in it."""
+
+    name: str
+    node: bool = False
+    supplied: float = 0.0
+    dissipated: float = 0.0
+    stored: float = 0.0
+    column: int = 0
+    row: int = 0
+
+
+@dataclass(frozen=True)
+class Link:
+    """Net energy in J from one box to another, in a domain; `back` where it goes against the columns."""
+
+    source: str
+    target: str
+    energy: float
+    domain: str
+    back: bool = False
+
+
+@dataclass(frozen=True)
+class EnergyFlow:
+    """Boxes by name, and the links between them. `left_out` is the energy of the largest one not shown."""
+
+    boxes: dict[str, Box]
+    links: tuple[Link, ...]
+    left_out: float
+
+
+def energy_flow(found: EnergyAudit, least: float = 0.005) -> EnergyFlow:
+    """The flow of energy of a run; links below `least` of the largest are left out."""
+    flat = found.result.assembly.flat
+    lines, bonds = {line.component: line for line in found.lines}, {**flat.bonds, **flat.block_bonds}
+    nets = {port: float(np.trapezoid(power, found.result.time)) for port, power in found.ports.items()
+            if bonds[port].owner in lines}
+    links = []
+    for port, energy in nets.items():
+        node, domain = _node_of(flat, port)
+        ends = (f"node {node}", bonds[port].owner)
+        links.append(Link(*(ends if energy > 0 else ends[::-1]), abs(energy), domain))
+    largest = max((link.energy for link in links), default=0.0)
+    small = [link.energy for link in links if link.energy < least * largest]
+    kept = _contracted([link for link in links if link.energy >= least * largest and link.energy > 0])
+    names = dict.fromkeys(name for link in kept for name in (link.source, link.target))
+    boxes = {name: Box(name, True) if name.startswith("node ") else Box(
+        name, False, lines[name].supplied, lines[name].dissipated + lines[name].unbalanced,
+        lines[name].stored - lines[name].events) for name in names}
+    directed = _with_directions(kept)
+    return EnergyFlow(_ordered(_in_columns(boxes, directed), directed), directed, max(small, default=0.0))
+
+
+def _node_of(flat: Flat, port: str) -> tuple[str, str]:
+    """The node that a port is on, and its domain."""
+    domains = sorted(flat.expanded.model.library.domains.values(), key=lambda d: -len(d.across))
+    domain = next(d for d in domains if all(f"{port}.{m}" in flat.names for m in (*d.across, *d.through)))
+    return flat.unknowns[flat.names[f"{port}.{domain.across[0]}"]].name.rpartition(".")[0], domain.name
+
+
+def _contracted(links: Sequence[Link]) -> list[Link]:
+    """Nodes with one link in, or one out, are gone through: their links join the components directly."""
+    found = list(links)
+    for node in dict.fromkeys(name for link in links for name in (link.source, link.target) if name.startswith("node ")):
+        inner, outer = [k for k in found if k.target == node], [k for k in found if k.source == node]
+        rest = [k for k in found if node not in (k.source, k.target)]
+        if len(inner) == 1 and outer:
+            found = [*rest, *(replace(k, source=inner[0].source) for k in outer)]
+        elif len(outer) == 1 and inner:
+            found = [*rest, *(replace(k, target=outer[0].target) for k in inner)]
+    together: dict[tuple[str, str, str], float] = {}
+    for link in found:
+        key = (link.source, link.target, link.domain)
+        together[key] = together.get(key, 0.0) + link.energy
+    return [Link(source, target, energy, domain) for (source, target, domain), energy in together.items()]
+
+
+def _with_directions(links: Sequence[Link]) -> tuple[Link, ...]:
+    """The largest links forward; one that would close a circle goes back."""
+    after: dict[str, set[str]] = {}
+
+    def reaches(start: str, end: str) -> bool:
+        seen, waiting = set(), [start]
+        while waiting:
+            name = waiting.pop()
+            if name == end:
+                return True
+            if name not in seen:
+                seen.add(name)
+                waiting += after.get(name, ())
+        return False
+
+    found = []
+    for link in sorted(links, key=lambda link: -link.energy):
+        back = reaches(link.target, link.source)
+        if not back:
+            after.setdefault(link.source, set()).add(link.target)
+        found.append(replace(link, back=back))
+    return tuple(found)
+
+
+def _in_columns(boxes: Mapping[str, Box], links: Sequence[Link]) -> dict[str, Box]:
+    """Each box as far to the left as what it gets allows; what gets nothing stands just before what it feeds."""
+    column = dict.fromkeys(boxes, 0)
+    for _ in boxes:  # the longest way has at most as many links as there are boxes
+        for link in links:
+            if not link.back:
+                column[link.target] = max(column[link.target], column[link.source] + 1)
+    fed = {link.target for link in links if not link.back}
+    for name in boxes:
+        ahead = [column[link.target] for link in links if link.source == name and not link.back]
+        if name not in fed and ahead:
+            column[name] = min(ahead) - 1
+    return {name: replace(box, column=column[name]) for name, box in boxes.items()}
+
+
+def _ordered(boxes: Mapping[str, Box], links: Sequence[Link]) -> dict[str, Box]:
+    """Rows such that links cross little: each box moves to the mean of those it is linked to, column after column."""
+    columns: dict[int, list[str]] = {}
+    for name, box in boxes.items():
+        columns.setdefault(box.column, []).append(name)
+    row = {name: float(k) for names in columns.values() for k, name in enumerate(names)}
+    for sweep in range(SWEEPS):
+        for column in sorted(columns, reverse=bool(sweep % 2)):
+            centre = {}
+            for name in columns[column]:
+                beside = [(row[link.source if link.target == name else link.target], link.energy) for link in links
+                          if name in (link.source, link.target)]
+                weight = sum(energy for _, energy in beside)
+                centre[name] = sum(place * energy for place, energy in beside) / weight if weight else row[name]
+            columns[column].sort(key=lambda name, centre=centre: centre[name])  # type: ignore[misc]
+            row.update({name: k - (len(columns[column]) - 1) / 2 for k, name in enumerate(columns[column])})
+    return {name: replace(boxes[name], row=k) for names in columns.values() for k, name in enumerate(names)}

@@ -1,0 +1,181 @@
+"""A diagram without the components that matter little: those of least activity neutralised one by one, each tried in a run.
+
+The components are ranked by activity (see `audit`); those that together make up the wanted share stay. Each of the others
+is set to the values at which it is absent (`effect:` of its component: a spring of no stiffness, a friction of no force),
+or taken out of the diagram where that does not run (a mass), the least active first; it stays so if the diagram still runs
+and no output moves by more than a limit. What follows its values by a formula (the weight of a mass) keeps its own.
+A stiff part in a line of parts is little active too, and cannot go: that shows as an error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+
+from heavebond.core.errors import HeavebondError
+from heavebond.energy.audit import EnergyAudit, EnergyLine, audit
+from heavebond.equations.flatten import Flat
+from heavebond.fit.change import Change
+from heavebond.fit.diagram_files import extended_from
+from heavebond.language.model import Model, extended
+from heavebond.language.symbols import stack
+from heavebond.numerics.dae import Array, assemble
+from heavebond.numerics.result import Result
+from heavebond.numerics.simulator import Simulator, Time
+from heavebond.text.yaml_source import parse
+
+STILL = 1e-9  # a share of activity below this is rounding
+
+
+@dataclass(frozen=True)
+class Step:
+    """A change to a diagram: values set by name, parts taken out."""
+
+    settings: dict[str, str] = field(default_factory=dict)
+    removed: tuple[str, ...] = ()
+
+    def joined(self, other: Step) -> Step:
+        """Both at once."""
+        return Step({**self.settings, **other.settings}, (*self.removed, *other.removed))
+
+    def diagram(self, name: str, summary: str, extends: str) -> str:
+        """The text of the diagram that extends the one before."""
+        settings = {k: v for k, v in self.settings.items() if k.rpartition(".")[0] not in self.removed}
+        return Change(settings=settings).diagram(name, summary, extends) + (
+            f"remove: [{', '.join(self.removed)}]\n" if self.removed else "")
+
+    def on_model(self, model: Model) -> Model:
+        """The changed diagram."""
+        return extended(model, parse(self.diagram(model.name, model.name, model.path.name), model.path, model.path.name))
+
+    @property
+    def words(self) -> str:
+        """`crown.m = 0 kg`, or that it is taken out."""
+        return ", ".join([*(f"{name} is taken out" for name in self.removed),
+                          *(f"{name} = {value}" for name, value in self.settings.items())])
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A component of little activity: its share, the step that neutralises it, and why it stays (empty: it does not)."""
+
+    component: str
+    share: float
+    step: Step
+    kept: str = ""
+
+
+@dataclass(frozen=True)
+class Simplified:
+    """The reduced diagram: what was tried, the error of each output (rms over the rms about its mean) that all of it makes
+    together, and the number of states before and after."""
+
+    model: Model
+    original: Model
+    tried: tuple[Tried, ...]
+    errors: dict[str, float]
+    states: tuple[int, int]
+
+    @property
+    def removed(self) -> tuple[Tried, ...]:
+        """What was neutralised."""
+        return tuple(one for one in self.tried if not one.kept)
+
+    def diagram(self, path: Path) -> str:
+        """The text of the diagram at `path` that extends the original one."""
+        whole = Step()
+        for one in self.removed:
+            whole = whole.joined(one.step)
+        return whole.diagram(path.stem, f"{self.original.name} without what is little active.",
+                             extended_from(path, self.original.path))
+
+    def as_dict(self) -> dict[str, object]:
+        """For machines."""
+        return {"tried": [{"component": one.component, "activity_share": one.share, "set": one.step.settings,
+                           "removed": list(one.step.removed), "kept": one.kept} for one in self.tried],
+                "errors": self.errors, "states": {"before": self.states[0], "after": self.states[1]}}
+
+
+def simplify(model: Model, share: float = 0.99, limit: float = 0.05, *, until: Time | None = None, every: Time | None = None,
+             found: EnergyAudit | None = None, progress: Callable[[str], None] = lambda text: None) -> Simplified:
+    """Neutralise the components beyond `share` (0 to 1) of the activity, as far as no output moves by more than `limit`.
+
+    `found` is the audit of the diagram where it has been made. Errors as those of `simulate`.
+    """
+    found = found or audit(model, until, every=every)
+    whole = found.result
+    outputs = list(model.show) or whole.assembly.state_names
+    tried: list[Tried] = []
+    done, errors, changed, states = Step(), dict[str, float](), model, len(whole.assembly.state_names)
+    for line, part in _inactive(found, share):
+        progress(line.component)
+        why = "it has no values at which it is absent"
+        for step in _steps(model, whole, line.component):
+            attempt = done.joined(step)
+            moved, number, why = _moved(attempt, model, whole, outputs)
+            worst = max(moved, key=lambda name: moved[name], default="")
+            if not why and worst and moved[worst] > limit:
+                why = f"{worst} would move by {100 * moved[worst]:.3g} %"
+            if not why:
+                done, errors, changed, states = attempt, moved, attempt.on_model(model), number
+                break
+        tried.append(Tried(line.component, part, Step() if why else step, why))
+    return Simplified(changed, model, tuple(tried), errors, (len(whole.assembly.state_names), states))
+
+
+def _inactive(found: EnergyAudit, share: float) -> list[tuple[EnergyLine, float]]:
+    """What is beyond the wanted share of activity, the least active first; sources are left, they drive the machine, and so
+    are parts without power (sensors)."""
+    total, beyond = 0.0, []
+    for line, part in found.ranking:
+        if total >= share and not line.kind and part > STILL:
+            beyond.append((line, part))
+        total += part
+    return beyond[::-1]
+
+
+def _steps(model: Model, whole: Result, component: str) -> list[Step]:
+    """The ways to neutralise a component: by values at which it is absent, or taken out of the diagram."""
+    flat = whole.assembly.flat
+    effect = flat.expanded.leaves[component].component.effect
+    if effect is None or not effect.amplitude or any(sought is not None for sought in effect.amplitude.values()):
+        return []
+    units = flat.units
+    own = {f"{component}.{name}": f"0 {units[f'{component}.{name}'].text}" for name in effect.amplitude}
+    held = _followers(flat, component, whole.p)
+    return [Step({**own, **held}), *([Step(held, (component,))] if component in model.body.instances else [])]
+
+
+def _followers(flat: Flat, component: str, p: Array) -> dict[str, str]:
+    """The parameters of others that follow those of a component by a formula, with their present values."""
+    given = [value for name, value in flat.constants.items() if name.startswith(component + ".") and value.is_symbolic()]
+    names = [name for name, value in flat.constants.items()
+             if not name.startswith(component + ".") and given and ca.depends_on(value, stack(given))]
+    values = np.array(ca.Function("held", [flat.p], [stack([flat.constants[name] for name in names])])(p)).ravel()
+    return {name: flat.units[name].written(value) for name, value in zip(names, values.tolist(), strict=True)}
+
+
+def _moved(step: Step, model: Model, whole: Result, outputs: list[str]) -> tuple[dict[str, float], int, str]:
+    """How far each output moves, the number of states, and what went wrong instead."""
+    try:
+        assembly = assemble(step.on_model(model))
+        result = Simulator(assembly, times=whole.time).run()
+        before, after = whole.signals(outputs), result.signals(outputs)
+    except HeavebondError as error:
+        return {}, 0, error.problems[0].message
+    return _errors(before, after), len(assembly.state_names), ""
+
+
+def _errors(before: Mapping[str, Array], after: Mapping[str, Array]) -> dict[str, float]:
+    def rms(values: Array) -> float:
+        return float(np.sqrt(np.mean(values**2)))
+
+    found = {}
+    for name, values in before.items():
+        size = rms(values - values.mean()) or rms(values)
+        found[name] = rms(after[name] - values) / size if size else float(rms(after[name]) > 0)
+    return found

@@ -1,0 +1,81 @@
+"""CasADi functions that work on arrays where they are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from threading import Lock
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from heavebond.core.cancellation import check
+
+Array = NDArray[np.float64]
+
+
+class Buffered:
+    """A function of CasADi that reads and writes arrays; inputs that are not given are zero, outputs are dense.
+
+    Called the usual way, CasADi makes matrices of its own from every argument, and gives its results number by number: the
+    states at 6000 points take longer than a tenth of a run. Threads take turns: the arrays are shared.
+    """
+
+    def __init__(self, function: ca.Function, outputs: Sequence[str] | None = None):
+        """`outputs` are those that are wanted, by default all."""
+        self._lock = Lock()
+        self._buffer, self._run = function.buffer()
+        self._given = {name: np.zeros(function.nnz_in(name)) for name in function.name_in()}
+        self._outputs = [_Output(function, name) for name in outputs or function.name_out()]
+        for k, values in enumerate(self._given.values()):
+            _bind(self._buffer.set_arg, k, values)
+
+    def __call__(self, *given: Any, **named: Any) -> dict[str, Array]:
+        """Each output (m, n), given the inputs in their order or by name; RuntimeError where it fails."""
+        with self._lock:
+            return self._called(given, named)
+
+    def _called(self, given: Sequence[Any], named: Mapping[str, Any]) -> dict[str, Array]:
+        for k, (name, values) in enumerate(self._given.items()):
+            value = given[k] if k < len(given) else named.get(name, 0.0)
+            values[:] = np.asarray(value, float).ravel(order="F")
+        found = [np.empty(output.size) for output in self._outputs]
+        for output, values in zip(self._outputs, found, strict=True):
+            _bind(self._buffer.set_res, output.number, values)
+        try:
+            self._run()
+        finally:
+            check()  # a signal that came meanwhile: CasADi may have dropped it, or made a failure of it
+        if self._buffer.ret():  # compiled code cannot raise what CasADi's own does
+            raise RuntimeError("the function could not be evaluated")
+        return {output.name: output.dense(values) for output, values in zip(self._outputs, found, strict=True)}
+
+    def size1_in(self, name: str) -> int:
+        """The number of numbers in an input."""
+        return len(self._given[name])
+
+    def stats(self) -> dict[str, Any]:
+        """Counts of steps and evaluations of the last call, where it is an integrator."""
+        return dict(self._buffer.stats())
+
+
+class _Output:
+    """An output of a function: where its numbers stand in a matrix."""
+
+    def __init__(self, function: ca.Function, name: str):
+        self.name, self.number, pattern = name, function.index_out(name), function.sparsity_out(name)
+        self.shape, self.size = pattern.shape, pattern.nnz()
+        self._places = None if pattern.is_dense() else tuple(np.array(k, dtype=int) for k in pattern.get_triplet())
+
+    def dense(self, values: Array) -> Array:
+        if self._places is None:
+            return values.reshape(self.shape, order="F")
+        found = np.zeros(self.shape)
+        found[self._places] = values
+        return found
+
+
+def _bind(bind: Callable[..., None], number: int, values: Array) -> None:
+    if values.size:
+        bind(number, memoryview(values))  # type: ignore[arg-type]  # arrays are buffers; typing knows it from Python 3.12 on

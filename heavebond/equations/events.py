@@ -1,0 +1,121 @@
+"""The held variables and the events of an opened diagram, each with its provenance."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from math import inf
+
+import casadi as ca
+
+from heavebond.core.errors import Place, Problems
+from heavebond.core.units import Unit
+from heavebond.equations.expand import Expanded, Leaf
+from heavebond.equations.parameters import FlatParameter, Parameters
+from heavebond.language.definition import Value, Variable
+from heavebond.language.incidence import Interval
+from heavebond.language.sections import Condition
+from heavebond.language.template import Template, held_interval
+from heavebond.text.expression import constant
+
+
+@dataclass(frozen=True)
+class Held:
+    """A variable that is constant between events: the entry `index` of the parameters, which events change; at the start
+    it is the parameter `initial.NAME`."""
+
+    name: str
+    index: int
+    unit: Unit
+    place: Place
+    doc: str = ""
+
+
+@dataclass(frozen=True)
+class FlatReset:
+    """What an event sets: an unknown by its number, or a held variable by its entry in the parameters."""
+
+    name: str
+    unknown: int | None
+    held: int | None
+    value: ca.SX
+    place: Place
+
+
+@dataclass(frozen=True)
+class FlatEvent:
+    """An event: as `indicator` passes zero upwards (None: a time event), at the instant `first`, or from there on once a
+    `period` (None: once). `text` is how it is written: `condition: gap > 0`. One that is `by_clock` stands for a comparison
+    of the time with parameters in an equation (see `time_conditions`), and has its text."""
+
+    name: str
+    text: str
+    place: Place
+    indicator: ca.SX | None
+    first: ca.SX
+    period: ca.SX | None
+    resets: tuple[FlatReset, ...]
+    by_clock: bool = False
+
+
+def with_held(parameters: Parameters, expanded: Expanded, unit_of: Callable[[Leaf, Unit], Unit], problems: Problems
+              ) -> tuple[Parameters, tuple[Held, ...]]:
+    """The parameters and what the held variables start at: the diagram's initial value, else the declared one.
+
+    `unit_of` solves the unit of a variable of a leaf. The name of a held variable means the same symbol.
+    """
+    found: list[Held] = []
+    numbers: list[FlatParameter] = []
+    for path, leaf in expanded.leaves.items():
+        for variable in leaf.component.held.values():
+            name, number, place = f"{path}.{variable.name}", variable.held, variable.place
+            condition = expanded.model.initial.conditions.get(name)
+            if condition is not None:
+                place, number = condition.value.place, _asked(condition, problems)
+                _check_bounds(name, number, condition.value, variable, problems)
+            unit = unit_of(leaf, variable.unit)
+            found.append(Held(name, len(parameters.independent) + len(found), unit, variable.place, variable.doc))
+            numbers.append(FlatParameter(f"initial.{name}", number or 0.0, unit, place))
+    joined = parameters.joined(numbers)
+    return replace(joined, expressions={**joined.expressions, **{h.name: joined.p[h.index] for h in found}},
+                   units={**joined.units, **{h.name: h.unit for h in found}}), tuple(found)
+
+
+def _asked(condition: Condition, problems: Problems) -> float | None:
+    number = constant(condition.value.expr)
+    if number is None or condition.guess:
+        problems.add("held-initial", f"'{condition.name}' is held; what it starts at is a plain quantity",
+                     condition.value.place, hint=f"Write `{condition.name}: 1`, or leave it out.")
+    return number
+
+
+def _check_bounds(name: str, number: float | None, value: Value, variable: Variable, problems: Problems) -> None:
+    below = -inf if variable.low is None else variable.low
+    above = inf if variable.high is None else variable.high
+    if number is not None and not below <= number <= above:
+        problems.add("held-bound", f"{name} = {value.text} is not allowed; it is between {below:g} and {above:g}",
+                     value.place, hint="Give a value in that range.")
+
+
+def held_bounds(expanded: Expanded, symbols: Mapping[str, ca.SX]) -> dict[int, Interval]:
+    """The interval of each held variable by the hash of its symbol."""
+    return {symbols[f"{path}.{name}"].element_hash(): held_interval(variable)
+            for path, leaf in expanded.leaves.items() for name, variable in leaf.component.held.items()}
+
+
+def leaf_events(path: str, made: Template, values: list[ca.SX], names: Mapping[str, int], held: Mapping[str, Held]
+                ) -> Iterator[FlatEvent]:
+    """The events of one leaf; `values` are those of the template's `happenings`."""
+    rest = iter(values)
+    for line in made.events:
+        condition, first, period = next(rest), next(rest), next(rest)
+        resets = []
+        for target, reset in zip(line.targets, line.when.resets, strict=True):
+            name = f"{path}.{target}"
+            known = held.get(name)
+            resets.append(FlatReset(name, None if known else names[name], known.index if known else None, next(rest),
+                                    reset.target.place))
+        text = f"{line.when.key}: {' '.join(line.when.formula.text.split())}"
+        yield FlatEvent(f"{path}.{line.when.name}", text, line.when.place,
+                        condition if line.when.key == "condition" else None, first,
+                        period if line.when.key == "every" else None, tuple(resets))

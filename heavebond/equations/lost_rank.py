@@ -1,0 +1,292 @@
+"""Where numbers make equations depend on each other: which ones, what they leave undecided, and which value is to blame.
+
+Structure tells which unknown stands in which equation. Whether the equations decide their unknowns depends on numbers too: a
+mass of zero, a shut valve, a lever at its dead centre, a loop whose gains multiply to one. All of that is a Jacobian that
+loses its rank.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import cast
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from heavebond.equations.flatten import Flat
+from heavebond.equations.matching import block_lower_triangular, components_of, maximum_matching
+from heavebond.language.symbols import split, stack, uniform
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Row = tuple[int, int]  # (equation, how often differentiated)
+Column = tuple[int, int]  # (unknown, order of its derivative)
+# a share of the largest entry of its row below which an entry counts as zero
+NEGLIGIBLE = 1e-13
+# singular values below this share of the largest are zero
+LOST = 1e-11
+# a value is rounding where it is so small, alone and beside what it is computed with
+SMALL = 1e-9
+# members of a direction below this share of the largest do not take part
+SHARE = 1e-6
+# what a change of a value does to the scaled matrix is rounding below this
+ROUNDING = 1e-14
+# a value that is changed to see whether it is to blame is changed by this share of its usual size
+CHANGED = 0.137
+# from so many equations on only the blocks that are singular are looked at together
+LARGE = 1500
+
+
+@dataclass(frozen=True)
+class Loss:
+    """Equations `rows` that say the same, unknowns `columns` that nothing decides, and what is to blame.
+
+    `parameters` and `variables` (with their values in SI) are those of which each, if it had another value, would let the
+    equations decide; those that are zero stand alone where there are any. With neither it is the equations' own form,
+    whatever the numbers.
+    """
+
+    rows: tuple[Row, ...]
+    columns: tuple[Column, ...]
+    parameters: tuple[str, ...]
+    variables: tuple[tuple[str, float], ...]
+    zero: bool
+
+
+@dataclass(frozen=True)
+class Simultaneous:
+    """All equations with their derivatives and the unknowns (with their derivatives) that they must decide, the states
+    being known: residuals (n,) in raw symbols, unknowns (n,)."""
+
+    flat: Flat
+    rows: tuple[Row, ...]
+    columns: tuple[Column, ...]
+    residuals: ca.SX
+    unknowns: ca.SX
+
+    @cached_property
+    def jacobian(self) -> ca.SX:
+        """d(residuals)/d(unknowns)."""
+        return ca.jacobian(self.residuals, self.unknowns)
+
+    @cached_property
+    def entries(self) -> tuple[list[int], list[int]]:
+        """Row and column of each entry of the Jacobian."""
+        return self.jacobian.sparsity().get_triplet()
+
+    @cached_property
+    def symbols(self) -> list[ca.SX]:
+        """What the entries of the Jacobian depend on."""
+        return ca.symvar(self.jacobian)
+
+    @cached_property
+    def values(self) -> ca.Function:
+        """The entries of the Jacobian, given `symbols`."""
+        return ca.Function("entries", [stack(self.symbols)], [stack(self.nonzeros)])
+
+    @cached_property
+    def nonzeros(self) -> list[ca.SX]:
+        """The entries of the Jacobian."""
+        return cast(list[ca.SX], self.jacobian.nonzeros())  # CasADi's stubs call them SXElem; they are scalar SX
+
+    @cached_property
+    def sizes(self) -> Array:
+        """The usual size of each unknown."""
+        return np.array([self.flat.unknowns[j].nominal for j, _ in self.columns])
+
+    @cached_property
+    def names(self) -> dict[int, tuple[str, float]]:
+        """Name and usual size of every symbol by its hash: parameters, unknowns without their rates."""
+        flat = self.flat
+        usual = {u.unit.dimension: u.nominal for u in flat.unknowns}
+        known = {s.element_hash(): (q.name, abs(q.value) or usual.get(q.unit.dimension, 1.0))
+                 for s, q in zip(split(flat.p), flat.parameters, strict=True)}
+        known |= {s.element_hash(): (u.name, u.nominal) for s, u in zip(flat.levels[0], flat.unknowns, strict=True)}
+        return known
+
+
+def losses(system: Simultaneous, point: Mapping[int, float], tolerance: float = LOST) -> list[Loss]:
+    """The parts of a system that lose their rank at a point (values by the symbols' hashes; what is missing or not finite
+    is taken off zero by a little, as by chance). Empty where the rank is full: where the singular values of every block are
+    above `tolerance` times the largest."""
+    at = np.array([_value(point, s, k) for k, s in enumerate(system.symbols)])
+    return _Matrix(system, at, tolerance).losses() if system.rows else []
+
+
+def _value(point: Mapping[int, float], symbol: ca.SX, k: int) -> float:
+    value = point.get(symbol.element_hash(), np.nan)
+    return value if np.isfinite(value) else 0.1 + uniform(7, k)
+
+
+@dataclass(frozen=True)
+class _Null:
+    """Directions u with u'M = 0, of the rows (k, n), and v with Mv = 0, of the columns (k, n)."""
+
+    left: Array
+    right: Array
+
+
+class _Matrix:
+    """The Jacobian of a system at one point, scaled by rows and by the usual sizes of the unknowns."""
+
+    def __init__(self, system: Simultaneous, at: Array, tolerance: float):
+        self.system, self.at, self.tolerance = system, at, tolerance
+        self.row, self.column = (np.array(k, dtype=int) for k in system.entries)
+        self.sizes = self._sizes()
+        raw = np.array(system.values(at)).ravel()
+        raw = np.where(np.isfinite(raw), raw, 1.0) * self.sizes[self.column]
+        largest = np.zeros(len(system.rows))
+        np.maximum.at(largest, self.row, np.abs(raw))
+        self.largest = np.where(largest > 0, largest, 1.0)
+        self.entries = raw / self.largest[self.row]
+        self.entries[np.abs(self.entries) < NEGLIGIBLE] = 0.0
+
+    def _sizes(self) -> Array:
+        """The usual sizes of the unknowns; of one whose unit no domain knows (a compressibility) its value, or what stands
+        beside it in its equations where that is no more than rounding (a lever arm in the middle of its stroke)."""
+        flat, sizes = self.system.flat, self.system.sizes.copy()
+        known = {m.unit.dimension for d in flat.expanded.model.library.domains.values() for m in d.members.values()}
+        values = {s.element_hash(): abs(v) for s, v in zip(self.system.symbols, self.at, strict=True)}
+        for k, (j, order) in enumerate(self.system.columns):
+            if flat.unknowns[j].unit.dimension not in known:
+                own = values.get(flat.levels[0][j].element_hash() if order == 0 else 0, 0.0)
+                beside = self._beside(k, sizes) if 0 < own < SMALL else 0.0
+                sizes[k] = (beside if own < SMALL * beside else own) or sizes[k]
+        return sizes
+
+    def _beside(self, column: int, sizes: Array) -> float:
+        """The least size of an unknown with which it weighs as much as what else stands in one of its equations."""
+        weight = np.abs(np.array(self.system.values(self.at)).ravel()) * sizes[self.column]
+        found = []
+        for entry in np.flatnonzero((self.column == column) & (weight > 0)):
+            others = weight[(self.row == self.row[entry]) & (self.column != column)]
+            found.append(float(others.max(initial=0.0) / weight[entry] * sizes[column]))
+        return min((size for size in found if np.isfinite(size) and size > 0), default=0.0)
+
+    def losses(self) -> list[Loss]:
+        """One for each set of dependent equations and the unknowns that stand in them."""
+        null = self._null()
+        return [] if null is None else [self._loss(null, *pair) for pair in self._pairs(null)]
+
+    def _null(self) -> _Null | None:
+        pattern: list[list[int]] = [[] for _ in self.system.rows]
+        for row, column, value in zip(self.row, self.column, self.entries, strict=True):
+            if value:
+                pattern[row].append(int(column))
+        matching = maximum_matching(pattern, len(self.system.columns))
+        complete = -1 not in matching and len(pattern) == len(self.system.columns)
+        if complete:
+            singular = [b for b in block_lower_triangular(pattern, matching) if self._is_singular(b, matching)]
+            if not singular:
+                return None
+        rows, columns = list(range(len(pattern))), list(range(len(self.system.columns)))
+        if complete and len(rows) > LARGE:  # what lies between the blocks is left aside
+            rows = sorted(row for block in singular for row in block)
+            columns = sorted(matching[row] for row in rows)
+        return self._directions(rows, columns)
+
+    def _is_singular(self, block: list[int], matching: Sequence[int]) -> bool:
+        values = np.linalg.svd(self._dense(block, [matching[row] for row in block]), compute_uv=False)
+        return bool(values[-1] <= self.tolerance * max(values[0], 1.0))
+
+    def _dense(self, rows: Sequence[int], columns: Sequence[int]) -> Array:
+        row_at = np.full(len(self.system.rows), -1)
+        column_at = np.full(len(self.system.columns), -1)
+        row_at[list(rows)], column_at[list(columns)] = np.arange(len(rows)), np.arange(len(columns))
+        inside = (row_at[self.row] >= 0) & (column_at[self.column] >= 0)
+        matrix = np.zeros((len(rows), len(columns)))
+        matrix[row_at[self.row[inside]], column_at[self.column[inside]]] = self.entries[inside]
+        return matrix
+
+    def _directions(self, rows: Sequence[int], columns: Sequence[int]) -> _Null | None:
+        left, values, right = np.linalg.svd(self._dense(rows, columns))
+        rank = int((values > self.tolerance * values[0]).sum())
+        u, v = np.zeros((len(rows) - rank, len(self.system.rows))), np.zeros((len(columns) - rank, len(self.system.columns)))
+        u[:, list(rows)], v[:, list(columns)] = _sparse(left[:, rank:].T), _sparse(right[rank:])
+        return _Null(u, v) if len(u) or len(v) else None
+
+    def _pairs(self, null: _Null) -> list[tuple[list[int], list[int]]]:
+        """Which of the dependent sets of rows belong with which of the undecided columns: those in whose equations they
+        stand, or would stand were not some number zero."""
+        stands = np.zeros((len(self.system.rows), len(self.system.columns)), dtype=bool)
+        stands[self.row, self.column] = True
+        meets: Flags = _both(_taking_part(null.left) @ stands, _taking_part(null.right))
+        owner = self._owners()
+        near = _both(_taking_part(null.left) @ owner, _taking_part(null.right) @ stands.T @ owner)
+        alone_left, alone_right = np.atleast_1d(~meets.any(axis=1)), np.atleast_1d(~meets.any(axis=0))
+        meets = meets | (near & alone_left[:, None] & alone_right)
+        return [(list(rows), list(columns))
+                for rows, columns in components_of([np.flatnonzero(row).tolist() for row in meets], len(null.right))]
+
+    def _owners(self) -> Flags:
+        """Which equation (row) belongs to which component or node (column)."""
+        owners = [self.system.flat.equations[i].owner for i, _ in self.system.rows]
+        number = {owner: k for k, owner in enumerate(dict.fromkeys(owners))}
+        found = np.zeros((len(owners), len(number)), dtype=bool)
+        found[np.arange(len(owners)), [number[owner] for owner in owners]] = True
+        return found
+
+    def _loss(self, null: _Null, rows: list[int], columns: list[int]) -> Loss:
+        """To first order a change dM of the matrix restores its rank where u'dM v is not zero."""
+        system, left, right = self.system, null.left[rows], null.right[columns]
+        taking_rows, taking_columns = (np.flatnonzero(_taking_part(d).any(axis=0)) for d in (left, right))
+        near = np.isin(self.row, taking_rows) & np.isin(self.column, taking_columns)
+        involved = {s.element_hash() for s in ca.symvar(stack([system.nonzeros[k] for k in np.flatnonzero(near)]))}
+        # a value that its own column is counted in is not small
+        scaled = {system.flat.unknowns[j].name for k, (j, _) in enumerate(system.columns)
+                  if self.sizes[k] != system.sizes[k]}
+        repairing: list[tuple[str, bool, float]] = []
+        for k, symbol in enumerate(system.symbols):
+            if symbol.element_hash() in involved and symbol.element_hash() in system.names and len(rows) and len(columns):
+                name, size = system.names[symbol.element_hash()]
+                changed = self.at.copy()
+                changed[k] += CHANGED * (abs(changed[k]) or size)
+                moved = (np.array(system.values(changed)).ravel() * self.sizes[self.column] / self.largest[self.row]
+                         - self.entries)[near]
+                moved = np.where(np.isfinite(moved), moved, 0.0)
+                restored = left[:, self.row[near]] * moved @ right[:, self.column[near]].T
+                if np.abs(restored).max() > max(1e-6 * np.abs(moved).max(), ROUNDING):
+                    is_zero = bool(abs(self.at[k]) <= np.sqrt(self.tolerance) * size) and name not in scaled
+                    if self.tolerance > LOST and self.at[k] == 0:
+                        continue  # the rank is not lost yet, so that what is zero already is not what is going there
+                    repairing.append((name, is_zero, float(np.abs(restored).max())))
+        own = {q.name for q in system.flat.parameters}
+        # the usual sizes of variables are known, so that their effects can be compared
+        most = max((effect for name, _, effect in repairing if name not in own), default=0.0)
+        repairing = [r for r in repairing if r[0] in own or r[2] > 1e-3 * most]
+        zero = [name for name, is_zero, _ in repairing if is_zero]
+        kept = zero or [name for name, _, _ in repairing]
+        return Loss(tuple(system.rows[r] for r in taking_rows), tuple(system.columns[c] for c in taking_columns),
+                    tuple(n for n in kept if n in own),
+                    tuple((n, self._value(n)) for n in kept if n not in own), bool(zero))
+
+    def _value(self, name: str) -> float:
+        number = self.system.flat.levels[0][self.system.flat.names[name]].element_hash()
+        return next(float(v) for s, v in zip(self.system.symbols, self.at, strict=True) if s.element_hash() == number)
+
+
+def _both(a: Flags, b: Flags) -> Flags:
+    """Which rows of a and b have something in common."""
+    return np.asarray(a @ b.T, dtype=bool)
+
+
+def _taking_part(directions: Array) -> Flags:
+    return np.asarray(np.abs(directions) > SHARE * np.abs(directions).max(axis=1, keepdims=True, initial=0.0))
+
+
+def _sparse(basis: Array) -> Array:
+    """Another basis (k, n) of the same directions with as few members as elimination with pivoting gives."""
+    basis = basis.copy()
+    taken: list[int] = []
+    for k in range(len(basis)):
+        free = [c for c in range(basis.shape[1]) if c not in taken]
+        pivot = free[int(np.argmax(np.abs(basis[k, free])))]
+        taken.append(pivot)
+        basis[k] /= basis[k, pivot]
+        for other in range(len(basis)):
+            if other != k:
+                basis[other] -= basis[other, pivot] * basis[k]
+    return basis

@@ -1,0 +1,83 @@
+"""What a diagram asks of its variables: outputs and initial values. Every name exists, and every unit fits."""
+
+from __future__ import annotations
+
+from collections.abc import Container, Iterable, Mapping
+from typing import Protocol
+
+from heavebond.core.errors import Problems, listing, suggest
+from heavebond.core.units import ONE, Dimension, Unit, dimension_text, read_unit
+from heavebond.language import reading
+from heavebond.language.model import Model
+from heavebond.language.sections import Condition, Shown
+from heavebond.language.values import add_formula_problem, check_dimension
+from heavebond.text.dimensions import TRUTH
+from heavebond.text.expression import Expr, ExpressionProblem, Name, names, parse_formula
+
+
+class Resolver(Protocol):
+    """What is needed of the names of a diagram (see `heavebond.equations.resolver.Resolver`)."""
+
+    @property
+    def names(self) -> Mapping[str, int]:
+        """Variables."""
+
+    def dimension(self, expr: Expr, scope: str = "") -> Dimension | None:
+        """The dimension of a formula; ExpressionProblem for an unknown name and where units disagree."""
+
+
+def check_asked(model: Model, resolver: Resolver, parameters: Iterable[str], held: Container[str], problems: Problems
+                ) -> None:
+    """Note what is wrong in `show:` and `initial:`; `parameters` are those that may be solved for, `held` the variables
+    that only events change."""
+    for shown in model.show.values():
+        _shown(shown, resolver, problems)
+    for condition in model.initial.conditions.values():
+        _condition(condition, resolver, held, problems)
+    known = [p for p in parameters if not p.startswith(("initial.", "scale."))]
+    for name, place in model.initial.solve.items():
+        if name not in known:
+            what = f"'{name}' is a variable; only a parameter can be solved for" if name in resolver.names else \
+                f"there is no parameter '{name}' to solve for"
+            problems.add("solve-unknown", what, place, hint=suggest(name, known) or f"Parameters: {listing(known)}.")
+
+
+def _shown(shown: Shown, resolver: Resolver, problems: Problems) -> None:
+    try:
+        found = resolver.dimension(shown.expr)
+    except ExpressionProblem as problem:
+        if problem.code == "name-unknown" and shown.text == shown.name and "." not in shown.name:
+            problem.hint = f"Say what is shown: `{shown.name}: {{is: spring.F, unit: {shown.unit}}}`; {problem.hint}"
+        reading.add_expression_problem(problem, shown.place, problems)
+        return
+    found = ONE if found == TRUTH else found  # a condition is shown as 0 and 1
+    if found is not None and found != read_unit(shown.unit).dimension:
+        unit = dimension_text(found)
+        problems.add("unit-wrong", f"output '{shown.name}' is in {unit}; it cannot be shown in {shown.unit}",
+                     shown.place, hint=f"Write `unit: {unit}`, or a multiple of it.")
+
+
+def _condition(condition: Condition, resolver: Resolver, held: Container[str], problems: Problems) -> None:
+    tree = reading.parsed(parse_formula, condition.name, condition.place, problems)
+    if tree is None:
+        return
+    try:
+        wanted = resolver.dimension(tree) or ONE
+    except ExpressionProblem as problem:
+        reading.add_expression_problem(problem, condition.place, problems)
+        return
+    if condition.name not in held and not any(_varies(name, resolver) for name in names(tree)):
+        problems.add("initial-constant", f"'{condition.name}' is constant; an initial value belongs to a variable",
+                     condition.place, hint="Set a parameter where its component stands, or under `set:`.")
+        return
+    try:
+        given = resolver.dimension(condition.value.expr)
+    except ExpressionProblem as problem:
+        add_formula_problem(problem, condition.value, problems)
+        return
+    check_dimension(f"initial {condition.name}", condition.value, given,
+                    Unit(dimension_text(wanted), 1.0, 0.0, wanted), problems)
+
+
+def _varies(name: Name, resolver: Resolver) -> bool:
+    return name.text in resolver.names

@@ -1,0 +1,156 @@
+"""Places of a diagram at which something may be missing, and a virtual through variable set there.
+
+A place is a node (something between it and the world outside) or a pair of nodes that a component has ports on
+(something beside that component). What would stand there takes the through variable w into itself: of a pair, mechanical
+ports a, b carry -w, w as those of a spring do (w is its tension), hydraulic and pneumatic ones w, -w as those of an orifice
+(w flows from a to b); of a node, w goes into it. So w rises with the across variable wherever power is dissipated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import combinations
+from pathlib import Path
+
+import casadi as ca
+
+from heavebond.core.units import Unit
+from heavebond.equations.flatten import Flat, KnownInput
+from heavebond.language.definition import Domain, FileInput
+
+
+@dataclass(frozen=True)
+class Node:
+    """A node of a power domain: its name, and the ports (full paths) on it."""
+
+    name: str
+    domain: Domain
+    ports: tuple[str, ...]
+
+    @property
+    def through(self) -> str:
+        """The through variable that a virtual source sets: force, torque, volume flow, mass flow."""
+        return self.domain.through[0]
+
+    @property
+    def across(self) -> str:
+        """The across variable that it acts with: velocity, angular velocity, pressure."""
+        return self.domain.across[0]
+
+    @property
+    def unit(self) -> Unit:
+        """The unit of the through variable."""
+        return self.domain.members[self.through].unit
+
+    @property
+    def mechanical(self) -> bool:
+        """Whether a port's effort is what flows through it."""
+        return self.domain.position is not None
+
+
+@dataclass(frozen=True)
+class Place:
+    """One node, or two with the components beside which something may be missing.
+
+    `weights` gives for each node the through variable that enters it for a w of 1.
+    """
+
+    nodes: tuple[Node, ...]
+    components: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        """`crown`, or `platform-crown`."""
+        return "-".join(n.name for n in self.nodes)
+
+    @property
+    def words(self) -> str:
+        """`at crown`, or `between platform and crown`."""
+        return ("between " if len(self.nodes) == 2 else "at ") + " and ".join(n.name for n in self.nodes)
+
+    @property
+    def unit(self) -> Unit:
+        """The unit of w."""
+        return self.nodes[0].unit
+
+    @property
+    def weights(self) -> dict[str, float]:
+        """What enters each node."""
+        if len(self.nodes) == 1:
+            return {self.nodes[0].name: -1.0}
+        first = 1.0 if self.nodes[0].mechanical else -1.0
+        return {self.nodes[0].name: first, self.nodes[1].name: -first}
+
+
+def nodes_of(flat: Flat) -> dict[str, Node]:
+    """The nodes of a flat model by name, in the order of the diagram; signals are left out."""
+    domains = sorted(flat.expanded.model.library.domains.values(), key=lambda d: -len(d.across))
+    balances = {equation.label for equation in flat.equations}
+    aliases: dict[int, list[str]] = {}
+    for name, index in flat.names.items():
+        aliases.setdefault(index, []).append(name.rpartition(".")[0])
+    found = {}
+    for path in flat.expanded.junctions:
+        domain = next((d for d in domains if all(f"{path}.{m}" in flat.names for m in d.across)
+                       and balance(d.through[0], path) in balances), None)
+        if domain is None:
+            continue
+        index = flat.names[f"{path}.{domain.across[0]}"]
+        # inner nodes of a block that are joined to an outer one are that one
+        if flat.unknowns[index].name == f"{path}.{domain.across[0]}":
+            ports = tuple(a for a in aliases[index] if _is_port(a, flat))
+            found[path] = Node(path, domain, ports)
+    return found
+
+
+def _is_port(path: str, flat: Flat) -> bool:
+    """Whether a name is that of a port. (Inside of a block a node is called as one: `cmc.platform`.)"""
+    owner, _, port = path.rpartition(".")
+    leaves = flat.expanded.leaves
+    return owner in leaves and port.partition("[")[0] in leaves[owner].component.ports
+
+
+def balance(through: str, path: str) -> str:
+    """The label of the equation that sums a through variable at a node."""
+    return f"sum of {through} at node '{path}'"
+
+
+def places_of(flat: Flat, nodes: Mapping[str, Node]) -> list[Place]:
+    """Every pair of nodes on which a component has ports of one domain, in the order of those ports, then every node."""
+    leaves = flat.expanded.leaves
+    owners: dict[str, list[str]] = {}
+    for node in nodes.values():
+        for port in node.ports:
+            owners.setdefault(port.rpartition(".")[0], []).append(port)
+    on = {port: node for node in nodes.values() for port in node.ports}
+    pairs: dict[frozenset[str], Place] = {}
+    for owner, ports in owners.items():
+        declared = list(leaves[owner].component.ports)
+        in_order = sorted(ports, key=lambda path: declared.index(path.rpartition(".")[2].partition("[")[0]))
+        for a, b in combinations(in_order, 2):
+            first, second = on[a], on[b]
+            if first.name == second.name or first.domain.name != second.domain.name:
+                continue
+            key = frozenset((first.name, second.name))
+            old = pairs.get(key, Place((first, second), ()))
+            pairs[key] = replace(old, components=tuple(dict.fromkeys((*old.components, owner))))
+    singles = [Place((node,), tuple(dict.fromkeys(p.rpartition(".")[0] for p in node.ports))) for node in nodes.values()]
+    return [*pairs.values(), *singles]
+
+
+def with_virtual_sources(flat: Flat, nodes: Mapping[str, Node], file: Path) -> Flat:
+    """The flat model with a measured input `virtual.NODE` that enters each node, joined by lines between the rows of
+    `file` (columns `time` in s, then one per node by its name, in SI)."""
+    row_of = {equation.label: k for k, equation in enumerate(flat.equations)}
+    residuals, inputs = list(flat.residuals), list(flat.inputs)
+    for node in nodes.values():
+        row = row_of[balance(node.through, node.name)]
+        place = flat.equations[row].place
+        name = f"virtual.{node.name}"
+        symbols = ca.vertcat(*(ca.SX.sym("d" * k + name) for k in range(4)))
+        source = FileInput(file, node.name, node.unit.text, "linear", place, "time")
+        inputs.append(KnownInput(name, source, node.unit, symbols))
+        # what flows into the components sums to what the source delivers
+        residuals[row] = residuals[row] - symbols[0]
+    return replace(flat, residuals=tuple(residuals), inputs=tuple(inputs))

@@ -1,0 +1,247 @@
+"""Which unknowns become states: the method of dummy derivatives with numerical pivoting."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from heavebond.equations.buffered import Buffered
+from heavebond.equations.flatten import Flat
+from heavebond.equations.matching import components_of
+from heavebond.equations.resolver import Resolver
+from heavebond.language.symbols import split, stack, uniform
+
+Array = NDArray[np.float64]
+Column = tuple[int, int]  # (unknown, order of its derivative)
+# How much less a column is wanted as a dummy derivative, as a factor on its pivot: a state that the user gave an
+# initial value for is kept unless another choice is a thousand times better conditioned.
+PREFERENCE = {"position": 1e-2, "across": 1e-2, "signal": 1e-1, "own": 1e-1, "through": 1.0}
+ASKED = 1e-1
+# From so many rows on LAPACK is faster; for fewer, loading SciPy would take longer than all of a usual model.
+LARGE = 100
+
+
+@dataclass(frozen=True)
+class Constraints:
+    """The differentiated equations H z = ...: the derivatives of H with respect to the highest derivatives z.
+
+    order:   how often each equation is differentiated; highest: the highest derivative of each unknown
+    entries: (equation, unknown) of each value; d(r^(k))/d(v^(l+k)) = dr/d(v^(l)), so each is read off the equation itself
+    values:  as many expressions in raw symbols
+    """
+
+    flat: Flat
+    order: tuple[int, ...]
+    highest: tuple[int, ...]
+    entries: tuple[Column, ...]
+    values: ca.SX
+
+    @cached_property
+    def place(self) -> dict[Column, int]:
+        """Where the value of an equation and an unknown stands."""
+        return {entry: k for k, entry in enumerate(self.entries)}
+
+    @cached_property
+    def rows(self) -> dict[int, list[int]]:
+        """The unknowns of each equation."""
+        found: dict[int, list[int]] = {}
+        for i, j in self.entries:
+            found.setdefault(i, []).append(j)
+        return found
+
+    @cached_property
+    def settable(self) -> frozenset[int]:
+        """The unknowns that events set: they must be states."""
+        return frozenset(r.unknown for event in self.flat.events for r in event.resets if r.unknown is not None)
+
+    @cached_property
+    def asked(self) -> frozenset[int]:
+        """These, and the unknowns that the user gave an initial value for."""
+        conditions, names = self.flat.expanded.model.initial.conditions, self.flat.names
+        return self.settable | {names[n] for n, c in conditions.items() if n in names and not c.guess}
+
+
+def constraints(flat: Flat, order: Sequence[int], highest: Sequence[int]) -> Constraints:
+    """The constraints, given how often each equation is differentiated."""
+    n, rows = len(flat.unknowns), [i for i, k in enumerate(order) if k >= 1]
+    jacobian = ca.jacobian(stack(flat.residuals[i] for i in rows), stack(s for level in flat.levels for s in level))
+    places = zip(*jacobian.sparsity().get_triplet(), strict=True)
+    found = [(rows[row], column % n, k) for k, (row, column) in enumerate(places)
+             if column // n == highest[column % n] - order[rows[row]]]
+    values = jacobian.nz[[k for *_, k in found]] if found else ca.SX(0, 1)
+    return Constraints(flat, tuple(order), tuple(highest), tuple((i, j) for i, j, _ in found), values)
+
+
+def select_states(found: Constraints, p: Array) -> list[Column]:
+    """The states (unknown, derivative order) at the initial guess, those preferred that the user asked a value for."""
+    if not found.entries:
+        return chosen_states(found, np.zeros(0))
+    flat = found.flat
+    symbols, known = stack(s for level in flat.levels for s in level), stack(k.symbols for k in flat.inputs)
+    at = ca.Function("H", [symbols, flat.p, flat.time, flat.rate, known], [found.values])
+    numbers = np.array(at(_off_guess(flat, p, symbols.numel()), p, 0.0, 1.0, np.ones(known.numel()))).ravel()
+    return chosen_states(found, np.where(np.isfinite(numbers), numbers, 1.0), found.asked)
+
+
+def _off_guess(flat: Flat, p: Array, size: int) -> Array:
+    """The guess, moved a little off places where a coefficient vanishes by accident (a crank at dead centre)."""
+    values = Guess(flat)(p)
+    nominal = np.array([u.nominal for u in flat.unknowns])
+    shift = np.array([uniform(1, j) - 0.5 for j in range(len(values))])
+    point = np.zeros(size)
+    point[: len(values)] = values + 1e-4 * nominal * shift
+    return point
+
+
+def chosen_states(found: Constraints, numbers: Array, asked: frozenset[int] = frozenset()) -> list[Column]:
+    """The states where the constraints have these values (n,); `asked` unknowns are ten times as much wanted.
+
+    At each level, the differentiated equations H z = ... get as many of the highest derivatives z as they are, chosen
+    by QR with column pivoting; these become algebraic.
+
+    S. E. Mattsson, G. Soderlind: Index reduction in differential-algebraic equations using dummy derivatives.
+    SIAM J. Sci. Comput. 14 (1993) 677-692, doi:10.1137/0914043.
+    """
+    def pick(part: Part) -> list[int]:
+        weights = [_weight(found.flat, column, asked) for column in part.columns]
+        return [part.columns[k][0] for k in pivot_columns(part.matrices(numbers[:, None], part.columns)[0] * weights)]
+
+    dummies = {column for level in _levels(found, pick) for column in level.dummies}
+    return [(j, k) for j, top in enumerate(found.highest) for k in range(top) if (j, k + 1) not in dummies]
+
+
+@dataclass(frozen=True)
+class Part:
+    """Equations of one level that share no unknown with the others of it, and all the derivatives in them."""
+
+    found: Constraints
+    rows: tuple[int, ...]
+    columns: tuple[Column, ...]
+    dummies: tuple[Column, ...] = ()
+
+    def matrices(self, numbers: Array, columns: Sequence[Column]) -> Array:
+        """The Jacobians (N, m, len(columns)) with unknowns in their nominal sizes and rows scaled, from values (n, N)."""
+        place, unknowns = self.found.place, self.found.flat.unknowns
+        matrix = np.zeros((numbers.shape[1], len(self.rows), len(self.columns)))
+        for r, i in enumerate(self.rows):
+            for c, (j, _) in enumerate(self.columns):
+                if (i, j) in place:
+                    matrix[:, r, c] = numbers[place[(i, j)]] * unknowns[j].nominal
+        matrix /= np.maximum(np.abs(matrix).max(axis=2, keepdims=True, initial=0.0), 1e-300)
+        return np.asarray(matrix[:, :, [self.columns.index(column) for column in columns]])
+
+
+def _levels(found: Constraints, pick: Callable[[Part], list[int]]) -> list[Part]:
+    """All parts of all levels; `pick` names the unknowns whose derivatives become algebraic, one for each row of a part."""
+    rows = [i for i, k in enumerate(found.order) if k >= 1]
+    columns = [j for j, k in enumerate(found.highest) if k >= 1]
+    depth, parts = 0, list[Part]()
+    while rows:
+        place = {j: k for k, j in enumerate(columns)}
+        pattern = [[place[j] for j in found.rows.get(i, []) if j in place] for i in rows]
+        chosen: list[int] = []
+        for part_rows, part_columns in components_of(pattern, len(columns)):
+            if part_rows:
+                part = Part(found, tuple(rows[r] for r in part_rows),
+                            tuple((columns[c], found.highest[columns[c]] - depth) for c in part_columns))
+                picked = pick(part)
+                parts.append(Part(found, part.rows, part.columns, tuple((j, found.highest[j] - depth) for j in picked)))
+                chosen += picked
+        depth += 1
+        rows = [i for i in rows if found.order[i] - depth >= 1]
+        columns = [j for j in sorted(chosen) if found.highest[j] - depth >= 1]
+    return parts
+
+
+def parts_of(found: Constraints, states: Sequence[Column]) -> list[Part]:
+    """The parts of all levels for a choice of states."""
+    kept = set(states)
+    return _levels(found, lambda part: [j for j, k in part.columns if (j, k - 1) not in kept])
+
+
+def strain(part: Part, numbers: Array) -> tuple[Array, Array]:
+    """How badly the dummies of a part follow from its states, and on which side of where they do not, at N points.
+
+    With H_d, H_s the columns of dummies and states in their preference, max |H_d^-1 H_s| (N,) is the largest factor by
+    which an exchange of two of them would improve the choice; it is about 1 where the choice was made and has no bound where
+    the chart ends. There the sign of det H_d (N,) changes. `numbers` (n, N) are the values of the constraints.
+    """
+    states = [column for column in part.columns if column not in part.dummies]
+    inner, outer = (part.matrices(numbers, columns) * [_weight(part.found.flat, c, frozenset()) for c in columns]
+                    for columns in (part.dummies, states))
+    worst, sign = np.full(numbers.shape[1], np.inf), np.zeros(numbers.shape[1])
+    good = np.isfinite(inner).all(axis=(1, 2)) & np.isfinite(outer).all(axis=(1, 2))
+    sign[good] = np.linalg.slogdet(inner[good])[0]
+    good &= sign != 0
+    worst[good] = np.abs(np.linalg.solve(inner[good], outer[good])).max(axis=(1, 2), initial=0.0)
+    return worst, sign
+
+
+def _weight(flat: Flat, column: Column, asked: frozenset[int]) -> float:
+    j, order = column
+    if flat.unknowns[j].role == "position" and order > 1:
+        return 1.0  # the node's velocity is the state that people know, not der(position)
+    return PREFERENCE[flat.unknowns[j].role] * (ASKED if j in asked else 1.0)
+
+
+class Guess:
+    """First values of all unknowns: what the diagram asks for or guesses, else the declared start, else 0."""
+
+    def __init__(self, flat: Flat):
+        self._declared = np.array([0.0 if u.start is None else u.start for u in flat.unknowns])
+        resolver = Resolver(flat.names, flat.constants, flat.units, flat.unknowns, flat.levels, flat.time, flat.rate)
+        known = {s.element_hash() for s in [*split(flat.p), flat.time]}
+        self._asked: list[int] = []
+        values = []
+        for name, condition in flat.expanded.model.initial.conditions.items():
+            if name in flat.names:
+                given = flat.constants.get(f"initial.{name}")
+                value = resolver.evaluate(condition.value.expr) if given is None else given
+                # a condition that depends on variables is dealt with when the start is solved
+                if {s.element_hash() for s in ca.symvar(value)} <= known:
+                    self._asked.append(flat.names[name])
+                    values.append(value)
+        self._expressions, self._arguments = stack(values), [flat.p, flat.time]
+        self._values = Buffered(ca.Function("guess", self._arguments, [self._expressions]))
+
+    def __call__(self, p: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The values (n,) at the parameters p."""
+        values = self._declared.copy()
+        values[self._asked] = self._values(p)["o0"].ravel()
+        return values
+
+    def slopes(self, p: NDArray[np.float64]) -> NDArray[np.float64]:
+        """How they move with the parameters, (n, n_p)."""
+        slopes = np.zeros((len(self._declared), len(p)))
+        slopes[self._asked] = self._slopes(p)["o0"]
+        return slopes
+
+    @cached_property
+    def _slopes(self) -> Buffered:
+        return Buffered(ca.Function("slopes", self._arguments, [ca.jacobian(self._expressions, self._arguments[0])]))
+
+
+def pivot_columns(matrix: NDArray[np.float64]) -> list[int]:
+    """The first min(m, n) columns that QR with column pivoting takes of a matrix (m, n): each time the longest of what is
+    left when the directions of those taken are removed from all (modified Gram-Schmidt).
+
+    G. H. Golub, C. F. Van Loan: Matrix Computations, 4th ed., Johns Hopkins 2013, sections 5.2.8 and 5.4.2.
+    """
+    if len(matrix) > LARGE:
+        import scipy.linalg
+
+        return list(scipy.linalg.qr(matrix, mode="r", pivoting=True)[1][: min(matrix.shape)])
+    rest, taken = matrix.copy(), list[int]()
+    for _ in range(min(matrix.shape)):
+        squares = np.einsum("ij,ij->j", rest, rest)
+        squares[taken] = -1
+        taken.append(int(np.argmax(squares)))
+        if squares[taken[-1]] > 0:
+            direction = rest[:, taken[-1]] / np.sqrt(squares[taken[-1]])
+            rest -= np.outer(direction, direction @ rest)
+    return taken

@@ -1,0 +1,309 @@
+"""Structural mistakes in the words of the diagram: which parts fix the same thing, and what nothing decides."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from heavebond.core.errors import ModelError, Place, Problem, SimulationError, either, listing
+from heavebond.equations.flatten import Flat, FlatEquation
+from heavebond.equations.lost_rank import Loss
+from heavebond.equations.matching import Block, dulmage_mendelsohn, maximum_matching
+from heavebond.equations.resolver import Unknown
+from heavebond.language.definition import Domain
+
+SHARED = ("across", "position")
+MOST_LINES = 8
+MOST_BLAMED = 4
+# what decides the shared variable of a node, by domain
+DECIDES = {
+    "translational": "a Fixed, a Mass or a PositionSource on one of these nodes, or a Spring from there to such a node",
+    "rotational": "a FixedShaft, an Inertia or an AngleSource on one of these nodes, or a TorsionSpring from there to one",
+    "hydraulic": "a Volume, a Tank or a PressureSource on one of these nodes, or an Orifice from there to such a node",
+    "electrical": "an ElectricalGround, a VoltageSource or a Capacitor on one of these nodes, or a Resistor from there to "
+                  "such a node",
+    "pneumatic": "a Receiver, an Atmosphere or a PneumaticSource on one of these nodes",
+    "thermal": "a HeatCapacity or an Ambient on one of these nodes, or a ThermalResistance from there to such a node",
+    "bond": "a C or an Se on one of these nodes, or an R",
+}
+# what ends a rigid loop, by domain
+ELASTIC = {"translational": "a Spring", "rotational": "a TorsionSpring", "hydraulic": "a LineResistance",
+           "pneumatic": "a PneumaticLine", "electrical": "a Resistor", "thermal": "a ThermalResistance"}
+
+
+def singular(flat: Flat, rows: Sequence[Sequence[int]], matching: Sequence[int]) -> ModelError:
+    """The error for a system whose equations cannot be assigned one to each unknown.
+
+    `rows[i]` lists the unknowns of equation i whatever their derivatives; a Dulmage-Mendelsohn decomposition finds
+    the smallest parts with more equations than unknowns, and those with more unknowns than equations. The two belong
+    together where they meet in a component: what fixes a velocity twice leaves two forces open, and what fixes a flow
+    twice leaves a pressure open.
+    """
+    try:
+        parts = dulmage_mendelsohn(rows, len(flat.unknowns), matching)
+    except ValueError:  # the caller's matching was of other equations (their derivatives)
+        parts = dulmage_mendelsohn(rows, len(flat.unknowns), maximum_matching(rows, len(flat.unknowns)))
+    problems, told = [], set()
+    for block in parts.overdetermined:
+        part = _Part(flat, block)
+        near = [b for b in parts.underdetermined if part.touched.intersection(b.core_columns)]
+        told.update(near)
+        loose = [flat.unknowns[j] for b in near for j in b.core_columns]
+        # heat that goes nowhere leaves a temperature open, whatever pressures the equations hold besides
+        own = [_domain(flat, u) for u in part.shared]
+        elsewhere = [u for u in loose if u.role in SHARED and _domain(flat, u) not in own]
+        if part.shared and elsewhere:
+            problems.append(_undecided(flat, elsewhere, part))
+        elif part.shared or not any(u.role in SHARED for u in loose):
+            problems.append(part.fixed_twice(loose))
+        else:
+            problems.append(_undecided(flat, loose, part))
+    for block in parts.underdetermined:
+        if block not in told and block.core_columns and (block.core_rows or not parts.overdetermined):
+            problems.append(_undecided(flat, [flat.unknowns[j] for j in block.core_columns], None))
+    return ModelError(problems or [Problem(
+        "singular", "some of these equations say the same in another form, so that nothing decides some unknowns", None,
+        "Look for two parts that hold the same position, or for a circuit without a Tank or a Volume.")])
+
+
+class _Part:
+    """The smallest set of equations that have one unknown fewer than they are, as a user would tell it."""
+
+    def __init__(self, flat: Flat, block: Block):
+        self.flat = flat
+        equations = [flat.equations[i] for i in block.core_rows]
+        # the assembler's own equations and the values of inputs are no choice between which a user could decide
+        self.said = [e for e in equations if not bookkeeping(e)] or equations
+        unknowns = [flat.unknowns[j] for j in block.core_columns]
+        self.shared = _without_rates([u for u in unknowns if u.role in SHARED])
+        self.unknowns = self.shared or [u for u in unknowns if u.role != "signal"] or unknowns
+        self.owners = list(dict.fromkeys(e.owner for e in self.said))
+        self.touched = {j for name, j in flat.names.items() if any(name.startswith(f"{o}.") for o in self.owners)}
+        # a node without parts of its own, or a signal, has no component; its unknowns are those of the block
+        self.touched.update(block.core_columns)
+
+    def fixed_twice(self, loose: Sequence[Unknown]) -> Problem:
+        """The problem of equations that contradict, or repeat, each other; `loose` is what they leave open instead."""
+        names = listing((u.name for u in self.unknowns), 4) or "nothing that is unknown"
+        number = len(self.said)
+        message = f"these {number} equations fix the same unknown{'s' * (len(self.unknowns) > 1)}, {names}" \
+            if number > 1 else f"this equation has nothing left to decide: {names} is fixed already"
+        sharing = _sharing(self.flat, loose, self.owners)
+        owners = self.owners[:4]
+        nodes = {u.name.rpartition(".")[0] for u in self.shared}
+        domain = _domain(self.flat, self.shared[0]) if self.shared else None
+        elastic = ELASTIC.get(domain.name if domain else "", "a part that gives way")
+        what = self.shared[0].doc if self.shared else ""
+        advice = f"Remove or change {either(owners)}." if len(self.owners) == 1 else \
+            (f"{either(owners)} each hold the {what} of one node, which one part alone can do.\n" if what else "") + \
+            f"Put {either(owners)} on different nodes, or remove one of them." if len(nodes) < 2 else \
+            f"They join rigidly what is held at both ends: remove one of {either(owners, 'or')},\nor put {elastic} " \
+            "between them."
+        place = self.unknowns[0].place if self.unknowns else self.said[0].place
+        return Problem("overdetermined", message, place, f"{sharing}\n{advice}".strip(), tuple(_table(self.said)))
+
+
+def _undecided(flat: Flat, loose: Sequence[Unknown], part: _Part | None) -> Problem:
+    """The problem of unknowns that no equation decides, beside equations that are one too many for what they hold."""
+    shared = _without_rates([u for u in loose if u.role in SHARED])
+    shown = shared or list(loose)
+    names = listing((u.name for u in shown), 6)
+    message = f"nothing decides {names}" + ("; one of them must be known" if len(shown) > 1 else "")
+    domains = dict.fromkeys(d.name for u in shared if (d := _domain(flat, u)) is not None)
+    advice = "Add " + ", or ".join(DECIDES.get(d, "what decides it") for d in domains) + "." if domains else \
+        "An equation is missing there, or a component."
+    notes: list[str] = []
+    if part is not None:
+        through = [u for u in part.unknowns if u.role == "through"]
+        what = _noun(through[0].doc) if through else "what flows"
+        notes = [f"these equations decide {what} there without {'them' if len(shown) > 1 else 'it'}:", *_table(part.said)]
+        if shared and through:
+            held = shared[0].doc or "other variable"
+            advice = f"{what[:1].upper()}{what[1:]} is given by {either(part.owners[:4])}, and no part there gives the " \
+                f"{held}: none stores, and none ties it to a reference.\n{advice}"
+    return Problem("underdetermined", message, shown[0].place if shown else None, advice, tuple(notes))
+
+
+def lost(flat: Flat, found: Sequence[Loss], when: str = "") -> list[Problem]:
+    """The problems of equations that depend on each other for the numbers that they have; `when` tells where along a run
+    (`at the start`)."""
+    joined: dict[tuple[int, ...], list[Loss]] = {}
+    for loss in found:  # a tie of velocities is one of accelerations, and of forces, too
+        said = tuple(dict.fromkeys(i for i, _ in loss.rows if not bookkeeping(flat.equations[i])))
+        joined.setdefault(said, []).append(loss)
+    if len(joined) > 1 and () in joined:  # what only the assembler's own equations say belongs to the others
+        joined[next(said for said in joined if said)] += joined.pop(())
+    return [_Lost(flat, _together(same)).problem(when) for same in joined.values()]
+
+
+def undecided(flat: Flat, found: Sequence[Loss], names: Sequence[str], when: str) -> SimulationError:
+    """The error for a run where (`at t = 2 s`) nothing decides its algebraic unknowns `names` any more, by what lost its
+    rank."""
+    return SimulationError(lost(flat, found, when) or [Problem(
+        "loop-singular", f"nothing decides {listing(names, 4)} {when}", None,
+        "A closed valve, a dead centre or an open contact does this. Add what decides it there.")])
+
+
+def _together(same: Sequence[Loss]) -> Loss:
+    """Losses of the same equations as one."""
+    def union(member: str) -> tuple[Any, ...]:
+        return tuple(dict.fromkeys(item for loss in same for item in getattr(loss, member)))
+
+    return Loss(union("rows"), union("columns"), union("parameters"), union("variables"), any(loss.zero for loss in same))
+
+
+class _Lost:
+    """Equations that depend on each other, and what they leave open, as a user would tell it."""
+
+    def __init__(self, flat: Flat, loss: Loss):
+        self.flat, self.loss = flat, loss
+        loose = [flat.unknowns[j] for j in dict.fromkeys(j for j, _ in loss.columns)]
+        self.shared = _without_rates([u for u in loose if u.role in SHARED])
+        self.shown = self.shared or [u for u in loose if u.role == "through"] or loose
+        equations = [flat.equations[i] for i in dict.fromkeys(i for i, _ in loss.rows)]
+        self.said = [e for e in equations if not bookkeeping(e)] or equations
+        self.owners = [o for o in dict.fromkeys(e.owner for e in self.said) if o in flat.expanded.leaves]
+        given = [name for name in loss.parameters if not assumed(flat, name)]
+        # of what is zero, what the diagram itself says comes before what a component assumes
+        self.blamed = (given or [name for name, _ in loss.variables] or list(loss.parameters)) if loss.zero else \
+            [name for name, _ in loss.variables] or list(loss.parameters)
+        self.blamed = self.blamed[:MOST_BLAMED]
+        domains = dict.fromkeys(d.name for u in self.shared if (d := _domain(flat, u)) is not None)
+        self.decides = "add " + ", or ".join(DECIDES.get(d, "what decides it") for d in domains) if domains else ""
+        self.elastic = ELASTIC.get(next(iter(domains), ""), "a part that gives way")
+
+    def problem(self, when: str) -> Problem:
+        cause = f": {listing(self.blamed)} {'is' if len(self.blamed) == 1 else 'are'} 0" if self.loss.zero else ""
+        notes = [("of these equations one is then too many:" if len(self.said) > 1 else
+                  "this equation then says nothing of it:"), *_table(self.said)] if self.said else []
+        places = {q.name: q.place for q in self.flat.parameters}
+        places |= {e.label.removesuffix(" as given"): e.place for e in self.flat.equations if e.label.endswith(" as given")}
+        place = next((places[name] for name in self.blamed if self.loss.zero and name in places),
+                     self.shown[0].place if self.shown else self.said[0].place if self.said else None)
+        return Problem("rank-lost", " ".join(f"nothing decides {self._names()} {when}".split()) + cause, place,
+                       self._remedy(), tuple(notes))
+
+    def _names(self) -> str:
+        """`A.p, B.p`, `der(cart.v)` where the value itself is known, `the volume flow through pump, pipe`."""
+        if not self.shown:
+            return "what these equations say twice"
+        if all(u.role == "through" for u in self.shown):
+            parts = dict.fromkeys(u.name.rpartition(".")[0].rpartition(".")[0] for u in self.shown)
+            return f"{_noun(self.shown[0].doc)} through {listing(parts, 6)}"
+        least = {self.flat.unknowns[j].name: k for j, k in sorted(self.loss.columns, reverse=True)}
+        rates = self.loss.zero or bool(self.loss.variables)
+        return listing((f"der({u.name})" if rates and least[u.name] else u.name for u in self.shown), 6)
+
+    def _remedy(self) -> str:
+        """What mistake it is, and what to type."""
+        loss, blamed = self.loss, self.blamed
+        if loss.zero:
+            return self._other_value()
+        if self.shown and all(u.role == "signal" for u in self.shown):
+            agree = f"With these values of {listing(blamed)} the loop has no solution, or any value is one.\n" * bool(blamed)
+            return f"{agree}A loop of signals without memory: each follows from the others at the same instant.\n" \
+                "Put a FirstOrderLag or a SampleHold between them."
+        if loss.variables:
+            return "A dead centre, or a place where a law stops to act: " + ", ".join(
+                f"{name} = {value:.6g}" for name, value in loss.variables[:MOST_BLAMED]) + ".\n" \
+                f"Begin away from it, for example `initial: {{{loss.variables[0][0]}: ...}}`, or drive the machine from " \
+                "another part."
+        if self.shared and not blamed:
+            what = f"these {len(self.shared)} nodes" if len(self.shared) > 1 else "this node"
+            return f"Nothing ties {what} to a reference: any value fits, as long as all move together.\n" \
+                f"{self.decides[:1].upper()}{self.decides[1:]}."
+        agree = f", since {listing(blamed)} agree" if blamed else ""
+        if len(self.owners) > 1:
+            return f"A loop of rigid parts that say the same{agree}.\nTake one of {either(self.owners[:4], 'or')} out, or " \
+                f"put {self.elastic} in line with one of them."
+        return f"Remove or change {either(self.owners[:1]) or 'a part there'}" + (f", or {self.decides}." if self.decides
+                                                                                 else ".")
+
+    def _other_value(self) -> str:
+        if self.blamed[0] in self.loss.parameters:
+            owner = self.blamed[0].rpartition(".")[0]
+            otherwise = f", or take '{owner}' out of the diagram" if owner else ""
+            return f"Give {listing(self.blamed)} a value other than 0{otherwise}."
+        dormant = f"give {listing(self.loss.parameters, MOST_BLAMED)} a value" if self.loss.parameters else ""
+        ways = [way for way in (f"keep {listing(self.blamed)} away from 0", dormant, self.decides) if way]
+        return f"{ways[0][:1].upper()}{ways[0][1:]}{''.join(f', or {way}' for way in ways[1:])}."
+
+
+def assumed(flat: Flat, name: str) -> bool:
+    """Whether a parameter has the value that its component assumes, none being given in the diagram."""
+    owner, _, parameter = name.rpartition(".")
+    leaf = flat.expanded.leaves.get(owner)
+    return leaf is not None and leaf.parameters[parameter].place.file == leaf.component.place.file
+
+
+def _without_rates(unknowns: Sequence[Unknown]) -> list[Unknown]:
+    """A velocity is left out where the position beside it is named: to a user they are one thing."""
+    positions = {u.name.rpartition(".")[0] for u in unknowns if u.role == "position"}
+    return [u for u in unknowns if not (u.motion and u.name.rpartition(".")[0] in positions)]
+
+
+def _sharing(flat: Flat, loose: Sequence[Unknown], owners: Iterable[str]) -> str:
+    """`and nothing decides how wall.a.f and drive.a.f share the force at node 'ground'.`"""
+    through = [u for u in loose if u.role == "through" and any(u.name.startswith(f"{o}.") for o in owners)]
+    if not through:
+        return ""
+    ports = {u.name.rpartition(".")[0] for u in through}
+    nodes = list(dict.fromkeys(j.path for j in flat.expanded.junctions.values() for e in j.ends if e.name in ports))
+    members = {u.name.rpartition(".")[2] for u in through}
+    names = " and ".join(u.name for u in through[:2]) if len(through) <= 2 else listing((u.name for u in through), 4)
+    mechanical = all(u.unit.text in ("N", "N*m") for u in through)
+    what = _noun(through[0].doc) if len(members) == 1 else "the forces" if mechanical else "what flows"
+    return f"and nothing decides how {names} share {what} at node{'s' * (len(nodes) > 1)} {either(nodes[:3])}."
+
+
+def _noun(doc: str) -> str:
+    """`the force` from a member's description, `force on the component`."""
+    return "the " + doc.partition(" on ")[0].partition(" into ")[0] if doc else "what flows"
+
+
+def _domain(flat: Flat, unknown: Unknown) -> Domain | None:
+    """The domain to whose node an across variable or a position belongs."""
+    node, _, member = unknown.name.rpartition(".")
+    domain = domain_at(flat, node)
+    return domain if domain is not None and member in (*domain.across, domain.position) else None
+
+
+def domain_at(flat: Flat, path: str) -> Domain | None:
+    """The domain of a node or port: the one of which it has the most across variables, all of them and in their units."""
+    def has(domain: Domain) -> bool:
+        found = [flat.names.get(f"{path}.{member}") for member in domain.across]
+        return all(j is not None and flat.unknowns[j].unit.dimension == domain.members[member].unit.dimension
+                   for j, member in zip(found, domain.across, strict=True))
+
+    fitting = [domain for domain in flat.expanded.model.library.domains.values() if has(domain)]
+    return max(fitting, key=lambda domain: len(domain.across), default=None)
+
+
+def bookkeeping(equation: FlatEquation) -> bool:
+    """A node's own equation, which the assembler wrote and no user can remove, or the value of an input."""
+    return equation.label.startswith("sum of ") or " is the rate of " in equation.label \
+        or equation.label.endswith((" as given", " as measured"))
+
+
+def _table(equations: Sequence[FlatEquation]) -> list[str]:
+    shown = [(f"{e.owner}:", e.text, e.label, f"{e.place.file}:{e.place.line}") for e in equations[:MOST_LINES]]
+    widths = [max(len(row[k]) for row in shown) for k in range(3)]
+    lines = ["  ".join([*(cell.ljust(width) for cell, width in zip(row, widths, strict=False)), row[3]])
+             for row in shown]
+    if len(equations) > MOST_LINES:
+        lines.append(f"and {len(equations) - MOST_LINES} more")
+    return lines
+
+
+def kinked(flat: Flat, indices: Sequence[int]) -> ModelError:
+    """The error for equations that index reduction must differentiate but that have a kink."""
+    problems = []
+    for i in indices:
+        equation = flat.equations[i]
+        place: Place = equation.place
+        problems.append(Problem(
+            "kink-differentiated", f"'{equation.owner}': this equation must be differentiated in time, but "
+            f"{equation.kink} has a kink", place,
+            "It holds positions or other states together, so its rate is needed. Use a smooth function instead (tanh, "
+            "smooth_sign),\nor put between what gives way: a spring, a resistance, a lag behind a signal."))
+    return ModelError(problems)

@@ -1,1 +1,0 @@
-"""Models beside records: comparison, fit, diagnosis."""

@@ -1,0 +1,1 @@
+"""Models for other programs: FMU, C, JSON Schema."""

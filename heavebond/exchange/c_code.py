@@ -1,0 +1,83 @@
+"""The equations of a diagram as one file of C that needs nothing else (C99 and its mathematical library)."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import casadi as ca
+
+from heavebond import __version__
+from heavebond.core.quoting import c_comment
+from heavebond.core.writable import write_text
+from heavebond.exchange.portable import Portable, Quantity, portable
+from heavebond.language.model import Model
+
+LONGEST_NAME = 60  # of what all names begin with; C99 tells 63 characters apart at least
+SOURCES = Path(__file__).parents[1] / "c"
+KEYWORDS = frozenset(re.findall(
+    r"\w+", "auto break case char const continue default do double else enum extern float for goto if inline int long main "
+    "register restrict return short signed sizeof static struct switch typedef union unsigned void volatile while"))
+
+
+def export_c(model: Model, path: str | Path, inputs: Iterable[str] = ()) -> Portable:
+    """Write the equations of a diagram as C; every name in the file begins with that of the file."""
+    path = Path(path)
+    prefix = c_name(path.stem)
+    made = portable(model, inputs, f"{prefix}_")
+    write_text(path, c_text(made, prefix))
+    return made
+
+
+def c_name(text: str) -> str:
+    """A name that C takes."""
+    plain = re.sub(r"\W", "_", text, flags=re.ASCII)[:LONGEST_NAME]
+    return f"m_{plain}" if not plain[:1].isalpha() or plain in KEYWORDS else plain
+
+
+def c_text(made: Portable, prefix: str, *, directions: bool = False) -> str:
+    """The file, with directional derivatives where they are wanted; its functions must have been made with `prefix`_."""
+    generator = ca.CodeGenerator(prefix, {"with_header": False, "casadi_int": "int"})
+    generator.add(made.equations)
+    if directions:
+        generator.add(made.directions)
+    evaluate = (SOURCES / "evaluate.c").read_text(encoding="utf-8")
+    return "\n".join([_head(made, prefix), generator.dump(), *_arrays(made, prefix), evaluate.replace("MODEL", prefix)])
+
+
+def _head(made: Portable, prefix: str) -> str:
+    """The comment that says what stands where."""
+    parts = [
+        f"{made.name}: equations in C, written by heavebond {__version__}", "",
+        f"int {prefix}_evaluate(double t, const double *x, double *z, const double *p, const double *u,",
+        f"{' ' * len(prefix)}              double *dx, double *y)", "",
+        "gives the derivatives dx = dx/dt of the states x and the outputs y at the time t; either may be a null pointer.",
+        "z holds the algebraic unknowns: a first guess on entry, the solution on return (it is not looked at where there",
+        "are none). It returns 0, or another number where z is not found. It keeps nothing between calls.", "",
+        f"All is in SI but y. {prefix}_x_start, {prefix}_z_start, {prefix}_p_start and {prefix}_u_start hold the values",
+        f"at the start, {prefix}_n_x, {prefix}_n_z, {prefix}_n_p, {prefix}_n_u and {prefix}_n_y the numbers of each."]
+    for letter, title, quantities in (
+            ("x", "States", made.states), ("z", "Algebraic unknowns", made.algebraic), ("p", "Parameters", made.parameters),
+            ("u", "Inputs", made.inputs), ("y", "Outputs", made.outputs)):
+        if quantities:
+            parts += ["", title, *_listed(letter, quantities)]
+    return "/* " + "\n   ".join(c_comment(line) for line in parts).replace("\n   \n", "\n\n") + " */"
+
+
+def _listed(letter: str, quantities: Sequence[Quantity]) -> list[str]:
+    rows = [(f"{letter}[{k}]", q.name, q.unit.text, f"{q.start:.9g}", q.doc) for k, q in enumerate(quantities)]
+    widths = [max(len(row[column]) for row in rows) for column in range(4)]
+    return ["  ".join(["", *(text.ljust(width) for text, width in zip(row, (*widths, 0), strict=True))]).rstrip()
+            for row in rows]
+
+
+def _arrays(made: Portable, prefix: str) -> list[str]:
+    """Sizes, and values at the start; C knows no array of length 0."""
+    sizes = {"x": made.states, "z": made.algebraic, "p": made.parameters, "u": made.inputs, "y": made.outputs}
+    lines = ["enum { " + ", ".join(f"{prefix}_n_{letter} = {len(found)}" for letter, found in sizes.items()) + " };"]
+    values = {f"{letter}_start": [q.start for q in sizes[letter]] for letter in "xzpu"}
+    values["x_nominal"] = [q.nominal for q in made.states]
+    values["z_nominal"] = [q.nominal for q in made.algebraic]
+    return [*lines, *(f"const double {prefix}_{name}[] = {{{', '.join(map(repr, numbers or [0.0]))}}};"
+                      for name, numbers in values.items())]

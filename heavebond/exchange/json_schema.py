@@ -1,0 +1,212 @@
+"""JSON Schema (draft 7) of the files of the language, for editors that complete and check while one types.
+
+It knows the keys of every kind of file, and of a folder's library the components, their parameters, inputs and units. What
+needs more than one look (wires, formulas, dimensions) is left to `heavebond check`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from urllib.parse import quote
+
+from heavebond.core.errors import ModelError
+from heavebond.core.units import unit
+from heavebond.exchange.json_schema_values import (
+    COMMON_ENTRIES,
+    FORMULA,
+    LISTS,
+    TEXT,
+    TIME_AXIS,
+    WORDS,
+    Schema,
+    column,
+    instance_of,
+    quantity,
+    units,
+)
+from heavebond.language.definition import ATTACHES, Component
+from heavebond.language.library import Library
+from heavebond.language.sections import SOLVERS, STARTS
+from heavebond.language.view import COLOURS, PAIRS, WIDE
+from heavebond.language.view import KINDS as SHAPES
+from heavebond.language.when import KINDS
+from heavebond.studies.sampling import DRAWN, NAMED
+from heavebond.studies.study import PICTURES
+
+DRAFT = "http://json-schema.org/draft-07/schema#"
+QUANTITY = {"$ref": "#/definitions/quantity"}
+TIME = {"$ref": "#/definitions/time"}
+UNIT = {"$ref": "#/definitions/unit"}
+BODY = {"components": {"$ref": "#/definitions/components"}, "nodes": {"$ref": "#/definitions/nodes"}}
+COUNT = {"type": ["string", "integer"], "description": "how many it is a list of, by whole numbers"}
+HEADS = ("component", "experiment", "study", "model")  # in this order: an experiment and a study name a model too
+
+
+def schema(known: Library) -> Schema:
+    """The schema of all four kinds of files, with the components of a library."""
+    kinds = {"model": diagram(), "component": component_file(known), "experiment": experiment(), "study": study()}
+    chosen: Schema = {"$ref": "#/definitions/model_file"}
+    for head in reversed(HEADS[:-1]):
+        chosen = {"if": {"required": [head]}, "then": {"$ref": f"#/definitions/{head}_file"}, "else": chosen}
+    return {
+        "$schema": DRAFT, "title": "heavebond", "type": "object", "anyOf": [{"required": [head]} for head in HEADS],
+        "properties": {head: {} for head in HEADS}, "allOf": [chosen],
+        "definitions": {**{f"{head}_file": kind for head, kind in kinds.items()}, **parts(), **instances(known)}}
+
+
+def _object(properties: Mapping[str, object], required: Iterable[str] = (), description: str = "") -> Schema:
+    return {"type": "object", "additionalProperties": False, "properties": dict(properties),
+            **({"required": list(required)} if required else {}), **({"description": description} if description else {})}
+
+
+def _each(item: object, description: str = "") -> Schema:
+    return {"type": "object", "additionalProperties": item, **({"description": description} if description else {})}
+
+
+def _said(words: str, schema: Mapping[str, object] = TEXT) -> Schema:
+    return {**schema, "description": words}
+
+
+# -- kinds of files --------------------------------------------------------------------------------------------------
+def diagram() -> Schema:
+    """A diagram."""
+    return _object({
+        "model": _said("the name of the diagram"), "summary": _said("a sentence"),
+        "extends": _said("another diagram of which this one is a variant"),
+        "parameters": _each(QUANTITY, "figures of your own, for formulas"), **BODY,
+        "set": {"$ref": "#/definitions/settings"}, "remove": _said("parts of the extended diagram that go", WORDS),
+        "initial": {"$ref": "#/definitions/initial"},
+        "show": _each(_object({"is": _said("a formula; without it the name itself", FORMULA), "unit": UNIT}, ["unit"]),
+                      "named outputs"),
+        "simulate": _object({"until": TIME, "every": TIME, "solver": _said("what integrates a run; idas without it",
+                                                                           {"enum": list(SOLVERS)})},
+                            description="how long, the time between output points, and by what"),
+        "view": _each({"anyOf": [seen(kind) for kind in SHAPES]}, "shapes that `heavebond animate` moves"),
+        "source": _said("where it is from"), "notes": _said("text for readers", {})}, ["model"])
+
+
+def seen(kind: str) -> Schema:
+    """A shape of a kind under `view:`."""
+    needed, more, colour = SHAPES[kind]
+    pair = {"type": "array", "items": FORMULA, "minItems": 2, "maxItems": 2}
+    sizes = {key: pair if key in PAIRS and kind not in WIDE else FORMULA for key in (*needed, *more)}
+    return _object({"is": {"enum": [kind]}, **sizes, "colour": _said(f"{colour} without it", {"enum": list(COLOURS)}),
+                    "label": _said("what is written at it")}, ["is", *needed])
+
+
+def experiment() -> Schema:
+    """A diagram beside records."""
+    own = _object({"file": TEXT, "time": TIME_AXIS})
+    record = _object({
+        "file": _said("CSV, Parquet or MAT file"), "use": {"enum": ["fit", "validate"]}, "from": TIME, "to": TIME,
+        "set": {"$ref": "#/definitions/settings"}, "initial": _each(QUANTITY), "inputs": {"$ref": "#/definitions/inputs"},
+        "outputs": _each(own)}, ["file", "use"])
+    output = _object({
+        "is": _said("a formula; without it the name itself", FORMULA), "column": _said("its name in the file"), "unit": UNIT,
+        "noise": _said("standard deviation", QUANTITY), "file": TEXT, "time": TIME_AXIS,
+        "shift": _said("by how much it is late", TIME), "outliers": {"enum": ["drop", "keep"]}})
+    free = {"anyOf": [_said("a range `30 .. 70 kN*s/m`, `42 kN/m +- 20 %`, or `fixed`"),
+                      _object({"range": TEXT, "each": {"enum": ["record"]}}, ["range"])]}
+    return _object({
+        "experiment": _said("a name"), "summary": _said("a sentence"), "extends": _said("an experiment to begin with"),
+        "model": _said("the diagram"), "records": _each(record, "the measured files"), "time": TIME_AXIS,
+        "inputs": {"$ref": "#/definitions/inputs"}, "outputs": _each(output, "measured channels"),
+        "free": _each(free, "what a fit may move"), "notes": _said("text for readers", {})}, ["experiment"])
+
+
+def study() -> Schema:
+    """Many cases, tuning, or both."""
+    values, ranges = _each(QUANTITY), _each(TEXT, "parameters and their ranges: `0 .. 8 1/m`")
+    window = _object({"from": TIME, "to": TIME}, description="the time that counts")
+    tune = _object({
+        "free": ranges, "cost": _said("a formula of numbers of a run"), "limits": _said("comparisons that must hold", WORDS),
+        "stable": _said("whether the tuned machine must be stable at rest", {"enum": ["on", "off"]}),
+        "over": _each(values, "sets of values, each with its weight"),
+        "uncertain": _each(TEXT, "how far parameters may be off: `20 %`"),
+        "by": _each({"type": ["object", "null"]}, "procedures")}, ["free", "cost"])
+    steps = _object({"from": QUANTITY, "to": QUANTITY, "number": {"type": ["integer", "string"]}}, ["from", "to", "number"])
+    whole: Schema = {"type": ["integer", "string"]}
+    drawn = _object(dict.fromkeys((*DRAWN, "seed"), whole), description="how points are drawn")
+    sample = _object({"sample": {"anyOf": [{"enum": list(NAMED)}, drawn]}, "over": ranges}, ["sample", "over"])
+    cases = {"anyOf": [{"type": "array"}, steps, sample, _each({"anyOf": [values, {"type": "null"}]})]}
+    return _object({
+        "study": _said("a name"), "summary": _said("a sentence"), "model": _said("the diagram"),
+        "cases": _each(cases, "what is varied: `f: [1 Hz, 2 Hz]`, or named sets of values"), "evaluate": window,
+        "reference": _said("values of a run that others are compared with", values),
+        "modes": _said("values where modes are computed", values), "tune": tune,
+        "measure": _each({"anyOf": [TEXT, _object({"is": {}, "unit": UNIT}, ["is"])]}, "numbers told of each case"),
+        "beside": _said("what others say of the same", {"type": "object"}), "calibrate": _object(
+            {"free": ranges, "targets": {}, "to": {}}, ["free", "targets"]),
+        "pictures": _each(_object({"title": TEXT, **dict.fromkeys(PICTURES, WORDS), "from": TIME, "to": TIME})),
+        "notes": _said("text for readers", {})}, ["study", "model"])
+
+
+def component_file(known: Library) -> Schema:
+    """A component."""
+    domain: Schema = {"anyOf": [{"enum": list(known.domains)}, {"type": "string", "pattern": r"^\$"}]}
+    signal = _object({"signal": {"enum": ["in", "out"]}, "unit": UNIT, "doc": TEXT}, ["signal", "unit"])
+    port = _object({"domain": domain, "doc": TEXT, "count": COUNT,
+                    "prescribed": _said("its motion must not depend on what acts on it here; written without a value", {})},
+                   ["domain"])
+    parameter = _object({
+        "unit": UNIT, "doc": TEXT, "min": QUANTITY, "max": QUANTITY, "default": QUANTITY, "neutral": QUANTITY,
+        "integer": _said("a whole number; written without a value", {}), "class": TEXT, "try": TEXT, "wakes_with": WORDS,
+        "count": COUNT, "medium": _said("the property of the medium in its circuit that it is taken from"),
+        "width": _said("the width of a transition that makes a law smooth; written without a value", {})})
+    variable = _object({"unit": UNIT, "doc": TEXT, "min": QUANTITY, "max": QUANTITY, "start": QUANTITY, "held": QUANTITY,
+                        "nominal": QUANTITY, "count": COUNT}, ["unit"])
+    event = _object({**dict.fromkeys((*KINDS, "from"), FORMULA), "then": _each(FORMULA)}, ["then"])
+    return _object({
+        "component": _said("its name, in CamelCase", {"type": "string"}), "summary": _said("a sentence"),
+        "restrictions": _said("what it leaves out"), "source": _said("where the law is from"), "domain": TEXT,
+        "symbol": _said("its picture in drawings"),
+        "ports": _each({"anyOf": [domain, signal, port]}, "`a: translational`, `u: {signal: in, unit: V}`"),
+        "parameters": _each(parameter), "variables": _each(variable, "own unknowns"),
+        "equations": _said("one equation a line, its name behind #", {"type": "string"}),
+        "when": _each(event, "what happens at an instant"), **BODY, "stores": _said("energy stored", FORMULA),
+        "dissipates": _said("power lost", FORMULA), "unbalanced": _object({"power": FORMULA, "why": TEXT}, ["power", "why"]),
+        "power": _said("`source`, or `controlled,` and why"), "requires": _said("relations between parameters", WORDS),
+        "effect": _effect(domain), "sliding": _each(QUANTITY, "what makes its dry friction slide where it is linearised")},
+        ["component", "summary"])
+
+
+def _effect(domain: Schema) -> Schema:
+    attaches = {"enum": list(ATTACHES)}
+    return _object({
+        "class": TEXT, "says": TEXT, "attaches": {"anyOf": [attaches, {"type": "array", "items": attaches}]},
+        "amplitude": {"anyOf": [WORDS, _each(TEXT)]}, "try": _each(TEXT), "also": _each(domain), "replaces": TEXT,
+        "start": _each(FORMULA), "settled": WORDS}, ["class", "says"], "that it may be what another diagram lacks")
+
+
+# -- parts of them ---------------------------------------------------------------------------------------------------
+def parts() -> dict[str, Schema]:
+    """What several kinds of files share."""
+    any_value = {"anyOf": [QUANTITY, *LISTS, {"$ref": "#/definitions/column"}]}
+    return {
+        "quantity": quantity(), "time": quantity(unit("s"), "a time"), "unit": units(),
+        "column": column(["file", "column", "unit", "between"]),
+        "inputs": _each({"anyOf": [_said("the input whose record it takes over", {"type": "string"}),
+                                   column(["column", "unit", "between"])]}, "signal inputs that records drive"),
+        "settings": _each(any_value, "values on dotted paths: `gas.c: 40 kN/m`"),
+        "nodes": _each({"anyOf": [{"type": "array", "items": {"type": "string"}}, {"type": "string"}]},
+                       "the wires: a name each, and the list of ports: `load: [spring.b, load.a]`"),
+        "initial": {"type": "object", "description": "the start", "additionalProperties": QUANTITY, "properties": {
+            "start": {"enum": list(STARTS)}, "solve": _said("parameters that are found", WORDS)}}}
+
+
+def instances(known: Library) -> dict[str, Schema]:
+    """`components:` of a diagram or block, and what may be said of a part by what it is."""
+    found: dict[str, Component] = {}
+    for name in known.files:
+        try:
+            found[name] = known.component(name)
+        except ModelError:
+            continue  # what is wrong with it is told where it is used; its name may be completed
+    kinds = list(dict.fromkeys([*known.names(), *found]))
+    said = [found[name].summary if name in found else "" for name in kinds]
+    by_kind = [{"if": {"required": ["is"], "properties": {"is": {"const": name}}},
+                "then": {"$ref": f"#/definitions/is.{quote(name)}"}} for name in found]
+    part = {"type": "object", "required": ["is"], "allOf": by_kind, "properties": {
+        **COMMON_ENTRIES, "is": {"enum": kinds, "enumDescriptions": said, "description": "a component"}}}
+    return {"components": _each(part, "the parts: a name each, and what it is"),
+            **{f"is.{name}": instance_of(component) for name, component in found.items()}}

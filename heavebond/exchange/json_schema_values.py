@@ -1,0 +1,108 @@
+"""JSON Schema of what stands on the right of a key: quantities with their units, formulas, records, lists."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from functools import lru_cache
+
+from heavebond.core.units import COMMON, ONE, Unit, is_generic, read_unit
+from heavebond.language.definition import Component, Parameter, SignalPort
+from heavebond.language.reading import BETWEEN
+
+Schema = dict[str, object]
+# units that a declaration in base units may be given in, beside those that are common by themselves
+MORE = ("kN/m", "MN/m", "N/mm", "kN*s/m", "N*s/mm", "mm/s", "m/s", "km/h", "m/s**2", "m**2", "cm**2", "mm**2", "m**3",
+        "cm**3", "m**3/s", "m**3/h", "L/s", "1/s", "1/min", "N*m", "kN*m", "N*m/rad", "N*m*s/rad", "kg*m**2", "kg/m**3",
+        "kg/s", "kg/h", "g/s", "1/Pa", "1/GPa", "L/min/bar", "m**3/(s*Pa)", "J/K", "W/K", "1/m", "s/m")
+# refused: a number that runs into its unit, as in 40kN/m, a decimal comma, a unit with a space, a power written as ^
+QUANTITY = (r"^\s*(=|(?!~?\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?(?![eE][+-]?\d)[A-Za-zµ°%])"
+            r"(?!~?\s*[+-]?\d+,\d+(\s|$))(?!~?\s*[\d.eE+-]+\s+[A-Za-zµ°%][^\s+(]*\s+[A-Za-zµ°%])(?!.*\^))[\s\S]*$")
+FORMULA: Schema = {"type": ["string", "number"]}
+TEXT: Schema = {"type": ["string", "number", "boolean"]}
+WORDS: Schema = {"anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}}]}
+TIME_AXIS: Schema = {"type": "object", "additionalProperties": False, "required": ["column", "unit"],
+                     "properties": {"column": TEXT, "unit": {"$ref": "#/definitions/unit"}}}
+
+
+@lru_cache(maxsize=256)
+def written_units(unit: Unit) -> tuple[str, ...]:
+    """Units in which a value may be written where `unit` is declared, its own first."""
+    found = [unit.text]
+    for text in (*COMMON, *MORE):
+        other = read_unit(text)
+        if other.dimension == unit.dimension and other.counts == unit.counts and text not in found:
+            found.append(text)
+    return tuple(found)
+
+
+def quantity(unit: Unit | None = None, description: str = "") -> Schema:
+    """A number with a unit, a formula, or a bare 0; without unit a plain number too."""
+    said: Schema = {"description": description} if description else {}
+    if unit is None or (unit.dimension == ONE and not unit.counts) or is_generic(unit.dimension):
+        return {**said, "anyOf": [{"type": "number"}, {"type": "string", "pattern": QUANTITY}]}
+    units = written_units(unit)
+    return {**said, "anyOf": [{"type": "string", "pattern": QUANTITY}, {"const": 0}],
+            "examples": [f"1 {text}" for text in units],
+            "defaultSnippets": [{"label": f"... {text}", "body": f"${{1:1}} {text}"} for text in units]}
+
+
+def parameter(declared: Parameter) -> Schema:
+    """The value of a component's parameter."""
+    parts = [declared.doc, "whole number" if declared.integer else f"in {declared.unit.text}"]
+    parts += [f"default {declared.default.text}"] if declared.default is not None else []
+    parts += [f"at least {declared.low:g}"] if declared.low is not None else []
+    parts += [f"at most {declared.high:g}"] if declared.high is not None else []
+    said = ", ".join(part for part in parts if part)
+    if declared.integer:
+        return {"anyOf": [{"type": "integer"}, {"type": "string"}], "description": said}
+    return quantity(declared.unit, said)
+
+
+LISTS: tuple[Schema, ...] = (
+    {"type": "array", "items": {"$ref": "#/definitions/quantity"}},
+    {"type": "object", "additionalProperties": False, "required": ["file", "values", "unit"], "properties": {
+        "file": {"type": "string"}, "values": {**TEXT, "description": "the column"},
+        "unit": {"$ref": "#/definitions/unit"}}})
+
+
+def listed(declared: Parameter) -> Schema:
+    """The values of a parameter that is a list: one after the other, or a column of a file."""
+    return {"description": parameter(declared)["description"], "anyOf": [parameter(declared), *LISTS]}
+
+
+def signal(port: SignalPort) -> Schema:
+    """What is given to a signal input in place: a quantity, a formula, or a column of a record."""
+    said = ", ".join(part for part in (port.doc, f"in {port.unit.text}") if part)
+    return {"description": f"{said}; or joined by a node",
+            "anyOf": [quantity(port.unit), {"$ref": "#/definitions/column"}]}
+
+
+def column(required: Iterable[str]) -> Schema:
+    """A column of a record as an input."""
+    return {"type": "object", "additionalProperties": False, "required": list(required), "properties": {
+        "file": {"type": "string", "description": "CSV, Parquet or MAT file beside this one"},
+        "column": {**TEXT, "description": "its name in the file"}, "unit": {"$ref": "#/definitions/unit"},
+        "between": {"enum": list(BETWEEN), "description": "what holds between two samples"}, "time": TIME_AXIS,
+        "gaps": {"enum": ["bridge"], "description": "go across gaps"}}}
+
+
+def units() -> Schema:
+    """A unit by itself."""
+    return {"description": "a unit such as kN/m; 1 for a plain number",
+            "anyOf": [{"enum": list(dict.fromkeys((*COMMON, *MORE)))}, {"type": "string"}, {"const": 1}]}
+
+
+def instance_of(component: Component) -> Schema:
+    """The entries of a part that is this component."""
+    lists = {name: p for name, p in component.parameters.items() if p.count is not None}
+    given = {name: listed(p) if name in lists else parameter(p) for name, p in component.parameters.items()}
+    given |= {name: signal(s) for name, s in component.signals.items() if s.direction == "in"}
+    elements = {rf"^{name}\[\s*\d+\s*\]$": parameter(p) for name, p in lists.items()}
+    return {"description": component.summary, "additionalProperties": False, "properties": {**COMMON_ENTRIES, **given},
+            **({"patternProperties": elements} if elements else {})}
+
+
+COMMON_ENTRIES: Mapping[str, Schema] = {
+    "is": {}, "at": {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 3,
+                     "description": "place in the drawing"},
+    "repeat": {"anyOf": [{"type": "integer"}, {"type": "string"}], "description": "so many of it in line"}}

@@ -1,0 +1,198 @@
+"""A diagram as equations that other programs can hold: x' = f(t, x, z, p, u), 0 = g(t, x, z, p, u), y = h(t, x, z, p, u).
+
+All is in SI but the outputs y, which are those under `show:` in the units given there. The inputs u are the measured signals
+of the diagram and the signals that are taken out of it; where an equation needs it, the rate of an input is an input too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from math import factorial, inf
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+
+from heavebond.core.errors import ModelError, Place, Problem, UsageError, listing, suggest
+from heavebond.core.units import Unit, declared_unit, dimension_text, read_unit, times, unit
+from heavebond.equations.flatten import unclocked
+from heavebond.equations.reduce import reduce
+from heavebond.language.definition import FileInput
+from heavebond.language.model import Model
+from heavebond.language.sections import Setting
+from heavebond.language.symbols import split, stack
+from heavebond.numerics.dae import Array, Assembly, assemble, build
+from heavebond.numerics.initialise import Start, start
+from heavebond.numerics.inputs import pieced
+from heavebond.numerics.result import signal_expression
+
+AT_ONCE = 1e-6  # s; of the records only the beginning is needed
+DERIVED = ("scale.", "initial.")  # parameters of a run, not of the machine
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A state, parameter, input or output: its name, unit, value at the start (in that unit) and bounds (SI)."""
+
+    name: str
+    unit: Unit
+    start: float
+    doc: str = ""
+    low: float = -inf
+    high: float = inf
+    nominal: float = 1.0
+
+
+@dataclass(frozen=True)
+class Portable:
+    """What is exported; `equations` is (t, x, z, p, u) -> (x', y, g, dg/dz by rows), and `directions` (t, x, z, p, u and a
+    direction of each) -> what (x', y, g) change along it. `parameters` are all of p, of which those in `tunable` are the
+    user's."""
+
+    assembly: Assembly
+    states: tuple[Quantity, ...]
+    algebraic: tuple[Quantity, ...]
+    parameters: tuple[Quantity, ...]
+    tunable: tuple[bool, ...]
+    inputs: tuple[Quantity, ...]
+    outputs: tuple[Quantity, ...]
+    equations: ca.Function
+    directions: ca.Function
+
+    @property
+    def name(self) -> str:
+        """The name of the diagram."""
+        return self.assembly.model.name
+
+
+def portable(model: Model, inputs: Iterable[str] = (), prefix: str = "") -> Portable:
+    """The equations of a diagram, started as it says, with the signal inputs `inputs` taken out of it; the names of the
+    functions begin with `prefix`.
+
+    What drives these in the diagram gives them their values at the start only. Raises UsageError for an input that is not
+    there, ModelError for a diagram with events.
+    """
+    wanted = list(dict.fromkeys(inputs))
+    assembly = assemble(model)
+    assembly, column = _opened(assembly, wanted) if wanted else (assembly, _measured(assembly))
+    if any(event.by_clock for event in assembly.flat.events):
+        assembly = build(reduce(unclocked(assembly.flat)))
+    if assembly.flat.events:
+        names = listing([event.name for event in assembly.flat.events], 3)
+        raise ModelError([Problem("export-events", f"a diagram with events cannot be exported: {names}",
+                                  assembly.flat.events[0].place, "Leave out the components that switch or sample.")])
+    return _portable(assembly, column, prefix)
+
+
+# -- inputs ----------------------------------------------------------------------------------------------------------
+def _measured(assembly: Assembly) -> Array:
+    """The column of measured inputs at the start."""
+    return pieced(assembly.flat, 0.0, AT_ONCE).at(np.zeros(1))[:, 0] if assembly.flat.inputs else np.zeros(0)
+
+
+def _opened(before: Assembly, wanted: list[str]) -> tuple[Assembly, Array]:
+    """The diagram with signal inputs taken out, and the column of inputs at the start as `Assembly` takes it."""
+    flat, settings = before.flat, dict(before.model.settings)
+    free = [f"{path}.{n}" for path, leaf in flat.expanded.leaves.items()
+            for n, s in leaf.component.signals.items() if s.direction == "in"]
+    for path in wanted:
+        if path not in free:
+            hint = suggest(path, free) or (f"Signal inputs: {listing(free)}." if free else "It has no signal inputs.")
+            raise UsageError([Problem("input-unknown", f"the diagram has no signal input '{path}'", None, hint)])
+        place = Place(f"input {path}", 1, 1, path)
+        text = flat.unknowns[flat.names[path]].unit.text
+        settings[path] = Setting(path, FileInput(Path(), path, text, "spline", place), place)
+    assembly = assemble(replace(before.model, settings=settings))
+    return assembly, _column(before, assembly)
+
+
+def _column(before: Assembly, after: Assembly) -> Array:
+    """(t, c0..c3 of each input) at the start: the values that the diagram gave the inputs there, and their rates."""
+    measured = _measured(before)
+    first = start(before, 0.0, measured)
+    column = np.zeros(1 + 4 * len(after.flat.inputs))
+    t, x, z, _, _, rate = before.arguments
+    for k, known in enumerate(after.flat.inputs):
+        course = before.express(before.flat.levels[0][before.flat.names[known.name]])
+        for order in range(4):
+            value = ca.Function("c", list(before.arguments), [course])(0.0, first.x, first.z, first.p, measured, 1.0)
+            column[1 + 4 * k + order] = float(value) / factorial(order)
+            if z.numel() and ca.which_depends(course, z, 1, False)[0]:
+                break  # its rate follows from a loop; the new input begins at rest
+            course = ca.jtimes(course, stack([x, t]), stack([before.ode, rate]))
+    return column
+
+
+# -- equations -------------------------------------------------------------------------------------------------------
+def _portable(assembly: Assembly, column: Array, prefix: str) -> Portable:
+    flat, first = assembly.flat, start(assembly, 0.0, column)
+    t, x, z, p, pieces, rate = assembly.arguments
+    shown = list(assembly.model.show) or assembly.state_names
+    outputs = stack([signal_expression(assembly, n) for n in shown])
+    jacobian = ca.densify(ca.jacobian(assembly.alg, z)).T if z.numel() else ca.SX(0, 0)
+    symbols = [ca.SX.sym("u", 4) for _ in flat.inputs]
+    given = stack([t, *(s / ca.SX(ca.DM([1, 1, 2, 6])) for s in symbols)])  # c_k = u^(k) / k!
+    right = ca.substitute([assembly.ode, outputs, assembly.alg, ca.vec(jacobian)], [pieces, rate],
+                          [given if flat.inputs else pieces, ca.SX(1)])
+    used = {s.element_hash() for side in right for s in ca.symvar(side)}
+    kept = [(k, order) for k, s in enumerate(symbols) for order, one in enumerate(split(s))
+            if order == 0 or one.element_hash() in used]
+    u = stack([symbols[k][order] for k, order in kept])
+    equations = ca.Function(f"{prefix}equations", [t, x, z, p, u], ca.cse([ca.densify(side) for side in right]))
+    along = [ca.SX.sym("along", one.shape) for one in (t, x, z, p, u)]
+    slopes = ca.jtimes(stack(right[:3]), stack([t, x, z, p, u]), stack(along))
+    cuts = np.cumsum([0, *(side.numel() for side in right[:3])]).tolist()
+    directions = ca.Function(f"{prefix}directions", [t, x, z, p, u, *along],
+                             ca.cse([ca.densify(slopes[a:b]) for a, b in pairwise(cuts)]))
+    return Portable(assembly, _columns(assembly, assembly.reduced.states, first.x, assembly.x_nominal),
+                    _columns(assembly, assembly.reduced.algebraic, first.z, assembly.z_nominal),
+                    _parameters(assembly, first), tuple(not q.name.startswith(DERIVED) for q in flat.parameters),
+                    tuple(_input(assembly, k, order, column) for k, order in kept),
+                    tuple(_outputs(assembly, shown, outputs, first, column)), equations, directions)
+
+
+def derived(base: Unit, order: int) -> Unit:
+    """The unit of the order-th time derivative."""
+    return declared_unit(dimension_text(times(base.dimension, unit("s").dimension, -order))) if order else base
+
+
+def _columns(assembly: Assembly, columns: Iterable[tuple[int, int]], values: Array, nominal: Array) -> tuple[Quantity, ...]:
+    found = []
+    for (j, order), value, size in zip(columns, values, nominal, strict=True):
+        unknown = assembly.flat.unknowns[j]
+        found.append(Quantity(assembly.reduced.name((j, order)), derived(unknown.unit, order), float(value), unknown.doc,
+                              nominal=float(size)))
+    return tuple(found)
+
+
+def _parameters(assembly: Assembly, first: Start) -> tuple[Quantity, ...]:
+    found, leaves = [], assembly.flat.expanded.leaves
+    for q, value in zip(assembly.flat.parameters, first.p, strict=True):
+        path, _, name = q.name.rpartition(".")
+        declared = leaves[path].component.parameters.get(name) if path in leaves else None
+        low, high = (None, None) if declared is None else (declared.low, declared.high)
+        found.append(Quantity(q.name, q.unit, float(value), declared.doc if declared else "",
+                              -inf if low is None else low, inf if high is None else high))
+    return tuple(found)
+
+
+def _input(assembly: Assembly, k: int, order: int, column: Array) -> Quantity:
+    known = assembly.flat.inputs[k]
+    value = float(column[1 + 4 * k + order]) * factorial(order)
+    name, doc = known.name, ""
+    for _ in range(order):
+        name, doc = f"der({name})", f"derivative of {name}; to be given beside it"
+    return Quantity(name, derived(known.unit, order), value, doc)
+
+
+def _outputs(assembly: Assembly, names: Iterable[str], expressions: ca.SX, first: Start, column: Array
+             ) -> Iterable[Quantity]:
+    values = ca.Function("y", list(assembly.arguments), [expressions])(0.0, first.x, first.z, first.p, column, 1.0)
+    units = dict(zip(assembly.state_names, (derived(assembly.flat.unknowns[j].unit, order)
+                                            for j, order in assembly.reduced.states), strict=True))
+    for name, value in zip(names, np.array(values).ravel(), strict=True):
+        shown = assembly.model.show.get(name)
+        yield Quantity(name, read_unit(shown.unit) if shown else units[name], float(value),
+                       shown.text if shown and shown.text != name else "")

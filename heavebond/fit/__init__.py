@@ -1,0 +1,1 @@
+"""Models beside measurements: experiments, comparison, parameter estimation, identifiability."""

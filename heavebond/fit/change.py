@@ -1,0 +1,117 @@
+"""A change to a diagram as a value: what a finding adds to it. The text of the file that extends the diagram *is* the
+change; the changed diagram is made from that text, so that what is tried in memory and what is written are one."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from heavebond.core.quoting import file_stem
+from heavebond.fit.experiment import Experiment, Output, moved
+from heavebond.language.model import Model, extended
+from heavebond.text.expression import parse_formula
+from heavebond.text.yaml_source import parse
+
+_PLAIN = re.compile(r"[-+]?[\w.](?:[\w.+\-*/ ]*[\w)])?")
+_UNWRITTEN = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\ufeff\ud800-\udfff]")
+
+
+@dataclass(frozen=True)
+class Part:
+    """A component that is added: its kind, the values set on it as written."""
+
+    kind: str
+    values: dict[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Change:
+    """What is added to a diagram: components by name, ends of nodes with their signs, values, initial values; and to the
+    experiment on it: `channels` maps outputs to the formulas that they equal now, `moved` inputs to where their record
+    goes now."""
+
+    components: dict[str, Part] = field(default_factory=dict)
+    nodes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    settings: dict[str, str] = field(default_factory=dict)
+    initial: dict[str, str] = field(default_factory=dict)
+    channels: dict[str, str] = field(default_factory=dict)
+    moved: dict[str, str] = field(default_factory=dict)
+
+    def with_values(self, values: Mapping[str, str]) -> Change:
+        """The same with other values of parameters, by full name, as they are written."""
+        parts, settings, initial = dict(self.components), dict(self.settings), dict(self.initial)
+        for name, text in values.items():
+            owner, _, parameter = name.rpartition(".")
+            if name.startswith("initial."):
+                initial[name.removeprefix("initial.")] = text
+            elif owner in parts:
+                parts[owner] = replace(parts[owner], values={**parts[owner].values, parameter: text})
+            else:
+                settings[name] = text
+        return replace(self, components=parts, settings=settings, initial=initial)
+
+    def joined(self, other: Change) -> Change:
+        """Both changes at once; nodes that both name get the ends of both."""
+        nodes = dict(self.nodes)
+        for name, ends in other.nodes.items():
+            nodes[name] = (*nodes.get(name, ()), *ends)
+        return Change({**self.components, **other.components}, nodes, {**self.settings, **other.settings},
+                      {**self.initial, **other.initial}, {**self.channels, **other.channels},
+                      {**self.moved, **other.moved})
+
+    def diagram(self, name: str, summary: str, extends: str) -> str:
+        """The text of the diagram that extends the one before."""
+        lines = [f"model: {quoted(name)}", f"summary: {quoted(summary)}", f"extends: {quoted(extends)}"]
+        lines += block("components", {k: _part(p) for k, p in self.components.items()})
+        lines += block("nodes", {k: f"[{', '.join(ends)}]" for k, ends in self.nodes.items()})
+        lines += block("set", {k: quoted(v) for k, v in self.settings.items()})
+        lines += block("initial", {k: quoted(v) for k, v in self.initial.items()})
+        return "\n".join(lines) + "\n"
+
+    def on_model(self, model: Model, name: str = "", summary: str = "", path: Path | None = None) -> Model:
+        """The changed diagram; `path` is the file that it would be."""
+        path = path or model.path.with_name(f"{file_stem(name or model.name)}.yaml")
+        text = self.diagram(name or model.name, summary or model.summary or model.name, model.path.name)
+        return extended(model, parse(text, path, path.name))
+
+    def on_experiment(self, experiment: Experiment, name: str = "", summary: str = "", path: Path | None = None
+                      ) -> Experiment:
+        """The experiment with the changed diagram, its outputs and inputs where the change puts them."""
+        model = self.on_model(experiment.model, name, summary, path)
+        outputs = dict(experiment.outputs)
+        for channel, formula in self.channels.items():
+            outputs[channel] = _output(outputs[channel], formula)
+        return moved(replace(experiment, model=model, outputs=outputs), self.moved)
+
+
+def _output(output: Output, formula: str) -> Output:
+    return replace(output, shown=replace(output.shown, expr=parse_formula(formula), text=formula))
+
+
+def quoted(text: str) -> str:
+    """A text as a YAML scalar: bare where that is safe, else in double quotes."""
+    if _PLAIN.fullmatch(text) and "  " not in text and text.lower() not in ("yes", "no", "on", "off", "true", "false",
+                                                                         "null", "~"):
+        return text
+    escaped = text.replace("\\", "\\\\").replace('"', '\\"').replace("\n", " ")
+    return '"' + _UNWRITTEN.sub(lambda found: f"\\u{ord(found.group()):04x}", escaped) + '"'
+
+
+def _part(part: Part) -> str:
+    values = "".join(f", {name}: {quoted(text)}" for name, text in part.values.items())
+    return f"{{is: {part.kind}{values}}}"
+
+
+def block(name: str, entries: Mapping[str, str], notes: Mapping[str, str] | None = None) -> list[str]:
+    """`name:` and its entries, one a line, with notes behind them; nothing where there are none."""
+    if not entries:
+        return []
+    lines = {key: f"  {key}: {text}" for key, text in entries.items()}
+    width = max(len(text) for text in lines.values())
+    notes = notes or {}
+    return [f"{name}:", *(f"{text.ljust(width)}   # {notes[key]}" if notes.get(key) else text
+                          for key, text in lines.items())]
+
+

@@ -1,0 +1,293 @@
+"""The model laid over the measurements: what it misses, per channel, with the noise level beside it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from heavebond.core.errors import NAMES_LISTED, DataError, ModelError, Place, Problems, listing, suggest
+from heavebond.core.presentation import brief, count, number, readable_time
+from heavebond.core.units import dimension_text, read_unit
+from heavebond.fit.experiment import Experiment, Output, Record, load_experiment
+from heavebond.fit.records import Mask, Measured, Samples, measure, moments
+from heavebond.fit.unit_and_sign_checks import seems_in_another_unit, seems_turned, seems_without_sign
+from heavebond.language import reading
+from heavebond.numerics.dae import Array, Assembly, assemble
+from heavebond.numerics.result import Probe, Result
+from heavebond.numerics.run_verdict import tell
+from heavebond.numerics.simulator import Simulator, Tolerances
+from heavebond.records import metrics
+from heavebond.records.outliers import outliers
+from heavebond.records.time_delay import Lateness, lateness
+from heavebond.text.expression import ExpressionProblem, names
+
+# Share of a sample interval from which on channels are early enough to blame that an input is held.
+_SOONER = 0.15
+# A record is simulated to far less than its noise; tighter only costs time.
+TOLERANCES = Tolerances(1e-7, 1e-9)
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One measured channel beside the model, n samples of its own, both in the channel's unit. All figures are of the
+    samples that `counts` (n,): dropped outliers and the other part of a record that is held out in part do not.
+
+    error: rms of model - measured, same unit; normalised: error / rms of measured about its mean;
+    relative: error / rms of measured; fit: 100 (1 - normalised) %; chi2: mean of (error/noise)**2, 1 where the model
+    is right; white: p value of the Ljung-Box test that what is left has no memory; step: that of a sensor that counts,
+    else 0; outlier (n,): samples far from their neighbours; astray (n,): others whose difference from the model is far from
+    that of their neighbours; late: by how much the channel looks later than the model.
+    """
+
+    name: str
+    unit: str
+    time: Array
+    measured: Array
+    model: Array
+    noise: float
+    noise_given: bool
+    error: float
+    normalised: float
+    relative: float
+    fit: float
+    bias: float
+    chi2: float
+    white: float
+    counts: Mask
+    outlier: Mask
+    astray: Mask
+    step: float
+    late: Lateness | None
+
+    def figures(self) -> dict[str, object]:
+        """The figures alone, for tables and machines."""
+        late = self.late and {"seconds": self.late.seconds, "deviation": self.late.deviation, "share": self.late.share,
+                              "noticeable": self.late.noticeable, "explains": self.late.explains(self.noise)}
+        return {"unit": self.unit, "error": self.error, "normalised": self.normalised, "relative": self.relative,
+                "fit_percent": self.fit, "bias": self.bias, "noise": self.noise, "noise_given": self.noise_given,
+                "chi2_per_sample": self.chi2, "white_p": self.white, "samples": int(self.counts.sum()),
+                "outliers": self.time[self.outlier].tolist(),
+                "astray": self.time[self.astray].tolist(), "step": self.step, "late": late}
+
+
+@dataclass(frozen=True)
+class RecordComparison:
+    """All channels of one record. `validate` is the part that is held out of the fit where no record of its own checks
+    it, else None; `notes` say what a reader of the figures must know."""
+
+    name: str
+    use: str
+    file: Path
+    channels: dict[str, Channel]
+    result: Result
+    validate: RecordComparison | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def normalised(self) -> float:
+        """Root mean square of the channels' normalised errors: one number for the record. A channel whose readings are all
+        the same has none; NaN where all are."""
+        found = [c.normalised for c in self.channels.values() if math.isfinite(c.normalised)]
+        return float(np.sqrt(np.mean(np.square(found)))) if found else math.nan
+
+    @property
+    def chi2(self) -> float:
+        """Mean of the channels' chi-square per sample."""
+        return float(np.mean([c.chi2 for c in self.channels.values()]))
+
+    def as_dict(self) -> dict[str, object]:
+        """All figures, for machines."""
+        held_out = {"validate": self.validate.as_dict()} if self.validate else {}
+        return {"use": self.use, "normalised": self.normalised, "chi2_per_sample": self.chi2, "notes": list(self.notes),
+                "channels": {c.name: c.figures() for c in self.channels.values()}, **held_out}
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """An experiment with its model simulated on every record."""
+
+    experiment: Experiment
+    records: dict[str, RecordComparison]
+
+    def __repr__(self) -> str:
+        return brief(self, self.experiment.name, *(
+            f"{name} ({r.use}): normalised error {100 * r.normalised:.3g} %, chi-square {r.chi2:.4g} per sample"
+            for name, r in list(self.records.items())[:12]), "..." if len(self.records) > 12 else "")
+
+    @property
+    def parts(self) -> list[RecordComparison]:
+        """Every record, and behind it the part of it that is held out where there is one."""
+        return [part for r in self.records.values() for part in (r, r.validate) if part is not None]
+
+    def as_dict(self) -> dict[str, object]:
+        """All figures, for machines."""
+        return {name: r.as_dict() for name, r in self.records.items()}
+
+
+def compare(experiment: Experiment | str | Path, *, parameters: Mapping[str, float | str] | None = None,
+            progress: Callable[[str], None] | None = None) -> Comparison:
+    """Simulate with the measured inputs and lay the records over the model.
+
+    `parameters` overrides values by name; `progress` is told the name of each record. Raises ModelError, DataError,
+    StartError or SimulationError with what is wrong.
+    """
+    experiment = experiment if isinstance(experiment, Experiment) else load_experiment(experiment)
+    problems = Problems()
+    records = {}
+    for record in experiment.records.values():
+        if progress:
+            progress(record.name)
+        try:
+            records[record.name] = compare_record(experiment, record, parameters)
+        except (ModelError, DataError) as error:
+            problems.extend(error)
+    problems.raise_as(DataError if all(p.code.startswith("record") for p in problems.found) else ModelError)
+    for record_comparison in records.values():
+        tell(f"{experiment.name}, {record_comparison.name}", record_comparison.result.verdict)
+    return Comparison(experiment, records)
+
+
+def compare_record(experiment: Experiment, record: Record,
+                   parameters: Mapping[str, float | str] | None = None) -> RecordComparison:
+    """One record; see `compare`."""
+    measured = measure(experiment, record)
+    assembly = assemble_for(experiment, record)
+    if parameters:
+        assembly = assembly.with_parameters(parameters)
+    result = Simulator(assembly, times=measured.grid, tolerances=TOLERANCES).run()
+    texts = [o.shown.text for o in experiment.outputs.values()]
+    simulated = dict(zip(texts, Probe(assembly, texts, si=True).values(result), strict=True))
+    fitted, checking = {}, {}
+    for name, found in measured.channels.items():
+        unit = read_unit(found.output.shown.unit)
+        model = np.asarray((simulated[found.output.shown.text] - unit.offset) / unit.scale)
+        sound = ~found.outlier
+        late = lateness(found.time[sound] - found.output.shift, found.measured[sound], measured.grid, model)
+        astray = outliers(found.time, found.measured - model[found.index], max(found.noise, found.step)) & sound
+        fitted[name] = _channel(name, found, model[found.index], found.fitted, astray, late)
+        if found.checking.any():
+            checking[name] = _channel(name, found, model[found.index], found.checking, astray, late)
+    held_out = RecordComparison(f"{record.name}, held out", "validate", record.file, checking, result) if checking else None
+    held_inputs = [name for name, given in experiment.inputs_for(record).items() if given.between == "hold"]
+    return RecordComparison(record.name, record.use, record.file, fitted, result, held_out,
+                            (*_notes(measured, fitted), *_held_too_long(fitted, held_inputs)))
+
+
+def _notes(measured: Measured, channels: Mapping[str, Channel]) -> tuple[str, ...]:
+    slips = [f"{c.name} {said}" for c in channels.values() for said in _slips(c, measured.channels[c.name].output) if said]
+    late = [c for c in channels.values() if c.late is not None and c.late.noticeable]
+    sure = {c.name: c for c in late if c.late is not None and c.late.explains(c.noise)}
+    notes = [f"{c.name}: {count(int(c.astray.sum()), 'more sample')} far from the model where those around are not, at "
+             f"{moments(c.time[c.astray])}; `heavebond fit --robust` lets such samples pull less"
+             for c in channels.values() if c.astray.any()]
+    notes += [_late_note(c, measured.channels[c.name].output.shift) for c in sure.values()]
+    # where more is wrong, a delay is only one way to look at it
+    other = ", ".join(f"{c.name} {_late_by(c)}" for c in late if c.name not in sure)
+    if other:
+        notes.append(f"nearer if shifted in time: {other}; but more than a shift is wrong, and missing physics shifts "
+                     "phases too: fit first")
+    return (*measured.notes, *slips, *notes)
+
+
+def _held_too_long(channels: Mapping[str, Channel], inputs: Sequence[str]) -> list[str]:
+    """What is held acts half a sample later than what is joined, so that all channels look early by a part of one."""
+    late = [c.late for c in channels.values() if c.late is not None]
+    if not inputs or not late or not all(lag.noticeable and _SOONER < -lag.seconds / lag.interval < 1 for lag in late):
+        return []
+    return [f"all channels are early by a part of a sample: so they would look where {listing(inputs, 3)} did not stay from "
+            "sample to sample (`between: hold`) but moved on; if it was measured and not commanded, try `between: linear`"]
+
+
+def _slips(channel: Channel, output: Output) -> tuple[str | None, ...]:
+    measured, model = channel.measured[channel.counts], channel.model[channel.counts]
+    formula = output.shown.text
+    return seems_in_another_unit(measured, model, channel.unit), seems_turned(measured, model, formula), \
+        seems_without_sign(measured, model, formula)
+
+
+def _late_note(channel: Channel, declared: float) -> str:
+    late = channel.late
+    assert late is not None
+    total = readable_time(declared + late.seconds)[0]
+    instead = f" instead of `shift: {readable_time(declared)[0]}`" if declared else ""
+    intervals = number(abs(late.seconds) / late.interval, 2)
+    return (f"{channel.name} looks {_late_by(channel)} ({intervals} of its sample intervals), and little else is wrong with "
+            f"it; unless the model lacks something that acts like a delay, write `shift: {total}`{instead} at this output")
+
+
+def _late_by(channel: Channel) -> str:
+    late = channel.late
+    assert late is not None
+    size, deviation = readable_time(abs(late.seconds), late.deviation)
+    return f"{'late' if late.seconds > 0 else 'early'} by {size} +- {deviation}"
+
+
+def assemble_for(experiment: Experiment, record: Record) -> Assembly:
+    """The diagram of a record as equations; ModelError for outputs or free parameters that it does not have."""
+    wanted = {n.text for output in experiment.outputs.values() for n in names(output.shown.expr)}
+    wanted |= {name.removeprefix("initial.") for name in experiment.free if name.startswith("initial.")}
+    assembly = assemble(experiment.model_for(record), wanted)
+    problems = Problems()
+    for name, output in experiment.outputs.items():
+        _check_output(assembly, name, output, problems)
+    _check_free(assembly, experiment, problems)
+    problems.raise_as(ModelError)
+    return assembly
+
+
+def driven_by(assembly: Assembly, experiment: Experiment, own: Record, other: Record) -> Assembly | None:
+    """The diagram of a record driven by another one; None where the two differ in more than what their files hold."""
+    given, before = experiment.inputs_for(other), experiment.inputs_for(own)
+    flat = assembly.flat
+    alike = own.settings == other.settings and own.conditions == other.conditions and \
+        given.keys() == before.keys() == {k.name for k in flat.inputs} and \
+        all((g.unit, g.between) == (before[name].unit, before[name].between) for name, g in given.items())
+    if not alike:
+        return None
+    inputs = tuple(replace(known, source=given[known.name]) for known in flat.inputs)
+    expanded = replace(flat.expanded, model=experiment.model_for(other))
+    return replace(assembly, reduced=replace(assembly.reduced, flat=replace(flat, inputs=inputs, expanded=expanded)))
+
+
+def _check_output(assembly: Assembly, name: str, output: Output, problems: Problems) -> None:
+    try:
+        found = assembly.resolver().dimension(output.shown.expr)
+        assembly.expression(output.shown.expr)
+    except ExpressionProblem as problem:
+        reading.add_expression_problem(problem, output.shown.place, problems)
+        return
+    if found is not None and found != read_unit(output.shown.unit).dimension:
+        problems.add("unit-wrong", f"output '{name}' is in {dimension_text(found)}, its column in "
+                     f"{output.shown.unit}", output.place)
+
+
+def _check_free(assembly: Assembly, experiment: Experiment, problems: Problems) -> None:
+    flat = assembly.flat
+    units = {q.name: q.unit for q in flat.parameters}
+    for name, free in experiment.free.items():
+        place: Place = free.place
+        if name not in units:
+            inner = name.removeprefix("initial.")
+            hint = "It follows from other parameters by a formula." if name in flat.constants else \
+                f"Give it a value in the diagram first: `initial: {{{inner}: ...}}`." if inner in flat.names else \
+                suggest(name, units) or NAMES_LISTED
+            problems.add("free-unknown", f"'{name}' is no parameter that may be free", place, hint=hint)
+            continue
+        unit = units[name]
+        if unit.dimension != free.range.unit.dimension:
+            problems.add("unit-wrong", f"the range of {name} is in {free.range.unit.text}; {unit.text} is needed", place,
+                         hint=f"Write it in {unit.text} or in a multiple of it.")
+
+
+def _channel(name: str, found: Samples, simulated: Array, counts: Mask, astray: Mask, late: Lateness | None) -> Channel:
+    measured, model, noise = found.measured[counts], simulated[counts], found.noise
+    return Channel(
+        name, found.output.shown.unit, found.time, found.measured, simulated, noise, found.noise_given,
+        metrics.rms_error(measured, model), metrics.normalised_rms(measured, model),
+        metrics.relative_rms(measured, model), metrics.fit_percent(measured, model), metrics.bias(measured, model),
+        metrics.chi2_per_sample(measured, model, noise), metrics.whiteness(measured - model), counts, found.outlier,
+        astray, found.step, late)

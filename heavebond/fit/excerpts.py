@@ -1,0 +1,66 @@
+"""The beginning of long records, for a search that runs them thousands of times.
+
+A name needs some thousand samples; a hundred thousand would only make every trial slower. The excerpt begins where the
+record begins, because the state of the machine is known there and nowhere else. It is longer where a record begins quietly.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from heavebond.core.presentation import number
+from heavebond.fit.comparison import Comparison, RecordComparison
+from heavebond.fit.experiment import Experiment
+
+LONG = 30_000  # points in time of all fitted records together, from where on a search looks at a part of them,
+EXCERPT = 5_000  # and how many of them, at least, that part has
+FURTHER = 4  # times as many at most where the beginning is quiet,
+CHECKING = 2  # times as many of records that only check, which are run less often
+LIVELY = 0.3  # share of a record's mean square misfit that its excerpt must have not to be called quiet
+
+
+def excerpt(experiment: Experiment, compared: Comparison, samples: int | None = None) -> Experiment:
+    """The experiment on the beginnings of its records, `samples` points in time of all that are fitted together; the
+    experiment itself where it has no more than that (without `samples`: no more than `LONG`). `compared` is its model laid
+    over the records, which tells where the model misses them."""
+    fitted = [r for r in compared.records.values() if r.use == "fit"]
+    points = sum(len(r.result.time) for r in fitted)
+    if points <= (samples or LONG):
+        return experiment
+    most = max(1, (samples or EXCERPT) // len(fitted))
+    records = dict(experiment.records)
+    for found in compared.records.values():
+        end = _end(found, most if found.use == "fit" else CHECKING * most)
+        if end is not None:
+            records[found.name] = replace(records[found.name], end=end)
+    return replace(experiment, records=records) if records != experiment.records else experiment
+
+
+def as_long_as(other: Experiment, experiment: Experiment) -> Experiment:
+    """An experiment with its records ending where those of another one do, of which it is a variant."""
+    records = {name: replace(r, end=other.records[name].end) for name, r in experiment.records.items()}
+    return replace(experiment, records=records)
+
+
+def cut(part: Experiment, given: Experiment) -> str:
+    """Which records of an excerpt end earlier than given, and when: `train up to 16.38 s`; empty where none does."""
+    ends = {name: r.end for name, r in part.records.items() if r.end != given.records[name].end}
+    return ", ".join(f"{name} up to {number(end, 5)} s" for name, end in ends.items() if end is not None)
+
+
+def _end(record: RecordComparison, most: int) -> float | None:
+    """When the excerpt of a record ends; None where it is the whole."""
+    grid = record.result.time
+    if len(grid) <= most:
+        return None
+    channels = record.channels.values()
+    time = np.concatenate([c.time for c in channels])
+    order = np.argsort(time)
+    wrong = np.concatenate([np.where(c.outlier, 0.0, (c.measured - c.model) / c.noise)**2 for c in channels])[order]
+    time, mean = time[order], np.cumsum(wrong) / np.arange(1, len(wrong) + 1)
+    enough = (time >= grid[most - 1]) & (mean >= LIVELY * mean[-1])
+    last = float(time[np.argmax(enough)]) if enough.any() else float(grid[-1])
+    end = min(last, float(grid[min(FURTHER * most, len(grid)) - 1]))
+    return end if end < grid[-1] else None

@@ -1,0 +1,398 @@
+"""An experiment as a value: a diagram beside measured records."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping as Dictionary
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from filecmp import cmp
+from pathlib import Path
+
+from heavebond.core.errors import ModelError, Place, Problem, Problems, listing, suggest
+from heavebond.core.presentation import brief, count
+from heavebond.core.units import Range, UnitProblem, parse_range, unit
+from heavebond.language import reading
+from heavebond.language.definition import FileInput
+from heavebond.language.model import Model, beside, beside_hint, find, load_beside
+from heavebond.language.sections import Condition, Setting, Shown, read_conditions, read_settings, shown_as
+from heavebond.text.expression import constant, parse_formula
+from heavebond.text.yaml_source import Mapping, Node, Scalar, Source, read
+
+EXPERIMENT_KEYS = ("experiment", "summary", "extends", "model", "records", "time", "inputs", "outputs", "free", "notes")
+RECORD_KEYS = ("file", "use", "from", "to", "set", "initial", "inputs", "outputs")
+USES = ("fit", "validate")
+EXAMPLES = {"records": "Write for example `records: {monday: {file: monday.csv, use: fit}}`.",
+            "outputs": "Write for example `outputs: {crown.x: {column: crown_m, unit: m, noise: 1 mm}}`.",
+            "time": "Write for example `time: {column: time_s, unit: s}`."}
+FIXED = "fixed"  # `free: {gas.c: fixed}` takes a parameter out of the list of the experiment before
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where a channel comes from, as far as it is not the record's own file and time."""
+
+    file: Path | None = None
+    time_column: str | None = None
+    time_unit: str = "s"
+
+
+@dataclass(frozen=True)
+class Record:
+    """One measured file: what it is used for, the part of it, and what holds for it alone."""
+
+    name: str
+    file: Path
+    use: str
+    place: Place
+    begin: float | None = None
+    end: float | None = None
+    settings: dict[str, Setting] = field(default_factory=dict)
+    conditions: dict[str, Condition] = field(default_factory=dict)
+    inputs: dict[str, FileInput] = field(default_factory=dict)
+    origins: dict[str, Origin] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Output:
+    """A measured channel: the formula that it should equal, its column, and the noise (standard deviation, in the
+    channel's unit) where it is given.
+
+    shift: seconds by which the channel is late, measured(t) = formula(t - shift); drop_outliers: whether outliers are
+    left out of all figures.
+    """
+
+    shown: Shown
+    column: str
+    noise: float | None
+    place: Place
+    origin: Origin = Origin()
+    shift: float = 0.0
+    drop_outliers: bool = False
+
+
+@dataclass(frozen=True)
+class Free:
+    """A parameter, or `initial.NAME`, that may move within a range when fitting; `each` record has its own value."""
+
+    name: str
+    range: Range
+    place: Place
+    each: bool = False
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A diagram, the records beside it, which columns drive it and which it should reproduce."""
+
+    name: str
+    path: Path
+    model: Model
+    records: dict[str, Record] = field(default_factory=dict)
+    time_column: str = ""
+    time_unit: str = "s"
+    inputs: dict[str, FileInput] = field(default_factory=dict)
+    outputs: dict[str, Output] = field(default_factory=dict)
+    free: dict[str, Free] = field(default_factory=dict)
+    files: tuple[Path, ...] = ()
+
+    def __repr__(self) -> str:
+        return brief(self, self.name, f"model {self.model.name}, {count(len(self.records), 'record')}",
+                     f"outputs {listing(list(self.outputs), 8)}", f"free {listing(list(self.free), 8)}" if self.free else "")
+
+    @property
+    def noise_given(self) -> bool:
+        """Whether the noise of every output is given, and none has to be estimated from its record."""
+        return all(output.noise is not None for output in self.outputs.values())
+
+    def model_for(self, record: Record) -> Model:
+        """The diagram as it stands for one record: its inputs, settings and initial values put in."""
+        settings = {**self.model.settings, **record.settings}
+        for path, given in self.inputs_for(record).items():
+            settings[path] = Setting(path, given, given.place)
+        initial = replace(self.model.initial, conditions={**self.model.initial.conditions, **record.conditions})
+        return replace(self.model, settings=settings, initial=initial)
+
+    def inputs_for(self, record: Record) -> dict[str, FileInput]:
+        """The inputs of a record with their files and time columns."""
+        found = {}
+        for path, given in {**self.inputs, **record.inputs}.items():
+            found[path] = given if given.file != Path() else replace(given, file=record.file)
+            if given.time_column is None:
+                found[path] = replace(found[path], time_column=self.time_column, time_unit=self.time_unit)
+            found[path] = replace(found[path], zero=(record.file, self.time_column))
+        return found
+
+    def origin_of(self, record: Record, name: str) -> Origin:
+        """The file and time column of an output in a record."""
+        common, own = self.outputs[name].origin, record.origins.get(name, Origin())
+        timed = next((o for o in (own, common) if o.time_column), Origin(None, self.time_column, self.time_unit))
+        return Origin(own.file or common.file or record.file, timed.time_column, timed.time_unit)
+
+    def holds_out(self, record: Record) -> bool:
+        """Whether blocks of a record are left out of the fit because no record of its own checks what comes out."""
+        return record.use == "fit" and all(r.use != "validate" for r in self.records.values())
+
+
+def moved(experiment: Experiment, to: Dictionary[str, str]) -> Experiment:
+    """The experiment with what drives some inputs driving others instead, by the names of both."""
+    def there(inputs: Dictionary[str, FileInput]) -> dict[str, FileInput]:
+        return {to.get(name, name): given for name, given in inputs.items()}
+
+    records = {n: replace(r, inputs=there(r.inputs)) for n, r in experiment.records.items()}
+    return replace(experiment, inputs=there(experiment.inputs), records=records)
+
+
+def load_experiment(name: str | Path) -> Experiment:
+    """Load an experiment: the path of a file, or a bundled one (`passive_rig/friction`)."""
+    return _load(find(name, "experiment"), ())
+
+
+def _load(path: Path, chain: tuple[Path, ...]) -> Experiment:
+    source = read(path)
+    root = source.root
+    if "experiment" not in root.items:
+        kind = next((k for k in ("model", "component", "study") if k in root.items), None)
+        hint = "This file describes a diagram; `heavebond run` runs it. An experiment says which records lie beside it: " \
+            "`heavebond new FOLDER` makes one to begin with." if kind == "model" else \
+            f"This file describes a {kind}." if kind else \
+            suggest("experiment", root.items) or "An experiment begins with `experiment: name`."
+        raise ModelError([Problem("not-an-experiment", f"{source.name} is no experiment: it has no `experiment:`",
+                                  root.place, hint)])
+    problems = Problems()
+    reading.known_keys(root, EXPERIMENT_KEYS, "an experiment", problems)
+    base = _base(source, chain, problems)
+    own = _Reader(source, problems)
+    model = _model(source, base, problems)
+    problems.raise_as(ModelError)
+    experiment = own.changed(base, model)
+    problems.raise_as(ModelError)
+    return experiment
+
+
+def _base(source: Source, chain: tuple[Path, ...], problems: Problems) -> Experiment | None:
+    node = source.root.items.get("extends")
+    if node is None:
+        return None
+    target = beside(source.path.parent, reading.text(node, "extends", problems))
+    if target.resolve() in (*chain, source.path.resolve()):
+        raise ModelError([Problem("extends-circle", f"{source.name} extends itself", node.place,
+                                  "One of them must be an experiment of its own, without `extends:`.")])
+    if not target.is_file():
+        near = [p.name for p in sorted(source.path.parent.glob("*.yaml"))]
+        raise ModelError([Problem("file-missing", f"there is no file {target.name}", node.place,
+                                  suggest(target.name, near) or beside_hint(source.path, near))])
+    return _load(target, (*chain, source.path.resolve()))
+
+
+def _model(source: Source, base: Experiment | None, problems: Problems) -> Model:
+    node = source.root.items.get("model")
+    if node is None:
+        if base is None:
+            raise ModelError([Problem("key-missing", "an experiment needs the entry 'model'", source.root.place,
+                                      "Add `model: diagram.yaml`.")])
+        return base.model
+    return load_beside(source, node, problems)
+
+
+@dataclass
+class _Reader:
+    source: Source
+    problems: Problems
+
+    def changed(self, base: Experiment | None, model: Model) -> Experiment:
+        root, problems = self.source.root, self.problems
+        name = reading.text(root.items["experiment"], "experiment", problems)
+        found = replace(base, name=name, path=self.source.path, model=model) if base else \
+            Experiment(name, self.source.path, model)
+        time = root.items.get("time")
+        time_column, time_unit = reading.time_axis(time, problems) if time is not None else \
+            (found.time_column, found.time_unit)
+        experiment = replace(
+            found, time_column=time_column or "", time_unit=time_unit,
+            records={**found.records, **self._records(root.items.get("records"))},
+            inputs={**found.inputs, **self._inputs(root.items.get("inputs"))},
+            outputs={**found.outputs, **self._outputs(root.items.get("outputs"), found.outputs)},
+            free=self._free(root.items.get("free"), found.free), files=(*found.files, self.source.path))
+        experiment = moved(experiment, self._moves(root.items.get("inputs"), experiment))
+        for key, what in (("records", experiment.records), ("outputs", experiment.outputs), ("time", time_column)):
+            if not what:
+                problems.add("key-missing", f"an experiment needs the entry '{key}'", root.place, hint=EXAMPLES[key])
+        for record in experiment.records.values():
+            for unknown in [n for n in record.origins if n not in experiment.outputs]:
+                problems.add("output-unknown", f"record '{record.name}' names the output '{unknown}', which is not there",
+                             record.place, hint=suggest(unknown, experiment.outputs) or "Write it under `outputs:`.")
+        _check_apart(list(experiment.records.values()), problems)
+        return experiment
+
+    def _entries(self, node: Node | None, what: str) -> list[tuple[str, Scalar, Node]]:
+        entries = reading.mapping(node, what, self.problems)
+        return [(name, entries.keys[name], item) for name, item in entries.items.items()] if entries else []
+
+    def _records(self, node: Node | None) -> dict[str, Record]:
+        found = {}
+        for name, key, item in self._entries(node, "records"):
+            entry = reading.mapping(item, f"record '{name}'", self.problems)
+            if entry is not None:
+                found[name] = self._record(name, key, entry)
+        return found
+
+    def _record(self, name: str, key: Scalar, entry: Mapping) -> Record:
+        problems = self.problems
+        reading.known_keys(entry, RECORD_KEYS, f"record '{name}'", problems, required=("file", "use"))
+        use = reading.text(entry.items.get("use"), "use", problems)
+        if use and use not in USES:
+            problems.add("use-unknown", f"'{use}' is no use of a record", entry.items["use"].place,
+                         hint=suggest(use, USES) or "Write `use: fit` or `use: validate`.")
+        file = entry.items.get("file")
+        return Record(
+            name, self.source.path.parent / reading.text(file, "file", problems), use,
+            file.place if file is not None else key.place, self._time(entry.items.get("from"), "from"),
+            self._time(entry.items.get("to"), "to"), read_settings(entry.items.get("set"), self.source, problems),
+            read_conditions(entry.items.get("initial"), problems), self._inputs(entry.items.get("inputs")),
+            self._origins(entry.items.get("outputs")))
+
+    def _time(self, node: Node | None, what: str) -> float | None:
+        return reading.seconds(node, what, self.problems)
+
+    def _moves(self, node: Node | None, experiment: Experiment) -> dict[str, str]:
+        """`lag.u: valve.u`: what drove `valve.u` in the experiment before drives `lag.u` now."""
+        known = [*experiment.inputs, *(n for r in experiment.records.values() for n in r.inputs)]
+        found = {}
+        for name, _, item in self._entries(node, "inputs"):
+            if isinstance(item, Scalar) and item.text in known:
+                found[item.text] = name
+            elif isinstance(item, Scalar):
+                self.problems.add("input-unknown", f"there is no input '{item.text}' that '{name}' could take over",
+                                  item.place, hint=suggest(item.text, known)
+                                  or f"Write `{name}: {{column: ..., unit: ...}}`.")
+        return found
+
+    def _inputs(self, node: Node | None) -> dict[str, FileInput]:
+        found = {}
+        for name, key, item in self._entries(node, "inputs"):
+            if isinstance(item, Scalar):
+                continue  # it takes over another one's record
+            entry = reading.mapping(item, f"input '{name}'", self.problems)
+            given = reading.file_input(entry, self.source, self.problems, file=False) if entry is not None else None
+            if given is not None:
+                found[name] = replace(given, place=key.place)
+        return found
+
+    def _outputs(self, node: Node | None, before: Dictionary[str, Output]) -> dict[str, Output]:
+        found = {}
+        for name, key, item in self._entries(node, "outputs"):
+            if name in before and isinstance(item, Mapping) and "column" not in item.items:
+                found[name] = self._amended(before[name], item)
+                continue
+            shown = shown_as(name, item, key, self.problems, extra=("column", "noise", "file", "time", "shift", "outliers"))
+            if shown is None or not isinstance(item, Mapping):
+                continue
+            column = item.items.get("column")
+            if column is None:
+                self.problems.add("key-missing", f"output '{name}' needs the entry 'column'", key.place,
+                                  hint="Add `column: name_in_the_file`.")
+                continue
+            noise = self._noise(item.items.get("noise"), shown)
+            outliers = reading.choice(item.items.get("outliers"), "outliers", ("drop", "keep"), self.problems)
+            found[name] = Output(shown, reading.text(column, "column", self.problems), noise, column.place,
+                                 self._origin(item), self._time(item.items.get("shift"), "shift") or 0.0,
+                                 outliers == "drop")
+        return found
+
+    def _amended(self, output: Output, item: Mapping) -> Output:
+        """An output of the experiment before that equals another formula now, or is late, or drops its outliers."""
+        reading.known_keys(item, ("is", "shift", "outliers"), f"output '{output.shown.name}'", self.problems)
+        formula = item.items.get("is")
+        if isinstance(formula, Scalar):
+            tree = reading.parsed(parse_formula, formula.text.lstrip("= "), formula.place, self.problems)
+            output = output if tree is None else replace(output, shown=replace(
+                output.shown, expr=tree, text=formula.text.lstrip("= "), place=formula.place))
+        if "shift" in item.items:
+            output = replace(output, shift=self._time(item.items["shift"], "shift") or 0.0)
+        if "outliers" in item.items:
+            said = reading.choice(item.items["outliers"], "outliers", ("drop", "keep"), self.problems)
+            output = replace(output, drop_outliers=said == "drop")
+        return output
+
+    def _origins(self, node: Node | None) -> dict[str, Origin]:
+        found = {}
+        for name, _, item in self._entries(node, "outputs"):
+            entry = reading.mapping(item, f"output '{name}'", self.problems)
+            if entry is not None:
+                reading.known_keys(entry, ("file", "time"), f"output '{name}' of a record", self.problems)
+                found[name] = self._origin(entry)
+        return found
+
+    def _origin(self, entry: Mapping) -> Origin:
+        file, time = entry.items.get("file"), entry.items.get("time")
+        column, unit_text = reading.time_axis(time, self.problems) if time is not None else (None, "s")
+        path = self.source.path.parent / reading.text(file, "file", self.problems) if file is not None else None
+        return Origin(path, column, unit_text)
+
+    def _noise(self, node: Node | None, shown: Shown) -> float | None:
+        if node is None:
+            return None
+        value = reading.value(node, "noise", self.problems)
+        number = constant(value.expr) if value is not None else None
+        if value is None or number is None:
+            return None
+        try:
+            channel = unit(shown.unit)
+        except UnitProblem:
+            return None  # the channel's unit was complained about
+        given = getattr(value.expr, "unit", None)
+        if (given.dimension if given is not None else ()) != channel.dimension:
+            example = f"1 {shown.unit}" if channel.dimension else "0.01"
+            self.problems.add("unit-wrong", f"the noise '{value.text}' is not in {shown.unit}", value.place,
+                              hint=f"Write for example `noise: {example}`.")
+            return None
+        if number <= 0:
+            self.problems.add("noise-not-positive", "the noise must be above 0", value.place,
+                              hint="Leave it out to have it estimated from the record.")
+            return None
+        return number / channel.scale
+
+    def _free(self, node: Node | None, before: Dictionary[str, Free]) -> dict[str, Free]:
+        found = dict(before)
+        for name, key, item in self._entries(node, "free"):
+            each = False
+            if isinstance(item, Scalar) and item.text == FIXED:
+                if name not in found:
+                    self.problems.add("free-unknown", f"'{name}' is not free in the experiment that this one extends",
+                                      item.place, hint=suggest(name, found) or (f"Free there: {listing(found)}."
+                                                                                if found else "Leave this line out."))
+                found.pop(name, None)
+                continue
+            if isinstance(item, Mapping):
+                reading.known_keys(item, ("range", "each"), f"'{name}'", self.problems, required=("range",))
+                each = reading.text(item.items.get("each"), "each", self.problems) == "record"
+                item = item.items.get("range", key)
+            try:
+                content = reading.text(item, name, self.problems)
+                found[name] = Free(name, parse_range(content), item.place, each)
+            except UnitProblem as problem:
+                self.problems.add(problem.code, f"{name}: {problem.message}", item.place, hint=problem.hint)
+        return found
+
+
+def _check_apart(records: Sequence[Record], problems: Problems) -> None:
+    """A record that checks the fit must not be one that is fitted, under whatever name."""
+    for checking in (r for r in records if r.use == "validate"):
+        for fitted in (r for r in records if r.use == "fit" and r.origins == checking.origins):
+            if _together(fitted, checking) and _same_file(fitted.file, checking.file):
+                problems.add("records-same", f"record '{checking.name}' is to check the fit, but what it holds is fitted as "
+                             f"'{fitted.name}'", checking.place, hint="Give another record, or another part of the file by "
+                             f"`from:` and `to:`; or leave '{checking.name}' out: then stretches are held out of the fit.")
+
+
+def _together(one: Record, other: Record) -> bool:
+    """Whether the times between `from:` and `to:` overlap."""
+    begin, end = (max(r.begin if r.begin is not None else -math.inf for r in (one, other)),
+                  min(r.end if r.end is not None else math.inf for r in (one, other)))
+    return begin < end
+
+
+def _same_file(one: Path, other: Path) -> bool:
+    """Whether two files are one, or one is a copy of the other; what is not there is reported when it is read."""
+    return one.is_file() and other.is_file() and (one.resolve() == other.resolve() or cmp(one, other, shallow=False))

@@ -1,0 +1,290 @@
+"""Parameters from records: weighted nonlinear least squares with exact sensitivities.
+
+With y_i the samples of all channels of all records used for fitting (but for blocks held out, see `fit.records`), s_i
+their noise and f_i the model,
+
+    minimise  sum_i ((y_i - f_i(p)) / s_i)**2 + sum_k ((p_k - p0_k) / sigma_k)**2   within the bounds,
+
+where the second sum holds the parameters whose range is given as `value +- tolerance`: the tolerance is two standard
+deviations of a normal prior, and the bounds of the range besides. A parameter whose range is above zero is sought as its
+logarithm. Two methods of SciPy follow each other: a reflective trust region, which finds its way from afar (M. A. Branch,
+T. F. Coleman, Y. Li, 1999, doi:10.1137/S1064827595289108), then a dogleg in rectangular trust regions, which meets optima at
+the ends of ranges (C. Voglis, I. E. Lagaris, WSEAS 2004).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from heavebond.core.cancellation import ENDED_EARLY, finishing
+from heavebond.core.errors import HeavebondError, Problem, SimulationError, UsageError, listing, suggest
+from heavebond.core.presentation import brief
+from heavebond.core.progress import Progress, numbered
+from heavebond.core.threads import single_threaded
+from heavebond.fit.comparison import Comparison, RecordComparison, compare_record
+from heavebond.fit.experiment import Experiment, Free, Record, load_experiment
+from heavebond.fit.identifiability import Identifiability, identifiability
+from heavebond.fit.multiple_shooting import Shooting
+from heavebond.fit.records import measure
+from heavebond.fit.residuals import AT_END, BROKEN, Column, Descent, Residuals
+from heavebond.numerics.dae import Array
+from heavebond.numerics.run_verdict import tell as hear
+
+NORMAL_95 = 1.959963984540054
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """One parameter: its value, its 95 % interval (Gauss-Newton, cut at the range), its range; all in SI. `at_bound`
+    tells whether it ended at the `low` or `high` end of its range, else it is empty. `unreached` says of a limit (an end
+    stop, a saturation) that the fitted records do not reach how far they go: it lies beyond, and no more is known."""
+
+    name: str
+    unit: str
+    before: float
+    value: float
+    low: float
+    high: float
+    interval: tuple[float, float]
+    at_bound: str
+    record: str = ""
+    unreached: float | None = None
+
+    @property
+    def told(self) -> tuple[float | None, float | None]:
+        """The ends of the interval as far as the records tell them: None on a side that only the range ends, and on both
+        where the value itself is at an end of its range."""
+        if self.unreached is not None:
+            return (self.unreached, None) if self.value >= self.unreached else (None, self.unreached)
+        near = 1e-9 * (self.high - self.low)
+        low, high = self.interval
+        return (None, None) if self.at_bound else (low if low - self.low > near else None,
+                                                   high if self.high - high > near else None)
+
+    @property
+    def ended(self) -> str:
+        """The end of its range at which the records drove it; empty for a limit that stands there because nothing reaches
+        it."""
+        return self.at_bound if self.unreached is None else ""
+
+    def known(self, written: Callable[[float], str], unit: str = "", dots: str = "..") -> str:
+        """What the records tell in words: `1 .. 2 m`, `above 1 m`, `not seen`; `-` at an end of the range. `written` makes
+        a number of a value in SI."""
+        low, high = (None if end is None else written(end) for end in self.told)
+        said = f"{low} {dots} {high}{unit}" if low is not None and high is not None else \
+            f"above {low}{unit}" if low is not None else f"below {high}{unit}" if high is not None else \
+            "-" if self.at_bound else "not seen"
+        return said if self.unreached is None else f"{said}, not reached"
+
+    def as_dict(self) -> dict[str, object]:
+        """The figures, for machines."""
+        return {"value": self.value, "unit": self.unit, "interval": list(self.told), "range": [self.low, self.high],
+                "at_bound": self.ended, "unreached": self.unreached is not None}
+
+    @property
+    def digits(self) -> int:
+        """As many digits as tell the ends of the interval apart."""
+        width = abs(self.interval[1] - self.interval[0])
+        return 5 if width == 0 or self.value == 0 else min(9, max(4, math.ceil(math.log10(abs(self.value) / width)) + 2))
+
+
+@dataclass(frozen=True)
+class Fit:
+    """What a fit found. `cost` is the sum of squares per start; `history` the cost after each step of the best start.
+
+    `before` and `after` compare the model with every record; on a record that was not fitted only the initial values
+    declared `each: record` were refitted. Where no record was left to check the fit, each holds the figures of the blocks
+    held out as its `validate` part.
+    """
+
+    experiment: Experiment
+    parameters: tuple[Fitted, ...]
+    correlation: Array
+    identifiability: Identifiability
+    chi2: float
+    samples: int
+    cost: tuple[float, ...]
+    history: tuple[float, ...]
+    evaluations: int
+    message: str
+    before: Comparison
+    after: Comparison
+
+    def __repr__(self) -> str:
+        return brief(self, self.experiment.name, f"chi-square {self.chi2:.4g} per sample, {self.message}",
+                     listing([f"{p.name} = {p.value:.5g} {p.unit}" for p in self.parameters], 12))
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The fitted values that hold for all records, in SI."""
+        return {p.name: p.value for p in self.parameters if not p.record}
+
+    def as_dict(self) -> dict[str, object]:
+        """Everything for machines."""
+        return {
+            "parameters": {p.name + (f" ({p.record})" if p.record else ""): {**p.as_dict(), "before": p.before}
+                           for p in self.parameters},
+            "correlation": self.correlation.tolist(), "identifiability": list(self.identifiability.words),
+            "chi2_per_sample": self.chi2, "samples": self.samples, "cost_of_each_start": list(self.cost),
+            "history": list(self.history), "evaluations": self.evaluations, "message": self.message,
+            "before": self.before.as_dict(), "after": self.after.as_dict()}
+
+
+@single_threaded
+def fit(experiment: Experiment | str | Path, *, starts: int = 1, segments: int = 1, seed: int = 0, robust: bool = False,
+        free: Mapping[str, Free] | None = None, progress: Progress | None = None, partial: bool = False) -> Fit:
+    """Fit the free parameters of an experiment to its records with `use: fit`.
+
+    `starts` tries that many starting points (the diagram's own, then a Latin hypercube within the ranges); `segments`
+    above 1 begins with multiple shooting (see `fit.multiple_shooting`), for records on which one run diverges; `robust`
+    replaces squares by soft-L1 losses, which outliers pull less; `free` replaces the experiment's own list. With `partial`
+    Ctrl-C ends it with the best so far (`message` is "interrupted"), once a first run is through. Raises UsageError where
+    there is nothing to fit and ModelError or DataError where the experiment is wrong.
+    """
+    experiment = experiment if isinstance(experiment, Experiment) else load_experiment(experiment)
+    if free is not None:
+        experiment = replace(experiment, free=dict(free))
+    if not experiment.free:
+        raise UsageError([Problem("free-empty", "nothing is free to be fitted", None,
+                                  "List parameters and ranges: `free: {gas.c: 42 kN/m +- 20 %}`.")])
+    problem = Residuals(experiment)
+    say = progress or (lambda text: None)
+    runs, costs = [], []
+    for number, start in enumerate(problem.starting_points(starts, seed), 1):
+        tell = numbered(say, "start", number, starts)
+        run = problem.minimise(_shot(problem, start, segments, tell), robust, tell, partial=partial)
+        runs.append(run)
+        costs.append(2 * run.cost)
+        if run.message == ENDED_EARLY:
+            break
+    best = runs[int(np.argmin(costs))]
+    if 2 * best.cost / problem.samples >= 0.5 * BROKEN**2:
+        raise SimulationError([Problem("fit-broken", "the model could not be simulated anywhere near the start of the "
+                                       "fit", None, f"`heavebond compare {experiment.path.name}` tells where it stops. What "
+                                       "adds up its input (a cylinder without a spring behind a valve) runs away from a "
+                                       "record of that input: measure the reference and put the controller into the "
+                                       "diagram, or the end stops. Else narrow the ranges under `free:`, or correct it.")])
+    say("comparing")
+    with finishing(say):
+        found = _finished(problem, replace(best, message=runs[-1].message), costs)
+    for record in found.after.records.values():
+        hear(f"{experiment.name}, {record.name}", record.result.verdict)
+    return found
+
+
+def _shot(problem: Residuals, start: Array, segments: int, progress: Progress) -> Array:
+    return Shooting(problem, segments).solve(start, progress) if segments > 1 else start
+
+
+def _finished(problem: Residuals, best: Descent, costs: list[float]) -> Fit:
+    """The fit with its intervals, correlations, verdict on identifiability and comparisons."""
+    residuals, jacobian = problem.evaluate(best.x)
+    _, prior_jacobian = problem.priors(best.x)
+    chi2 = float(residuals @ residuals) / len(residuals)
+    # a model that misses the data by more than the noise is no surer of its parameters than its misfit allows
+    inflation = max(1.0, chi2)
+    information = jacobian.T @ jacobian / inflation + prior_jacobian.T @ prior_jacobian
+    # in units of each unknown's own uncertainty: SI values differ by twenty orders, which a cut-off would take for rank
+    size = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    covariance = np.linalg.pinv(information / size[:, None] / size, rcond=1e-14, hermitian=True) / size[:, None] / size
+    # what moves no channel at all has no row in the pseudo-inverse: it is not known, rather than known exactly
+    deviation = np.where(np.diag(information) > 0, np.sqrt(np.maximum(np.diag(covariance), 0)), np.inf)
+    correlation = covariance / np.maximum(np.outer(deviation, deviation), 1e-300)
+    parameters = tuple(_fitted(c, x, d) for c, x, d in zip(problem.columns, best.x, deviation, strict=True))
+    labels = [c.free.name + (f" ({c.record})" if c.record else "") for c in problem.columns]
+    spans = [c.free.range.high - c.free.range.low for c in problem.columns]
+    relative = jacobian * np.array([1.0 if c.logarithmic else s for c, s in zip(problem.columns, spans, strict=True)])
+    verdict = identifiability(relative / np.sqrt(inflation), labels, [c.logarithmic for c in problem.columns])
+    return Fit(problem.experiment, parameters, correlation, verdict, chi2, len(residuals), tuple(costs),
+               best.history, problem.evaluations, best.message, _compared(problem, problem.start),
+               _compared(problem, best.x))
+
+
+def _fitted(column: Column, inner: float, deviation: float) -> Fitted:
+    bounds = column.free.range
+    value = column.outer(float(inner))
+    low, high = column.inner(bounds.low), column.inner(bounds.high)  # in logarithms where it is sought over decades
+    near = AT_END * (high - low)
+    at = "low" if inner - low < near else "high" if high - inner < near else ""
+    half = NORMAL_95 * float(deviation)
+    ends = [_within(column, inner + sign * half) for sign in (-1, 1)]
+    return Fitted(column.free.name, column.unit, column.before, value, bounds.low, bounds.high,
+                  (ends[0], ends[1]), at, column.record)
+
+
+def _within(column: Column, inner: float) -> float:
+    """The value, or the end of its range: beyond it nothing was asked of the data."""
+    bounds = column.free.range
+    low, high = column.inner(bounds.low), column.inner(bounds.high)
+    return column.outer(float(np.clip(inner, low, high)))
+
+
+def _compared(problem: Residuals, inner: Array) -> Comparison:
+    """Every record with the fitted values; on the others, initial values of their own are refitted first."""
+    records: dict[str, RecordComparison] = {}
+    fitted = {run.record.name for run in problem.runs}
+    for record in problem.experiment.records.values():
+        values = problem.values_of(inner, record.name)
+        if record.name not in fitted:
+            values = {**values, **own_start(problem.experiment, record, values)}
+        records[record.name] = compare_record(problem.experiment, record, values)
+    return Comparison(problem.experiment, records)
+
+
+def own_start(experiment: Experiment, record: Record, values: Mapping[str, float]) -> dict[str, float]:
+    """Initial values of a held-out record that are its own (`each: record`), from its first tenth (from ten samples of each
+    channel where that is longer), all other values given."""
+    own = {n: f for n, f in experiment.free.items() if f.each}
+    if not own:
+        return {}
+    found = measure(experiment, record)
+    ends = [found.grid[len(found.grid) // 10], *(c.time[:11][-1] for c in found.channels.values())]
+    short = replace(record, end=float(max(ends)))
+    pinned = experiment.model.with_parameters({k: v for k, v in values.items() if not k.startswith("initial.")})
+    try:
+        problem = Residuals(replace(experiment, model=pinned, free=own), [short])
+        best = problem.minimise(problem.start, False, lambda text: None)
+    except HeavebondError:
+        return {}
+    return problem.values_of(best.x, record.name)
+
+
+def profile(result: Fit, name: str, *, progress: Progress | None = None) -> tuple[float, float]:
+    """The 95 % interval of one parameter by profile likelihood: the values at which the sum of squares, minimised over
+    all other parameters, has risen by 3.84 chi-square per sample (an end that is not reached is the range's end).
+
+    A. Raue et al. (2009), doi:10.1093/bioinformatics/btp358. UsageError for a name that was not fitted.
+    """
+    from scipy.optimize import brentq
+
+    names = [p.name for p in result.parameters]
+    if name not in names:
+        raise UsageError([Problem("free-unknown", f"'{name}' was not fitted", None,
+                                  suggest(name, names) or f"Fitted were: {listing(names)}.")])
+    problem = Residuals(result.experiment)
+    k = names.index(name)
+    best = np.array([c.inner(p.value) for c, p in zip(problem.columns, result.parameters, strict=True)])
+    limit = 3.841458820694124 * max(1.0, result.chi2)
+    bottom = 2 * problem.minimise(best, False, lambda text: None, (k,)).cost
+
+    def risen(value: float) -> float:
+        start = best.copy()
+        start[k] = value
+        if progress:
+            progress(f"{name} at {problem.columns[k].outer(value):.5g}")
+        return 2 * problem.minimise(start, False, lambda text: None, (k,)).cost - bottom - limit
+
+    ends = []
+    for end in (problem.low[k], problem.high[k]):
+        # the Gauss-Newton interval tells where to look first
+        near = problem.columns[k].inner(result.parameters[k].interval[0 if end < best[k] else 1])
+        far = float(np.clip(best[k] + 2 * (near - best[k]), problem.low[k], problem.high[k]))
+        far = far if risen(far) > 0 else float(end)
+        ends.append(problem.columns[k].outer(float(brentq(risen, best[k], far, xtol=1e-3 * abs(far - best[k])))
+                                             if risen(far) > 0 else float(end)))
+    return ends[0], ends[1]

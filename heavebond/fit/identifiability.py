@@ -1,0 +1,73 @@
+"""What the data can tell about the free parameters, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from heavebond.core.errors import listing
+from heavebond.numerics.dae import Array
+
+# A combination is called unseen where the data leave it more uncertain than this factor (in logarithms) or share of
+# its range: a standard deviation of one is no knowledge at all, a third is hardly any.
+UNSEEN = 0.3
+# So uncertain a logarithm is no knowledge at all: a factor of a hundred.
+BLIND = 4.6
+# Shares of a direction below this part of its largest are left out of the words.
+SMALL = 0.15
+
+
+@dataclass(frozen=True)
+class Identifiability:
+    """Combinations of parameters from the best to the worst seen.
+
+    `deviations` (m,) are the standard deviations along the `directions` (m, n_parameters), in logarithms of parameters
+    above zero and in shares of the range of the others; `words` says what the data cannot see.
+    """
+
+    names: tuple[str, ...]
+    deviations: Array
+    directions: Array
+    words: tuple[str, ...]
+
+    @property
+    def unseen(self) -> Array:
+        """The directions that the data cannot see."""
+        return self.directions[self.deviations > UNSEEN]
+
+
+def identifiability(jacobian: Array, names: Sequence[str], logarithmic: Sequence[bool]) -> Identifiability:
+    """Singular values of the noise-weighted Jacobian (n, m) in relative parameters; see `Identifiability`.
+
+    The standard deviation along a right singular vector is 1 / singular value (the Cramer-Rao bound).
+    """
+    _, values, directions = np.linalg.svd(jacobian, full_matrices=False)
+    deviations = 1 / np.maximum(values, 1e-300)
+    words = [_words(direction, deviation, names, logarithmic)
+             for direction, deviation in zip(directions, deviations, strict=True) if deviation > UNSEEN]
+    return Identifiability(tuple(names), deviations, directions, tuple(words))
+
+
+def _words(direction: Array, deviation: float, names: Sequence[str], logarithmic: Sequence[bool]) -> str:
+    share = np.abs(direction)
+    chosen = [k for k in np.argsort(-share) if share[k] > SMALL * share.max()]
+    involved = [names[k] for k in sorted(chosen)]
+    relative = all(logarithmic[k] for k in chosen)
+    seen = "not seen at all" if deviation > (BLIND if relative else 1e3) else \
+        f"seen to a factor of {np.exp(deviation):.2g} only" if relative else \
+        f"seen to {100 * deviation:.2g} % of the range only"
+    if len(chosen) == 1:
+        return f"{involved[0]} is {seen}."
+    equal = share[chosen].min() > 0.85 * share.max() and all(logarithmic[k] for k in chosen)
+    signs = np.sign(direction[sorted(chosen)])
+    if equal and abs(signs.sum()) == len(signs):
+        return f"Only the ratios between {listing(involved)} are determined: all multiplied by the same factor, the " \
+               f"records look the same (their common factor is {seen})."
+    if equal and len(chosen) == 2:
+        return f"Only the product {involved[0]} * {involved[1]} is determined: one up and the other down by the same " \
+               f"factor, the records look the same (their ratio is {seen})."
+    parts = ", ".join(f"{names[k]} by {10 * direction[k] / share.max():+.2g} %" for k in sorted(chosen))
+    return f"{listing(involved)} are not seen apart: moved together ({parts}), the records look the same (that " \
+           f"combination is {seen})."

@@ -1,0 +1,359 @@
+"""The channels of a record as they were sampled: their times, what counts for fitting and what checks the fit.
+
+Each channel has its own samples; the model is run once on the union of their times.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heavebond.core.errors import DataError, HeavebondError, Place, Problem, Problems, listing
+from heavebond.core.presentation import count, number, readable
+from heavebond.core.units import read_unit
+from heavebond.fit.experiment import Experiment, Origin, Output, Record
+from heavebond.fit.unit_and_sign_checks import declared_otherwise, time_seems_in
+from heavebond.numerics.inputs import input_samples
+from heavebond.records import metrics, outliers
+from heavebond.records.measurements import BRIDGED, Table, check_time, column, gaps, read_table, samples, timed
+from heavebond.text.expression import constant
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+# Of 12 stretches of a record without a partner every third is held out: two thirds are left to fit, and the four that
+# check it are spread over the record. Each is as long as LEAST samples of the slowest channel, else there are 6 or 3.
+STRETCHES = (12, 6, 3)
+EVERY = 3
+LEAST = 10
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """One channel of a record, n samples.
+
+    time: when they were taken, s; measured: in the channel's unit; index: the place in the run's grid of the time at which
+    the model is asked, time - shift; outlier, held_out: which samples are so; dropped: those that no figure contains.
+    `noise` is the standard deviation in the channel's unit; `step` that of a sensor that counts, 0 for others.
+    """
+
+    output: Output
+    time: Array
+    measured: Array
+    index: NDArray[np.int64]
+    outlier: Mask
+    held_out: Mask
+    noise: float
+    noise_given: bool
+    step: float
+
+    @property
+    def dropped(self) -> Mask:
+        """Outliers where the experiment drops them, else none."""
+        return self.outlier if self.output.drop_outliers else np.zeros(len(self.time), dtype=bool)
+
+    @property
+    def fitted(self) -> Mask:
+        """The samples that count when parameters are fitted."""
+        return ~self.dropped & ~self.held_out
+
+    @property
+    def checking(self) -> Mask:
+        """The samples that check the fit: blocks held out of a record that has no partner."""
+        return ~self.dropped & self.held_out
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """A record: `grid` (N,) are the times at which its model is wanted, s; `notes` what a reader of figures must know."""
+
+    record: Record
+    grid: Array
+    channels: dict[str, Samples]
+    notes: tuple[str, ...] = ()
+
+    def on_grid(self) -> tuple[Array, Mask, Mask]:
+        """The measured values (channels, N) in SI, NaN where a channel was not sampled, which of them are fitted, and which
+        check the fit."""
+        values = np.full((len(self.channels), len(self.grid)), np.nan)
+        counts, checking = np.zeros(values.shape, dtype=bool), np.zeros(values.shape, dtype=bool)
+        for k, channel in enumerate(self.channels.values()):
+            unit = read_unit(channel.output.shown.unit)
+            values[k, channel.index] = channel.measured * unit.scale + unit.offset
+            counts[k, channel.index], checking[k, channel.index] = channel.fitted, channel.checking
+        return values, counts, checking
+
+
+def measure(experiment: Experiment, record: Record) -> Measured:
+    """Read a record: every channel from its file, between `from` and `to` and where all inputs are known.
+
+    Raises DataError with all that is wrong: files, columns, times, channels without or with too few samples, gaps in
+    inputs, noise that is not given and cannot be estimated.
+    """
+    problems, files = Problems(), _Files((record.file, experiment.time_column))
+    window, sampled = _window(experiment, record, files, problems)
+    found: dict[str, Samples] = {}
+    for name, output in experiment.outputs.items():
+        try:
+            found[name] = _channel(experiment.origin_of(record, name), record, output, files, window)
+        except HeavebondError as error:
+            problems.extend(error)
+    problems.raise_as(DataError)
+    grid, indices = merged([window[:1], *(c.time - c.output.shift for c in found.values())], [*sampled, window])
+    found = {name: replace(c, index=index) for (name, c), index in zip(found.items(), indices[1:], strict=True)}
+    most = max((len(c.time) for c in found.values()), default=0)
+    if most < metrics.MIN_SAMPLES:
+        raise DataError([Problem(
+            "record-short", f"no channel of record '{record.name}' has more than {count(most, 'sample')} in the run; "
+            f"at least {metrics.MIN_SAMPLES} are needed to compare the two", record.place,
+            "Check `from:`, `to:` and the unit of the time; so few samples do not show how a machine moves.")])
+    notes = [*_unit_slips(experiment, record, files), *_time_slip(experiment, record, found),
+             *_driven(experiment, record, files), *(f"{name}: {said}" for name, c in found.items() for said in _remarks(c))]
+    if experiment.holds_out(record):
+        found = _with_held_out(found, (float(grid[0]), float(grid[-1])))
+        notes.append(_held_out_note(found))
+    return Measured(record, grid, found, tuple(notes))
+
+
+class _Files:
+    """The files of a record, each read once for every time column that is asked of it; times of clocks count from the first
+    row of the record's own file (`zero`)."""
+
+    def __init__(self, zero: tuple[Path, str]) -> None:
+        self._tables: dict[tuple[Path, str], Table] = {}
+        self._zero = zero
+
+    def table(self, file: Path, time: str, place: Place, unit: str = "s") -> Table:
+        """The file at a place of the experiment; its channels beside the time column, which is asked for in a unit."""
+        if (file, time) not in self._tables:
+            table = read_table(file, place=place, beside=time)
+            self._tables[file, time] = timed(table, time, unit=unit, zero=self._zero, place=place)
+        return self._tables[file, time]
+
+
+def _unit_slips(experiment: Experiment, record: Record, files: _Files) -> list[str]:
+    """Where a file gives another unit than the experiment, for the times and each channel, once each."""
+    asked = [(record.file, experiment.time_column, experiment.time_column, experiment.time_unit, record.place)]
+    for given in experiment.inputs_for(record).values():
+        asked.append((given.file, given.time_column or "", given.column, given.unit, given.place))
+    for name, output in experiment.outputs.items():
+        origin = experiment.origin_of(record, name)
+        assert origin.file is not None and origin.time_column is not None
+        asked += [(origin.file, origin.time_column, column, unit, output.place) for column, unit in (
+            (origin.time_column, origin.time_unit), (output.column, output.shown.unit))]
+    said = [declared_otherwise(files.table(file, time, place), column, unit) for file, time, column, unit, place in asked]
+    return list(dict.fromkeys(s for s in said if s))
+
+
+def _time_slip(experiment: Experiment, record: Record, found: Mapping[str, Samples]) -> list[str]:
+    """Whether the times seem to be in another unit, by the run and the output points that the diagram plans."""
+    until, every = (constant(value.expr) if value is not None else None for value in (
+        experiment.model.until, experiment.model.every))
+    if not until or not every:
+        return []
+    densest = max((c.time for c in found.values()), key=len)
+    better = time_seems_in(densest, until, every, experiment.time_unit)
+    if not better:
+        return []
+    length = float(np.ptp(densest))
+    return [f"record '{record.name}' lasts {number(length)} s, the diagram is run for {number(until)} s: is its time in "
+            f"{better}? (`unit: {better}` in place of `unit: {experiment.time_unit}`)"]
+
+
+def _driven(experiment: Experiment, record: Record, files: _Files) -> list[str]:
+    """What is odd about the inputs: none at all, one that never moves, one whose column is a channel too."""
+    inputs = experiment.inputs_for(record)
+    if not inputs:
+        return ["no column of the record drives the model: it runs with the inputs of the diagram (`inputs:` names columns)"]
+    origins = {name: experiment.origin_of(record, name) for name in experiment.outputs}
+    said = []
+    for path, given in inputs.items():
+        values = column(files.table(given.file, given.time_column or "", given.place), given.column)
+        values = values[np.isfinite(values)]
+        if not np.ptp(values):
+            said.append(f"the input {path} reads {number(float(values[0]))} {given.unit} throughout: is it the right "
+                        "column, and was the sensor connected?")
+        same = [name for name, origin in origins.items()
+                if (origin.file, experiment.outputs[name].column) == (given.file, given.column)]
+        said += [f"the output {name} and the input {path} are the same column '{given.column}'" for name in same]
+    return said
+
+
+# -- what time is covered ------------------------------------------------------------------------------------------
+def _window(experiment: Experiment, record: Record, files: _Files, problems: Problems) -> tuple[Array, list[Array]]:
+    """The times (n,) of the record's own rows between `from` and `to`, from where to where all inputs are known (the run
+    goes from the first to the last), and the times at which each input was sampled."""
+    table = _cut(experiment, record, files.table(record.file, experiment.time_column, record.place, experiment.time_unit))
+    time = table.columns[experiment.time_column] * read_unit(experiment.time_unit).scale
+    time = time[np.isfinite(time)]
+    begin, end = float(time[0]), float(time[-1])
+    inputs = []
+    for path, given in experiment.inputs_for(record).items():
+        try:
+            assert given.time_column is not None
+            table = files.table(given.file, given.time_column, given.place, given.time_unit)
+            sampled, _ = input_samples(given, begin, end, table=table)
+        except HeavebondError as error:
+            problems.extend(error)
+            continue
+        inputs.append(sampled)
+        usual = float(np.median(np.diff(sampled)))
+        first, last = float(sampled[0]), float(sampled[-1]) + (usual if given.between == "hold" else 0.0)
+        # an input may begin or end a few of its own samples inside: so much of the record is left out
+        slack = (BRIDGED + 1) * usual
+        cut = [f"`{word}: {at:.10g} s`" for word, at, beyond in (
+            ("from", first, first - begin > slack), ("to", last, end - last > slack)) if beyond]
+        if cut:
+            problems.add("record-end", f"the input {path} is known from {first:.10g} s to {last:.10g} s, the record "
+                         f"'{record.name}' goes from {begin:.10g} s to {end:.10g} s", given.place,
+                         hint=f"Write {' and '.join(cut)} at the record.")
+            continue
+        time = time[(time >= first - 1e-6 * usual) & (time <= last + 1e-6 * usual)]
+    return time, inputs
+
+
+def _cut(experiment: Experiment, record: Record, table: Table) -> Table:
+    """The record's own file between `from` and `to`."""
+    time = column(table, experiment.time_column, record.place) * read_unit(experiment.time_unit).scale
+    low = -np.inf if record.begin is None else record.begin
+    high = np.inf if record.end is None else record.end
+    inside = ~(time < low) & ~(time > high)
+    if np.sum(inside & np.isfinite(time)) < 2 <= np.isfinite(time).sum():
+        rows = count(int(inside.sum()), "row")
+        raise DataError([Problem("record-short", f"record '{record.name}' has {rows} between `from:` and `to:`; its times "
+                                 f"go from {np.nanmin(time):.10g} s to {np.nanmax(time):.10g} s", record.place,
+                                 "Correct `from:` or `to:`, or the unit of the time.")])
+    table = table.keep(inside)
+    check_time(table, experiment.time_column)
+    return table
+
+
+# -- a channel -----------------------------------------------------------------------------------------------------
+def _channel(origin: Origin, record: Record, output: Output, files: _Files, window: Array) -> Samples:
+    assert origin.file is not None and origin.time_column is not None
+    table = files.table(origin.file, origin.time_column, output.place, origin.time_unit)
+    column(table, output.column, output.place)
+    scale = read_unit(origin.time_unit).scale
+    time = column(table, origin.time_column, output.place) * scale
+    # the model is asked at time - shift, which must lie within the run
+    slack = 1e-6 * float(np.median(np.diff(window)))
+    inside = (time - output.shift >= window[0] - slack) & (time - output.shift <= window[-1] + slack)
+    inside &= (time >= window[0] - slack) & (time <= window[-1] + slack)
+    table = table.keep(inside | np.isnan(time))
+    if not inside.any():
+        its = f"; its times go from {np.nanmin(time):.10g} s to {np.nanmax(time):.10g} s" if np.isfinite(time).any() else ""
+        raise DataError([Problem("record-channel-empty", f"output '{output.shown.name}' has no sample between "
+                                 f"{window[0]:.10g} s and {window[-1]:.10g} s, the time of record '{record.name}'{its}",
+                                 output.place, "Check `from:` and `to:`, the units of both times, and that they count from "
+                                 "one moment.")])
+    check_time(table, origin.time_column)
+    least, why = (2, "") if output.noise else (metrics.MIN_SAMPLES, " to estimate its noise")
+    rows = samples(table, origin.time_column, output.column, output.place, least=least, why=why)
+    y, t = table.columns[output.column][rows], table.columns[origin.time_column][rows] * scale
+    estimate = metrics.estimate_noise(y, t)
+    estimate = estimate if math.isfinite(estimate) else 0.0
+    noise, step = _noise(output, y, estimate)
+    no = np.zeros(len(t), dtype=bool)
+    return Samples(output, t, y, np.zeros(len(t), dtype=np.int64), outliers.outliers(t, y, max(estimate, step)), no,
+                   noise, output.noise is not None, step)
+
+
+def _noise(output: Output, y: Array, estimate: float) -> tuple[float, float]:
+    """The noise of a channel, given or else `estimate` (0: unknown), and the step of a sensor that counts where that is not
+    below the noise.
+
+    Rounding to a step is an error of standard deviation step/sqrt(12), below which no estimate may fall (B. Widrow,
+    I. Kollar, Quantization Noise, Cambridge, 2008). DataError where the noise is not given and cannot be estimated.
+    """
+    step = outliers.step_of(y)
+    step = step if step >= (output.noise or estimate) else 0.0
+    noise = output.noise or max(estimate, step / math.sqrt(12))
+    if noise <= 0:
+        still, give = not np.ptp(y), f"its noise: `noise: 1 {output.shown.unit}`."
+        raise DataError([Problem("noise-unknown", f"the noise of column '{output.column}' cannot be estimated from the "
+                                 f"record{': all its readings are the same' if still else ''}", output.place,
+                                 f"Was the sensor connected? Else leave '{output.shown.name}' out, or give {give}" if still
+                                 else f"Give {give}")])
+    return noise, step
+
+
+def _remarks(channel: Samples) -> list[str]:
+    """What is noticed about a channel: gaps, steps, outliers."""
+    said, t, unit = [], channel.time, channel.output.shown.unit
+    if not np.ptp(channel.measured):
+        said.append(f"all its {count(len(t), 'sample')} read {readable(float(channel.measured[0]), unit, 3)}: is it the "
+                    "right column, and was the sensor connected?")
+    apart = gaps(t)
+    if len(apart):
+        k = int(apart[np.argmax(t[apart + 1] - t[apart])])
+        said.append(f"{count(len(apart), 'gap')} in its samples, the longest from {number(t[k])} s to {number(t[k + 1])} s; "
+                    "nothing is compared there")
+    if channel.step:
+        rounding = channel.step / math.sqrt(12)
+        what = "more than the noise given" if channel.noise_given and rounding > channel.noise else \
+            "within the noise given" if channel.noise_given else "counted in the noise"
+        said.append(f"its readings go in steps of {readable(channel.step, unit, 3)}; rounding alone is an error of "
+                    f"{readable(rounding, unit, 2)}, {what}")
+    if channel.outlier.any():
+        said.append(f"{count(int(channel.outlier.sum()), 'sample stands', 'samples stand')} far from their neighbours, at "
+                    f"{moments(t[channel.outlier])}: " + ("left out of all figures" if channel.output.drop_outliers else
+                       "counted in all figures (`outliers: drop` leaves them out)"))
+    return said
+
+
+def moments(times: Array) -> str:
+    """`2 s, 2.02 s and 3 more`."""
+    return listing([f"{number(t)} s" for t in times], 5)
+
+
+# -- times that several channels share -----------------------------------------------------------------------------
+def merged(times: list[Array], known: list[Array]) -> tuple[Array, list[NDArray[np.int64]]]:
+    """The union of increasing times, and where each of them stands in it; times apart by rounding only are one, which is
+    written as in the first of `known` that has it (an integrator must not be asked to stop twice within a rounding)."""
+    every = np.concatenate([*known, *times])
+    order = np.argsort(every, kind="stable")
+    ordered = every[order]
+    steps = [float(np.diff(t).min()) for t in (*known, *times) if len(t) > 1]
+    group = np.concatenate([[0], np.cumsum(np.diff(ordered) > 1e-6 * min(steps, default=1.0))])
+    first = np.full(int(group[-1]) + 1, len(every))
+    np.minimum.at(first, group, order)
+    place = np.empty(len(every), dtype=np.int64)
+    place[order] = group
+    own = sum(map(len, known))
+    wanted = np.unique(place[own:])
+    index = np.searchsorted(wanted, place[own:])
+    return every[first[wanted]], list(np.split(index, np.cumsum([len(t) for t in times])[:-1]))
+
+
+# -- blocks held out -----------------------------------------------------------------------------------------------
+def held_out(time: Array, begin: float, end: float, stretches: int) -> Mask:
+    """Which of the times (n,) are in every third of so many equal stretches of a record."""
+    stretch = np.floor((time - begin) / (end - begin) * stretches)
+    return np.asarray(np.minimum(stretch, stretches - 1) % EVERY == EVERY - 1)
+
+
+def _with_held_out(channels: Mapping[str, Samples], ends: tuple[float, float]) -> dict[str, Samples]:
+    """The most stretches that are long enough; nothing is held out where there are none, or where that would leave hardly
+    a sample of a channel on one side (a gap may fill whole stretches)."""
+    slowest = max(float(np.median(np.diff(c.time))) for c in channels.values())
+    for stretches in STRETCHES:
+        if (ends[1] - ends[0]) / stretches < (LEAST - 1e-6) * slowest:
+            continue
+        found = {name: replace(c, held_out=held_out(c.time - c.output.shift, *ends, stretches))
+                 for name, c in channels.items()}
+        if min(min(c.held_out.sum(), (~c.held_out).sum()) for c in found.values()) >= LEAST:
+            return found
+    return dict(channels)
+
+
+def _held_out_note(channels: Mapping[str, Samples]) -> str:
+    out, whole = (sum(int(m.sum()) for m in masks) for masks in
+                  ([c.held_out for c in channels.values()], [np.ones(len(c.time), bool) for c in channels.values()]))
+    if not out:
+        return "no record checks the fit, and this one is too short to hold a part of it out"
+    return f"no record has `use: validate`, so {out} of {whole} samples, in every third stretch of time, are held out of " \
+        "the fit to check it"

@@ -1,0 +1,344 @@
+"""The least squares problem of a fit: residuals of all records with exact Jacobians, priors, bounds.
+
+See `heavebond.fit.fitting` for the sum that is minimised.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from copy import copy
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import accumulate
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heavebond.core.cancellation import ENDED_EARLY, is_interrupt, obeyed
+from heavebond.core.errors import Problem, SimulationError, StartError, UsageError
+from heavebond.core.progress import Progress
+from heavebond.core.units import read_unit
+from heavebond.fit.comparison import TOLERANCES, assemble_for
+from heavebond.fit.experiment import Experiment, Free, Record
+from heavebond.fit.records import Measured, measure
+from heavebond.numerics.dae import Array, Assembly
+from heavebond.numerics.result import Probe
+from heavebond.numerics.simulator import Simulator, Tolerances
+
+# A run that breaks down counts as this many standard deviations at every sample: far worse than any run that ends.
+BROKEN = 1e4
+# A parameter within this share of its range from an end of it stands there.
+AT_END = 1e-3
+# Runs of which the results are kept: a descent begins where another one ended, a few runs ago.
+KEPT = 8
+ARRIVED, GIVEN_UP = "The search needs no more.", "The search has given it up."  # why a descent was ended from outside
+
+
+@dataclass(frozen=True)
+class Column:
+    """One unknown of the least squares problem: a free parameter, perhaps of one record only."""
+
+    free: Free
+    record: str
+    before: float
+    unit: str
+
+    @property
+    def logarithmic(self) -> bool:
+        return self.free.range.low > 0
+
+    def inner(self, value: float) -> float:
+        return float(np.log(value)) if self.logarithmic else value
+
+    def outer(self, value: float) -> float:
+        return float(np.exp(value)) if self.logarithmic else value
+
+    def slope(self, value: float) -> float:
+        """d outer / d inner."""
+        return float(np.exp(value)) if self.logarithmic else 1.0
+
+
+@dataclass(frozen=True)
+class Descent:
+    """Where a descent ended: the inner unknowns x, half the sum of squares (of robust losses, half theirs), the smallest sum
+    after each run, why it ended, and whether it would have gone on."""
+
+    x: Array
+    cost: float
+    history: tuple[float, ...]
+    message: str
+    unfinished: bool = False
+
+
+class Run:
+    """One record, ready to be simulated with many values.
+
+    measured: (channels, N) in SI at the times of the simulator, NaN where a channel was not sampled; counts: (channels, N),
+    which of them are fitted (sampled, not held out, not dropped as outliers), checking: which are held out; noise:
+    (channels,) in SI.
+    """
+
+    def __init__(self, experiment: Experiment, record: Record, names: list[str], tolerances: Tolerances = TOLERANCES, *,
+                 kind: type[Simulator] = Simulator, like: Run | None = None, assembly: Assembly | None = None):
+        """`kind` of simulator to use; `like` is a run of the same record with another diagram: the record is not read again.
+        `assembly` is this diagram, where there is one."""
+        self.record, self.names = record, names
+        self.found: Measured = like.found if like is not None else measure(experiment, record)
+        self.assembly: Assembly = assembly or assemble_for(experiment, record)
+        self.probe = Probe(self.assembly, [o.shown.text for o in experiment.outputs.values()], si=True)
+        units = [read_unit(o.shown.unit) for o in experiment.outputs.values()]
+        self.scale = np.array([u.scale for u in units])
+        self.measured, self.counts, self.checking = self.found.on_grid()
+        self.noise = np.array([channel.noise for channel in self.found.channels.values()]) * self.scale
+        self.simulator: Simulator = kind(self.assembly, times=self.found.grid, tolerances=tolerances, sensitivities=names,
+                              like=None if like is None else like.simulator)
+
+    def again(self, names: list[str], values: Mapping[str, float], kind: type[Simulator],
+              tolerances: Tolerances | None = None) -> Run:
+        """The same diagram on the same record with these values from the start, other sensitivities, another simulator."""
+        other = copy(self)
+        other.names, other.assembly = names, self.assembly.with_parameters(values)
+        other.simulator = kind(other.assembly, times=self.found.grid, tolerances=tolerances or self.simulator.tolerances,
+                               sensitivities=names, like=self.simulator)
+        return other
+
+    def residuals(self, values: Mapping[str, float]) -> tuple[Array, Array]:
+        """(model - measured)/noise (n,) of the n samples that count, channel after channel, and derivatives (m, n)."""
+        return self._wrong(values, self.counts)
+
+    def held_out(self, values: Mapping[str, float]) -> tuple[Array, Array]:
+        """The same of the samples that check a fit: the whole of a record that is not fitted, the blocks held out of one
+        that is."""
+        return self._wrong(values, self.counts if self.record.use != "fit" else self.checking)
+
+    def _wrong(self, values: Mapping[str, float], which: NDArray[np.bool_]) -> tuple[Array, Array]:
+        result = self.simulator.run(values)
+        wrong = (self.probe.values(result) - self.measured) / self.noise[:, None]
+        if not self.names:
+            return wrong[which], np.zeros((0, int(which.sum())))
+        moved = self.probe.sensitivities(result) / self.noise[None, :, None]
+        return wrong[which], moved[:, which]
+
+
+class Residuals:
+    """The least squares problem of an experiment in its inner unknowns (logarithms where a range is above zero)."""
+
+    def __init__(self, experiment: Experiment, records: list[Record] | None = None, tolerances: Tolerances = TOLERANCES,
+                 runs: Sequence[Run] | None = None):
+        """`runs` of all records to be fitted, with sensitivities to everything that is free, where there are such."""
+        self.experiment = experiment
+        chosen = records if records is not None else [r for r in experiment.records.values() if r.use == "fit"]
+        if not chosen:
+            raise UsageError([Problem("fit-no-record", "no record is to be fitted", None,
+                                      "Mark at least one record with `use: fit`.")])
+        names = list(experiment.free)
+        self.runs = list(runs) if runs is not None else [Run(experiment, record, names, tolerances) for record in chosen]
+        first = self.runs[0].assembly
+        units = {q.name: q.unit.text for q in first.flat.parameters}
+        self.columns: list[Column] = []
+        for free in experiment.free.values():
+            for record in ([r.record.name for r in self.runs] if free.each else [""]):
+                self.columns.append(Column(free, record, first.parameter_values[free.name], units[free.name]))
+        self.low = np.array([c.inner(c.free.range.low) for c in self.columns])
+        self.high = np.array([c.inner(c.free.range.high) for c in self.columns])
+        self.orders = self._orders()
+        self.evaluations = 0
+        self._known: dict[bytes, tuple[Array, Array]] = {}
+        self._check_start()
+
+    def _orders(self) -> list[tuple[int, int]]:
+        """Columns of which the first must not be below the second (`requires: [F_s >= F_c]`, both free)."""
+        at = {(c.free.name, c.record): k for k, c in enumerate(self.columns)}
+        found = []
+        for leaf in self.runs[0].assembly.flat.expanded.leaves.values():
+            for ends in leaf.component.orders:
+                high, low = (f"{leaf.path}.{end}" for end in ends)
+                found += [(k, at.get((low, record), at.get((low, ""), -1)))
+                          for (name, record), k in at.items() if name == high]
+        return [(high, low) for high, low in found if low >= 0]
+
+    def allowed(self, inner: Array) -> Array:
+        """The point with what must not be below another value raised to that."""
+        inner = inner.copy()
+        for high, low in self.orders:
+            bounds = self.columns[high].free.range
+            # a hair above it: some laws divide by the distance
+            least = self.columns[low].outer(inner[low]) + 1e-6 * (bounds.high - bounds.low)
+            if self.columns[high].outer(inner[high]) < least:
+                inner[high] = self.columns[high].inner(least)
+        return inner
+
+    def _check_start(self) -> None:
+        for column in self.columns:
+            bounds = column.free.range
+            rounding = 1e-9 * (bounds.high - bounds.low)  # a value that a fit left at the end of its range is inside
+            if not bounds.low - rounding <= column.before <= bounds.high + rounding:
+                scale = bounds.unit
+                raise UsageError([Problem(
+                    "free-start-outside", f"{column.free.name} is {scale.from_si(column.before):.6g} {scale.text} in the "
+                    f"diagram, outside its range {scale.from_si(bounds.low):.6g} .. {scale.from_si(bounds.high):.6g} "
+                    f"{scale.text}", column.free.place, "Widen the range, or change the value in the diagram.")])
+
+    def at_end(self, inner: Array) -> NDArray[np.bool_]:
+        """Which of the unknowns stand at an end of their range."""
+        return np.asarray(np.minimum(inner - self.low, self.high - inner) < AT_END * (self.high - self.low))
+
+    @property
+    def samples(self) -> int:
+        """How many samples are fitted."""
+        return sum(int(run.counts.sum()) for run in self.runs)
+
+    @property
+    def start(self) -> Array:
+        """The values of the diagram."""
+        return np.array([c.inner(c.before) for c in self.columns])
+
+    def starting_points(self, number: int, seed: int) -> list[Array]:
+        """The diagram's values, then points of a Latin hypercube within the bounds."""
+        from scipy.stats import qmc
+
+        points = [self.start]
+        if number > 1:
+            cube = qmc.LatinHypercube(len(self.columns), seed=seed).random(number - 1)
+            points += list(self.low + cube * (self.high - self.low))
+        return points
+
+    def values_of(self, inner: Array, record: str) -> dict[str, float]:
+        """The parameters of one record in SI."""
+        return {c.free.name: c.outer(v) for c, v in zip(self.columns, inner, strict=True) if c.record in ("", record)}
+
+    def evaluate(self, inner: Array) -> tuple[Array, Array]:
+        """Residuals (n,) of the data and Jacobian (n, columns) in inner unknowns, without priors."""
+        key = inner.tobytes()
+        if key in self._known:
+            return self._known[key]
+        asked, inner = inner, self.allowed(inner)
+        parts, blocks = [], []
+        for run in self.runs:
+            wrong, moved = self._one(run, inner)
+            block = np.zeros((len(wrong), len(self.columns)))
+            for k, column in enumerate(self.columns):
+                if column.record in ("", run.record.name):
+                    block[:, k] = moved[run.names.index(column.free.name)] * column.slope(inner[k])
+            parts.append(wrong)
+            blocks.append(block)
+        self.evaluations += 1
+        jacobian = np.vstack(blocks)
+        for high, low in self.orders:
+            if inner[high] != asked[high]:  # it rides on the lower one
+                ratio = self.columns[low].slope(inner[low]) / self.columns[high].slope(inner[high])
+                # its own column stays: the way up from there is open
+                jacobian[:, low] += jacobian[:, high] * ratio
+        if len(self._known) == KEPT:
+            del self._known[next(iter(self._known))]
+        self._known[key] = np.concatenate(parts), jacobian
+        return self._known[key]
+
+    def _one(self, run: Run, inner: Array) -> tuple[Array, Array]:
+        """A record's residuals; a run that breaks down is a large residual, not an end."""
+        size = int(run.counts.sum())
+        try:
+            wrong, moved = run.residuals(self.values_of(inner, run.record.name))
+        except (SimulationError, StartError):
+            return np.full(size, BROKEN), np.zeros((len(run.names), size))
+        if not (np.all(np.isfinite(wrong)) and np.all(np.isfinite(moved))):
+            return np.full(size, BROKEN), np.zeros((len(run.names), size))
+        return wrong, moved
+
+    def priors(self, inner: Array) -> tuple[Array, Array]:
+        """(p - p0)/sigma of the parameters given as `value +- tolerance`, and its Jacobian."""
+        rows, gradients = [], []
+        for k, column in enumerate(self.columns):
+            nominal = column.free.range.nominal
+            if nominal is not None:
+                sigma = (column.free.range.high - nominal) / 2
+                rows.append((column.outer(inner[k]) - nominal) / sigma)
+                gradient = np.zeros(len(self.columns))
+                gradient[k] = column.slope(inner[k]) / sigma
+                gradients.append(gradient)
+        return np.array(rows), np.array(gradients).reshape(len(rows), len(self.columns))
+
+    def minimise(self, start: Array, robust: bool, progress: Progress, fixed: tuple[int, ...] = (), *, most: int = 60,
+                 tolerance: float = 1e-8, partial: bool = False) -> Descent:
+        """Least squares from `start`; the columns in `fixed` stay where they are. It ends after `most` runs (twice), or
+        where a step changes the sum of squares or the unknowns by less than `tolerance`.
+
+        First SciPy's reflective method, which keeps away from the ends of ranges and finds its way from afar; then, from
+        where that ends, its dogleg in boxes, which meets an optimum that lies at an end or along a narrow valley. With
+        `partial` an interrupt ends it with its best so far (ENDED_EARLY).
+        """
+        first = self.descend(start, robust, progress, fixed, most=most, tolerance=tolerance, method="trf", partial=partial)
+        if first.message == ENDED_EARLY:
+            return first
+        last = self.descend(first.x, robust, progress, fixed, most=most, tolerance=tolerance, method="dogbox",
+                            partial=partial)
+        best = last if last.cost <= first.cost else first
+        return replace(best, history=(*first.history, *last.history), message=last.message if partial else best.message)
+
+    def descend(self, start: Array, robust: bool, progress: Progress, fixed: tuple[int, ...] = (), *, most: int,
+                tolerance: float, method: Literal["trf", "dogbox"],
+                enough: Callable[[Sequence[float], Array], str] = lambda costs, best: "", partial: bool = False) -> Descent:
+        """One of the two methods of `minimise` alone; it ends besides where `enough`, which is given the sum of squares of
+        each run so far and the unknowns of the best, says ARRIVED or GIVEN_UP."""
+        from scipy.optimize import least_squares
+
+        moving = [k for k in range(len(self.columns)) if k not in fixed]
+        low, span = self.low[moving], (self.high - self.low)[moving]
+        costs: list[float] = []
+        best = np.zeros(len(moving))
+
+        def whole(y: Array) -> Array:
+            inner = start.copy()
+            inner[moving] = low + (y - 1) * span
+            return inner
+
+        @lru_cache(maxsize=1)
+        def both(y: bytes) -> tuple[Array, Array]:
+            inner = whole(np.frombuffer(y))
+            data, prior = self.evaluate(inner), self.priors(inner)
+            found = np.concatenate([data[0], prior[0]]), np.vstack([data[1], prior[1]])[:, moving] * span
+            return found if robust else condensed(*found)
+
+        def values(y: Array) -> Array:
+            nonlocal best
+            residuals = both(y.tobytes())[0]
+            costs.append(float(residuals @ residuals))
+            best = y.copy() if costs[-1] == min(costs) else best
+            progress(f"chi-square per sample {min(costs) / self.samples:.4g} after {len(costs)} runs")
+            if said := enough(costs, whole(best)):
+                raise _Enough(said)
+            return residuals
+
+        def jacobian(y: Array) -> Array:
+            return both(y.tobytes())[1]
+
+        # the minimiser measures steps by the length of its unknowns: each is 1 to 2 over its range, as volts and pascals are
+        # not of one size
+        inside = np.clip(1 + (start[moving] - low) / span, 1 + 1e-6, 2 - 1e-6)
+        try:
+            found = least_squares(values, inside, jac=jacobian, bounds=(1.0, 2.0), method=method, max_nfev=most,
+                                  loss="soft_l1" if robust else "linear", xtol=tolerance, ftol=tolerance, gtol=1e-8)
+            ended = found.x, float(found.cost), str(found.message), found.status == 0
+        except _Enough as said:
+            ended = best, min(costs) / 2, str(said), str(said) == GIVEN_UP
+        except BaseException as error:
+            if not (partial and costs and is_interrupt(error)):
+                raise
+            obeyed()
+            ended = best, min(costs) / 2, ENDED_EARLY, True
+        return Descent(self.allowed(whole(ended[0])), ended[1], tuple(accumulate(costs, min)), *ended[2:])
+
+
+class _Enough(Exception):
+    """A descent need not go on."""
+
+
+def condensed(residuals: Array, jacobian: Array) -> tuple[Array, Array]:
+    """A linear least squares problem of as many rows as unknowns and one more that has the same sum of squares, gradient and
+    normal matrix: with J = Q R, the residuals Q'r and the length of what is left of r, and R over a row of zeros. (The
+    minimiser decomposes the Jacobian at every step; of thousands of rows that takes as long as a run.)"""
+    Q, R = np.linalg.qr(jacobian)
+    seen = Q.T @ residuals
+    rest = np.sqrt(max(float(residuals @ residuals - seen @ seen), 0.0))
+    return np.append(seen, rest), np.vstack([R, np.zeros((1, R.shape[1]))])

@@ -1,0 +1,148 @@
+"""How each unknown stands in each equation: with which coefficient, and whether it may be divided by."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import inf
+from typing import cast
+
+import casadi as ca
+
+from heavebond.language.symbols import split, stack
+
+# Kinds of occurrence. Those up to DEFINITE can be solved for explicitly.
+UNIT, NUMBER, PARAMETER, DEFINITE, INDEFINITE, NONLINEAR = range(6)
+Interval = tuple[float, float]
+EVERYTHING: Interval = (-inf, inf)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """Unknown `column` in an equation: its kind and, where it is linear, the coefficient d(residual)/d(unknown)."""
+
+    column: int
+    kind: int
+    coefficient: ca.SX
+
+
+def classify(residuals: ca.SX, unknowns: ca.SX, constants: set[int], bounds: Mapping[int, Interval]
+             ) -> list[list[Entry]]:
+    """The entries of each residual (m,) with respect to the unknowns (n,).
+
+    `constants` holds the hashes of symbols that never change during a run; `bounds` the interval that a symbol
+    keeps to, by its hash. A coefficient is
+    UNIT +-1 | NUMBER another number | PARAMETER of constants only | DEFINITE never of both signs within the bounds |
+    INDEFINITE linear, but the coefficient may pass through zero | NONLINEAR (also where only a sign or a comparison
+    is made of it, whose derivative is zero).
+    """
+    jacobian = ca.jacobian(residuals, unknowns)
+    own = [s.element_hash() for s in split(unknowns)]
+    rows: list[list[Entry]] = [[] for _ in range(residuals.numel())]
+    row_of, column_of = jacobian.sparsity().get_triplet()
+    # CasADi's stubs call the entries SXElem; they are scalar SX
+    coefficients = cast(list[ca.SX], jacobian.nonzeros())
+    for entry, row, column in zip(coefficients, row_of, column_of, strict=True):
+        rows[row].append(Entry(column, _kind(entry, own[column], constants, bounds), entry))
+    return rows
+
+
+def _kind(coefficient: ca.SX, unknown: int, constants: set[int], bounds: Mapping[int, Interval]) -> int:
+    if coefficient.is_constant():
+        size = abs(float(coefficient))
+        return NONLINEAR if size == 0 else UNIT if size == 1 else NUMBER
+    hashes = {s.element_hash() for s in ca.symvar(coefficient)}
+    if hashes <= constants:
+        return PARAMETER
+    if unknown in hashes:
+        return NONLINEAR
+    low, high = interval(coefficient, bounds)
+    return DEFINITE if low >= 0 or high <= 0 else INDEFINITE
+
+
+# An end at zero is taken as approached only. A truth value, and what a condition leaves out, is zero: beyond by this much.
+REACHED = 1e-200
+
+
+def interval(expression: ca.SX, bounds: Mapping[int, Interval]) -> Interval:
+    """An interval that surely holds the scalar `expression` while its symbols keep to their `bounds`."""
+    symbols = ca.symvar(expression)
+    function = ca.Function("f", [stack(symbols)], [expression])
+    work: dict[int, Interval] = {}
+    result = EVERYTHING
+    for k in range(function.n_instructions()):
+        op = function.instruction_id(k)
+        inputs, outputs = function.instruction_input(k), function.instruction_output(k)
+        if op == ca.OP_OUTPUT:
+            result = work[inputs[0]]
+        elif op == ca.OP_INPUT:
+            work[outputs[0]] = bounds.get(symbols[inputs[1]].element_hash(), EVERYTHING)
+        elif op == ca.OP_CONST:
+            value = function.instruction_constant(k)
+            work[outputs[0]] = (value, value)
+        else:
+            work[outputs[0]] = _operate(op, [work[i] for i in inputs], len(set(inputs)) < len(inputs))
+    return result
+
+
+def _operate(op: int, args: Sequence[Interval], same: bool) -> Interval:
+    a = args[0]
+    b = args[1] if len(args) > 1 else EVERYTHING
+    if op == ca.OP_ADD:
+        return a[0] + b[0], a[1] + b[1]
+    if op == ca.OP_SUB:
+        return a[0] - b[1], a[1] - b[0]
+    if op == ca.OP_NEG:
+        return -a[1], -a[0]
+    if op == ca.OP_MUL:
+        return _square(a) if same else _product(a, b)
+    if op == ca.OP_SQ:
+        return _square(a)
+    if op == ca.OP_TWICE:
+        return 2 * a[0], 2 * a[1]
+    if op in (ca.OP_DIV, ca.OP_INV):
+        numerator, denominator = ((1.0, 1.0), a) if op == ca.OP_INV else (a, b)
+        return _product(numerator, _inverse(denominator))
+    return _function(op, a, b)
+
+
+def _function(op: int, a: Interval, b: Interval) -> Interval:
+    if op in (ca.OP_SQRT, ca.OP_EXP, ca.OP_FABS):
+        return 0.0, inf
+    if op in (ca.OP_TANH, ca.OP_SIGN):
+        return (-1.0 if a[0] < 0 else 0.0), (1.0 if a[1] > 0 else 0.0)
+    if op == ca.OP_FLOOR:
+        return a[0] - 1, a[1]
+    if op in (ca.OP_SIN, ca.OP_COS):
+        return -1.0, 1.0
+    if op in (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_AND, ca.OP_OR, ca.OP_NOT):
+        return -REACHED, 1.0
+    if op == ca.OP_FMIN:
+        return min(a[0], b[0]), min(a[1], b[1])
+    if op == ca.OP_FMAX:
+        return max(a[0], b[0]), max(a[1], b[1])
+    if op == ca.OP_IF_ELSE_ZERO:
+        return min(-REACHED, b[0]), max(REACHED, b[1])
+    if op in (ca.OP_POW, ca.OP_CONSTPOW) and a[0] >= 0:
+        return 0.0, inf
+    return EVERYTHING
+
+
+def _square(a: Interval) -> Interval:
+    low = 0.0 if a[0] <= 0 <= a[1] else min(a[0] ** 2, a[1] ** 2)
+    return low, max(a[0] ** 2, a[1] ** 2)
+
+
+def _product(a: Interval, b: Interval) -> Interval:
+    # 0 * inf is 0 here: the bound belongs to a quantity that is finite whenever it is evaluated
+    corners = [0.0 if 0 in (x, y) else x * y for x in a for y in b]
+    return min(corners), max(corners)
+
+
+def _inverse(a: Interval) -> Interval:
+    """1/a; an end at zero is approached, not reached (the coefficient is checked when numbers are known)."""
+    if a[0] >= 0:
+        return (0.0 if a[1] == inf else 1 / a[1] if a[1] else inf), (inf if a[0] == 0 else 1 / a[0])
+    if a[1] <= 0:
+        return (-inf if a[1] == 0 else 1 / a[1]), (0.0 if a[0] == -inf else 1 / a[0])
+    return EVERYTHING

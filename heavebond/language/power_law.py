@@ -1,0 +1,395 @@
+"""The third law of a component: the power that enters it is stored, dissipated, or declared to be unbalanced.
+
+    sum over the ports of effort * flow = d(stores)/dt + dissipates + unbalanced,  dissipates >= 0
+
+for every motion that the component's own equations allow. The law is tried at random: numbers for the parameters, and
+jets (values, first and second derivatives) of all that the equations name, brought onto the equations and onto those
+of their time derivatives that the jet holds by a Gauss-Newton method that moves the guess as little as it can. What
+the equations leave free stays random, so the points cover all motions, not only those of one machine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from itertools import product
+from math import inf, sqrt
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from heavebond.core.units import ONE, Dimension, Unit, solved, times
+from heavebond.language.definition import Component, Domain, Parameter
+from heavebond.language.incidence import UNIT
+from heavebond.language.lists import written_out
+from heavebond.language.symbols import split, stack
+from heavebond.language.template import LEVELS, Template, template
+from heavebond.text.dimensions import SECOND
+from heavebond.text.expression import constant
+
+Array = NDArray[np.float64]
+
+# A jet meets the equations to some 1e-13 of its size and the sizes of one jet span 10**3.5, so what rounding leaves
+# is below 1e-9 of the largest power; a wrong sign or a forgotten term is of order one.
+TOLERANCE = 1e-6
+# Where equations keep a port from taking power (a fixed point) all terms are zero but for rounding; powers below this
+# share of effort size * flow size are no powers.
+APPARENT = 1e-6
+DRAWS = 200  # jets asked for in each domain; a law that fails for 2 % of them escapes once in 57 trials
+ATTEMPTS = 5  # jets begun for each one asked for
+ENOUGH = 0.3  # share of the jets asked for without which the law counts as not tried
+# Newton's method: the residual is in relative changes of the values (of SMALLEST times the usual size near zero)
+MOST_STEPS = 20
+SMALLEST = 1e-6
+CONVERGED, ROUNDING = 1e-13, 1e-14
+SWEEPS = 6  # assignments that follow from each other in a component
+
+
+@dataclass(frozen=True)
+class PowerReport:
+    """What the trial of one component gave.
+
+    `tried` jets; `imbalance`: the worst |power in - d(stores)/dt - dissipates - unbalanced| and `dissipation`: the
+    lowest `dissipates`, both over the largest power at that point; `exempt`: why nothing had to be tried; `notes`: the
+    worst point.
+    """
+
+    component: str
+    tried: int
+    imbalance: float = 0.0
+    dissipation: float = 0.0
+    exempt: str = ""
+    notes: tuple[str, ...] = ()
+
+    @property
+    def holds(self) -> bool:
+        """Whether the law holds; a law that could not be tried does not."""
+        return bool(self.exempt) or (
+            self.tried > 0 and self.imbalance <= TOLERANCE and self.dissipation >= -TOLERANCE)
+
+    @property
+    def verdict(self) -> str:
+        """The finding in a sentence."""
+        if self.exempt:
+            return f"{self.component}: not tried, {self.exempt}"
+        if not self.tried:
+            return f"{self.component}: too few motions satisfy its equations within the bounds to try its power"
+        if self.imbalance > TOLERANCE:
+            return (f"{self.component}: up to {self.imbalance:.2g} of the power in is neither stored, dissipated nor "
+                    "declared as unbalanced")
+        if self.dissipation < -TOLERANCE:
+            return f"{self.component}: dissipates becomes negative, down to {self.dissipation:.2g} of the power there"
+        return f"{self.component}: power balances to {self.imbalance:.1g} in {self.tried} motions"
+
+
+def check_power(component: Component, domains: Mapping[str, Domain], seed: int = 0) -> PowerReport:
+    """Law 3 of one component; a port of a generic domain (`$D`) is tried in each domain with an effort and a flow."""
+    exempt = _exempt(component)
+    if exempt:
+        return PowerReport(component.name, 0, exempt=exempt)
+    reports = [_Trial(component, domains, bound, seed).report() for bound in _bindings(component, domains)]
+    failed = [r for r in reports if not r.holds]
+    worst = max(failed or reports, key=lambda r: max(r.imbalance, -r.dissipation))
+    tried = min(r.tried for r in reports)
+    return PowerReport(component.name, tried, worst.imbalance, worst.dissipation, notes=worst.notes)
+
+
+def powers(component: Component, domains: Mapping[str, Domain], seed: int = 0) -> tuple[tuple[str, ...], Array]:
+    """The names of the ports, and for each motion (n,) of the trial that goes worst: power in, d(stores)/dt, dissipates,
+    unbalanced, the size below which nothing is a power, and the power in at each port."""
+    found = []
+    for bound in _bindings(component, domains):
+        trial = _Trial(component, domains, bound, seed)
+        rows = np.array([np.concatenate([terms[:4], [APPARENT * terms[4]], terms[6:]]) for terms, _, _ in trial.motions()])
+        lost = np.abs(rows[:, 0] - rows[:, 1:4].sum(axis=1)) + np.maximum(-rows[:, 2], 0)
+        sizes = np.abs(rows[:, [1, 2, 3, *range(5, rows.shape[1])]]).max(axis=1) + rows[:, 4]
+        found.append((float((lost / np.where(sizes > 0, sizes, 1.0)).max()), tuple(trial.ports), rows))
+    _, ports, rows = max(found, key=lambda item: item[0])
+    return ports, rows
+
+
+def _exempt(component: Component) -> str:
+    if component.composite:
+        return "its power is the sum of its parts"
+    if not component.ports and component.stores is None:
+        return "it carries signals only"
+    return f"declared `power: {component.power}`" if component.power else ""
+
+
+def _bindings(component: Component, domains: Mapping[str, Domain]) -> Iterator[dict[str, str]]:
+    """The domain of every port, for every choice of the generic ones."""
+    generic = list(dict.fromkeys(p.domain for p in component.ports.values() if p.domain.startswith("$")))
+    with_effort = [name for name, domain in domains.items() if domain.effort and domain.flow]
+    for choice in product(with_effort, repeat=len(generic)):
+        of = dict(zip(generic, choice, strict=True))
+        yield {name: of.get(port.domain, port.domain) for name, port in component.ports.items()}
+
+
+def usual_sizes(domains: Iterable[Domain]) -> dict[Dimension, float]:
+    """Sizes by dimension: of the variables of ports, of their rates and integrals, and of their ratios and products.
+
+    A stiffness, for example, is of the size of a force over that of a position. Where one dimension comes about in
+    several ways (kg/s**2 is a stiffness, and a mass flow over a time), the domain that stands first decides.
+    """
+    members = [[(m.unit.dimension, m.nominal) for m in domain.members.values()] for domain in domains]
+    found: dict[Dimension, float] = {ONE: 1.0, SECOND: 1.0}
+    groups = [*members, [m for group in members for m in group]]
+    for group in groups:
+        _note(found, group, (0, 1, -1, 2, -2))
+    for power in (-1, 1):  # ratios of everything before products: an area is rather N/Pa than m*m
+        for group in groups:
+            _note(found, [(times(a, b, power), size_a * size_b**power)
+                          for (a, size_a), (b, size_b) in product(group, group)], (0, 1, -1))
+    return found
+
+
+def _note(found: dict[Dimension, float], quantities: Iterable[tuple[Dimension, float]], orders: Iterable[int]) -> None:
+    """Add the quantities times powers of a second where their dimension is new."""
+    for k in orders:
+        for dimension, size in quantities:
+            found.setdefault(times(dimension, SECOND, k), size)
+
+
+class _Trial:
+    """One component with its ports in given domains."""
+
+    def __init__(self, component: Component, domains: Mapping[str, Domain], bound: Mapping[str, str], seed: int):
+        integers = {n: _whole(p) for n, p in component.parameters.items() if p.integer}
+        component = written_out(component, integers)
+        self.component, self.domains, self.bound = component, domains, bound
+        self.random = np.random.default_rng(seed)
+        own = list(dict.fromkeys(bound.values()))
+        self.sizes = usual_sizes([domains[name] for name in (*own, *(n for n in domains if n not in own))])
+        self.generic = {f"{component.ports[port].domain}.{role}": domains[name].members[member].unit.dimension
+                        for port, name in bound.items() for role, member in (
+                            ("effort", domains[name].effort), ("flow", domains[name].flow)) if member}
+        self.made: Template = template(component, domains, bound, integers)
+        self.ports = self._ports()
+        self.size = np.array([self._size(slot) for slot in self.made.slots])
+        self.low, self.high = np.array([self._slot_bounds(slot) for slot in self.made.slots]).T
+        self.system, self.terms = self._functions()
+        self.assignments = self._assignments()
+
+    # -- the equations and the powers ------------------------------------------------------------------------------
+    def _ports(self) -> dict[str, Domain]:
+        """The domain of each port, every one of an array by itself (`p[2]`)."""
+        found: dict[str, Domain] = {}
+        for slot in self.made.slots:
+            port, _, member = slot.rpartition(".")
+            if member and port:
+                found[port] = self.domains[self.bound[port.partition("[")[0]]]
+        return found
+
+    def _functions(self) -> tuple[ca.Function, ca.Function]:
+        """Residuals (m,) with their Jacobian, and the powers, of a jet y = (slots, d slots, d2 slots)."""
+        n = len(self.made.slots)
+        levels = [ca.SX.sym(f"level{k}", n) for k in range(LEVELS)]
+        p, t = ca.SX.sym("p", len(self.made.given)), ca.SX.sym("t")
+        y = stack(levels)
+        given = [*levels, p, t, ca.SX(1)]
+        residuals = split(self.made.residuals(*given)) if self.made.lines else []
+        orders = [max((e.column // n for e in row), default=0) for row in self.made.entries]
+        place = {slot: k for k, slot in enumerate(self.made.slots)}
+        for port, domain in self.ports.items():
+            if domain.position and f"{port}.{domain.position}" in place:
+                x, v = place[f"{port}.{domain.position}"], place[f"{port}.{domain.flow}"]
+                residuals.append(levels[1][x] - levels[0][v])
+                orders.append(1)
+        rows = stack([*residuals, *self._derivatives(residuals, orders, levels, t)])
+        *energy, store = split(self.made.energy(*given))
+        own = [self._port_power(port, domain, levels[0], place) for port, domain in self.ports.items()]
+        # what is exchanged between the stores of one component may cancel, in a pendulum all of it
+        exchanged = ca.dot(ca.fabs(ca.gradient(store, stack(levels[:-1]))), ca.fabs(stack(levels[1:])))
+        apparent = sum((a for _, a in own), ca.SX(0))
+        return (ca.Function("system", [y, p, t], [rows, ca.densify(ca.jacobian(rows, y))]),
+                ca.Function("terms", [y, p, t], [stack([*energy, apparent, exchanged, *(power for power, _ in own)])]))
+
+    def _derivatives(self, residuals: list[ca.SX], orders: list[int], levels: list[ca.SX], t: ca.SX) -> list[ca.SX]:
+        """The time derivatives of equations that the jet holds: two of one without derivatives, one of first order."""
+        low, high = stack(levels[:-1]), stack(levels[1:])
+        found: list[ca.SX] = []
+        rows = list(zip(residuals, orders, strict=True))
+        while rows := [(r, k) for r, k in rows if k < LEVELS - 1]:
+            column = stack([r for r, _ in rows])
+            rates = split(ca.jtimes(column, low, high) + ca.jtimes(column, t, ca.SX(1)))
+            found += rates
+            rows = [(r, k + 1) for r, (_, k) in zip(rates, rows, strict=True)]
+        return found
+
+    def _port_power(self, port: str, domain: Domain, slots: ca.SX, place: Mapping[str, int]) -> tuple[ca.SX, ca.SX]:
+        """Power into a port, and the power that its effort and flow would have at their usual sizes."""
+        if domain.power:
+            k = place[f"{port}.{domain.power}"]
+            return slots[k], ca.fabs(slots[k]) + self.size[k]
+        e, f = place[f"{port}.{domain.effort}"], place[f"{port}.{domain.flow}"]
+        return slots[e] * slots[f], ca.fabs(slots[e]) * self.size[f] + self.size[e] * ca.fabs(slots[f])
+
+    # -- random numbers --------------------------------------------------------------------------------------------
+    def _size(self, slot: str) -> float:
+        port, _, member = slot.rpartition(".")
+        if port:
+            return self.ports[port].members[member].nominal
+        variable = self.component.variables.get(slot)
+        if variable is not None:
+            return max(self._usual(variable.unit), abs(variable.start or 0.0))
+        return self._usual(self.component.signals[slot].unit)
+
+    def _usual(self, unit: Unit) -> float:
+        return self.sizes.get(solved(unit.dimension, self.generic), 1.0)
+
+    def _slot_bounds(self, slot: str) -> tuple[float, float]:
+        port, _, member = slot.rpartition(".")
+        if port:
+            # pressure and temperature of a port that carries enthalpy are absolute
+            absolute = self.ports[port].power is not None and member in self.ports[port].across
+            return (0.0, inf) if absolute else (-inf, inf)
+        variable = self.component.variables.get(slot)
+        if variable is None:
+            return -inf, inf
+        return -inf if variable.low is None else variable.low, inf if variable.high is None else variable.high
+
+    def _spread(self, size: Array, low: Array, high: Array) -> Array:
+        """Numbers between their bounds; without bounds of either sign, of sizes between size/1000 and 3 size."""
+        number = size * 10 ** self.random.uniform(-3, 0.5, len(size))
+        signed = np.where(self.random.random(len(size)) < 0.5, -number, number)
+        below, above = np.isfinite(low), np.isfinite(high)
+        inside = low + self.random.random(len(size)) * (high - low)
+        return np.where(below & above, inside, np.where(below, low + number, np.where(above, high - number, signed)))
+
+    def _parameter(self, parameter: Parameter) -> float:
+        """Around its default; else of the usual size of its unit; now and then at the value where it does nothing."""
+        low = -inf if parameter.low is None else parameter.low
+        high = inf if parameter.high is None else parameter.high
+        if parameter.neutral is not None and self.random.random() < 0.3:
+            return parameter.neutral
+        default = constant(parameter.default.expr) if parameter.default is not None else None
+        if default:
+            return float(np.clip(default * 10 ** self.random.uniform(-0.5, 0.5), low, high))
+        size = self._usual(parameter.unit)
+        if low > -inf and high == inf:
+            return low + float(size * 10 ** self.random.uniform(-1, 1))
+        return float(self._spread(*np.array([[size], [low], [high]]))[0])
+
+    def _parameters(self) -> Array | None:
+        """Values for all parameters that meet `requires:`, None where thirty draws did not; then for what is held."""
+        for _ in range(30):
+            p = np.array([self._parameter(self.component.parameters[n]) for n in self.made.parameters])
+            if not self.component.requires or np.all(np.array(self.made.requirements(p))):
+                held = [self.component.held[n] for n in self.made.held]
+                sizes = np.array([max(self._usual(v.unit), abs(v.held or 0.0)) for v in held])
+                low, high = (np.array([limit if value is None else value for value in values]) for limit, values in (
+                    (-inf, [v.low for v in held]), (inf, [v.high for v in held])))
+                return np.append(p, self._spread(sizes, low, high))
+        return None
+
+    # -- a motion --------------------------------------------------------------------------------------------------
+    def _jet(self, p: Array, t: float) -> Array | None:
+        """A random jet on the equations and within the bounds, or None."""
+        free = np.full((LEVELS - 1) * len(self.size), inf)
+        y = self._spread(np.tile(self.size, LEVELS), np.append(self.low, -free), np.append(self.high, free))
+        found = self._on_equations(self._assigned(y, p, t), p, t)
+        if found is None:
+            return None
+        slots, slack = found[: len(self.size)], 1e-9 * self.size
+        return found if np.all((slots >= self.low - slack) & (slots <= self.high + slack)) else None
+
+    def _assignments(self) -> list[tuple[int, int]]:
+        """(equation, slot) where an equation gives a slot with coefficient 1, own variables and throughs first."""
+        across = {f"{port}.{member}" for port, domain in self.ports.items() for member in domain.across}
+        found: dict[int, int] = {}
+        for i, row in enumerate(self.made.entries):
+            choices = [e.column for e in row if e.kind == UNIT and e.column < len(self.size)
+                       and e.column not in found.values() and self.made.slots[e.column] not in across]
+            if choices:
+                found[i] = max(choices, key=lambda c: self.made.slots[c] in self.component.variables)
+        return list(found.items())
+
+    def _assigned(self, y: Array, p: Array, t: float) -> Array:
+        """The guess with every assignment `F = ...` carried out a few times: Newton's method from anywhere is lost
+        among the kinks of `max` and `min`. Where that runs away the guess stays as it was."""
+        rows, slots = (np.array(k, dtype=int) for k in zip(*self.assignments, strict=True)) if self.assignments \
+            else (np.zeros(0, int), np.zeros(0, int))
+        found = y.copy()
+        for _ in range(SWEEPS):
+            residual, jacobian = self._at(found, p, t)
+            found[slots] -= residual[rows] * jacobian[rows, slots]
+        return found if np.all(np.isfinite(self._at(found, p, t)[0])) else y
+
+    def _on_equations(self, y: Array, p: Array, t: float) -> Array | None:
+        """Gauss-Newton with the smallest steps relative to the values, halved until the residual falls."""
+        residual, jacobian = self._at(y, p, t)
+        # equations that may be met by other rates shall be met so, not by slower motions
+        readiness = np.repeat([1e3**k for k in range(LEVELS)], len(self.size))
+        for _ in range(MOST_STEPS):
+            scale = readiness * np.maximum(np.abs(y), SMALLEST * np.tile(self.size, LEVELS))
+            weights = _weights(jacobian * scale)
+            norm = float(np.linalg.norm(residual * weights))
+            if not np.isfinite(norm):
+                return None
+            if norm < ROUNDING * sqrt(len(residual)):
+                return y
+            step = np.linalg.lstsq(jacobian * scale * weights[:, None], -residual * weights, rcond=1e-12)[0] * scale
+            length = 1.0
+            while length > 1e-2:
+                trial = y + length * step
+                new, new_jacobian = self._at(trial, p, t)
+                smaller = float(np.linalg.norm(new * weights))
+                if smaller < norm:
+                    break
+                length /= 2
+            else:
+                # as small as rounding lets it be, or at a kink
+                return y if norm < CONVERGED * sqrt(len(residual)) else None
+            y, residual, jacobian = trial, new, new_jacobian
+        return None
+
+    def _at(self, y: Array, p: Array, t: float) -> tuple[Array, Array]:
+        residual, jacobian = self.system(y, p, t)
+        return np.asarray(residual).ravel(), np.asarray(jacobian).reshape(-1, len(y))
+
+    def motions(self) -> Iterator[tuple[Array, Array, Array]]:
+        """The terms, parameters and jets of motions, until there are enough."""
+        tried, begun = 0, 0
+        with np.errstate(all="ignore"):
+            while tried < DRAWS and begun < ATTEMPTS * DRAWS:
+                begun += 1
+                p, t = self._parameters(), float(self.random.uniform(0, 10))
+                y = None if p is None else self._jet(p, t)
+                if p is None or y is None:
+                    continue
+                tried += 1
+                yield np.asarray(self.terms(y, p, t)).ravel(), p, y
+
+    def report(self) -> PowerReport:
+        """The worst of many motions."""
+        tried, worst = 0, PowerReport(self.component.name, 0)
+        for terms, p, y in self.motions():
+            tried += 1
+            worst = self._worse(worst, terms, p, y)
+        tried = tried if tried >= ENOUGH * DRAWS else 0
+        return PowerReport(self.component.name, tried, worst.imbalance, worst.dissipation, notes=worst.notes)
+
+    def _worse(self, worst: PowerReport, terms: Array, p: Array, y: Array) -> PowerReport:
+        power, stored, dissipated, unbalanced, apparent = terms[:5].tolist()
+        size = float(np.abs([*terms[5:], stored, dissipated, unbalanced]).max()) + APPARENT * apparent
+        imbalance = abs(power - stored - dissipated - unbalanced) / size if size else 0.0
+        negative = min(0.0, dissipated / size) if size else 0.0
+        if max(imbalance, -negative) < max(worst.imbalance, -worst.dissipation):
+            return worst
+        values = [f"{n} = {v:.4g}" for n, v in zip((*self.made.given, *self.made.slots), (*p, *y), strict=False)]
+        notes = (f"power in {power:.4g} W, d(stores)/dt {stored:.4g} W, dissipates {dissipated:.4g} W, "
+                 f"unbalanced {unbalanced:.4g} W", "at " + ", ".join(values) + " (SI)")
+        return PowerReport(self.component.name, 0, max(imbalance, worst.imbalance), min(negative, worst.dissipation),
+                           notes=notes)
+
+
+def _weights(jacobian: Array) -> Array:
+    gradient = np.abs(jacobian).max(axis=1, initial=0.0)
+    return np.asarray(1 / np.where(gradient > 0, gradient, 1.0))
+
+
+def _whole(parameter: Parameter) -> int:
+    """A whole-number parameter at its default, else at 3, the smallest number at which `each` differs from one line."""
+    default = constant(parameter.default.expr) if parameter.default is not None else None
+    return int(default if default is not None else max(3, parameter.low or 0))

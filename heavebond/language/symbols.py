@@ -1,0 +1,224 @@
+"""Expression trees to CasADi SX: the one place where the functions of the language get their mathematics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Container, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import cast
+
+import casadi as ca
+
+from heavebond.core.limits import TERMS
+from heavebond.text.expression import (
+    Binary,
+    Call,
+    Compare,
+    Expr,
+    ExpressionProblem,
+    Logic,
+    Name,
+    Negative,
+    Not,
+    Number,
+    SumOver,
+    children,
+    names,
+    too_long,
+)
+
+NONSMOOTH = {"min", "max", "abs", "sign", "floor", "if_else"}
+# operations of CasADi that jump or turn at a point, though their second derivative is zero everywhere else
+CORNERS = {ca.OP_FMIN, ca.OP_FMAX, ca.OP_FABS, ca.OP_FMOD, ca.OP_REMAINDER, ca.OP_COPYSIGN, ca.OP_SIGN, ca.OP_FLOOR,
+           ca.OP_CEIL, ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_IF_ELSE_ZERO}
+
+_COMPARE: dict[str, Callable[[ca.SX, ca.SX], ca.SX]] = {
+    "<": lambda a, b: a < b, "<=": lambda a, b: a <= b, ">": lambda a, b: a > b, ">=": lambda a, b: a >= b,
+    "==": lambda a, b: a == b, "!=": lambda a, b: a != b,
+}
+_ONE_ARGUMENT: dict[str, Callable[[ca.SX], ca.SX]] = {
+    "sqrt": ca.sqrt, "exp": ca.exp, "log": ca.log, "sin": ca.sin, "cos": ca.cos, "tan": ca.tan, "tanh": ca.tanh,
+    "asin": ca.asin, "acos": ca.acos, "atan": ca.atan, "abs": ca.fabs, "sign": ca.sign, "floor": ca.floor,
+}
+Derivative = Callable[[ca.SX], ca.SX]
+Lookup = Callable[[str, Name], ca.SX]
+
+
+@dataclass(frozen=True)
+class Context:
+    """What an expression is evaluated in: names to SX, d/dt of an SX, whole numbers, array ports and their size, and of how
+    many terms the sums around it already are."""
+
+    lookup: Lookup
+    der: Derivative
+    integers: Mapping[str, int] = field(default_factory=dict)
+    arrays: Mapping[str, int] = field(default_factory=dict)
+    terms: int = 1
+
+
+def stack(items: Iterable[ca.SX]) -> ca.SX:
+    """The items as one column; an empty one is 0x1 SX (CasADi would give a DM)."""
+    items = list(items)
+    return ca.vertcat(*items) if items else ca.SX(0, 1)
+
+
+def split(column: ca.SX) -> list[ca.SX]:
+    """The elements of a column, none for an empty one."""
+    # ten times faster than vertsplit; CasADi's stubs call the elements SXElem, they are scalar SX
+    return cast(list[ca.SX], column.elements())
+
+
+def evaluate(expr: Expr, context: Context) -> ca.SX:
+    """The value of an expression as SX; raises ExpressionProblem for a name that the context does not know."""
+    if isinstance(expr, Number):
+        return ca.SX(expr.value)
+    if isinstance(expr, Name):
+        return _name(expr, context)
+    if isinstance(expr, Negative):
+        return -evaluate(expr.operand, context)
+    if isinstance(expr, Binary):
+        return _binary(expr, context)
+    if isinstance(expr, Call):
+        return _call(expr, context)
+    if isinstance(expr, SumOver):
+        return _sum_over(expr, context)
+    if isinstance(expr, Compare):
+        return _COMPARE[expr.op](evaluate(expr.left, context), evaluate(expr.right, context))
+    if isinstance(expr, Logic):
+        left, right = evaluate(expr.left, context), evaluate(expr.right, context)
+        return ca.logic_and(left, right) if expr.op == "and" else ca.logic_or(left, right)
+    assert isinstance(expr, Not)
+    return ca.logic_not(evaluate(expr.operand, context))
+
+
+def indicator(expr: Expr, context: Context) -> ca.SX:
+    """A condition as a number: above zero where it is true, below where it is not, and zero where it changes.
+
+    That of `a > b` is a - b; of `and` the lesser, of `or` the greater one. The unit is that of the sides compared.
+    """
+    if isinstance(expr, Compare):
+        left, right = evaluate(expr.left, context), evaluate(expr.right, context)
+        if expr.op in ("<", "<="):
+            return right - left
+        if expr.op in (">", ">="):
+            return left - right
+        equal = ca.if_else(left == right, ca.SX(1), ca.SX(-1))
+        return equal if expr.op == "==" else -equal
+    if isinstance(expr, Logic):
+        both = indicator(expr.left, context), indicator(expr.right, context)
+        return ca.fmin(*both) if expr.op == "and" else ca.fmax(*both)
+    assert isinstance(expr, Not)
+    return -indicator(expr.operand, context)
+
+
+def _name(expr: Name, context: Context) -> ca.SX:
+    words: list[str] = []
+    for part in expr.parts:
+        if isinstance(part, str):
+            words.append(part)
+        else:
+            words[-1] += f"[{_integer(part, context)}]"
+    text = ".".join(words)
+    if text == "pi":
+        return ca.SX(ca.pi)
+    if text in context.integers:
+        return ca.SX(context.integers[text])
+    return context.lookup(text, expr)
+
+
+def _integer(expr: Expr, context: Context) -> int:
+    found = evaluate(expr, context)
+    if not found.is_constant() or float(found) != int(float(found)):
+        raise ExpressionProblem("not-an-integer", "a whole number is needed here", getattr(expr, "column", 0),
+                                hint="Write a number such as 3, or the name of an integer parameter.")
+    return int(float(found))
+
+
+def _binary(expr: Binary, context: Context) -> ca.SX:
+    left, right = evaluate(expr.left, context), evaluate(expr.right, context)
+    if expr.op == "+":
+        return left + right
+    if expr.op == "-":
+        return left - right
+    if expr.op == "*":
+        return left * right
+    if expr.op == "/":
+        return left / right
+    return left**right
+
+
+def _call(expr: Call, context: Context) -> ca.SX:
+    name = expr.function
+    if name == "der":
+        return context.der(evaluate(expr.args[0], context))
+    if name == "uniform":
+        return ca.SX(uniform(_integer(expr.args[0], context), _integer(expr.args[1], context)))
+    if name == "sum":
+        return _sum_of_array(expr.args[0], context)
+    args = [evaluate(arg, context) for arg in expr.args]
+    if name in _ONE_ARGUMENT:
+        return _ONE_ARGUMENT[name](args[0])
+    if name in ("min", "max"):
+        result = args[0]
+        for arg in args[1:]:
+            result = ca.fmin(result, arg) if name == "min" else ca.fmax(result, arg)
+        return result
+    if name == "if_else":
+        return ca.if_else(args[0], args[1], args[2])
+    if name == "smooth_sign":
+        return ca.tanh(args[0] / args[1])
+    assert name == "signed_sqrt"
+    return args[0] / ca.sqrt(ca.sqrt(args[0] ** 2 + args[1] ** 2))
+
+
+def _sum_over(expr: SumOver, context: Context) -> ca.SX:
+    total, low, high = ca.SX(0), _integer(expr.low, context), _integer(expr.high, context)
+    terms = context.terms * max(1, high - low + 1)
+    if terms > TERMS:  # bounds may be parameters, or the index of a sum around this one
+        raise too_long(expr.column)
+    for k in range(low, high + 1):
+        inner = Context(context.lookup, context.der, {**context.integers, expr.index: k}, context.arrays, terms)
+        total = total + evaluate(expr.body, inner)
+    return total
+
+
+def _sum_of_array(expr: Expr, context: Context) -> ca.SX:
+    """`sum(p.flow)` over an array of ports."""
+    if isinstance(expr, Name) and isinstance(expr.parts[0], str) and expr.parts[0] in context.arrays:
+        first = expr.parts[0]
+        return sum((evaluate(Name((first, Number(k + 1, None, 0), *expr.parts[1:]), expr.column, expr.length), context)
+                    for k in range(context.arrays[first])), ca.SX(0))
+    raise ExpressionProblem("sum-form", "sum is written `sum(... for i in 1..n)`, or over an array of ports",
+                            getattr(expr, "column", 0))
+
+
+def uniform(seed: int, index: int) -> float:
+    """A number in [0, 1) that depends on (seed, index) alone, the same on every machine.
+
+    The finaliser of SplitMix64 (Steele, Lea, Flood 2014, doi:10.1145/2660193.2660195) of seed * 2**32 + index.
+    """
+    mask = (1 << 64) - 1
+    z = (seed * (1 << 32) + index + 1) * 0x9E3779B97F4A7C15 & mask
+    z = (z ^ (z >> 30)) * 0xBF58476D1CE4E5B9 & mask
+    z = (z ^ (z >> 27)) * 0x94D049BB133111EB & mask
+    return ((z ^ (z >> 31)) >> 11) / (1 << 53)
+
+
+def varies(expr: Expr, constants: Callable[[str], bool]) -> bool:
+    """Whether an expression depends on more than constants."""
+    return any(not constants(n.text) for n in names(expr))
+
+
+def nonsmooth(expr: Expr, constants: Callable[[str], bool]) -> str | None:
+    """The first function in `expr` that has a kink in something that varies (der of it is the author's own)."""
+    if isinstance(expr, Call) and expr.function == "der":
+        return None
+    if isinstance(expr, Call) and expr.function in NONSMOOTH and varies(expr, constants):
+        return expr.function
+    return next((found for child in children(expr) if (found := nonsmooth(child, constants))), None)
+
+
+def kinked(expr: Expr, among: Container[str]) -> bool:
+    """Whether one of these names stands inside a function that has a kink."""
+    if isinstance(expr, Call) and expr.function in NONSMOOTH and any(n.text in among for n in names(expr)):
+        return True
+    return any(kinked(child, among) for child in children(expr))

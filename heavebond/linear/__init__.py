@@ -1,0 +1,1 @@
+"""Linear analysis: linearisation, modes, state space, margins, root locus, stability."""

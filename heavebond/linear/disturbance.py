@@ -1,0 +1,106 @@
+"""Inputs from outside for linear analysis: what is added to a signal, or enters a node, with its time derivatives.
+
+The signal s that a component or a formula sets becomes s = (what sets it) + w; everything that reads it sees s. A node's
+balance gets a further through variable: a force, torque or flow w that enters the node. Index reduction differentiates w
+like a measured input, so that a position source passes w' and w'' on exactly. In runs w is zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+
+from heavebond.core.errors import Problems, UsageError, listing, suggest
+from heavebond.core.units import Unit
+from heavebond.equations.flatten import Flat, KnownInput
+from heavebond.equations.places import Node, balance, nodes_of
+from heavebond.language.definition import FileInput
+from heavebond.language.symbols import stack
+from heavebond.numerics.inputs import Pieced, pieced
+
+
+@dataclass(frozen=True)
+class _Source:
+    """Where a disturbance enters: the unknown that it adds to and the equations that set this, or a node."""
+
+    unit: Unit
+    rows: tuple[int, ...]
+    unknown: int | None = None
+
+
+def inner_name(name: str) -> str:
+    """The measured input that stands for what is added to a signal or enters a node."""
+    return f"added to {name}"
+
+
+def disturbed(flat: Flat, names: Iterable[str]) -> Flat:
+    """The flat model with an input `inner_name(name)` for each name; UsageError for what is neither a signal nor the through
+    variable of a node (`crown.f`)."""
+    problems, nodes = Problems(), nodes_of(flat)
+    residuals, inputs = list(flat.residuals), list(flat.inputs)
+    for name in names:
+        source = _source(flat, nodes, name, problems)
+        if source is None:
+            continue
+        inner = inner_name(name)
+        symbols = ca.vertcat(*(ca.SX.sym("d" * k + inner) for k in range(4)))
+        place = flat.equations[source.rows[0]].place
+        inputs.append(KnownInput(inner, FileInput(Path(), name, source.unit.text, "spline", place), source.unit, symbols))
+        for row in source.rows:
+            residuals[row] = _shifted(flat, residuals[row], source.unknown, symbols)
+    problems.raise_as(UsageError)
+    return replace(flat, residuals=tuple(residuals), inputs=tuple(inputs))
+
+
+def quiet(flat: Flat, added: int, end: float) -> Pieced:
+    """The measured inputs of a disturbed model on [0, end]: those of its records, and the last `added` at zero."""
+    records = pieced(replace(flat, inputs=flat.inputs[:len(flat.inputs) - added]), 0.0, end)
+    if not records.columns.size:
+        return Pieced(np.array([0.0, end]), np.zeros((1 + 4 * added if added else 0, 1 if added else 0)))
+    return Pieced(records.breaks, np.vstack([records.columns, np.zeros((4 * added, records.columns.shape[1]))]))
+
+
+def _source(flat: Flat, nodes: Mapping[str, Node], name: str, problems: Problems) -> _Source | None:
+    """What a name stands for; a problem where that is nothing to which something can be added."""
+    owner, _, member = name.rpartition(".")
+    node, unknown = nodes.get(owner), flat.names.get(name)
+    if node is not None and member == node.through:
+        label = balance(member, owner)
+        return _Source(node.unit, tuple(k for k, e in enumerate(flat.equations) if e.label == label))
+    if unknown is None or flat.unknowns[unknown].role != "signal":
+        signals = [n for n, k in flat.names.items() if flat.unknowns[k].role == "signal"]
+        forces = [f"{n.name}.{n.through}" for n in nodes.values()]
+        what = "nothing here is called" if unknown is None else "nothing can be added to"
+        problems.add("input-unknown", f"{what} '{name}'", hint=suggest(name, [*signals, *forces]) or
+                     f"Signals: {listing(signals or ['none'], 12)}. What enters a node: {listing(forces or ['none'], 6)}.")
+        return None
+    given = {f"{n} {how}" for n, k in flat.names.items() if k == unknown for how in ("as given", "as measured")}
+    rows = tuple(k for k, e in enumerate(flat.equations) if e.label in given)
+    return _Source(flat.unknowns[unknown].unit, rows or _driving_rows(flat, name, unknown, problems), unknown)
+
+
+def _driving_rows(flat: Flat, name: str, unknown: int, problems: Problems) -> tuple[int, ...]:
+    """The equations of the component whose output a signal is."""
+    signals = flat.expanded.signals
+    ports = [n for n, k in flat.names.items() if k == unknown and n in signals]
+    owners = {n.rpartition(".")[0] for n in ports if signals[n].direction == "out"}
+    read = {n.rpartition(".")[0] for n in ports if signals[n].direction == "in"}
+    symbols = {level[unknown].element_hash() for level in flat.levels}
+    rows = tuple(k for k, e in enumerate(flat.equations) if e.owner in owners and any(
+        s.element_hash() in symbols for s in ca.symvar(flat.residuals[k])))
+    acting = {flat.equations[k].owner for k in rows}
+    if acting & read:
+        problems.add("signal-own", f"'{name}' is read by the component that sets it, so that nothing can be added between",
+                     hint="Put a Gain of 1 into that wire, and name its output.")
+    return rows
+
+
+def _shifted(flat: Flat, residual: ca.SX, unknown: int | None, symbols: ca.SX) -> ca.SX:
+    if unknown is None:  # what flows into the components sums to what enters
+        return residual - symbols[0]
+    whole = stack([level[unknown] for level in flat.levels])
+    return ca.substitute(residual, whole, whole - symbols[:whole.numel()])

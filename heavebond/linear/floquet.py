@@ -1,0 +1,74 @@
+"""Floquet multipliers of a run that ends in a period: stability where a machine has no equilibrium.
+
+Small deviations follow dx' = A(t) dx with A along the run. Over a period T they are multiplied by the monodromy matrix, here
+the product of exp(A dt) over the steps of the output, A in the middle of each; its eigenvalues are the multipliers. The run
+is stable where all are below 1 in size. A. H. Nayfeh, B. Balachandran, Applied Nonlinear Dynamics, Wiley 1995, section 3.2.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+
+from heavebond.core.errors import HeavebondError
+from heavebond.linear.linearisation import Linearisation
+from heavebond.numerics.dae import Array, Assembly
+from heavebond.numerics.result import columns
+from heavebond.numerics.simulator import Simulator
+from heavebond.numerics.start_equations import Point
+
+POINTS = 4000  # of the run
+REPEATS = 0.01  # a state may differ from itself a period before by this share of its range, a step of the output
+LEAVES = 0.2  # what is a period has left its beginning by this share first
+DECIDED = 0.01  # multipliers are known no better than this
+
+
+def largest_multiplier(assembly: Assembly, until: float) -> float | None:
+    """The size of the largest Floquet multiplier over the last period of a run, None where it ends in none, has events, or
+    cannot be finished."""
+    if assembly.flat.events or assembly.flat.held:
+        return None
+    try:
+        result = Simulator(assembly, times=np.linspace(0, until, POINTS)).run()
+    except HeavebondError:
+        return None
+    if result.stays:
+        return None
+    t, x, z, p, u, _ = columns(result)
+    steps = period(x)
+    if steps is None:
+        return None
+    linearisation = Linearisation(assembly)
+    sizes = assembly.x_nominal
+    at = range(t.shape[1] - 1 - steps, t.shape[1])
+    try:
+        found = [linearisation.at(Point(float(t[0, k]), x[:, k], z[:, k], p[:, k], u[:, k], 1.0)).a for k in at]
+    except HeavebondError:
+        return None
+    return _multiplier([a * sizes / sizes[:, None] for a in found], float(t[0, 1] - t[0, 0]))
+
+
+def period(x: Array) -> int | None:
+    """The steps after which the end of states (n_x, N) repeats itself, None where it does not."""
+    spread = np.ptp(x[:, x.shape[1] // 2:], axis=1)
+    moving = x[spread > 1e-9 * np.maximum(np.abs(x).max(axis=1), 1e-300)]
+    if not len(moving):
+        return None
+    moving = moving / np.ptp(moving, axis=1)[:, None]
+    left = False
+    for steps in range(1, x.shape[1] // 2):
+        off = float(np.abs(moving[:, -steps:] - moving[:, -2 * steps:-steps]).max())
+        left = left or off > LEAVES
+        if left and off < REPEATS:
+            return steps
+    return None
+
+
+def _multiplier(jacobians: list[Array], step: float) -> float:
+    from scipy.linalg import expm
+
+    whole = np.eye(len(jacobians[0]))
+    for left, right in pairwise(jacobians):
+        whole = expm(step * (left + right) / 2) @ whole
+    return float(np.abs(np.linalg.eigvals(whole)).max(initial=0.0))

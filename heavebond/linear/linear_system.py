@@ -1,0 +1,312 @@
+"""A machine between chosen inputs and outputs as a linear system: matrices, frequency response, poles and zeros, steps.
+
+An input w may enter with its derivatives (a position source passes its speed on):
+
+    x' = A x + B_0 w + B_1 w' + B_2 w'',   y = C x + D_0 w + D_1 w' + D_2 w''.
+
+With x = x~ + B_k w^(k-1), from the highest k down, x~' = A x~ + (B_(k-1) + A B_k) w^(k-1) + ..., y = C x~ + ... +
+(D_(k-1) + C B_k) w^(k-1), so that only w itself is left in x~'. Where D_1 or D_2 remain, the transfer function grows without
+bound with the frequency; it has a frequency response, but no state space of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from heavebond.core.errors import Problem, UsageError, listing
+from heavebond.core.presentation import brief, count
+from heavebond.core.units import dimension_text, read_unit
+from heavebond.language.model import Model
+from heavebond.linear.disturbance import inner_name
+from heavebond.linear.linearisation import Linear, Linearisation
+from heavebond.linear.operating_point import OperatingPoints
+from heavebond.linear.stability import Stability, eigenvalues, stability
+from heavebond.numerics.dae import Array, Assembly
+from heavebond.numerics.result import unknown_signal
+from heavebond.numerics.simulator import Time
+from heavebond.numerics.start_equations import Point
+from heavebond.text.expression import ExpressionProblem, names, parse_formula
+
+Complex = NDArray[np.complex128]
+# Terms that cancel leave this share of their sizes as rounding.
+ROUNDING = 1e-11
+# Zeros of a pencil beyond this multiple of the fastest pole are those at infinity.
+INFINITE = 1e6
+# A mode that adds less than this share of the strongest one to a channel is not looked for in its pictures.
+VISIBLE = 1e-2
+FREE = 1e-9  # poles below this share of the fastest are at zero
+POINTS = 600
+
+
+@dataclass(frozen=True)
+class StateSpace:
+    """a (n, n), b (n, m), c (k, n), d (k, m) in SI; `higher` (2, k, m) are the factors of w' and w'', `sizes` (n,) the
+    nominal values of the states, `units` those of states, inputs and outputs in turn. `shown` are the units in which the
+    outputs are printed and drawn (`displayed`), `rigid` tells which states are positions and speeds of bodies.
+
+    The states are those of the machine, less what derivatives of the inputs add to them (see the module).
+    """
+
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    units: tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]
+    a: Array
+    b: Array
+    c: Array
+    d: Array
+    higher: Array
+    sizes: Array
+    point: Point
+    shown: tuple[str, ...] = ()
+    rigid: tuple[bool, ...] = ()
+
+    def __repr__(self) -> str:
+        return brief(self, f"{listing(list(self.inputs), 4)} to {listing(list(self.outputs), 4)}",
+                     f"{count(len(self.states), 'state')}: {listing(list(self.states), 8)}")
+
+    @property
+    def proper(self) -> bool:
+        """Whether no derivative of an input reaches an output directly."""
+        return not self.higher.any()
+
+    @property
+    def poles(self) -> Complex:
+        """The eigenvalues of a (1/s), zeros exact."""
+        return eigenvalues(self._scaled()[0])
+
+    @property
+    def stable(self) -> bool:
+        """Whether every pole decays; free modes do not."""
+        return self.stability().stable
+
+    def stability(self) -> Stability:
+        """The poles, judged: stable, marginally stable (with the free modes by name) or unstable."""
+        return stability(self.a, self.sizes, self.states, self.rigid)
+
+    def displayed(self) -> StateSpace:
+        """The same with its outputs in the units in which they are shown, to be printed or drawn."""
+        if not self.shown or self.shown == self.units[2]:
+            return self
+        scale = np.array([read_unit(unit).scale for unit in self.shown])[:, None]
+        return replace(self, c=self.c / scale, d=self.d / scale, higher=self.higher / scale,
+                       units=(self.units[0], self.units[1], self.shown))
+
+    def channel(self, output: str, input: str) -> StateSpace:
+        """One output from one input."""
+        i, j = self.outputs.index(output), self.inputs.index(input)
+        rows, columns = slice(i, i + 1), slice(j, j + 1)
+        return replace(self, inputs=(input,), outputs=(output,), b=self.b[:, columns], c=self.c[rows],
+                       d=self.d[rows, columns], higher=self.higher[:, rows, columns], shown=self.shown[i:i + 1],
+                       units=(self.units[0], (self.units[1][j],), (self.units[2][i],)))
+
+    def response(self, s: ArrayLike) -> Complex:
+        """The transfer functions (N, k, m) at complex frequencies s (N,) in 1/s: s = 2j*pi*f."""
+        points = np.atleast_1d(np.asarray(s, dtype=complex))
+        a, b, c = self._scaled()
+        through = np.zeros((len(points), len(self.outputs), len(self.inputs)), complex)
+        if self.states:
+            through = c @ np.linalg.solve(points[:, None, None] * np.eye(len(a)) - a,
+                                          np.broadcast_to(b, (len(points), *b.shape)))
+        points = points[:, None, None]
+        return np.asarray(through + self.d + points * self.higher[0] + points**2 * self.higher[1])
+
+    def zeros(self) -> Complex:
+        """The transmission zeros of one channel: where det [[a - s, b], [c, d + s higher]] is 0.
+
+        UsageError for several channels, or where the second derivative of the input reaches the output.
+        """
+        from scipy.linalg import eigvals
+
+        if len(self.outputs) != 1 or len(self.inputs) != 1 or self.higher[1].any():
+            raise UsageError([Problem("zeros-of-one", "zeros are found for one input and one output, which the input's "
+                                      "acceleration does not reach directly")])
+        a, b, c = self._scaled()
+        largest = max(float(np.abs(self.poles).max(initial=0.0)), 1.0)
+        b, c, d, higher = _balanced(b, c, self.d, self.higher[0], largest)
+        pencil = np.block([[a / largest, b], [c, d]])
+        mass = np.block([[np.eye(len(a)), np.zeros_like(b)], [np.zeros_like(c), -higher]])
+        top, bottom = eigvals(pencil, mass, homogeneous_eigvals=True)
+        finite = np.abs(top) < INFINITE * np.abs(bottom)
+        return np.asarray(largest * top[finite] / bottom[finite], dtype=complex)
+
+    def step(self, time: Array) -> Array:
+        """What the outputs do (N, k, m) after a unit step of an input, at equally spaced times (N,) from 0 on; an impulse
+        at 0 that derivatives of the step would make is left out."""
+        from scipy.linalg import expm
+
+        a, b, c = self._scaled()
+        n, m = b.shape
+        whole = expm(np.block([[a, b], [np.zeros((m, n + m))]]) * (time[1] - time[0]))
+        state, found = np.vstack([np.zeros((n, m)), np.eye(m)]), np.zeros((len(time), len(self.outputs), m))
+        for k in range(len(time)):
+            found[k] = c @ state[:n] + self.d
+            state = whole @ state
+        return found
+
+    def visible(self) -> Complex:
+        """The poles that the first input moves and the first output shows, by more than VISIBLE of the strongest."""
+        a, b, c = self._scaled()
+        values, right = np.linalg.eig(a)
+        residues = np.abs((c[0] @ right) * np.linalg.lstsq(right, b[:, 0].astype(complex), rcond=None)[0])
+        # integrators have no frequency of their own; they come as poles of the size of rounding
+        moving = np.abs(values) > FREE * np.abs(values).max(initial=0.0)
+        values, residues = values[moving], residues[moving]
+        weights = residues / np.maximum(np.abs(values.real), 1e-2 * np.abs(values))
+        return np.asarray(values[weights >= VISIBLE * weights.max(initial=0.0)], dtype=complex)
+
+    def frequencies(self) -> Array:
+        """Frequencies in Hz (N,) from a decade below the slowest visible pole to a decade above the fastest, denser where
+        poles are near the axis."""
+        return spread(self.visible(), self.poles)
+
+    def to_control(self) -> Any:
+        """The same as a `control.StateSpace`, dots in names as underscores (python-control allows none); UsageError where
+        python-control is not there or the system is not proper."""
+        self._check_proper()
+        try:
+            import control
+        except ImportError:
+            raise UsageError("this needs python-control", hint="pip install control") from None
+        return control.ss(self.a, self.b, self.c, self.d, **{
+            kind: [name.replace(".", "_") for name in own]
+            for kind, own in (("states", self.states), ("inputs", self.inputs), ("outputs", self.outputs))})
+
+    def to_scipy(self) -> Any:
+        """The same as a `scipy.signal.StateSpace`; UsageError where the system is not proper."""
+        from scipy.signal import StateSpace as Scipy
+
+        self._check_proper()
+        return Scipy(self.a, self.b, self.c, self.d)
+
+    def as_dict(self) -> dict[str, object]:
+        """Matrices with names and units, for machines."""
+        states, inputs, outputs = self.units
+        return {"states": [{"name": n, "unit": u} for n, u in zip(self.states, states, strict=True)],
+                "inputs": [{"name": n, "unit": u} for n, u in zip(self.inputs, inputs, strict=True)],
+                "outputs": [{"name": n, "unit": u} for n, u in zip(self.outputs, outputs, strict=True)],
+                "A": self.a.tolist(), "B": self.b.tolist(), "C": self.c.tolist(), "D": self.d.tolist(),
+                "D1": self.higher[0].tolist(), "D2": self.higher[1].tolist()}
+
+    def _check_proper(self) -> None:
+        if not self.proper:
+            i, j = np.argwhere(self.higher.any(axis=0))[0]
+            raise UsageError([Problem("not-proper", f"'{self.outputs[i]}' follows the derivative of '{self.inputs[j]}': its "
+                                      "transfer function has no state space", None,
+                                      "Take another output, or put a FirstOrderLag before the input.")])
+
+    def _scaled(self) -> tuple[Array, Array, Array]:
+        """a, b, c for states counted in their usual sizes."""
+        sizes = self.sizes
+        return self.a * sizes / sizes[:, None], self.b / sizes[:, None], self.c * sizes
+
+
+def state_space(model: Model, inputs: Sequence[str], outputs: Sequence[str], *, at: Time | None = None,
+                parameters: Mapping[str, float | str] | None = None) -> StateSpace:
+    """A diagram linearised between inputs and outputs, by exact derivatives; index reduction and loops included.
+
+    An input is a signal (what a component or formula sets is moved by it), the through variable of a node (`crown.f`: a
+    force from outside), or a parameter; an output is a variable, an output of the diagram or a formula of these.
+    `at` is None for the start, `"steady"`, or a time to which the diagram is run. UsageError for unknown names, StartError
+    and SimulationError where there is no operating point.
+    """
+    return StateSpaces(model, inputs, outputs, at).at(parameters)
+
+
+class StateSpaces:
+    """A diagram between inputs and outputs, compiled once, linearised for any parameters."""
+
+    def __init__(self, model: Model, inputs: Sequence[str], outputs: Sequence[str], at: Time | None = None):
+        self.inputs, self.outputs = tuple(dict.fromkeys(inputs)), tuple(dict.fromkeys(outputs))
+        plain = OperatingPoints(model, at, also=_named(self.outputs))
+        known = plain.assembly.parameter_names
+        self._added = [name for name in self.inputs if name not in known]
+        self._given = [name for name in self.inputs if name in known]
+        self.points = OperatingPoints(model, at, disturbances=self._added, also=_named(self.outputs)) \
+            if self._added else plain
+        self._linearisation = Linearisation(self.points.assembly, self._given, self.outputs,
+                                            [inner_name(name) for name in self._added])
+        self._units = _units(self.points.assembly, self.inputs, self.outputs)
+        show = model.show
+        self._shown = tuple(show[name].unit if name in show else unit
+                            for name, unit in zip(self.outputs, self._units[2], strict=True))
+
+    def at(self, parameters: Mapping[str, float | str] | None = None) -> StateSpace:
+        """The linear system with these parameters set."""
+        point = self.points.at(parameters)
+        linear = self._linearisation.at(point)
+        n, k, given = len(linear.states), len(self.outputs), len(self._given)
+        b, d = np.zeros((4, n, len(self.inputs))), np.zeros((4, k, len(self.inputs)))
+        for j, name in enumerate(self.inputs):
+            if name in self._given:
+                column = self._given.index(name)
+                b[0, :, j], d[0, :, j] = linear.b[:, column], linear.d[:, column]
+            else:
+                first = given + 4 * self._added.index(name)
+                b[:, :, j], d[:, :, j] = linear.b[:, first:first + 4].T, linear.d[:, first:first + 4].T
+        b_0, d_all = _without_derivatives(linear, b, d)
+        return StateSpace(linear.states, self.inputs, self.outputs, self._units, linear.a, b_0, linear.c, d_all[0],
+                          d_all[1:3], linear.sizes, point, self._shown, linear.rigid)
+
+
+def spread(poles: Complex, all_poles: Complex) -> Array:
+    """Frequencies in Hz (N,) around the poles (1/s) of a channel, with points close to every resonance."""
+    sizes = np.abs(poles)
+    sizes = sizes[sizes > FREE * sizes.max(initial=0.0)] if sizes.any() else np.array([2 * np.pi])
+    low, high = 0.1 * float(sizes.min()), 10 * float(sizes.max())
+    plain = np.geomspace(low, high, POINTS)
+    near = [pole.imag + max(-pole.real, 1e-6 * abs(pole)) * np.linspace(-8, 8, 65)
+            for pole in all_poles if pole.imag > 0 and abs(pole.real) < 0.3 * abs(pole)]
+    points = np.concatenate([plain, *near])
+    return np.asarray(np.unique(points[(points >= low) & (points <= high)]) / (2 * np.pi))
+
+
+def _without_derivatives(linear: Linear, b: Array, d: Array) -> tuple[Array, Array]:
+    """b (n, m) and d (4, k, m) after the derivatives of the inputs have been taken into the states."""
+    size_b, size_d = np.abs(b), np.abs(d)
+    for k in (3, 2, 1):
+        b[k - 1] += linear.a @ b[k]
+        d[k - 1] += linear.c @ b[k]
+        size_b[k - 1] += np.abs(linear.a) @ size_b[k]
+        size_d[k - 1] += np.abs(linear.c) @ size_b[k]
+    return np.where(np.abs(b[0]) > ROUNDING * size_b[0], b[0], 0.0), np.where(np.abs(d) > ROUNDING * size_d, d, 0.0)
+
+
+def _balanced(b: Array, c: Array, d: Array, higher: Array, largest: float) -> tuple[Array, Array, Array, Array]:
+    """The borders of the pencil in s / largest with sizes near one; its finite eigenvalues stay."""
+    left = float(np.abs(b).max(initial=0.0)) / largest or 1.0
+    right = float(np.abs(c).max(initial=0.0)) or 1.0
+    return b / largest / left, c / right, d / (left * right), higher * largest / (left * right)
+
+
+def _named(formulas: Sequence[str]) -> set[str]:
+    """The names in formulas; what cannot be read is complained about later."""
+    found = set()
+    for text in formulas:
+        try:
+            found |= {name.text for name in names(parse_formula(text))}
+        except ExpressionProblem:
+            continue
+    return found
+
+
+def _units(assembly: Assembly, inputs: Sequence[str], outputs: Sequence[str]
+           ) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
+    flat = assembly.flat
+    states = tuple(flat.unknowns[j].unit.text + "/s" * order for j, order in assembly.reduced.states)
+    own = {q.name: q.unit.text for q in flat.parameters} | {k.name: k.unit.text for k in flat.inputs}
+    return (states, tuple(own.get(inner_name(name), own.get(name, "")) for name in inputs),
+            tuple(_unit(assembly, name) for name in outputs))
+
+
+def _unit(assembly: Assembly, name: str) -> str:
+    shown = assembly.model.show.get(name)
+    try:
+        return dimension_text(assembly.resolver().dimension(parse_formula(name) if shown is None else shown.expr) or ())
+    except ExpressionProblem as problem:
+        raise unknown_signal(assembly, name, problem) from None

@@ -1,0 +1,266 @@
+"""Frequencies at which a transfer function has a given magnitude or a real value, over the whole imaginary axis.
+
+For L(s) = C (s - A)^-1 B + D with real matrices the conjugate on the imaginary axis is L(-s) = D + B^T (-s - A^T)^-1 C^T. So
+
+    |L(j w)| = g   where  L(s) L(-s) = g^2:  s [x, l] = [A x + B u, -A^T l - C^T y],  y = C x + D u,  g^2 u = B^T l + D y,
+    Im L(j w) = 0  where  L(s) - L(-s) = 0:  s [x, l] = [A x + B u, -A^T l - C^T u],  0 = C x - B^T l,
+
+are eigenvalue problems of pencils, and every crossing is among their eigenvalues, however far from the poles it lies. These
+only place the brackets: between two neighbouring ones the sign of the function cannot change, and each change is refined
+on the transfer function itself. The least |1 + L| is found in the same way: a minimum is the least of all where no frequency
+has a smaller value (N. A. Bruinsma, M. Steinbuch, Systems & Control Letters 14 (1990) 287-293,
+doi:10.1016/0167-6911(90)90049-Z).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heavebond.core.errors import Problem, UsageError
+from heavebond.linear.stability import eigenvalues
+from heavebond.numerics.dae import Array
+
+Complex = NDArray[np.complex128]
+# An imaginary part below this share of the value is rounding, and has no sign.
+RESOLVED = 1e-10
+# Zeros of a pencil of more than this many times, and of less than the inverse of, the largest pole are at infinity and at 0.
+INFINITE, NOTHING = 1e9, 1e-13
+ON_AXIS = 1e-7  # a pole with less damping than this is passed by on both sides, not stepped over
+BESIDE = 1e-12  # share of a frequency by which a pole on the axis is missed where it is met exactly
+GRID = 24  # points for each decade beside those that the pencils give
+CLOSER = 1e-6  # share by which a still lower |1 + L| would be looked for; the frequency is refined from there
+ROUNDS = 30
+CLOSE = 1e-3  # of the least |1 + L|: intervals that cannot come nearer by more are not halved
+TURN, MOST_STEPS = 16, 200_000  # points for each turn of a dead time's phase, far closer than half a turn; the most of them
+
+
+@dataclass(frozen=True)
+class Transfer:
+    """L(s) = C (s - A)^-1 B + D with rates counted in `rate` (1/s): a (n, n), b (n,), c (n,) balanced; e^(-s dead_time) L
+    is the loop with a dead time in s."""
+
+    a: Array
+    b: Array
+    c: Array
+    d: float
+    rate: float
+    dead_time: float = 0.0
+
+    def rational(self, omega: Array) -> Complex:
+        """L (N,) at omega (N,) in rad/s, without the dead time."""
+        s = 1j * np.atleast_1d(np.asarray(omega, dtype=float)) / self.rate
+        if not len(self.a):
+            return np.full(len(s), self.d, complex)
+        right = np.broadcast_to(self.b[:, None], (len(s), len(self.b), 1)).astype(complex)
+        try:
+            x = np.linalg.solve(s[:, None, None] * np.eye(len(self.a)) - self.a, right)
+        except np.linalg.LinAlgError:  # a frequency is that of an undamped pole: just beside it
+            x = np.linalg.solve(s[:, None, None] * (1 + BESIDE) * np.eye(len(self.a)) - self.a, right)
+        return np.asarray(x[:, :, 0] @ self.c + self.d, dtype=complex)
+
+    def at(self, omega: Array) -> Complex:
+        """L (N,) with its dead time at omega (N,) in rad/s."""
+        return np.asarray(self.rational(omega) * np.exp(-1j * np.atleast_1d(omega) * self.dead_time))
+
+    def one(self, omega: float) -> complex:
+        """L at one frequency in rad/s."""
+        return complex(self.at(np.array([omega]))[0])
+
+    @property
+    def poles(self) -> Complex:
+        """The eigenvalues of A in 1/s, zeros exact."""
+        return eigenvalues(self.a) * self.rate
+
+
+def transfer(a: Array, b: Array, c: Array, d: float, dead_time: float = 0.0) -> Transfer:
+    """A transfer function from a (n, n), b (n,), c (n,), d: states that its input does not reach or its output does not
+    see are left out, the others balanced, and time is counted in the fastest rate."""
+    from scipy.linalg import matrix_balance
+
+    kept = _between(a, b, c)
+    a, b, c = a[np.ix_(kept, kept)], b[kept], c[kept]
+    if not len(a):
+        return Transfer(a, b, c, d, 1.0, dead_time)
+    balanced, (scale, _) = matrix_balance(a, permute=False, separate=True)
+    a, b, c = np.asarray(balanced, dtype=float), b / scale, c * scale
+    rate = float(np.abs(a).max()) or 1.0
+    size = np.sqrt(np.linalg.norm(b / rate) / np.linalg.norm(c))
+    return Transfer(a / rate, b / rate / size, c * size, d, rate, dead_time)
+
+
+def _between(a: Array, b: Array, c: Array) -> NDArray[np.int64]:
+    """The states on the ways from the input to the output."""
+    reached, seen = b != 0, c != 0
+    for _ in range(len(a)):
+        further = reached | ((a != 0) @ reached), seen | ((a != 0).T @ seen)
+        if np.array_equal(further[0], reached) and np.array_equal(further[1], seen):
+            break
+        reached, seen = further
+    return np.asarray(np.flatnonzero(reached & seen))
+
+
+def zeros(of: Transfer) -> Complex:
+    """The zeros in 1/s."""
+    n = len(of.a)
+    return _finite(np.block([[of.a, of.b[:, None]], [of.c[None, :], np.array([[of.d]])]]), n) * of.rate
+
+
+def magnitude_crossings(of: Transfer, level: float = 1.0, shift: float = 0.0) -> list[float]:
+    """Every omega > 0 in rad/s at which |shift + L| without its dead time passes through a level."""
+    marks = np.abs(_magnitude_marks(of, level, shift).imag)
+    return _refined(of, marks, lambda omega: np.log(np.abs(shift + of.rational(omega)) / level), np.zeros(1))
+
+
+def _magnitude_marks(of: Transfer, level: float, shift: float) -> Complex:
+    """The eigenvalues in 1/s of L(s) L(-s) = level^2 with shift + L in place of L."""
+    n, d = len(of.a), (of.d + shift) / level
+    b, c = of.b[:, None], of.c[None, :] / level
+    o, column = np.zeros((n, n)), np.zeros((n, 1))
+    pencil = np.block([[of.a, o, b, column], [o, -of.a.T, column, -c.T],
+                       [c, column.T, np.array([[d, -1.0]])], [column.T, b.T, np.array([[-1.0, d]])]])
+    return _finite(pencil, 2 * n) * of.rate
+
+
+def real_crossings(of: Transfer) -> list[float]:
+    """Every omega > 0 in rad/s at which L is real; with a dead time, where there is no end of them, all that are below the
+    last frequency at which |L| is above the largest value below 1 that one of them has."""
+    marks = np.abs(_real_marks(of).imag)
+    if not of.dead_time:
+        return _refined(of, marks, lambda omega: _sine(of.at(omega)), np.zeros(0))
+    turn = 2 * np.pi / of.dead_time
+    span = max(magnitude_crossings(of), default=0.0) + 2 * turn
+    while True:
+        found = _refined(of, marks, lambda omega: _sine(of.at(omega)), _steps(of, span, TURN))
+        values = of.at(np.array(found))
+        sizes = np.abs(values[(values.real < 0) & (np.abs(values) < 1)])
+        last = max(magnitude_crossings(of, float(sizes.max())), default=0.0) if len(sizes) else 0.0
+        if last <= span:
+            return found
+        span = last + turn
+
+
+def _steps(of: Transfer, span: float, turn: int) -> Array:
+    """Frequencies in rad/s up to a span, so many for each turn of the dead time's phase; UsageError for too many."""
+    number = int(np.ceil(span * of.dead_time / (2 * np.pi) * turn))
+    if number > MOST_STEPS:
+        raise UsageError([Problem("dead-time-long", f"the phase of a dead time of {of.dead_time:g} s turns {number // turn} "
+                                  "times where the loop still has gain", None, "Take a shorter one.")])
+    return np.asarray(np.arange(1, number + 1) * (2 * np.pi / turn / of.dead_time), dtype=float)
+
+
+def _real_marks(of: Transfer) -> Complex:
+    n, o = len(of.a), np.zeros((len(of.a), len(of.a)))
+    b, c = of.b[:, None], of.c[None, :]
+    pencil = np.block([[of.a, o, b], [o, -of.a.T, -c.T], [c, -b.T, np.zeros((1, 1))]])
+    return _finite(pencil, 2 * n) * of.rate
+
+
+def _sine(values: Complex) -> Array:
+    """Im L / |L|, and nothing where that is rounding."""
+    share = values.imag / np.maximum(np.abs(values), 1e-300)
+    return np.where(np.abs(share) > RESOLVED, share, np.nan)
+
+
+def least_distance(of: Transfer) -> tuple[float, float]:
+    """The least |1 + L| over all frequencies, and its omega in rad/s (0 and inf count)."""
+    marks = np.abs(np.concatenate([_magnitude_marks(of, 1.0, 1.0), _real_marks(of)]).imag)
+    best = (abs(1 + of.d), np.inf)
+    if np.all(of.poles != 0):
+        best = min(best, (abs(1 + of.one(0.0)), 0.0))
+    best = min(best, _nearest(of, _nodes(of, marks, np.zeros(0))))
+    if of.dead_time:  # where |L| is below 1 - d, -1 is farther away than d
+        span = max(magnitude_crossings(of, max(1 - best[0], 1e-3)), default=0.0) + 2 * np.pi / of.dead_time
+        return min(best, _nearest(of, _nodes(of, marks, _steps(of, span, 2 * TURN))))
+    for _ in range(ROUNDS):
+        lower = magnitude_crossings(of, (1 - CLOSER) * best[0], 1.0) if best[0] > 0 else []
+        if len(lower) < 2:
+            break
+        best = min(best, _nearest(of, np.unique([*lower, *np.sqrt(np.array(lower[:-1]) * np.array(lower[1:]))])))
+    return best
+
+
+def _nearest(of: Transfer, nodes: Array) -> tuple[float, float]:
+    """The least |1 + L| and its omega: nodes are halved where the arc between two of them, which goes little farther than
+    its chord, could come nearer to -1 than any node; the nearest is refined."""
+    from scipy.optimize import minimize_scalar
+
+    points = 1 + of.at(nodes)
+    for _ in range(ROUNDS):
+        sizes = np.abs(points)
+        below = np.minimum(sizes[:-1], sizes[1:]) - np.abs(np.diff(points)) < (1 - CLOSE) * sizes.min()
+        halved = np.flatnonzero(below & (np.diff(nodes) > CLOSE**3 * nodes[1:]))
+        if not len(halved):
+            break
+        more = (nodes[halved] + nodes[halved + 1]) / 2
+        nodes, points = np.insert(nodes, halved + 1, more), np.insert(points, halved + 1, 1 + of.at(more))
+    k = int(np.argmin(np.abs(points)))
+    found = (float(abs(points[k])), float(nodes[k]))
+    low, high = float(nodes[max(k - 1, 0)]), float(nodes[min(k + 1, len(nodes) - 1)])
+    near = minimize_scalar(lambda log: abs(1 + of.one(float(np.exp(log)))), bounds=(np.log(low), np.log(high)),
+                           method="bounded", options={"xatol": 1e-12})
+    return min(found, (float(near.fun), float(np.exp(near.x))))
+
+
+def _finite(pencil: Array, n: int) -> Complex:
+    """The finite eigenvalues of a pencil whose first n rows are differential."""
+    from scipy.linalg import eigvals
+
+    if not n:
+        return np.zeros(0, complex)
+    mass = np.zeros_like(pencil)
+    mass[:n, :n] = np.eye(n)
+    top, bottom = eigvals(pencil, mass, homogeneous_eigvals=True)
+    kept = np.abs(top) < INFINITE * np.abs(bottom)
+    return np.asarray(top[kept] / bottom[kept], dtype=complex)
+
+
+def critical_frequencies(of: Transfer) -> Array:
+    """|s| in rad/s of the poles, the zeros and the marks of gain 1 that are not zero; without any, the rate of A."""
+    sizes = np.abs(np.concatenate([of.poles, zeros(of)]))
+    marks = np.abs(_magnitude_marks(of, 1.0, 0.0))
+    every = np.concatenate([sizes, marks])
+    kept = every[(every > NOTHING * of.rate) & np.isfinite(every)]
+    return np.unique(kept) if len(kept) else np.array([of.rate])
+
+
+def _nodes(of: Transfer, marks: Array, more: Array) -> Array:
+    """Frequencies in rad/s between which a function of L changes its sign once at most."""
+    critical = critical_frequencies(of)
+    marks = marks[(marks > NOTHING * of.rate) & np.isfinite(marks)]
+    ends = np.unique(np.concatenate([critical, marks]))
+    low, high = float(ends[0]) / 30, float(ends[-1]) * 30
+    between = np.sqrt(ends[:-1] * ends[1:])
+    grid = np.geomspace(low, high, int(GRID * np.log10(high / low)) + 2)
+    sides = [ends * (1 + sign * step) for step in (1e-2, 1e-4, 1e-6) for sign in (-1, 1)]
+    resonant = [p.imag + max(abs(p.real), 1e-6 * abs(p)) * np.linspace(-6, 6, 49)
+                for p in of.poles if 0 < abs(p.real) < 0.1 * p.imag]
+    every = np.concatenate([between, grid, *sides, *resonant, more])
+    every = every[(every > 0) & ~np.isin(every, _on_axis(of))]
+    return np.unique(every)
+
+
+def _on_axis(of: Transfer) -> Array:
+    """Frequencies of poles on the imaginary axis, in rad/s."""
+    return np.unique([p.imag for p in of.poles if p.imag > 0 and abs(p.real) <= ON_AXIS * abs(p)])
+
+
+def _refined(of: Transfer, marks: Array, function: Callable[[Array], Array], more: Array) -> list[float]:
+    """Where a function of omega changes its sign, poles on the axis apart."""
+    from scipy.optimize import brentq
+
+    nodes = _nodes(of, marks, more[more > 0])
+    values = function(nodes)
+    known = np.isfinite(values)
+    nodes, values = nodes[known], values[known]
+    walls, found = _on_axis(of), []
+    for k in np.flatnonzero(np.sign(values[:-1]) * np.sign(values[1:]) < 0).tolist():
+        low, high = float(nodes[k]), float(nodes[k + 1])
+        if np.any((walls > low) & (walls < high)):
+            continue
+        found.append(float(brentq(lambda w: float(np.nan_to_num(function(np.array([w]))[0])), low, high,
+                                  xtol=1e-15 * low, rtol=1e-14)))
+    return found

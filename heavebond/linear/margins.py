@@ -1,0 +1,213 @@
+"""A control loop cut at a signal: its open loop, whether it is stable when closed, its gain, phase and delay margins.
+
+The signal s = C x + D w carries what is added to it, and what sets it gives s - w. Cutting the loop means w = r - (s - w),
+so that what reads the signal sees r alone: with w = (r - C x) / D,
+
+    x' = (A - B C / D) x + (B / D) r,   L(s) = -(s - w) / r = -(C / D) x / r - (1 - 1 / D),
+
+exact, and without any change to the diagram. L is counted with negative feedback: the closed loop is 1/(1 + L), and it is
+stable where the eigenvalues of A say so. Only then are the distances of L from -1 margins.
+
+A loop with a dead time T has no eigenvalues that could be counted. Beginning at T = 0, roots reach the imaginary axis at
+T = (angle of -L)/omega + 2 pi k/omega of each omega with |L| = 1, and go to the right where |L| falls there with the
+frequency, to the left where it rises (K. L. Cooke, P. van den Driessche, Funkcialaj Ekvacioj 29 (1986) 77-90; K. Walton,
+J. E. Marshall, IEE Proc. D 134 (1987) 101-107).
+
+K. J. Astrom, R. M. Murray, Feedback Systems, 2nd ed., Princeton, 2021, section 10.3 (margins).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from heavebond.core.errors import Problem, UsageError
+from heavebond.language.model import Model
+from heavebond.linear import loop_crossings as crossing
+from heavebond.linear.linear_system import StateSpace, StateSpaces, spread
+from heavebond.linear.stability import MARGINAL, STABLE, UNSTABLE, Stability
+from heavebond.numerics.dae import Array
+from heavebond.numerics.simulator import Time
+
+# A direct share of the loop so large that nothing is left of what is added: it cannot be cut there.
+UNCUT = 1e-12
+NOTHING = 1e-12  # a loop of no more gain than this at any frequency is rounding
+REAL = 1e-6  # Im L / |L| at a crossing of the real axis; more is a pole or a zero of L on the imaginary axis
+ON_AXIS = 1e-6  # the angle of -L, in rad, at a frequency at which the closed loop swings undamped
+AROUND = 10.0  # how far the frequencies of a picture go beyond poles, zeros and crossings
+CUT = "behind the cut at "
+
+
+@dataclass(frozen=True)
+class Margin:
+    """A crossing: `value` is a factor of the gain, a phase in degrees or a delay in s, at `frequency` in Hz."""
+
+    value: float
+    frequency: float
+
+
+@dataclass(frozen=True)
+class Crossings:
+    """Where an open loop L crosses the unit circle and the negative real axis, over all frequencies (0 and inf included).
+
+    `gain`: the factors by which its gain may be multiplied until 1 + L is zero; `phase` in degrees (from -1, positive before
+    it) and `delay` in s at every crossing of gain 1; `modulus`: the least distance of L from -1, the inverse of the maximum
+    sensitivity M_s. `verdict` is that of the closed loop by its eigenvalues, `reasons` what keeps it from being stable.
+    These are margins where the closed loop is not unstable; of an unstable one they say how far it is to go.
+    """
+
+    verdict: str
+    reasons: tuple[str, ...]
+    gain: tuple[Margin, ...]
+    phase: tuple[Margin, ...]
+    delay: tuple[Margin, ...]
+    modulus: Margin
+
+    @property
+    def stable(self) -> bool:
+        """Whether every eigenvalue of the closed loop decays."""
+        return self.verdict == STABLE
+
+    @property
+    def unstable(self) -> bool:
+        """Whether one grows: then these are no margins."""
+        return self.verdict == UNSTABLE
+
+    @property
+    def gain_up(self) -> Margin | None:
+        """The nearest factor above 1."""
+        return min((m for m in self.gain if m.value >= 1), key=lambda m: m.value, default=None)
+
+    @property
+    def gain_down(self) -> Margin | None:
+        """The nearest factor below 1, of a loop that needs its gain."""
+        return max((m for m in self.gain if m.value < 1), key=lambda m: m.value, default=None)
+
+    @property
+    def least_gain(self) -> Margin | None:
+        """The factor nearest to 1."""
+        return min(self.gain, key=lambda m: abs(np.log(m.value)), default=None)
+
+    @property
+    def least_phase(self) -> Margin | None:
+        """The phase margin of least size."""
+        return min(self.phase, key=lambda m: abs(m.value), default=None)
+
+    @property
+    def least_delay(self) -> Margin | None:
+        """The shortest further delay that brings the loop to its stability boundary."""
+        return min(self.delay, key=lambda m: m.value, default=None)
+
+
+class Margins(Crossings):
+    """The margins of a loop that is stable when closed, free modes and integrators outside apart."""
+
+
+def loops(model: Model, signal: str, at: Time | None = None) -> StateSpaces:
+    """The closed loop from what is added to a signal to the signal itself, in SI whatever `show:` says of that name."""
+    return StateSpaces(model, [signal], [f"({signal})"], at)
+
+
+def open_loop(closed: StateSpace) -> StateSpace:
+    """L from the closed loop, whose one input is what is added to the signal that is its one output.
+
+    UsageError where the signal is in no loop, or follows its own derivative.
+    """
+    name, d = closed.inputs[0], float(closed.d[0, 0])
+    if not closed.proper or abs(d) < UNCUT:
+        raise UsageError([Problem("loop-not-cut", f"the loop cannot be cut at '{name}': what is added there acts on itself "
+                                  "at once", None, "Cut it at another signal, such as a controller's output.")])
+    a = closed.a - closed.b @ closed.c / d
+    loop = replace(closed, inputs=(f"{CUT}{name}",), outputs=(name,), a=a, b=closed.b / d, c=-closed.c / d,
+                   d=np.array([[-(1 - 1 / d)]]), units=(closed.units[0], closed.units[1], closed.units[1]),
+                   shown=closed.units[1])
+    if not np.any(np.abs(loop.response(2j * np.pi * spread(loop.poles, loop.poles))) > NOTHING):
+        raise UsageError([Problem("loop-none", f"'{name}' is in no loop: what is added to it does not come back")])
+    return loop
+
+
+def transfer_of(loop: StateSpace, dead_time: float = 0.0) -> crossing.Transfer:
+    """The transfer function of an open loop, made ready for its crossings."""
+    sizes = loop.sizes
+    return crossing.transfer(loop.a * sizes / sizes[:, None], loop.b[:, 0] / sizes, loop.c[0] * sizes, float(loop.d[0, 0]),
+                             dead_time)
+
+
+def loop_frequencies(loop: StateSpace, found: Crossings) -> Array:
+    """Frequencies in Hz (N,) that show a loop: around its poles and zeros and all its crossings."""
+    of = transfer_of(loop)
+    crossed = [m.frequency for m in (*found.gain, *found.phase, found.modulus) if 0 < m.frequency < np.inf]
+    kept = [*crossing.critical_frequencies(of) / (2 * np.pi), *crossed]
+    low, high = min(kept) / AROUND, max(kept) * AROUND
+    near = [spread(np.array([2j * np.pi * low * AROUND, 2j * np.pi * high / AROUND]), loop.poles),
+            *(f * np.linspace(0.9, 1.1, 41) for f in crossed)]
+    every = np.concatenate(near)
+    return np.unique(every[(every >= low) & (every <= high)])
+
+
+def crossings(loop: StateSpace, closed: Stability, *, dead_time: float = 0.0) -> Crossings:
+    """Every crossing of an open loop L, the closed one judged without dead time; `dead_time` in s is added to both."""
+    of = transfer_of(loop, dead_time)
+    gain = [Margin(1 / abs(value), omega / (2 * np.pi)) for omega in crossing.real_crossings(of)
+            if (value := of.one(omega)).real < 0 and abs(value.imag) < REAL * abs(value)]
+    poles = of.poles
+    if np.all(poles != 0) and (static := of.one(0.0).real) < 0:
+        gain.insert(0, Margin(-1 / static, 0.0))
+    if of.d < 0:
+        gain.append(Margin(-1 / of.d, np.inf))
+    phase, delay = [], []
+    for omega in crossing.magnitude_crossings(of):
+        angle = float(np.degrees(np.angle(-of.one(omega))))
+        phase.append(Margin(angle, omega / (2 * np.pi)))
+        delay.append(Margin((angle % 360.0) / 360.0 * 2 * np.pi / omega, omega / (2 * np.pi)))
+    distance, nearest = crossing.least_distance(of)
+    verdict, reasons = _delayed(of, closed) if dead_time else (closed.verdict, closed.reasons)
+    return Crossings(verdict, reasons, tuple(gain), tuple(phase), tuple(delay), Margin(distance, nearest / (2 * np.pi)))
+
+
+def _delayed(of: crossing.Transfer, closed: Stability) -> tuple[str, tuple[str, ...]]:
+    """The verdict about a loop with a dead time, from that about the same without, and its reasons."""
+    pairs = sum(1.0 if e.value.imag else 0.5 for e in closed.growing)
+    undamped = list(closed.undamped)
+    for omega in crossing.magnitude_crossings(of):
+        angle = float(np.angle(-of.rational(np.array([omega]))[0]))
+        first = angle % (2 * np.pi)
+        sizes = np.abs(of.rational(omega * np.array([1 - 1e-6, 1 + 1e-6])))
+        way = 1 if sizes[1] < sizes[0] else -1
+        if abs(angle) < ON_AXIS:  # a pair that is on the axis without dead time leaves it at once
+            pairs += max(way, 0)
+            undamped = [e for e in undamped if abs(e.value.imag - omega) > ON_AXIS * omega]
+            first = 2 * np.pi
+        pairs += way * max(int(np.floor((omega * of.dead_time - first) / (2 * np.pi))) + 1, 0)
+    if pairs > 0:
+        return UNSTABLE, (f"{round(2 * pairs)} roots grow with a dead time of {of.dead_time:g} s",)
+    left = (*undamped, *closed.free)
+    return (MARGINAL, tuple(e.text for e in left)) if left else (STABLE, ())
+
+
+def loop_crossings(model: Model, signal: str, *, at: Time | None = None,
+                   parameters: Mapping[str, float | str] | None = None, dead_time: float = 0.0) -> Crossings:
+    """The crossings of the loop through a signal, whether it is stable or not; arguments as those of `loop_margins`."""
+    closed = loops(model, signal, at).at(parameters)
+    return crossings(open_loop(closed), closed.stability(), dead_time=dead_time)
+
+
+def loop_margins(model: Model, signal: str, *, at: Time | None = None, parameters: Mapping[str, float | str] | None = None,
+                 dead_time: float = 0.0) -> Margins:
+    """The margins of the loop through a signal, `dead_time` in s added to it; other arguments and errors as those of
+    `state_space`.
+
+    UsageError where the closed loop is unstable: it has no margins. `loop_crossings` tells how far it is to go.
+    """
+    return checked(loop_crossings(model, signal, at=at, parameters=parameters, dead_time=dead_time), signal)
+
+
+def checked(found: Crossings, signal: str) -> Margins:
+    """The crossings as margins; UsageError where the closed loop is unstable."""
+    if found.unstable:
+        raise UsageError([Problem("loop-unstable", f"the loop through '{signal}' is unstable when closed, and has no "
+                                  f"margins: {'; '.join(found.reasons)}", None,
+                                  "`loop_crossings` tells where it crosses -1, and by how much.")])
+    return Margins(found.verdict, found.reasons, found.gain, found.phase, found.delay, found.modulus)

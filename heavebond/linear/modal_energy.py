@@ -1,0 +1,90 @@
+"""Which components swing in a mode and which damp it, from the powers at their ports.
+
+In a mode all efforts and flows move as e exp(s t), f exp(s t) with s = sigma + j omega. Over the ports of a component
+
+    S = sum conj(e) f = 2 s V + 2 conj(s) T + D
+
+with V, T the energies of its springs and masses and D what it dissipates, in one measure. |Im S| / omega is therefore the
+energy of a component that holds one kind, and Re S - sigma |Im S| / omega what it dissipates; below zero it feeds the mode.
+As no power is lost at the nodes, the sum of S over all components is 0. In a mode that does not swing, |S / s| stands for
+the energy.
+
+A port whose power is an enthalpy flow has no effort and flow that would tell the energy of a small motion: components with
+such ports are left out, and named.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import casadi as ca
+import numpy as np
+
+from heavebond.language.symbols import stack
+from heavebond.linear.linearisation import Mode
+from heavebond.numerics.dae import Assembly
+from heavebond.numerics.start_equations import Point
+
+ROUNDING = 1e-9
+
+
+@dataclass(frozen=True)
+class ModalShares:
+    """The shares of components in the energy of a mode, and in its damping: of all that is dissipated, and below zero what
+    feeds the mode, in the same measure; the largest first. `left_out` names components that cannot be counted. Empty where
+    a mode moves no store."""
+
+    energy: dict[str, float] = field(default_factory=dict)
+    damping: dict[str, float] = field(default_factory=dict)
+    left_out: tuple[str, ...] = ()
+
+
+class ModalEnergies:
+    """How the efforts and flows of all ports move with the states of an assembly, compiled once."""
+
+    def __init__(self, assembly: Assembly):
+        _, x, z, _, _, _ = assembly.arguments
+        flat = assembly.flat
+        self.assembly = assembly
+        self.left_out = tuple(dict.fromkeys(b.owner for b in flat.bonds.values() if b.effort is None))
+        bonds = [b for b in flat.bonds.values() if b.owner not in self.left_out]
+        self.owners = [b.owner for b in bonds]
+        self.stores = {e.owner for e in flat.energetics if not e.energy.is_zero()}
+        sides = [assembly.express(stack([flat.levels[0][j] for j in numbers])) for numbers in (
+            [b.effort for b in bonds if b.effort is not None], [b.flow for b in bonds])]
+        self._slopes = ca.Function("slopes", list(assembly.arguments), [
+            ca.jacobian(side, by) for side in (*sides, assembly.alg) for by in (x, z)])
+
+    def shares(self, point: Point, mode: Mode) -> ModalShares:
+        """The shares of the components in a mode near a point."""
+        e_x, e_z, f_x, f_z, g_x, g_z = (np.array(j.full()) for j in self._slopes(*point.values()))
+        v = mode.right * self.assembly.x_nominal
+        w = -np.linalg.solve(g_z, g_x @ v) if len(point.z) else np.zeros(0)
+        products = np.conj(e_x @ v + e_z @ w) * (f_x @ v + f_z @ w)
+        power: dict[str, complex] = {}
+        for owner, product in zip(self.owners, products.tolist(), strict=True):
+            power[owner] = power.get(owner, 0j) + product
+        if not mode.value or not power:
+            return ModalShares(left_out=self.left_out)
+        s = mode.value
+        energy = {name: abs(p.imag) / s.imag if mode.swings else abs(p / s) for name, p in power.items()
+                  if name in self.stores}
+        # where positions move without a store, what is left of forces that cancel is no energy
+        if sum(energy.values()) <= ROUNDING * float(np.abs(products).sum()) / abs(s):
+            return ModalShares(left_out=self.left_out)
+        lost = {name: p.real - s.real * energy.get(name, 0.0) for name, p in power.items()} if mode.swings else {}
+        return ModalShares(_shares(energy), _shares(lost), self.left_out)
+
+
+def energy_shares(assembly: Assembly, point: Point, modes: Sequence[Mode]) -> list[ModalShares]:
+    """The shares of the components in each of the modes."""
+    energies = ModalEnergies(assembly)
+    return [energies.shares(point, mode) for mode in modes]
+
+
+def _shares(sizes: Mapping[str, float]) -> dict[str, float]:
+    """Sizes over the sum of those above zero, the largest first; what is rounding is left out."""
+    total = sum(size for size in sizes.values() if size > 0)
+    kept = [(name, size) for name, size in sizes.items() if abs(size) > ROUNDING * total]
+    return {name: size / total for name, size in sorted(kept, key=lambda item: -abs(item[1]))} if total > 0 else {}

@@ -1,0 +1,77 @@
+"""Single numbers of the modes of a machine (a damping ratio, a decay) as costs and limits take them, with their slopes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heavebond.linear.linearisation import Mode, ModesAtStart
+from heavebond.numerics.dae import Array, Assembly
+
+NUMBERS = ("damping", "decay", "frequency")
+WHICH = ("least", "slowest")
+
+
+def part_of(states: Sequence[str], component: str) -> list[str]:
+    """The states that belong to a component or a block."""
+    return [name for name in states if name.startswith(component + ".")]
+
+
+def chosen_mode(modes: Sequence[Mode], number: str, which: str) -> Mode | None:
+    """The mode with the least damping ratio (or the slowest decay), the slowest that swings, or the one that swings in which
+    a component takes part most (of all, where none swings); None where nothing moves by itself."""
+    moving = [mode for mode in modes if mode.value]
+    if which not in WHICH:
+        return max([m for m in moving if m.swings] or moving, default=None, key=lambda mode: sum(
+            mode.participation[name] for name in part_of(mode.states, which)))
+    if which == "slowest":
+        return next((mode for mode in moving if mode.swings), next(iter(moving), None))
+    by = (lambda m: -m.value.real) if number == "decay" else (lambda m: m.damping)
+    return min(moving, key=by, default=None)
+
+
+def modal_number(number: str, mode: Mode | None) -> float:
+    """Its damping ratio, -Re(s) in 1/s or |s|/2 pi in Hz; a machine without such a mode does not swing."""
+    if mode is None:
+        return 1.0 if number == "damping" else 0.0
+    return {"damping": mode.damping, "decay": -mode.value.real, "frequency": mode.frequency}[number]
+
+
+def modal_slope(number: str, mode: Mode, moved: NDArray[np.complex128]) -> Array:
+    """How the number moves (m,) while the eigenvalue moves by `moved` (m,)."""
+    s = mode.value
+    if number == "decay":
+        return np.asarray(-moved.real)
+    size = abs(s)
+    if number == "frequency":
+        return np.asarray((s.real * moved.real + s.imag * moved.imag) / size / (2 * np.pi))
+    return np.asarray(-moved.real / size + s.real * (s.real * moved.real + s.imag * moved.imag) / size**3)
+
+
+class ModalNumbers:
+    """Numbers of the modes of an assembly, with other settings if so wanted, and their derivatives by the named parameters;
+    those of the last parameters are kept."""
+
+    def __init__(self, assembly: Assembly, settings: Mapping[str, float | str], named: Sequence[str]):
+        self.names, self.settings = assembly.parameter_names, settings
+        self.named = [name for name in named if name not in settings]
+        self.modes = ModesAtStart(assembly.with_parameters(settings))
+        self._known: tuple[bytes, dict[tuple[str, str], tuple[float, Array]]] = b"", {}
+
+    def at(self, number: str, which: str, p: Array) -> tuple[float, Array]:
+        """The number and its derivatives by all parameters (n_p,), zero for those that are not named."""
+        if self._known[0] != p.tobytes():
+            self._known = p.tobytes(), {}
+        if (number, which) not in self._known[1]:
+            self._known[1][number, which] = self._computed(number, which, p)
+        return self._known[1][number, which]
+
+    def _computed(self, number: str, which: str, p: Array) -> tuple[float, Array]:
+        first, found = self.modes.at({**dict(zip(self.names, p.tolist(), strict=True)), **self.settings})
+        mode, slope = chosen_mode(found, number, which), np.zeros(len(p))
+        if mode is not None:
+            moved = modal_slope(number, mode, self.modes.slope(first, mode, self.named))
+            slope[[self.names.index(name) for name in self.named]] = moved
+        return modal_number(number, mode), slope

@@ -1,0 +1,158 @@
+"""The operating point about which a machine is linearised: its start, a steady state, or where a run is at some time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+
+from heavebond.core.errors import Problem, UsageError
+from heavebond.core.units import read_unit
+from heavebond.equations.flatten import flatten
+from heavebond.equations.reduce import reduce
+from heavebond.language.definition import Component
+from heavebond.language.model import Model
+from heavebond.language.sections import Initial
+from heavebond.linear.disturbance import disturbed, quiet
+from heavebond.linear.linearisation import start_point
+from heavebond.numerics.dae import Array, Assembly, build
+from heavebond.numerics.initialise import start
+from heavebond.numerics.result import columns
+from heavebond.numerics.simulator import Simulator, Time, grid, seconds
+from heavebond.numerics.start_equations import Point, StartEquations
+from heavebond.text.expression import Call, Expr, children, names
+
+MOST_STEPS = 20
+STEADY = "steady"
+SPEEDS = tuple(read_unit(text).dimension for text in ("m/s", "rad/s"))
+
+
+class OperatingPoints:
+    """The machine with its disturbances, assembled once, and its operating point for any parameters."""
+
+    def __init__(self, model: Model, at: Time | None = None, *, disturbances: Sequence[str] = (), also: Iterable[str] = ()):
+        """`at`: None for the start of the diagram, `"steady"`, or a time; `also` names positions that are wanted."""
+        self.steady = at == STEADY
+        chosen = _steady(model) if self.steady else model
+        self.assembly = build(reduce(disturbed(flatten(chosen, also), disturbances)))
+        self.time = 0.0 if at is None or self.steady else seconds(at, "--at")
+        end = self.time or (float(grid(chosen, None, None)[-1]) if chosen.until is not None else 1.0)
+        self.driven = quiet(self.assembly.flat, len(disturbances), end)
+        self.equations = StartEquations(self.assembly)
+        self._simulator = Simulator(self.assembly, times=np.array([0.0, self.time]), driven=self.driven) \
+            if self.time else None
+
+    @property
+    def words(self) -> str:
+        """`at the start`, `steady`, `at 12 s`."""
+        return "in its steady state" if self.steady else f"at {self.time:g} s" if self.time else "at its start"
+
+    def at(self, parameters: Mapping[str, float | str] | None = None) -> Point:
+        """The point with these parameters set; StartError or SimulationError where there is none, UsageError
+        where other states are integrated at that time."""
+        if self._simulator is not None:
+            result = self._simulator.run(parameters)
+            if any(len(result.time) - 1 in at for at, _ in result.stays):
+                raise UsageError([Problem("other-states", f"at {self.time:g} s this diagram is integrated in other states "
+                                          "than at its start, which is not linearised", None,
+                                          "Take a time before that event.")])
+            t, x, z, p, u, _ = (values[:, -1] for values in columns(result))
+            return Point(float(t[0]), x, z, p, _begun_at(u, float(t[0])), 1.0)
+        assembly = self.assembly.with_parameters(parameters) if parameters else self.assembly
+        u = self.driven.at(np.zeros(1))[:, 0] if self.driven.columns.size else np.zeros(0)
+        if not self.steady:
+            return start_point(start(assembly, 0.0, u, self.equations), u)
+        u = _held_still(u)
+        return _still(assembly, self.equations, start_point(start(assembly, 0.0, u, self.equations), u))
+
+
+def stuck(assembly: Assembly, point: Point) -> list[str]:
+    """A sentence for each friction that is linearised in its transition around rest, and what to type for one that slides;
+    and one for each part that switches (a friction that truly sticks) with the state in which it is linearised.
+
+    A smoothed friction F(v) of width v_t has the slope F/v_t at rest, as a damper far stiffer than any in the machine.
+    Looked for are components that may be an effect, with amplitudes that are not zero, and with a width in the unit of one
+    of their own variables which is below it.
+    """
+    flat = assembly.flat
+    values = np.array(assembly.values(*point.values())).ravel()
+    number = dict(zip(assembly.parameter_names, point.p, strict=True))
+    held = {h.name: float(point.p[h.index]) for h in flat.held}
+    lines = []
+    for path, leaf in flat.expanded.leaves.items():
+        component = leaf.component
+        widths = [(f"{path}.{q.name}", q.unit.dimension) for q in component.parameters.values()
+                  if q.width and q.unit.dimension in SPEEDS]
+        speeds = {flat.unknowns[j].unit.dimension: values[j] for name in component.unknowns
+                  if (j := flat.names.get(f"{path}.{name}")) is not None}
+        forces = [f"{path}.{name}" for name in (component.effect.amplitude if component.effect else ())
+                  if number.get(f"{path}.{name}", 1.0)]
+        slow = [name for name, unit in widths if unit in speeds and name in flat.constants
+                and abs(speeds[unit]) < float(ca.Function("w", [flat.p], [flat.constants[name]])(point.p))]
+        if slow and forces:
+            units = (component.parameters[name.rpartition(".")[2]].unit.text for name in forces)
+            put = " ".join(f"--set {name}='0 {unit}'" for name, unit in zip(forces, units, strict=True))
+            lines.append(f"{path} is stuck there (slower than its {slow[0].rpartition('.')[2]}) and linearised as a damper "
+                         f"that holds all. For the machine that slides: {put}, or a moment of motion by --at.")
+        for name in _switching(component):
+            doc = component.held[name].doc
+            lines.append(f"{path}.{name} is {held[f'{path}.{name}']:g} there{f' ({doc})' if doc else ''} and stays so in "
+                         "the linearised machine. For another state take a moment by --at.")
+    return lines
+
+
+def _switching(component: Component) -> list[str]:
+    """The held variables of a component by whose value its equations are others: whether a friction sticks."""
+    asked = {name for line in component.equations for side in (line.tree.left, line.tree.right) for name in _asked(side)}
+    return [name for name in component.held if name in asked]
+
+
+def _asked(expr: Expr) -> Iterator[str]:
+    """The names in the conditions of an expression."""
+    if isinstance(expr, Call) and expr.function == "if_else":
+        yield from (name.text for name in names(expr.args[0]))
+    for child in children(expr):
+        yield from _asked(child)
+
+
+def _steady(model: Model) -> Model:
+    """The diagram started in its steady state: what another start asks for becomes a guess, unless parameters are solved
+    for it."""
+    initial = model.initial
+    if initial.mode == STEADY or initial.solve:
+        return replace(model, initial=replace(initial, mode=STEADY))
+    guesses = {name: replace(condition, guess=True) for name, condition in initial.conditions.items()}
+    return replace(model, initial=Initial(STEADY, guesses, {}))
+
+
+def _begun_at(u: Array, t: float) -> Array:
+    """The pieces (1 + 4 n,) that hold at t, expanded about t: c'_j = sum_k binomial(k, j) s**(k - j) c_k."""
+    if not len(u):
+        return u
+    s, old = t - u[0], u[1:].reshape(-1, 4)
+    new = np.column_stack([sum(math.comb(k, j) * s ** (k - j) * old[:, k] for k in range(j, 4)) for j in range(4)])
+    return np.concatenate([[t], new.ravel()])
+
+
+def _held_still(u: Array) -> Array:
+    """The inputs at their value, without derivatives."""
+    if not len(u):
+        return u
+    value = np.zeros((len(u) // 4, 4))
+    value[:, 0] = u[1:].reshape(-1, 4)[:, 0]
+    return np.concatenate([u[:1], value.ravel()])
+
+
+def _still(assembly: Assembly, equations: StartEquations, point: Point) -> Point:
+    """The same point with the time at rest: its algebraic unknowns by Newton's method once more."""
+    point = replace(point, rate=0.0)
+    for _ in range(MOST_STEPS if len(point.z) else 0):
+        residual, jacobian = equations.algebraic.at(point)
+        step = np.linalg.lstsq(jacobian, residual, rcond=None)[0]
+        point = replace(point, z=point.z - step)
+        if np.all(np.abs(step) <= 1e-12 * (np.abs(point.z) + assembly.z_nominal)):
+            break
+    return point

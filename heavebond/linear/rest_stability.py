@@ -1,0 +1,385 @@
+"""Stability of a machine at rest, as a smooth limit of a tuning and as margins of what was tuned.
+
+An eigenvalue s of the machine linearised at its operating point is scored by
+
+    r = (Re s + eps w) / sqrt(|s|**2 + 1/T**2),
+
+minus its damping ratio where it is fast against the time T of the run; w is the fastest rate, eps = 1e-6. Eigenvalues of
+zero (bodies that nothing holds, integrators outside of every loop) have no score. The limit is a smooth maximum over all
+scores, log(sum exp(rho r))/rho, which stays differentiable where one mode takes over from another; G. Kreisselmeier, R.
+Steinhauser, Systematic control design by optimizing a vector performance index, IFAC Symposium, Zurich 1979, 113-117.
+
+A machine with dry friction is judged as modelled, while all dry friction slides, and with the slopes that it has over the
+motion of the case (see `describing_function`). What holds at all slopes between is told beside it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from heavebond.equations.buffered import Buffered
+from heavebond.language.symbols import stack
+from heavebond.linear.describing_function import NO_FRICTION, dry_frictions
+from heavebond.linear.linearisation import Linear, Mode, ModesAtStart, start_point
+from heavebond.numerics.dae import Array, Assembly
+from heavebond.numerics.initialise import Start
+from heavebond.numerics.newton import Frame, newton
+from heavebond.numerics.start_equations import Point
+
+STABLE = "stable"
+FASTEST = 1e-6  # eps
+SHARPNESS = 2000.0  # rho: the smooth maximum of n equal scores is log(n)/rho above them, a damping ratio of some 0.0005
+LEAST = 2e-4  # the damping ratio that a search keeps, twice what a limit may be exceeded by
+# the slope of dry friction, as shares of that at rest, half a decade apart, and sliding
+SHARES = (*(10 ** (-k / 2) for k in range(11)), 0.0)
+AT_REST = 1e-6  # a state that changes by less than this share of its size in a second of the run's time is at rest
+COUNTED = 1e-8  # modes of less weight in the smooth maximum do not move it
+PHASES = np.radians(np.arange(1, 181, 2))
+FURTHEST, GROWING = 100.0, 1.3
+RANK_ONE = 1e-6
+
+
+@dataclass(frozen=True)
+class Variant:
+    """The linearised machine with shares of the slopes of its dry frictions."""
+
+    shares: tuple[float, ...]
+    point: Point
+    linear: Linear
+    modes: tuple[Mode, ...]
+
+    @cached_property
+    def fastest(self) -> float:
+        """The fastest rate in 1/s."""
+        return max((abs(mode.value) for mode in self.modes), default=0.0)
+
+    @property
+    def zeros(self) -> int:
+        """How many eigenvalues are zero: free bodies, integrators outside of every loop."""
+        return sum(1 + mode.swings for mode in self.modes if not mode.value)
+
+    def score(self, mode: Mode, base: float) -> float:
+        """r, above 0 for an eigenvalue that grows; that of a real one that decays knows no eps."""
+        s = mode.value
+        kept = FASTEST * self.fastest if s.imag or s.real > 0 else 0.0
+        return float((s.real + kept) / np.hypot(abs(s), base))
+
+
+@dataclass(frozen=True)
+class AtRest:
+    """A machine at its operating point: as modelled, and where it has dry friction, with the slopes of the case and while
+    that slides; `first` is the start that was linearised, None where the point was found from it."""
+
+    first: Start | None
+    variants: tuple[Variant, ...]
+    base: float
+
+    @property
+    def worst(self) -> float:
+        """The largest score, below zero where the machine is stable; -1 where nothing moves by itself."""
+        return max((v.score(m, self.base) for v in self.variants for m in v.modes if m.value), default=-1.0)
+
+    @property
+    def smooth(self) -> float:
+        """The smooth maximum of the scores."""
+        scores = np.array([v.score(m, self.base) for v in self.variants for m in v.modes if m.value])
+        most = float(scores.max(initial=-1.0))
+        return most + float(np.log(np.exp(SHARPNESS * (scores - most)).sum())) / SHARPNESS if len(scores) else most
+
+
+class RestStability:
+    """The stability of an assembly at its operating point, for any parameters; `until` is the time T of its runs."""
+
+    def __init__(self, assembly: Assembly, until: float):
+        self.modes = ModesAtStart(assembly)
+        self.assembly, self.base = assembly, 1 / until
+        self.frictions = dry_frictions(assembly)
+        self.shares: tuple[float, ...] | None = None  # the slopes of the case, as shares of those at rest
+
+    def at(self, values: Mapping[str, float | str]) -> AtRest | None:
+        """The machine at rest with these parameters set, None without an equilibrium; StartError without a start."""
+        first = self.modes.start(values)
+        point, own = start_point(first, self.modes.u), True
+        if not self._rests(point):
+            found = self._equilibrium(point)
+            if found is None:
+                return None
+            point, own = found, False
+        variants = [self._variant(point, share) for share in ((1.0, 0.0) if self.frictions.names else (1.0,))]
+        # a friction of no force, or one that slides already, is the same whatever its slope at rest
+        if len(variants) > 1 and np.array_equal(variants[0].linear.a, variants[1].linear.a):
+            variants = variants[:1]
+        elif self.shares is not None:
+            variants.insert(1, self._variant(point, self.shares))
+        return AtRest(first if own else None, tuple(variants), self.base)
+
+    def unstable_shares(self, found: AtRest) -> tuple[float, float] | None:
+        """The slopes of all dry friction, as shares of those at rest, between which the machine is not stable."""
+        if len(found.variants) < 2:
+            return None
+        p = found.first.p if found.first is not None else found.variants[0].point.p
+        point = replace(found.variants[0].point, p=p)
+        bad = [share for share in SHARES if not AtRest(None, (self._variant(point, share),), self.base).worst < 0]
+        return (min(bad), max(bad)) if bad else None
+
+    def limit(self, values: Mapping[str, float | str], named: Sequence[str]) -> tuple[float, Array]:
+        """The limit, above zero where less than the least damping ratio is left, and its slope by parameters (m,); -1 where
+        stability at rest has no meaning."""
+        found = self.at(values)
+        if found is None:
+            return -1.0, np.zeros(len(named))
+        value = found.smooth
+        slope = np.zeros(len(named))
+        for variant in found.variants if named and found.first is not None else ():
+            for mode in variant.modes:
+                r = variant.score(mode, self.base) if mode.value else -np.inf
+                if (weight := float(np.exp(SHARPNESS * (r - value)))) > COUNTED:
+                    slope += weight * self._slope(found.first, variant, mode, named)
+        return value + LEAST, slope
+
+    def _variant(self, point: Point, share: float | Sequence[float]) -> Variant:
+        shares = [share] * len(self.frictions.names) if isinstance(share, float) else share
+        point = replace(point, p=self.frictions.sliding(point.p, shares))
+        linear = self.modes.linearisation.at(point)
+        return Variant(tuple(shares), point, linear, tuple(linear.modes()))
+
+    def _slope(self, first: Start | None, variant: Variant, mode: Mode, named: Sequence[str]) -> Array:
+        assert first is not None
+        moved = self.modes.slope(first, mode, named, variant.point)
+        s, size = mode.value, float(np.hypot(abs(mode.value), self.base))
+        excess = variant.score(mode, self.base) * size
+        found = moved.real / size - excess * (s.real * moved.real + s.imag * moved.imag) / size**3
+        return np.where(np.isfinite(found), found, 0.0)
+
+    @cached_property
+    def _rates(self) -> Buffered:
+        """f and g, and their Jacobian by x and z."""
+        assembly = self.assembly
+        _, x, z, _, _, _ = assembly.arguments
+        sides, inner = stack([assembly.ode, assembly.alg]), stack([x, z])
+        return Buffered(ca.Function("rates", list(assembly.arguments), [sides, ca.jacobian(sides, inner)]))
+
+    def _at(self, point: Point) -> tuple[Array, Array]:
+        sides, jacobian = self._rates(*point.values()).values()
+        return sides.ravel(), jacobian
+
+    def _rests(self, point: Point) -> bool:
+        """Whether no state changes there, or each as it would for ever: a shaft that turns at a constant speed."""
+        n_x, sizes = len(point.x), self.assembly.x_nominal
+        rates = self._at(replace(point, rate=0.0))[0][:n_x]
+        if not np.all(np.isfinite(rates)):
+            return False
+        if np.all(np.abs(rates) <= AT_REST * sizes * self.base):
+            return True
+        a = self.modes.linearisation.at(point).a
+        scaled = np.abs(a @ rates) / sizes
+        return bool(np.all(scaled <= AT_REST * max(float(np.abs(rates / sizes).max()), self.base) * self.base))
+
+    def _equilibrium(self, point: Point) -> Point | None:
+        """The equilibrium that Newton's method finds from the start, with the inputs held still."""
+        assembly, n_x = self.assembly, len(point.x)
+        sizes = np.concatenate([assembly.x_nominal, assembly.z_nominal])
+
+        def system(y: Array) -> tuple[Array, Array]:
+            sides, jacobian = self._at(replace(point, x=y[:n_x], z=y[n_x:], rate=0.0))
+            return sides, jacobian * sizes
+
+        low, high = self.modes.equations.bounds
+        found = newton(system, np.concatenate([point.x, point.z]), Frame(sizes, low[:len(sizes)], high[:len(sizes)]))
+        return replace(point, x=found.y[:n_x], z=found.y[n_x:], rate=0.0) if found.good else None
+
+
+# -- what is told of a tuned machine -------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class Loop:
+    """The margins of the loop that runs through the free parameters of controllers: factors of its gain (None: no limit
+    within a hundred), the phase margin in degrees (None: none up to 180), and its crossover in Hz."""
+
+    through: tuple[str, ...]
+    gain_down: float | None
+    gain_up: float | None
+    phase: float | None
+    frequency: float
+
+
+@dataclass(frozen=True)
+class Stability:
+    """The stability of a tuned machine. `decided` by its `equilibrium`, its `periodic run` or `` (not decided); `stable` is
+    None where it is not decided. `damping` is the least damping ratio as modelled, `sliding` that with dry friction that
+    slides and `in_case` that with the slopes of the case (None without dry friction); `slowest` the frequency (Hz) and
+    damping ratio of the slowest mode that oscillates; `shares` the slopes of dry friction, as shares of those at rest,
+    between which the machine is unstable, which need not be those of the case; `marginal` the
+    number of free bodies and integrators; `boundary` the factors by which each free parameter may fall and grow; `case` the
+    least stable case; `multiplier` the largest Floquet multiplier."""
+
+    decided: str
+    stable: bool | None
+    damping: float | None = None
+    sliding: float | None = None
+    in_case: float | None = None
+    slowest: tuple[float, float] | None = None
+    frictions: tuple[str, ...] = ()
+    fixed: tuple[str, ...] = ()
+    shares: tuple[float, float] | None = None
+    marginal: int = 0
+    loop: Loop | None = None
+    boundary: Mapping[str, tuple[float | None, float | None]] | None = None
+    case: str = ""
+    multiplier: float | None = None
+
+
+def least_damping(variant: Variant) -> float:
+    """The least damping ratio of all modes but those of zero."""
+    return min((mode.damping for mode in variant.modes if mode.value), default=1.0)
+
+
+def describe(machine: RestStability, found: AtRest, case: str, named: Sequence[str], values: Mapping[str, float],
+             boundary: Mapping[str, tuple[float | None, float | None]]) -> Stability:
+    """The margins of the machine of one case at its operating point."""
+    modelled, slid = found.variants[0], found.variants[-1]
+    oscillating = [mode for mode in modelled.modes if mode.swings]
+    bad = tuple(not AtRest(None, (v,), found.base).worst < 0 for v in found.variants)
+    friction = machine.frictions if len(found.variants) > 1 else NO_FRICTION
+    case_too = len(found.variants) > 2
+    return Stability(
+        "equilibrium", not any(bad), least_damping(modelled), least_damping(slid) if friction.names else None,
+        least_damping(found.variants[1]) if case_too else None,
+        (oscillating[0].frequency, oscillating[0].damping) if oscillating else None, friction.names, friction.fixed,
+        machine.unstable_shares(found), modelled.zeros,
+        None if any(bad) else loop(machine, slid, named, values), boundary, case)
+
+
+def loop(machine: RestStability, variant: Variant, named: Sequence[str], values: Mapping[str, float]) -> Loop | None:
+    """The margins of the loop through those of the parameters that belong to signals, where all of them together scale one
+    loop: A(k) = A_0 + k M with M of rank one, M = B C, so that L(s) = -C (s - A_0)^-1 B. With a phase of phi in the loop the
+    poles are the eigenvalues of A_0 + exp(-j phi) M."""
+    gains = [name for name in named if values[name] and _of_signals(machine.assembly, name)]
+    if not gains:
+        return None
+    at = [machine.assembly.parameter_names.index(name) for name in gains]
+
+    def matrix(factor: float) -> Array:
+        p = variant.point.p.copy()
+        p[at] *= factor
+        sizes = variant.linear.sizes
+        return np.asarray(machine.modes.linearisation.at(replace(variant.point, p=p)).a * sizes / sizes[:, None])
+
+    one = matrix(1.0)
+    m = one - matrix(0.0)
+    values_of = np.linalg.svd(m, compute_uv=False)
+    if not values_of[0] > 0 or (len(values_of) > 1 and values_of[1] > RANK_ONE * values_of[0]) or \
+            np.abs(matrix(2.0) - one - m).max() > RANK_ONE * np.abs(m).max():
+        return None
+    zeros = variant.zeros
+
+    def growth(factor: complex) -> float:
+        return float(_moving(np.linalg.eigvals(one - m + factor * m), zeros).real.max(initial=-np.inf))
+
+    down, up = (crossing(growth, upwards) for upwards in (False, True))
+    turns = [growth(np.exp(-1j * phi)) for phi in (0.0, *PHASES)]
+    phase, frequency = None, 0.0
+    for (left, right), (low, high) in zip(pairwise((0.0, *PHASES.tolist())), pairwise(turns), strict=True):
+        if (low < 0) != (high < 0):
+            from scipy.optimize import brentq
+
+            phi = float(brentq(lambda phi: growth(np.exp(-1j * phi)), left, right, xtol=1e-6))
+            poles = _moving(np.linalg.eigvals(one - m + np.exp(-1j * phi) * m), zeros)
+            phase, frequency = float(np.degrees(phi)), float(abs(poles[np.argmax(poles.real)].imag) / (2 * np.pi))
+            break
+    return Loop(tuple(gains), down, up, phase, frequency)
+
+
+def _moving(poles: NDArray[Any], zeros: int) -> NDArray[Any]:
+    """The poles without so many that are zero but for rounding."""
+    return poles[np.argsort(np.abs(poles))[zeros:]]
+
+
+def _of_signals(assembly: Assembly, name: str) -> bool:
+    """Whether a parameter is taken by components with signal outputs only."""
+    symbol = assembly.flat.p[assembly.parameter_names.index(name)]
+    leaves = assembly.flat.expanded.leaves
+    takers = {path for path in leaves if name.rpartition(".")[0] == path} | {
+        key.rpartition(".")[0] for key, expression in assembly.flat.constants.items()
+        if key != name and isinstance(expression, ca.SX) and ca.depends_on(expression, symbol)}
+    found = [leaves[path].component for path in takers if path in leaves]
+    return bool(found) and all(any(port.direction == "out" for port in c.signals.values()) for c in found)
+
+
+def crossing(score: Callable[[float], float], up: bool) -> float | None:
+    """The factor, above or below 1, at which a score changes its sign; None where it does not within a factor of 100."""
+    from scipy.optimize import brentq
+
+    near, first = 1.0, score(1.0)
+    while 1 / FURTHEST < near < FURTHEST and np.isfinite(first):
+        far = near * GROWING if up else near / GROWING
+        here = score(far)
+        if not np.isfinite(here):
+            return None
+        if (here < 0) != (first < 0):
+            return float(brentq(score, near, far, xtol=1e-4))
+        near = far
+    return None
+
+
+def words(found: Stability, *, asked: bool = True) -> Iterator[str]:
+    """What is to be said of the stability of a tuned machine."""
+    if not found.decided:
+        yield "stability not decided: no equilibrium was found from the start, and the run does not end in a period"
+        return
+    if found.decided != "equilibrium":
+        assert found.multiplier is not None
+        yield f"{'stable' if found.stable else 'NOT STABLE'} by its periodic run: the largest Floquet multiplier is " \
+              f"{found.multiplier:.4g}"
+        return
+    assert found.damping is not None
+    if found.stable:
+        yield f"stable at its operating point: {_dampings(found)}"
+    elif not found.frictions:
+        yield f"NOT STABLE at its operating point: the least damping ratio is {found.damping:.3g}; a run that looks well " \
+            "is held by limits or by its short time, not by the gains"
+    else:
+        yield f"NOT STABLE: {_dampings(found)}"
+    if found.shares is not None:
+        yield _between(found.shares)
+    if not asked:
+        yield "stability was not asked for (`stable: off`)"
+    if found.slowest is not None:
+        yield f"slowest oscillating mode: {found.slowest[0]:.4g} Hz, damping ratio {found.slowest[1]:.3g}"
+    if found.marginal:
+        yield f"{found.marginal} eigenvalue{'s' * (found.marginal > 1)} of zero not counted (free bodies, integrators " \
+            "outside of every loop)"
+    if found.fixed:
+        yield f"the dry friction of {', '.join(found.fixed)} follows from other parameters and was taken as modelled"
+    if found.loop is not None:
+        yield _loop_words(found.loop)
+
+
+def _dampings(found: Stability) -> str:
+    said = f"least damping ratio {found.damping:.3g}"
+    if found.sliding is None:
+        return said
+    in_case = f", {found.in_case:.3g} with its slope over the motion of the run" if found.in_case is not None else ""
+    return f"{said} as modelled{in_case}, {found.sliding:.3g} while its dry friction slides"
+
+
+def _between(shares: tuple[float, float]) -> str:
+    low, high = shares
+    slopes = f"below {high:.2g}" if low == 0 else f"from {low:.2g} to {high:.2g}"
+    return f"over the amplitude: unstable where the slope of its dry friction is {slopes} of that at rest; motions grow " \
+        "there until their amplitude gives it another slope"
+
+
+def _loop_words(loop: Loop) -> str:
+    ends = " and ".join(f"{factor:.3g}" for factor in (loop.gain_down, loop.gain_up) if factor is not None)
+    gain = f"gain margin times {ends}" if ends else "no gain margin within a factor of 100"
+    phase = f"phase margin {loop.phase:.3g} deg at {loop.frequency:.3g} Hz" if loop.phase is not None else \
+        "phase without limit"
+    return f"loop through {', '.join(loop.through)}: {gain}, {phase}"

@@ -1,0 +1,93 @@
+"""How the poles of a machine move while one parameter does, its operating point moving along."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heavebond.core.errors import HeavebondError, Problem, UsageError
+from heavebond.core.units import Range
+from heavebond.equations.parameters import check_ranges
+from heavebond.language.model import Model
+from heavebond.linear.linearisation import Linear, Linearisation
+from heavebond.linear.operating_point import OperatingPoints
+from heavebond.linear.stability import Stability, eigenvalues
+from heavebond.numerics.dae import Array
+from heavebond.numerics.simulator import Time
+
+POINTS = 81
+
+
+@dataclass(frozen=True)
+class RootLocus:
+    """Poles (N, n) in 1/s at the values (N,) of a parameter in SI, each column following one pole; `limits` are values at
+    which the last growing mode appears or goes (the stability boundary). `stability` judges each value: free modes stay at
+    exactly zero and are no limit."""
+
+    parameter: str
+    unit: str
+    values: Array
+    poles: NDArray[np.complex128]
+    limits: tuple[float, ...]
+    stability: tuple[Stability, ...]
+
+
+def root_locus(model: Model, parameter: str, span: Range, *, at: Time | None = None, points: int = POINTS) -> RootLocus:
+    """The poles of a diagram over a span of a parameter; UsageError where fewer than two values have an operating point."""
+    operating = OperatingPoints(model, at)
+    linearisation = Linearisation(operating.assembly)
+    check_ranges({q.name: q.unit for q in operating.assembly.flat.parameters}, {parameter: span})
+
+    def linear(value: float) -> Linear:
+        return linearisation.at(operating.at({parameter: value}))
+
+    tried, found, judged, failed = [], [], [], ""
+    for value in np.linspace(span.low, span.high, points).tolist():
+        try:
+            near = linear(value)
+        except HeavebondError as error:
+            failed = str(error)
+            continue
+        found.append(eigenvalues(near.a * near.sizes / near.sizes[:, None]))
+        judged.append(near.stability())
+        tried.append(value)
+    if len(tried) < 2:
+        raise UsageError([Problem("locus-empty", f"no operating point was found while {parameter} moves", notes=(failed,))])
+    values = np.array(tried)
+    limits = [_limit(lambda v: linear(v).stability(), (values[k], values[k + 1]), (judged[k], judged[k + 1]))
+              for k in range(len(values) - 1) if bool(judged[k].growing) != bool(judged[k + 1].growing)]
+    index = operating.assembly.parameter_names.index(parameter)
+    unit = operating.assembly.flat.parameters[index].unit.text
+    return RootLocus(parameter, unit, values, _followed(found), tuple(limits), tuple(judged))
+
+
+def _limit(judged: Callable[[float], Stability], span: tuple[float, float], ends: tuple[Stability, Stability]) -> float:
+    """The value between two at which a mode begins to grow, or ends to."""
+    from scipy.optimize import brentq
+
+    if ends[0].abscissa * ends[1].abscissa < 0 and all(np.isfinite(end.abscissa) for end in ends):
+        # a real pole on its way through zero is free there: an end of the search, on the side that does not grow
+        limit = float(brentq(lambda v: judged(v).abscissa if np.isfinite(judged(v).abscissa) else 0.0, *span, rtol=1e-10))
+        return 0.0 if abs(limit) <= 1e-9 * abs(span[1] - span[0]) else limit
+    low, high = span
+    grows = bool(ends[0].growing)
+    while abs(high - low) > 1e-10 * max(abs(low), abs(high)):
+        middle = (low + high) / 2
+        if middle in (low, high):
+            break
+        low, high = (middle, high) if bool(judged(middle).growing) == grows else (low, middle)
+    return (low + high) / 2
+
+
+def _followed(found: Sequence[NDArray[np.complex128]]) -> NDArray[np.complex128]:
+    """The poles in such order that each column moves little from row to row."""
+    from scipy.optimize import linear_sum_assignment
+
+    rows = [found[0][np.lexsort((found[0].imag, found[0].real))]]
+    for poles in found[1:]:
+        apart = np.abs(rows[-1][:, None] - poles[None, :]) / (np.abs(rows[-1])[:, None] + np.abs(poles)[None, :] + 1e-300)
+        rows.append(poles[linear_sum_assignment(apart)[1]])
+    return np.array(rows)

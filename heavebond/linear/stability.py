@@ -1,0 +1,247 @@
+"""Stability of an equilibrium: eigenvalues judged decaying, free (zero), undamped or growing, and which states they move.
+
+A zero eigenvalue is a state that nothing leads back: a body that may stand anywhere (rigid-body mode), an integrator. It is
+mostly a double one (position and velocity of a free body) without as many eigenvectors, and any method for all eigenvalues
+then finds two numbers of the size sqrt(rounding) |A| anywhere around zero. So the zeros are taken out first:
+
+1. A is split into the diagonal blocks of its strongly connected states; its eigenvalues are theirs, and what is stiff in one
+   block does not blur another.
+2. Each block is balanced (E. E. Osborne; B. N. Parlett, C. Reinsch, doi:10.1007/BF02165404).
+3. Its null vectors are split off by an orthogonal change of coordinates, A -> [[0, *], [0, A_1]], then those of A_1, until
+   what is left is regular (the staircase for the Jordan chains of one eigenvalue: V. N. Kublanovskaya 1966; G. H. Golub,
+   J. H. Wilkinson, SIAM Review 18 (1976) 578-619, doi:10.1137/1018113). Its eigenvalues are well determined.
+
+The other eigenvalues are known up to delta |l|^T |A| |v| / |l^H v| where the entries of A are known to a share delta. What
+is nearer to the imaginary axis than that is undamped: neither its decay nor its growth is more than rounding.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heavebond.numerics.dae import Array
+
+Complex = NDArray[np.complex128]
+# The share to which the entries of a Jacobian are known, rounding of algebraic loops included: a condition number of 1e4
+# times the rounding of 2e-16. In a block that is closely coupled, singular values below this share of the largest are zero.
+ENTRIES = 1e-12
+# A block's own singular values are not known better than this share of the largest of the whole matrix.
+ROUNDING = 1e-15
+LEAST, MOST = 0.05, 4  # states that take part by less than the first share are not named, nor more than so many
+
+STABLE, MARGINAL, UNSTABLE = "stable", "marginally stable", "unstable"
+
+
+@dataclass(frozen=True)
+class Eigenvalue:
+    """An eigenvalue in 1/s (of a pair the one with an imaginary part above 0; exactly 0 for a free mode), the bound of its
+    rounding, the states that take part in it, the largest first, and how often a free one counts (2 for a body that may
+    stand anywhere and, once pushed, moves on)."""
+
+    value: complex
+    accuracy: float
+    states: tuple[str, ...]
+    rigid: bool = False
+    multiplicity: int = 1
+
+    @property
+    def free(self) -> bool:
+        """Whether it is zero."""
+        return self.value == 0
+
+    @property
+    def undamped(self) -> bool:
+        """Whether it lies on the imaginary axis as far as numbers can tell, away from zero."""
+        return not self.free and abs(self.value.real) <= self.accuracy
+
+    @property
+    def grows(self) -> bool:
+        """Whether its motion grows."""
+        return self.value.real > self.accuracy
+
+    @property
+    def text(self) -> str:
+        """`rigid-body mode of load.x, load.v`, `undamped mode at 0.5 Hz of ...`, `growing mode at 0.5 Hz of ...`."""
+        named = ", ".join(self.states)
+        if self.free:
+            return f"{'rigid-body mode' if self.rigid else 'integrator'} of {named}"
+        kind = "undamped" if self.undamped else "growing" if self.grows else "decaying"
+        at = f" at {abs(self.value) / (2 * np.pi):.4g} Hz" if self.value.imag else f" ({self.value.real:.4g} 1/s)"
+        return f"{kind} mode{at} of {named}"
+
+
+@dataclass(frozen=True)
+class Stability:
+    """All eigenvalues at an operating point, zeros first."""
+
+    eigenvalues: tuple[Eigenvalue, ...]
+
+    @property
+    def verdict(self) -> str:
+        """`stable` where every eigenvalue decays, `marginally stable` where free or undamped modes are beside those,
+        `unstable` where one grows."""
+        if self.growing:
+            return UNSTABLE
+        return MARGINAL if self.free or self.undamped else STABLE
+
+    @property
+    def stable(self) -> bool:
+        """Whether every eigenvalue decays."""
+        return self.verdict == STABLE
+
+    @property
+    def free(self) -> tuple[Eigenvalue, ...]:
+        """The rigid-body modes and integrators."""
+        return tuple(e for e in self.eigenvalues if e.free)
+
+    @property
+    def undamped(self) -> tuple[Eigenvalue, ...]:
+        """Those on the imaginary axis, away from zero."""
+        return tuple(e for e in self.eigenvalues if e.undamped)
+
+    @property
+    def growing(self) -> tuple[Eigenvalue, ...]:
+        """Those that grow."""
+        return tuple(e for e in self.eigenvalues if e.grows)
+
+    @property
+    def fastest(self) -> float:
+        """The largest |s| in 1/s."""
+        return max((abs(e.value) for e in self.eigenvalues), default=0.0)
+
+    def beyond(self, share: float) -> tuple[Eigenvalue, ...]:
+        """Eigenvalues that are not free and to the right of a share of the fastest rate: Re(s) > -share*fastest."""
+        return tuple(e for e in self.eigenvalues if not e.free and e.value.real > -share * self.fastest)
+
+    @property
+    def abscissa(self) -> float:
+        """The largest Re(s) in 1/s of all that are not free, within its rounding 0; -inf where all are free."""
+        return max((0.0 if e.undamped else e.value.real for e in self.eigenvalues if not e.free), default=-np.inf)
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """A phrase for each mode that keeps it from being stable."""
+        return tuple(e.text for e in (*self.growing, *self.undamped, *self.free))
+
+
+def stability(a: Array, sizes: Array, states: Sequence[str], rigid: Sequence[bool] = ()) -> Stability:
+    """The stability of x' = A x, A (n, n) in SI with states of these usual sizes (n,) and names; `rigid` tells which states
+    are positions and speeds of bodies."""
+    scaled = a * sizes / sizes[:, None]
+    found: list[Eigenvalue] = []
+    motion = rigid or [False] * len(states)
+    whole = float(np.linalg.norm(_balanced(scaled)[0], 2)) if len(a) else 0.0
+    free: dict[tuple[bool, frozenset[str]], list[Eigenvalue]] = {}
+    for block in strong_blocks(scaled):
+        names, body = [states[k] for k in block], all(motion[k] for k in block)
+        matrix, scale = _balanced(scaled[np.ix_(block, block)])
+        rest, null, zeros = _without_zeros(matrix, ROUNDING * len(a) * whole)
+        if zeros:
+            taking = _largest(np.abs(null * scale[:, None]) / np.abs(null * scale[:, None]).max(axis=0), names)
+            own = Eigenvalue(0j, 0.0, taking, body or all(motion[states.index(n)] for n in taking), zeros)
+            free.setdefault((own.rigid, frozenset(n.rpartition(".")[0] for n in taking)), []).append(own)
+        found += _regular(rest, matrix, names, zeros)
+    return Stability((*(_joined(links) for links in free.values()), *sorted(found, key=lambda e: abs(e.value))))
+
+
+def strong_blocks(a: Array) -> list[list[int]]:
+    """The strongly connected groups of states of a matrix, in the order of their first state."""
+    from scipy.sparse import csr_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    if not len(a):
+        return []
+    _, label = connected_components(csr_matrix(a != 0), connection="strong")
+    groups: dict[int, list[int]] = {}
+    for k, group in enumerate(label.tolist()):
+        groups.setdefault(group, []).append(k)
+    return list(groups.values())
+
+
+def eigenvalues(a: Array) -> Complex:
+    """The eigenvalues (n,) of a matrix (n, n), zeros exact."""
+    whole = float(np.linalg.norm(_balanced(a)[0], 2)) if len(a) else 0.0
+    found = []
+    for block in strong_blocks(a):
+        rest, _, zeros = _without_zeros(_balanced(a[np.ix_(block, block)])[0], ROUNDING * len(a) * whole)
+        found += [np.zeros(zeros, complex), np.linalg.eigvals(rest).astype(complex)]
+    return np.concatenate(found) if found else np.zeros(0, complex)
+
+
+def with_zeros(values: Complex, a: Array) -> Complex:
+    """Eigenvalues (n,) of a matrix as another method found them, in their order, with the zeros exact."""
+    exact = eigenvalues(a)
+    if exact.all():
+        return values
+    found = values.astype(complex)
+    found[_matched(exact, values)] = exact
+    return found
+
+
+def _balanced(a: Array) -> tuple[Array, Array]:
+    """D^-1 A D with rows and columns of like sizes, and the diagonal of D (n,)."""
+    from scipy.linalg import matrix_balance
+
+    balanced, (scale, _) = matrix_balance(a, permute=False, separate=True)
+    return np.asarray(balanced), np.asarray(scale)
+
+
+def _without_zeros(a: Array, least: float) -> tuple[Array, Array, int]:
+    """A regular matrix with the other eigenvalues of A, its null vectors (n, k) and how often 0 is an eigenvalue."""
+    rest, null, zeros = a, np.zeros((len(a), 0)), 0
+    bound = least
+    while len(rest):
+        _, sizes, across = np.linalg.svd(rest)
+        bound = max(bound, ENTRIES * float(sizes[0])) if not zeros else bound
+        k = int(np.count_nonzero(sizes <= bound))
+        if not k:
+            break
+        turned = across[::-1].T
+        if not zeros:
+            null = turned[:, :k]
+        rest, zeros = (turned.T @ rest @ turned)[k:, k:], zeros + k
+    return rest, null, zeros
+
+
+def _regular(rest: Array, whole: Array, names: Sequence[str], zeros: int) -> list[Eigenvalue]:
+    """The eigenvalues of what is left of a block, with the states that take part and the bounds of their rounding."""
+    if not len(rest):
+        return []
+    values, right = np.linalg.eig(rest if not zeros else whole)
+    left = np.linalg.pinv(right).conj().T
+    exact = np.linalg.eigvals(rest).astype(complex) if zeros else values.astype(complex)
+    columns = _matched(exact, values.astype(complex)) if zeros else np.arange(len(values))
+    noise = ENTRIES * np.abs(whole) + np.finfo(float).eps * len(whole) * np.linalg.norm(whole, 2)
+    found = []
+    for value, k in zip(exact.tolist(), columns.tolist(), strict=True):
+        if value.imag < 0:
+            continue
+        product = max(abs(np.vdot(left[:, k], right[:, k])), 1e-300)
+        accuracy = float(np.abs(left[:, k]) @ noise @ np.abs(right[:, k])) / product
+        shares = np.abs(left[:, k] * right[:, k])
+        found.append(Eigenvalue(complex(value), accuracy, _largest(shares[:, None], names)))
+    return found
+
+
+def _matched(wanted: Complex, found: Complex) -> NDArray[np.int64]:
+    """For each of the wanted values the place of its own in those that were found."""
+    from scipy.optimize import linear_sum_assignment
+
+    return np.asarray(linear_sum_assignment(np.abs(wanted[:, None] - found[None, :]))[1])
+
+
+def _largest(shares: Array, names: Sequence[str]) -> tuple[str, ...]:
+    """The names with the largest shares (n, k) in any column."""
+    most = shares.max(axis=1)
+    order = np.argsort(-most, kind="stable")
+    return tuple(names[k] for k in order if most[k] >= LEAST * most.max())[:MOST]
+
+
+def _joined(links: Sequence[Eigenvalue]) -> Eigenvalue:
+    """Free modes of the same parts as one: the position and the speed of a body that nothing holds."""
+    states = tuple(dict.fromkeys(name for link in links for name in link.states))
+    return Eigenvalue(0j, 0.0, states, links[0].rigid, sum(link.multiplicity for link in links))

@@ -1,0 +1,1 @@
+"""Localisation of model error: unknown-input estimation place by place."""

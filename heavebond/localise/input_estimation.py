@@ -1,0 +1,314 @@
+"""What would have to act at each place of a diagram so that the model meets its records: places ranked.
+
+At every place (see `places`) a through variable w(t) is estimated by a Kalman smoother together with the free
+parameters and small deviations of the start. How freely w may move is chosen by its likelihood on the records to be fitted;
+places are ranked by that likelihood, which counts freedom against them. Where the machine is not linear, the run is made
+again with the parameters and the w of the best place, and all is estimated anew about it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heavebond.core.errors import SimulationError, StartError
+from heavebond.equations.places import Place
+from heavebond.localise.kalman_smoother import Likelihood, Smoothed, Unknown
+from heavebond.localise.ltv_model import Beside, Deviation, Known, with_values
+from heavebond.numerics.dae import Array
+
+Say = Callable[[str], None]
+# Intensities that are tried, in sizes of the place per record (a size moves the outputs by as much as they are wrong), and
+# about the best of them once the runs have been made anew.
+INTENSITIES, FINER = 10.0 ** np.arange(-2.0, 5.1), 10.0 ** np.array([-0.5, 0.0, 0.5])
+# Two places whose responses to the same input have a squared cosine nearer to 1 than this are one.
+PARALLEL = 1e-6
+# A place whose response is below this share of the noise for a nominal input is not seen.
+UNSEEN = 1e-6
+# Where the parameters alone are foreseen to leave less than this chi-square per sample they are fitted step by step first.
+NEAR = 20.0
+MOST_STEPS, MOST_ROUNDS = 4, 2
+# A run came out as foreseen where its chi-square per sample differs by no more than this share from what was foreseen.
+# or where hardly any of the misfit is left.
+FORESEEN, SMALL = 0.05, 1e-3
+# Below this chance a gain in likelihood counts.
+CHANCE = 0.01
+
+
+@dataclass(frozen=True)
+class Group:
+    """Places that no record can tell apart by their responses: what enters at the first, times `ratio`, is what enters at
+    each. `size` is the input of the first that moves the outputs by as much as they are wrong."""
+
+    places: tuple[Place, ...]
+    ratios: tuple[float, ...]
+    size: float
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """A group with its log likelihood on the records to be fitted, and the intensity at which it is largest."""
+
+    group: Group
+    likelihood: float
+    intensity: float
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """All places beside all records. `likelihood` is that of the parameters alone, `ideal` that of nothing but noise,
+    `samples` their number; `base` are the runs with `values`, `systems` those with what the best place asks for besides,
+    about which `smoothed` (by record, the places as in `ranked`) was estimated; `foreseen` tells whether those runs came out
+    as foreseen, so that the estimate is that of the machine and not only of its linear system.
+    """
+
+    ranked: tuple[Ranked, ...]
+    unseen: tuple[Place, ...]
+    likelihood: float
+    ideal: float
+    samples: int
+    base: Mapping[str, Deviation]
+    systems: Mapping[str, Deviation]
+    smoothed: Mapping[str, Smoothed]
+    values: Mapping[str, Mapping[str, float]]
+    foreseen: bool
+
+    @property
+    def gain(self) -> float:
+        """Log likelihood that the best place adds to that of the parameters alone."""
+        return self.ranked[0].likelihood - self.likelihood if self.ranked else 0.0
+
+    @property
+    def chance(self) -> float:
+        """How likely such a gain would be at one of the places without anything missing: the likelihood ratio test of one
+        intensity, half of whose chi-square distribution is at 0, times the number of places (Bonferroni)."""
+        from scipy.stats import chi2
+
+        return float(min(1.0, len(self.ranked) * 0.5 * chi2.sf(2 * max(self.gain, 0.0), 1))) if self.ranked else 1.0
+
+    def explained(self, ranked: Ranked) -> float:
+        """The share of the way from the parameters alone to nothing but noise that a place goes, its freedom counted."""
+        way = self.ideal - self.likelihood
+        return float(np.clip((ranked.likelihood - self.likelihood) / way, 0.0, 1.0)) if way > 0 else 0.0
+
+
+@dataclass(frozen=True)
+class Round:
+    """All groups about one set of runs; `null` is the best q of the parameters alone, by record."""
+
+    ranked: tuple[Ranked, ...]
+    likelihood: float
+    null: Mapping[str, Array]
+
+
+@dataclass(frozen=True)
+class Search:
+    """Records beside their machine, those to be fitted first, and what is known of the free parameters."""
+
+    sides: Sequence[Beside]
+    known: Sequence[Known]
+    say: Say
+
+    @property
+    def fitted(self) -> list[str]:
+        """The records whose likelihood counts."""
+        return [s.record.name for s in self.sides if s.record.use == "fit"] or [self.sides[0].record.name]
+
+    def columns(self, record: str) -> NDArray[np.int64]:
+        """Where the q of a record stand in the q of all: shared ones first, then those that each record has for itself."""
+        shared = [k for k, known in enumerate(self.known) if not known.each]
+        own = [k for k, known in enumerate(self.known) if known.each]
+        first = len(shared) + len(own) * [s.record.name for s in self.sides].index(record)
+        return np.array([shared.index(k) if k in shared else first + own.index(k) for k in range(len(self.known))],
+                        dtype=np.int64)  # of nothing, where nothing is free
+
+    @property
+    def width(self) -> int:
+        """How many q there are in all."""
+        own = sum(k.each for k in self.known)
+        return len(self.known) - own + own * len(self.sides)
+
+    def centre(self, systems: Mapping[str, Deviation]) -> Array:
+        """The q of the runs, of all."""
+        found = np.zeros(self.width)
+        for name, system in systems.items():
+            found[self.columns(name)] = system.centre
+        return found
+
+    def estimate(self, values: Mapping[str, Mapping[str, float]], most: int) -> Estimate:
+        """Rank the places, beginning with runs at `values` (by record); the best `most` are smoothed."""
+        self.say("running the records")
+        systems = self.about(values, {})
+        groups, unseen = self.groups(systems)
+        grids = [(group, INTENSITIES) for group in groups]
+        self.say(f"estimating what acts at {len(groups)} places")
+        now = self.round(systems, grids)
+        systems, values, now = self._parameters_alone(systems, values, grids, now)
+        samples = sum(int(systems[name].used.sum()) for name in self.fitted)
+        # what was not sampled counts as a sample without error
+        ideal = -0.5 * (samples + np.log(2 * np.pi) * sum(systems[name].used.size for name in self.fitted))
+        found = Estimate(now.ranked, tuple(unseen), now.likelihood, ideal, samples, systems, systems, {}, values, True)
+        if found.chance < CHANCE:
+            found = self._along_the_best(found)
+        return replace(found, smoothed=self._smoothed(found.systems, found.ranked[:most]))
+
+    def about(self, values: Mapping[str, Mapping[str, float]], driven: Mapping[str, Array]) -> dict[str, Deviation]:
+        """Every record's linear system about its run."""
+        return {s.record.name: s.about(values[s.record.name], self.known, driven.get(s.record.name)) for s in self.sides}
+
+    def groups(self, systems: Mapping[str, Deviation]) -> tuple[list[Group], list[Place]]:
+        """Places that respond alike put together, and those without a response."""
+        side = self.sides[0]
+        responses = np.concatenate([_responses(systems[name], list(side.nodes), side.places) for name in self.fitted])
+        strength = np.sqrt(np.mean(responses**2, axis=0))
+        found: list[tuple[list[int], list[float]]] = []
+        unseen = []
+        for g, place in enumerate(side.places):
+            node = place.nodes[0]
+            if strength[g] * node.domain.members[node.through].nominal < UNSEEN:
+                unseen.append(place)
+                continue
+            for members, ratios in found:
+                first = responses[:, members[0]]
+                along = float(first @ responses[:, g]) / (responses[:, g] @ responses[:, g])
+                if abs(along * along * strength[g]**2 / strength[members[0]]**2 - 1) < PARALLEL:
+                    members.append(g)
+                    ratios.append(along)
+                    break
+            else:
+                found.append(([g], [1.0]))
+        wrong = np.sqrt(misfit(systems, self.fitted))
+        return [Group(tuple(side.places[g] for g in members), tuple(ratios), float(wrong / strength[members[0]]))
+                for members, ratios in found], unseen
+
+    def round(self, systems: Mapping[str, Deviation], grids: Sequence[tuple[Group, Array]]) -> Round:
+        """The likelihood of every group at its intensities, the parameters integrated out over what is known of them."""
+        # first nothing at all, as an input of intensity 0
+        tried = np.concatenate([[0.0], *(grid for _, grid in grids)])
+        places = [self.sides[0].places[0], *(group.places[0] for group, grid in grids for _ in grid)]
+        sizes = np.concatenate([[1.0], *(np.full(len(grid), group.size) for group, grid in grids)])
+        constant = np.zeros(len(tried))
+        slope, curvature = np.zeros((len(tried), self.width)), np.zeros((len(tried), self.width, self.width))
+        alone: dict[str, Likelihood] = {}
+        for side in self.sides:
+            name, system = side.record.name, systems[side.record.name]
+            if name not in self.fitted and not any(k.each for k in self.known):
+                continue
+            own = slice(None) if name in self.fitted else slice(1)
+            unknown = Unknown(system, list(side.nodes), places[own], sizes[own])
+            alone[name] = unknown.filtered(tried[own]**2 / _span(system))
+            if name in self.fitted:
+                columns = self.columns(name)
+                constant += alone[name].constant
+                slope[:, columns] += alone[name].slope
+                curvature[:, columns[:, None], columns] += alone[name].curvature
+        total, q = self._integrated(constant, slope, curvature, -self.centre(systems))
+        ends = np.cumsum([1, *(len(grid) for _, grid in grids)])
+        ranked = []
+        for (group, grid), begin, end in zip(grids, ends[:-1], ends[1:], strict=True):
+            best = int(total[begin:end].argmax())
+            ranked.append(Ranked(group, float(total[begin + best]), float(grid[best])))
+        null = {s.record.name: self._own(s.record.name, q[0], systems, alone) for s in self.sides}
+        return Round(tuple(sorted(ranked, key=lambda r: -r.likelihood)), float(total[0]), null)
+
+    def _integrated(self, constant: Array, slope: Array, curvature: Array, mean: Array) -> tuple[Array, Array]:
+        """Log likelihood (G,) with q ~ N(mean, 1) integrated out, and the most likely q (G, width)."""
+        precision = curvature + np.eye(self.width)
+        q = np.linalg.solve(precision, (mean - slope)[:, :, None])[:, :, 0] if self.width else slope
+        bottom = constant + 2 * (slope * q).sum(axis=1) + np.einsum("gi,gij,gj->g", q, curvature, q) \
+            + ((q - mean)**2).sum(axis=1)
+        return np.asarray(-0.5 * (bottom + np.linalg.slogdet(precision)[1])), np.asarray(q)
+
+    def _own(self, record: str, q: Array, systems: Mapping[str, Deviation], alone: Mapping[str, Likelihood]) -> Array:
+        """The q of one record about zero; where it was not fitted, those that it has for itself from it alone."""
+        moved, own = q[self.columns(record)], np.array([k.each for k in self.known], dtype=bool)
+        if record not in self.fitted and own.any():
+            found = alone[record]
+            curvature, mean = found.curvature[0], -systems[record].centre
+            right = mean - found.slope[0] - curvature[:, ~own] @ moved[~own]
+            moved[own] = np.linalg.solve(curvature[np.ix_(own, own)] + np.eye(int(own.sum())), right[own])
+        return np.asarray(systems[record].centre + moved)
+
+    def _parameters_alone(self, systems: dict[str, Deviation], values: Mapping[str, Mapping[str, float]],
+                          grids: Sequence[tuple[Group, Array]], now: Round
+                          ) -> tuple[dict[str, Deviation], Mapping[str, Mapping[str, float]], Round]:
+        """Gauss-Newton steps of the parameters, where these alone nearly explain the records."""
+        samples = sum(int(systems[name].used.sum()) for name in self.fitted)
+        size = sum(systems[name].used.size for name in self.fitted)
+        for _ in range(MOST_STEPS if self.known else 0):
+            foreseen = (-2 * now.likelihood - size * np.log(2 * np.pi)) / samples
+            if foreseen > NEAR:
+                break
+            self.say("fitting the parameters alone")
+            try:
+                stepped = {name: with_values(self.known, q) for name, q in now.null.items()}
+                better = self.about(stepped, {})
+            except (SimulationError, StartError):
+                break
+            gained = misfit(systems, self.fitted) - misfit(better, self.fitted)
+            if gained < -0.01:
+                break
+            systems, values, now = better, stepped, self.round(better, grids)
+            if gained < 0.01:
+                break
+        return systems, values, now
+
+    def _along_the_best(self, first: Estimate) -> Estimate:
+        """The runs made again with what the best place asks for, until they come out as foreseen."""
+        now = replace(first, foreseen=False)
+        for _ in range(MOST_ROUNDS):
+            place = now.ranked[0].group.places[0]
+            self.say(f"running the records with what acts {place.words}")
+            smoothed = self._smoothed(now.systems, now.ranked[:1])
+            expected = sum(float(np.sum(smoothed[n].left[:, 0, :, 0]**2)) for n in self.fitted) / now.samples
+            vector = np.array([place.weights.get(node, 0.0) for node in self.sides[0].nodes])
+            try:
+                systems = self.about(now.values, {name: s.w[:, 0, :1] * vector for name, s in smoothed.items()})
+            except (SimulationError, StartError):
+                break
+            reached = misfit(systems, self.fitted)
+            if reached > 0.5 * misfit(first.systems, self.fitted) and reached > 2 * expected:
+                break  # a machine that this input throws off its way
+            again = self.round(systems, [(r.group, r.intensity * FINER) for r in now.ranked])
+            settled = abs(reached - expected) < FORESEEN * expected + 0.02 \
+                or reached < SMALL * misfit(first.systems, self.fitted)
+            now = replace(now, ranked=again.ranked, systems=systems, foreseen=settled)
+            if settled:
+                break
+        return now
+
+    def _smoothed(self, systems: Mapping[str, Deviation], ranked: Sequence[Ranked]) -> dict[str, Smoothed]:
+        """What acts at the first place of each group, in every record."""
+        if not ranked:
+            return {}
+        places, sizes = [r.group.places[0] for r in ranked], np.array([r.group.size for r in ranked])
+        tried = np.array([r.intensity for r in ranked])
+        return {s.record.name: Unknown(systems[s.record.name], list(s.nodes), places, sizes).smoothed(
+            tried**2 / _span(systems[s.record.name])) for s in self.sides}
+
+
+def _span(system: Deviation) -> float:
+    return float(system.time[-1] - system.time[0])
+
+
+def misfit(systems: Mapping[str, Deviation], names: Sequence[str]) -> float:
+    """Chi-square per sample of the runs."""
+    return float(sum(np.sum(systems[n].error**2) for n in names) / sum(int(systems[n].used.sum()) for n in names))
+
+
+def _responses(system: Deviation, nodes: Sequence[str], places: Sequence[Place]) -> Array:
+    """The outputs (N m, places), in noise, to the same wandering input of size 1 at each place."""
+    w = np.cumsum(np.random.default_rng(0).standard_normal(len(system.time)))
+    w /= np.sqrt(np.mean(w**2))
+    unknown = Unknown(system, nodes, places, np.ones(len(places)))
+    n = unknown.n
+    x = np.zeros((len(places), n))
+    found = np.empty((len(system.time), system.error.shape[1], len(places)))
+    for i in range(len(system.time)):
+        if i:
+            x = x @ system.phi[i - 1, :, :n].T + unknown.gamma[i - 1] * ((w[i - 1] + w[i]) / 2)
+        found[i] = (x @ system.c[i, :, :n].T + unknown.d[i] * w[i]).T
+    return found.reshape(-1, len(places))

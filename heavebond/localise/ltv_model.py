@@ -1,0 +1,267 @@
+"""Small deviations of a machine from a run beside a record, as a linear system that varies in time.
+
+Along a simulated run, with dx the deviation of the states, q that of the free parameters (in standard deviations of what is
+known of them) and w_n what enters node n (see `places`),
+
+    dx' = A(t) dx + A_q(t) q + sum_n B_n(t) dw_n,     dy = C(t) dx + C_q(t) q + sum_n D_n(t) dw_n,
+
+A = f_x - f_z g_z^-1 g_x and so on, as algebraic unknowns follow at once. From one sample to the next, over h, with the
+matrices of its middle, the solution is exact: dx(t + h) = exp(A h) dx(t) + G (A_q q + B dw), G = int_0^h exp(A s) ds.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from heavebond.core.quoting import file_stem
+from heavebond.core.units import Unit, read_unit
+from heavebond.equations.flatten import flatten
+from heavebond.equations.places import nodes_of, places_of, with_virtual_sources
+from heavebond.equations.reduce import reduce
+from heavebond.fit.comparison import TOLERANCES
+from heavebond.fit.experiment import Experiment, Free, Record
+from heavebond.fit.records import Mask, measure
+from heavebond.language.symbols import stack
+from heavebond.numerics.dae import Array, Assembly, build
+from heavebond.numerics.initialise import tangent
+from heavebond.numerics.result import Result, columns
+from heavebond.numerics.simulator import Simulator
+from heavebond.text.expression import names as names_in
+
+# How far the start may be off: this share of the span in which a state moves (standard deviation).
+START = 0.02
+# A parameter that may lie anywhere in its range, without a tolerance: a quarter of it (of its logarithm) is a deviation.
+WIDTH = 0.25
+
+
+@dataclass(frozen=True)
+class Known:
+    """What is known of a free parameter before: value = centre + deviation * q, or centre * exp(deviation * q) where
+    `logarithmic`, with q normal."""
+
+    name: str
+    centre: float
+    deviation: float
+    low: float
+    high: float
+    logarithmic: bool
+    each: bool
+
+    def place_of(self, value: float) -> float:
+        """The q of a value."""
+        moved = np.log(value / self.centre) if self.logarithmic else value - self.centre
+        return float(moved / self.deviation)
+
+    def value_of(self, q: float) -> float:
+        """The value of a q, within the range."""
+        value = self.centre * np.exp(self.deviation * q) if self.logarithmic else self.centre + self.deviation * q
+        return float(np.clip(value, self.low, self.high))
+
+    def slope(self, value: float) -> float:
+        """d value / d q."""
+        return self.deviation * (value if self.logarithmic else 1.0)
+
+
+def known_of(free: Free, value: float) -> Known:
+    """A free parameter's prior: its tolerance is two standard deviations; of a plain range its quarter, about the value
+    that it has."""
+    r = free.range
+    if r.nominal is not None:
+        return Known(free.name, r.nominal, (r.high - r.nominal) / 2, r.low, r.high, False, free.each)
+    logarithmic = r.low > 0
+    width = np.log(r.high / r.low) if logarithmic else r.high - r.low
+    return Known(free.name, value, float(WIDTH * width), r.low, r.high, logarithmic, free.each)
+
+
+@dataclass(frozen=True)
+class Local:
+    """A signal of the diagram at which laws may look: its name, unit and role (across, position, signal, through)."""
+
+    name: str
+    unit: Unit
+    role: str
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """A record beside a run, and the linear system about the run. Shapes: N samples, n states (each by its nominal size),
+    k free parameters, m channels (each by its noise), M nodes, L local signals; all else in SI.
+
+    `phi` (N-1, n, n+k) and `gamma` (N-1, n, M) step (dx, q) and dw; `error` (N, m) is measured - run; `c` (N, m, n+k) and
+    `d` (N, m, M) give dy; `used` (N, m) are the samples that there are (the others are zero in all three); `local` (N, L),
+    `local_c` and `local_d` the signals; `driven` (N, M) is the w with which the run was made; `start` (n, k) is
+    d dx(0) / d q and `start_deviation` (n,) what dx(0) may have besides; `centre` (k,) is the q of the run.
+    """
+
+    record: str
+    time: Array
+    phi: Array
+    gamma: Array
+    error: Array
+    c: Array
+    d: Array
+    used: Mask
+    local: Array
+    local_c: Array
+    local_d: Array
+    driven: Array
+    start: Array
+    start_deviation: Array
+    centre: Array
+    result: Result
+
+
+class Beside:
+    """One record and its machine with a virtual source on every node, to be linearised about several runs."""
+
+    def __init__(self, experiment: Experiment, record: Record, folder: Path):
+        self.experiment, self.record = experiment, record
+        found = measure(experiment, record)
+        self.time = found.grid
+        outputs = list(experiment.outputs.values())
+        units = [read_unit(o.shown.unit) for o in outputs]
+        values, counts, checking = found.on_grid()
+        self.used = (counts | checking).T
+        self.measured = np.where(self.used, values.T, 0.0)
+        self.noise = np.array([c.noise * u.scale for u, c in zip(units, found.channels.values(), strict=True)])
+        self.learn = _learnt(np.any(counts, axis=0, keepdims=True)[0], np.any(checking, axis=0, keepdims=True)[0], record)
+        wanted = {n.text for o in outputs for n in names_in(o.shown.expr)}
+        wanted |= {name.removeprefix("initial.") for name in experiment.free if name.startswith("initial.")}
+        flat = flatten(experiment.model_for(record), wanted)
+        self.nodes = nodes_of(flat)
+        self.places = places_of(flat, self.nodes)
+        self.file = folder / f"{file_stem(record.name)}.csv"
+        self._write(np.zeros((len(self.time), len(self.nodes))))
+        self.assembly = build(reduce(with_virtual_sources(flat, self.nodes, self.file)))
+        self.locals = _locals(self.assembly)
+        self._jacobians = _Jacobians(self.assembly, [self.assembly.expression(o.shown.expr) for o in outputs], self.locals,
+                                     list(experiment.free), len(self.nodes))
+
+    def _write(self, driven: Array) -> None:
+        with self.file.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(["time", *self.nodes])
+            writer.writerows(np.column_stack([self.time, driven]).tolist())
+
+    def about(self, values: Mapping[str, float], known: Sequence[Known], driven: Array | None = None) -> Deviation:
+        """The linear system about the run with these parameters and with `driven` (N, M) entering the nodes."""
+        driven = np.zeros((len(self.time), len(self.nodes))) if driven is None else driven
+        self._write(driven)
+        assembly = self.assembly.with_parameters(values)
+        middles = (self.time[:-1] + self.time[1:]) / 2
+        fine = np.empty(2 * len(self.time) - 1)
+        fine[::2], fine[1::2] = self.time, middles
+        simulator = Simulator(assembly, times=fine, tolerances=TOLERANCES)
+        result = simulator.run()
+        p = assembly.parameter_values
+        slopes = np.array([k.slope(p[k.name]) for k in known])
+        index = [assembly.parameter_names.index(k.name) for k in known]
+        directions = np.zeros((len(assembly.p), len(known)))
+        directions[index, range(len(known))] = slopes
+        moved = tangent(simulator.start_equations, result.start, result.u[:, 0], directions)
+        a, b, _, _, _, _, _, _ = self._jacobians.at(result, np.arange(1, len(fine), 2), moved.p)
+        _, _, y, c, d, local, local_c, local_d = self._jacobians.at(result, np.arange(0, len(fine), 2), moved.p)
+        phi, gamma = stepped(a, b, np.diff(self.time))
+        x = result.x / assembly.x_nominal[:, None]
+        # what was not sampled tells nothing
+        weight = self.used / self.noise
+        return Deviation(
+            self.record.name, self.time, phi, gamma, (self.measured - y) * weight, c * weight[:, :, None],
+            d * weight[:, :, None], self.used, local, local_c, local_d, driven, moved.x / assembly.x_nominal[:, None],
+            START * np.ptp(x, axis=1) + 1e-9, np.array([k.place_of(p[k.name]) for k in known]), result)
+
+
+def _learnt(counts: Mask, checking: Mask, record: Record) -> Mask:
+    """Which times (N,) belong to what is fitted: a held-out stretch and a record to be validated do not."""
+    if record.use != "fit" or not checking.any():
+        return np.full(len(counts), record.use == "fit")
+    known = np.flatnonzero(counts | checking)
+    nearest = known[np.clip(np.searchsorted(known, np.arange(len(counts))), 0, len(known) - 1)]
+    return np.asarray(~checking[nearest])
+
+
+def _locals(assembly: Assembly) -> list[Local]:
+    flat = assembly.flat
+    return [Local(u.name, u.unit, u.role) for u in flat.unknowns if u.role in ("across", "position", "signal")]
+
+
+class _Jacobians:
+    """The matrices of `Deviation` at many moments, in nominal states; parameters along given directions."""
+
+    def __init__(self, assembly: Assembly, outputs: Sequence[ca.SX], local: Sequence[Local], free: Sequence[str], m: int):
+        t, x, z, p, u, rate = assembly.arguments
+        self.n, self.z, self.k, self.m = x.numel(), z.numel(), len(free), m
+        self.outputs, self.local = len(outputs), len(local)
+        self.nominal = assembly.x_nominal
+        names = assembly.flat.names
+        signals = stack([assembly.express(assembly.flat.levels[0][names[s.name]]) for s in local])
+        # the value of each virtual source at a break is the first coefficient of its piece
+        virtual = [1 + 4 * k for k in range(len(assembly.flat.inputs) - m, len(assembly.flat.inputs))]
+        along = ca.SX.sym("along", p.numel(), self.k)
+        rows = stack([assembly.ode, assembly.alg, stack(outputs), signals])
+        parts = [ca.jacobian(rows, x), ca.jacobian(rows, z), ca.jtimes(rows, p, along) if self.k else ca.SX(rows.numel(), 0),
+                 ca.jacobian(rows, u)[:, virtual]]
+        self.rows = rows.numel()
+        self._values = ca.Function("values", [t, x, z, p, u, rate], [rows])
+        self._along = ca.Function("along", [t, x, z, p, u, rate, along], [ca.densify(ca.horzcat(*parts))])
+
+    def at(self, result: Result, samples: NDArray[np.int64], along: Array) -> tuple[Array, ...]:
+        """A with A_q, B, y, C with C_q, D, the local signals and theirs, at some samples of a run."""
+        given = [np.ascontiguousarray(part[:, samples]) for part in columns(result)]
+        count = len(samples)
+        rows = np.array(self._values(*given)).T
+        width = self.n + self.z + self.k + self.m
+        whole = np.array(self._along(*given, np.tile(along, (1, count))))
+        whole = whole.reshape(self.rows, count, width).transpose(1, 0, 2)
+        whole = self._without_algebraic(whole)
+        n, outputs = self.n, self.n + self.z + self.outputs
+        scale = np.concatenate([self.nominal, np.ones(self.k)])
+        inner = whole[:, :, :n + self.k] * scale
+        own = whole[:, :, n + self.k:]
+        first = slice(n + self.z, outputs)
+        return (inner[:, :n] / self.nominal[:, None], own[:, :n] / self.nominal[:, None], rows[:, first], inner[:, first],
+                own[:, first], rows[:, outputs:], inner[:, outputs:], own[:, outputs:])
+
+    def _without_algebraic(self, whole: Array) -> Array:
+        n, z = self.n, self.z
+        if not z:
+            return whole
+        rest = np.delete(whole, np.s_[n:n + z], axis=2)
+        follows = np.linalg.solve(whole[:, n:n + z, n:n + z], rest[:, n:n + z])
+        return np.asarray(rest - whole[:, :, n:n + z] @ follows)
+
+
+def stepped(a: Array, b: Array, h: Array) -> tuple[Array, Array]:
+    """exp(A h) with G A_q, (N, n, n+k), and G B (N, n, M), for `a` (N, n, n+k) holding A and A_q, `b` (N, n, M), `h` (N,).
+
+    Taylor series over h / 2^s, then doubled s times: exp(2Ah) = exp(Ah)^2, G(2h) = G(h) + exp(Ah) G(h).
+    """
+    n = a.shape[1]
+    size = float(np.max(np.abs(a[:, :, :n]).sum(axis=2).max(axis=1, initial=0.0) * h, initial=1e-9))
+    doublings = max(0, int(np.ceil(np.log2(size / 0.5))))
+    short = (h / 2**doublings)[:, None, None]
+    ah = a[:, :, :n] * short
+    eye = np.broadcast_to(np.eye(n), ah.shape)
+    phi, integral, term = eye.copy(), eye.copy(), eye
+    for order in range(1, 11):
+        term = ah @ term / order
+        phi = phi + term
+        integral = integral + term / (order + 1)
+    driven = (integral * short) @ np.concatenate([a[:, :, n:], b], axis=2)
+    for _ in range(doublings):
+        driven = driven + phi @ driven
+        phi = phi @ phi
+    k = a.shape[2] - n
+    return np.concatenate([phi, driven[:, :, :k]], axis=2), driven[:, :, k:]
+
+
+def with_values(known: Sequence[Known], q: Array) -> dict[str, float]:
+    """Parameters by name from their q."""
+    return {k.name: k.value_of(float(v)) for k, v in zip(known, q, strict=True)}

@@ -1,0 +1,345 @@
+"""Where a model fails: when, in which channel and state of motion, and at which place of its diagram."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from heavebond.core.errors import Problem, UsageError, suggest
+from heavebond.core.presentation import brief, number, readable
+from heavebond.core.threads import single_threaded
+from heavebond.core.units import dimension_text, read_unit
+from heavebond.equations.places import Place
+from heavebond.fit.comparison import compare
+from heavebond.fit.excerpts import LONG, excerpt
+from heavebond.fit.experiment import Experiment, load_experiment
+from heavebond.fit.fitting import Fit
+from heavebond.fit.records import measure
+from heavebond.localise.curves import Curve, Mask, Samples, best_curve
+from heavebond.localise.error_states import State, Stretch, envelope, states, stretches, worst
+from heavebond.localise.input_estimation import CHANCE, Estimate, Ranked, Search, misfit
+from heavebond.localise.ltv_model import Beside, known_of
+from heavebond.localise.regressors import Surroundings, estimated
+from heavebond.numerics.dae import Array
+
+# So many groups of places are estimated in full, and so many samples of each record go into a curve.
+MOST_PLACES, MOST_SAMPLES = 4, 1500
+# A variable that tells less than this of a force does not explain it.
+EXPLAINS = 0.5
+# Two groups of places are told apart by this gain in log likelihood.
+APART = 10.0
+
+
+@dataclass(frozen=True)
+class ImpliedInput:
+    """What would have to act at a place in one record: `value` (N,) with its standard deviation, in SI (`unit`); what stands
+    around it by formula (`local`), in SI."""
+
+    record: str
+    time: Array
+    value: Array
+    deviation: Array
+    unit: str
+    local: dict[str, Array]
+
+
+@dataclass(frozen=True)
+class Suspect:
+    """A place, and how well something there would explain the misfit.
+
+    explained: share of the way from the parameters alone to nothing but noise, freedom counted; behind: log likelihood by
+    which it is behind the best; alike: names of places that the records cannot tell from it by its effect; curve: the
+    variable that tells best what acts, with R2 on samples not learnt from; implied: what acts, by record.
+    """
+
+    place: Place
+    explained: float
+    behind: float
+    alike: tuple[str, ...]
+    curve: Curve | None
+    implied: dict[str, ImpliedInput]
+    words: str
+
+    @property
+    def rms(self) -> float:
+        """Of what acts, in SI, over all records."""
+        return float(np.sqrt(np.mean(np.concatenate([i.value for i in self.implied.values()])**2)))
+
+    @property
+    def deviation(self) -> float:
+        """The median standard deviation of what acts."""
+        return float(np.median(np.concatenate([i.deviation for i in self.implied.values()])))
+
+    def as_dict(self) -> dict[str, object]:
+        """The figures, for machines."""
+        curve = self.curve
+        told = None if curve is None else {
+            "variable": curve.variable.formula, "kind": curve.variable.kind, "r2": curve.r2, "shape": curve.shape,
+            "shape_r2": curve.shape_r2, "times": curve.times, "scores": curve.scores, "x": curve.x.tolist(),
+            "y": curve.y.tolist(), "y_down": curve.y_down.tolist()}
+        return {"place": self.place.name, "nodes": [n.name for n in self.place.nodes],
+                "components": list(self.place.components), "explained": self.explained, "behind": self.behind,
+                "alike": list(self.alike), "unit": self.place.unit.text, "rms": self.rms, "deviation": self.deviation,
+                "curve": told, "words": self.words}
+
+
+def _told(suspect: Suspect) -> str:
+    """A place and how well its best variable tells what acts there."""
+    curve = suspect.curve
+    told = f" (R2 {max(curve.r2, 0.0):.2f} with {curve.variable.formula})" if curve is not None else ""
+    return suspect.place.words + told
+
+
+@dataclass(frozen=True)
+class Where:
+    """Where a model fails. `missing` tells whether anything is beyond what the parameters and noise explain, `chance` how
+    likely that would be by chance; `chi2` is that of the runs with `values` (by record) on the records to be fitted."""
+
+    experiment: Experiment
+    missing: bool
+    chance: float
+    chi2: float
+    suspects: tuple[Suspect, ...]
+    unseen: tuple[str, ...]
+    stretches: tuple[Stretch, ...]
+    states: tuple[State, ...]
+    values: Mapping[str, Mapping[str, float]]
+    foreseen: bool
+
+    def __repr__(self) -> str:
+        return brief(self, self.experiment.name, *self.words)
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """What was found, in sentences."""
+        if not self.missing:
+            return ("Nothing is missing at any place: what the parameters leave is noise.",) if self.chi2 < 1.5 else (
+                "What is left is no force or flow at any place of this diagram.",)
+        best = self.suspects[0]
+        found = [best.words]
+        same = [s for s in self.suspects if s.place.name in best.alike]
+        if same:
+            found.append("By its effect on these records it could as well act " + "; ".join(map(_told, same)) + ".")
+        rivals = [s for s in self.suspects[1:] if s.behind < APART and s.place.name not in best.alike]
+        if rivals:
+            found.append("As likely: " + "; ".join(map(_told, rivals)) + ".")
+        if not self.foreseen:
+            found.append("The machine is far from linear in what acts there: its size and shape are approximate.")
+        return tuple(found)
+
+    def implied(self, place: str) -> dict[str, ImpliedInput]:
+        """What acts at a place on the time grid of each record; UsageError for a place that was not estimated."""
+        for suspect in self.suspects:
+            if suspect.place.name == place:
+                return suspect.implied
+        names = [s.place.name for s in self.suspects]
+        raise UsageError([Problem("place-unknown", f"nothing was estimated at '{place}'", None,
+                                  suggest(place, names) or f"Places: {', '.join(names)}.")])
+
+    def as_dict(self) -> dict[str, object]:
+        """Everything but the time series, for machines."""
+        return {"missing": self.missing, "chance": self.chance, "chi2_per_sample": self.chi2, "words": list(self.words),
+                "places": [s.as_dict() for s in self.suspects], "unseen": list(self.unseen), "foreseen": self.foreseen,
+                "stretches": [{"record": s.record, "from": s.begin, "to": s.end, "chi2_per_sample": s.chi2}
+                              for s in self.stretches],
+                "states": [{"channel": s.channel, "variable": s.variable, "r2": s.r2, "chance": s.chance}
+                           for s in self.states], "values": {n: dict(v) for n, v in self.values.items()}}
+
+
+@single_threaded
+def where(experiment: Experiment | str | Path, *, values: Fit | Mapping[str, float] | None = None,
+          progress: Callable[[str], None] | None = None) -> Where:
+    """Find when, in what state of motion and at which place of its diagram a model fails its records.
+
+    Begins with runs at the diagram's own parameters or at `values` (a fit, or values in SI by name); free parameters and
+    the start are estimated together with what acts at each place, so that nothing need be fitted before. Of long records
+    the beginning is looked at (see `fit.excerpts`). Raises what `compare` raises.
+    """
+    experiment = experiment if isinstance(experiment, Experiment) else load_experiment(experiment)
+    say = progress or (lambda text: None)
+    experiment = _beginning(experiment, values)
+    records = sorted(experiment.records.values(), key=lambda r: r.use != "fit")
+    with tempfile.TemporaryDirectory() as folder:
+        sides = [Beside(experiment, record, Path(folder)) for record in records]
+        p = sides[0].assembly.parameter_values
+        search = Search(sides, [known_of(free, p[free.name]) for free in experiment.free.values()], say)
+        found = search.estimate({r.name: _given(values, r.name) for r in records}, MOST_PLACES)
+    say("looking for what it follows")
+    missing = found.chance < CHANCE
+    suspects = [s for k, ranked in enumerate(found.ranked[:MOST_PLACES]) for s in _group(search, found, k, ranked)]
+    return Where(experiment, missing, found.chance, misfit(found.base, search.fitted), tuple(suspects) if missing else (),
+                 tuple(p.name for p in found.unseen), *_when(experiment, search, found), found.values, found.foreseen)
+
+
+def _beginning(experiment: Experiment, values: Fit | Mapping[str, float] | None) -> Experiment:
+    """The beginning of long records, the whole of others: what is estimated grows with samples times places."""
+    if sum(len(measure(experiment, r).grid) for r in experiment.records.values() if r.use == "fit") <= LONG:
+        return experiment
+    return excerpt(experiment, values.after if isinstance(values, Fit) else compare(experiment, parameters=values))
+
+
+def _given(values: Fit | Mapping[str, float] | None, record: str) -> dict[str, float]:
+    if isinstance(values, Fit):
+        return {p.name: p.value for p in values.parameters if p.record in ("", record)}
+    return dict(values or {})
+
+
+def _learn(search: Search) -> list[Mask]:
+    """Which samples of each record are learnt from: those to be fitted."""
+    return [side.learn for side in search.sides]
+
+
+# -- where in the diagram ------------------------------------------------------------------------------------------------
+def _group(search: Search, found: Estimate, k: int, ranked: Ranked) -> list[Suspect]:
+    """The places of one group, the one whose own variables tell best what acts there first."""
+    mean = -search.centre(found.systems)
+    side, first = search.sides[0], ranked.group.places[0]
+    vector = np.array([first.weights.get(node, 0.0) for node in side.nodes])
+    parts, moved, signals = [], [], []
+    for s in search.sides:
+        name = s.record.name
+        columns, smoothed = search.columns(name), found.smoothed[name]
+        w, states_, _ = smoothed.at(k, mean[columns])
+        both = np.concatenate([states_, np.tile(mean[columns], (len(w), 1))], axis=1)
+        signals.append(estimated(found.systems[name], s.locals, both, w[:, None] * vector))
+        wide = np.zeros((len(w), search.width))
+        wide[:, columns] = smoothed.w[:, k, 1:]
+        parts.append((w, smoothed.deviation[:, k]))
+        moved.append(wide)
+    around = Surroundings(side.assembly.flat, side.nodes, {n: np.concatenate([s[n] for s in signals]) for n in signals[0]},
+                          [s.time for s in search.sides])
+    w, deviation = (np.concatenate(both) for both in zip(*parts, strict=True))
+    whole = Samples(w, deviation, np.concatenate(_learn(search)), np.concatenate(moved), np.zeros(search.width))
+    names = [p.name for p in ranked.group.places]
+    suspects = []
+    for place, ratio in zip(ranked.group.places, ranked.group.ratios, strict=True):
+        alike = tuple(n for n in names if n != place.name)
+        suspects.append(_suspect(search, found, ranked, place, ratio, whole, around, alike))
+    # a pair of nodes says more than a node; it stands first and keeps its place unless another is clearly better
+    return sorted(suspects, key=lambda s: -round(s.curve.r2 if s.curve else 0.0, 2))
+
+
+def _suspect(search: Search, found: Estimate, ranked: Ranked, place: Place, ratio: float, whole: Samples,
+             around: Surroundings, alike: tuple[str, ...]) -> Suspect:
+    variables = around.variables(place)
+    thin = slice(None, None, max(1, len(whole.w) // (MOST_SAMPLES * len(search.sides))))
+    own = Samples(whole.w * ratio, whole.deviation * abs(ratio), whole.learn, whole.moved * ratio, whole.q)
+    few = Samples(own.w[thin], own.deviation[thin], own.learn[thin], own.moved[thin], own.q)
+    curve = best_curve([v.thinned(thin) for v in variables], few)
+    value = own.w + own.moved @ curve.q if curve is not None else own.w
+    ends = np.cumsum([0, *(len(s.time) for s in search.sides)])
+    implied = {}
+    for s, a, b in zip(search.sides, ends[:-1], ends[1:], strict=True):
+        implied[s.record.name] = ImpliedInput(s.record.name, s.time, value[a:b], own.deviation[a:b], place.unit.text,
+                                              {v.formula: v.values[a:b] for v in variables})
+    made = Suspect(place, found.explained(ranked), found.ranked[0].likelihood - ranked.likelihood, alike, curve, implied, "")
+    return Suspect(place, made.explained, made.behind, alike, curve, implied, words_of(made))
+
+
+# -- when, and in what state of motion -----------------------------------------------------------------------------------
+def _when(experiment: Experiment, search: Search, found: Estimate) -> tuple[tuple[Stretch, ...], tuple[State, ...]]:
+    parts: list[Stretch] = []
+    told: list[State] = []
+    learn = np.concatenate(_learn(search))
+    locals_ = search.sides[0].locals
+    systems = [found.base[s.record.name] for s in search.sides]
+    for s, system in zip(search.sides, systems, strict=True):
+        parts += stretches(s.record.name, s.time, dict(zip(experiment.outputs, system.error.T, strict=True)),
+                           dict(zip(experiment.outputs, s.used.T, strict=True)))
+    signals = {s.name: (s.unit.text, np.concatenate([system.local[:, k] for system in systems]))
+               for k, s in enumerate(locals_)}
+    for c, (name, output) in enumerate(experiment.outputs.items()):
+        unit = read_unit(output.shown.unit)
+        used = [s.used[:, c] for s in search.sides]
+        error = np.concatenate([system.error[u, c] * s.noise[c]
+                                for s, u, system in zip(search.sides, used, systems, strict=True)])
+        both = [envelope(s.measured[u, c], s.time[u]) for s, u in zip(search.sides, used, strict=True)]
+        own = {f"amplitude of {name}": (_base_unit(output.shown.unit), np.concatenate([a for a, _ in both])),
+               f"frequency of {name}": ("Hz", np.concatenate([f for _, f in both]))}
+        every = np.concatenate(used)
+        here = {n: (text, values[every]) for n, (text, values) in signals.items()}
+        told += states(name, error / unit.scale, {**here, **own}, learn[every])[:3]
+    return tuple(parts), tuple(told)
+
+
+def _base_unit(text: str) -> str:
+    """The SI unit of what is measured in `text`."""
+    return dimension_text(read_unit(text).dimension)
+
+
+# -- words ---------------------------------------------------------------------------------------------------------------
+SHAPES = {
+    "line": "in proportion", "step": "as a step at zero", "step and line": "as a step at zero and a slope",
+    "falling step": "as a step at zero that is higher near it",
+    "square": "with its square, against the motion", "line and square": "by a slope and its square", "root": "with its root",
+    "cube": "with its cube", "line and cube": "by a slope and its cube", "parabola": "along a parabola",
+    "one-sided above": "on one side only, above a certain value",
+    "one-sided below": "on one side only, below a certain value",
+    "dead band": "beyond a dead band only", "saturation": "up to certain values, beyond which it stays",
+    "loop": "along a loop, one way going up and another going down", "curve": "along a curve of its own",
+}
+LOOKS = {
+    ("across", "step"): "dry friction", ("across", "step and line"): "dry friction", ("across", "line"): "a damper",
+    ("across", "falling step"): "dry friction with stiction",
+    ("across", "loop"): "friction that gives before it slides, or hysteresis,",
+    ("across", "square"): "quadratic drag", ("across", "line and square"): "quadratic drag",
+    ("position", "line"): "a spring, or a stiffness that is wrong,", ("position", "parabola"): "a spring that is not linear",
+    ("position", "cube"): "a hardening or softening spring",
+    ("position", "line and cube"): "a hardening or softening spring",
+    ("position", "one-sided above"): "an end stop", ("position", "one-sided below"): "an end stop",
+    ("position", "dead band"): "stops at both ends, or play,", ("position", "saturation"): "play where the model has none",
+    ("position", "loop"): "hysteresis", ("rate", "line"): "an added mass",
+}
+FLOWS = {("across", "line"): "laminar leakage", ("across", "root"): "an orifice", ("pressure", "line"): "leakage",
+         ("rate", "line"): "a compliance, a hose or entrained air", ("across", "one-sided above"): "a relief valve"}
+
+
+NOUNS = {"translational": "force", "rotational": "torque", "hydraulic": "volume flow", "pneumatic": "mass flow",
+         "electrical": "current"}
+
+
+def words_of(suspect: Suspect) -> str:
+    """One place in sentences."""
+    place, curve = suspect.place, suspect.curve
+    noun = NOUNS.get(place.nodes[0].domain.name, "flow")
+    size = readable(suspect.rms, place.unit.text, 2)
+    first = f"{place.words[:1].upper()}{place.words[1:]} a {noun} is missing (rms {size}); "
+    if curve is None or curve.r2 < EXPLAINS:
+        best = f" (at best {curve.variable.phrase}, R2 {max(curve.r2, 0):.2f})" if curve is not None else ""
+        rest = "it is hardly larger than its uncertainty." if suspect.rms < 2 * suspect.deviation else \
+            "that means memory (hysteresis), several variables at once, or the wrong place."
+        return first + f"no single variable explains it{best}: {rest}"
+    shape = SHAPES[curve.shape] + (f", times {curve.times}" if curve.times else "")
+    looks = (LOOKS if place.nodes[0].mechanical else FLOWS).get((curve.variable.kind, curve.shape), "")
+    end = f": {looks} would look so." if looks and not curve.times else "."
+    return first + f"it follows the {curve.variable.phrase} (R2 {number(curve.r2, 2)} on data not used), {shape}{end}"
+
+
+def summary(found: Where) -> list[str]:
+    """When and in what state of motion the model fails, in sentences."""
+    lines = []
+    if found.stretches:
+        part = worst(found.stretches)
+        channel = max(part.chi2, key=lambda n: part.chi2[n])
+        lines.append(f"The model misses most in {part.record} from {part.begin:.4g} s to {part.end:.4g} s, in {channel} "
+                     f"(chi-square {number(part.chi2[channel], 3)} a sample).")
+    for channel in dict.fromkeys(s.channel for s in found.states):
+        own = [s for s in found.states if s.channel == channel]
+        lines.append(f"The error of {channel} follows " + ", ".join(f"{s.variable} (R2 {s.r2:.2f})" for s in own) + ".")
+    return lines
+
+
+def shown(found: Where) -> Sequence[Suspect]:
+    """The best place of each group."""
+    groups: set[frozenset[str]] = set()
+    kept = []
+    for suspect in found.suspects:
+        key = frozenset((suspect.place.name, *suspect.alike))
+        if key not in groups:
+            groups.add(key)
+            kept.append(suspect)
+    return kept

@@ -1,0 +1,125 @@
+"""What a law at a place of a diagram may depend on: speeds, positions, pressures and signals around it, from an estimate."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from heavebond.equations.flatten import Flat
+from heavebond.equations.places import Node, Place
+from heavebond.localise.curves import Variable
+from heavebond.localise.ltv_model import Deviation, Local
+from heavebond.numerics.dae import Array
+
+# A signal that moves by less than this share of its usual size stands still.
+STILL = 1e-9
+PHRASES = {"translational": "speed", "rotational": "angular speed", "hydraulic": "pressure", "pneumatic": "pressure",
+           "electrical": "voltage"}
+MOST = 14
+
+
+def estimated(system: Deviation, locals_: Sequence[Local], state: Array, driven: Array) -> dict[str, Array]:
+    """The local signals (N,) of a record in SI as they were with the estimated state (N, n+k) and input (N, M)."""
+    moved = np.einsum("klj,kj->kl", system.local_c, state) + np.einsum("klj,kj->kl", system.local_d, driven - system.driven)
+    return dict(zip((s.name for s in locals_), (system.local + moved).T, strict=True))
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """The variables at one place in several records, one after another; `breaks` are the first samples of each."""
+
+    flat: Flat
+    nodes: Mapping[str, Node]
+    signals: Mapping[str, Array]
+    times: Sequence[Array]
+
+    def variables(self, place: Place) -> list[Variable]:
+        """First what acts with the through variable (speed, pressure drop), then its integral or position, its rate, then
+        the same of other ports of the components there, and their signals; what stands still is left out."""
+        found = self._across(place.nodes)
+        for component in place.components:
+            found += self._neighbours(place, component)
+        kept: dict[str, Variable] = {}
+        for variable in found:
+            if np.ptp(variable.values) > STILL * max(float(np.abs(variable.values).max()), 1e-12):
+                kept.setdefault(variable.formula, variable)
+        return list(kept.values())[:MOST]
+
+    def _across(self, nodes: tuple[Node, ...], own: bool = True) -> list[Variable]:
+        node = nodes[0]
+        name, domain = node.across, node.domain
+        values, formula = self._between(nodes, name)
+        word = PHRASES.get(domain.name, domain.members[name].doc)
+        phrase = word if node.mechanical or len(nodes) == 1 else f"{word} drop"
+        unit = domain.members[name].unit
+        kind = "across" if own else "speed" if node.mechanical else "pressure"
+        found = [self._variable(kind, f"{phrase} {formula}", formula, unit.text, values)]
+        if domain.position:
+            place, its = self._position(nodes, domain.position, values, formula)
+            found.append(self._variable("position" if own else "place", f"position {its}", its,
+                                        domain.members[domain.position].unit.text, place))
+        if own:
+            rate = np.concatenate([np.gradient(part, t) for part, t in zip(self._parts(values), self.times, strict=True)])
+            per_second = "m/s**2" if unit.text == "m/s" else f"{unit.text}/s"
+            rate_phrase = f"acceleration der({formula})" if node.mechanical else f"rate of the {phrase} {formula}"
+            found.append(self._variable("rate", rate_phrase, f"der({formula})", per_second, rate))
+            if not domain.position and len(nodes) == 2:
+                found += [self._variable("pressure", f"{word} {n.name}.{name}", f"{n.name}.{name}", unit.text,
+                                   self.signals[f"{n.name}.{name}"]) for n in nodes]
+        return found
+
+    def _between(self, nodes: tuple[Node, ...], member: str) -> tuple[Array, str]:
+        """The difference of an across variable over a place: b - a of mechanical ports, else a - b."""
+        a = self.signals[f"{nodes[0].name}.{member}"]
+        if len(nodes) == 1:
+            return a, f"{nodes[0].name}.{member}"
+        b = self.signals[f"{nodes[1].name}.{member}"]
+        first, second = (nodes[1], nodes[0]) if nodes[0].mechanical else (nodes[0], nodes[1])
+        values = b - a if nodes[0].mechanical else a - b
+        lower = self.signals[f"{second.name}.{member}"]
+        if not np.any(lower):
+            return values, f"{first.name}.{member}"
+        if not np.any(self.signals[f"{first.name}.{member}"]):
+            return values, f"-{second.name}.{member}"
+        return values, f"{first.name}.{member} - {second.name}.{member}"
+
+    def _position(self, nodes: tuple[Node, ...], member: str, speed: Array, formula: str) -> tuple[Array, str]:
+        """The position, or where the diagram has none the integral of the speed about its mean."""
+        if all(f"{n.name}.{member}" in self.signals for n in nodes):
+            return self._between(nodes, member)
+        parts = []
+        for v, t in zip(self._parts(speed), self.times, strict=True):
+            x = np.concatenate([[0.0], np.cumsum((v[1:] + v[:-1]) / 2 * np.diff(t))])
+            parts.append(x - x.mean())
+        return np.concatenate(parts), f"∫ {formula}"
+
+    def _variable(self, kind: str, phrase: str, formula: str, unit: str, values: Array) -> Variable:
+        rising = np.concatenate([np.gradient(v) > 0 for v in self._parts(values)])
+        return Variable(kind, phrase, formula, unit, values, rising)
+
+    def _parts(self, values: Array) -> list[Array]:
+        return np.split(values, np.cumsum([len(t) for t in self.times])[:-1])
+
+    def _neighbours(self, place: Place, component: str) -> list[Variable]:
+        """The ports of a component in other domains, and its signals."""
+        others: dict[str, list[Node]] = {}
+        for node in self.nodes.values():
+            if node.domain.name != place.nodes[0].domain.name and any(p.rpartition(".")[0] == component for p in node.ports):
+                others.setdefault(node.domain.name, []).append(node)
+        found: list[Variable] = []
+        for nodes in others.values():
+            if nodes[0].mechanical and len(nodes) == 2:
+                found += self._across((nodes[0], nodes[1]), own=False)
+            else:
+                for node in nodes:
+                    found += self._across((node,), own=False)
+        leaf = self.flat.expanded.leaves.get(component)
+        for name in (leaf.component.signals if leaf else {}):
+            index = self.flat.names.get(f"{component}.{name}")
+            if index is not None and self.flat.unknowns[index].name in self.signals:
+                unknown = self.flat.unknowns[index]
+                found.append(self._variable("signal", f"signal {component}.{name}", f"{component}.{name}", unknown.unit.text,
+                                            self.signals[unknown.name]))
+        return found

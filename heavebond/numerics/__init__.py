@@ -1,0 +1,1 @@
+"""From equations to runs: DAE functions, initialisation, integration, events, results, failure messages."""

@@ -1,0 +1,205 @@
+"""The FMUs of a diagram while it runs: the one place where code from a file is executed, where the user allows it.
+
+At each communication point t_k an FMU has got from t_{k-1} to t_k with the inputs of t_{k-1}; its outputs are taken over,
+and it is given its inputs at t_k, as they were before the instant. At the start it is initialised and gives first outputs.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from heavebond.core.errors import Problem, SimulationError, UsageError, listing
+from heavebond.equations.flatten import Flat
+from heavebond.language.definition import Foreign, ForeignVariable
+from heavebond.language.symbols import stack
+from heavebond.numerics.dae import Array, Assembly
+from heavebond.numerics.start_equations import Point
+
+REALS = ("Real", "Float64", "Float32")
+
+
+def foreign_parts(flat: Flat) -> dict[str, Foreign]:
+    """The FMUs of a diagram by the path of their component."""
+    return {path: leaf.component.foreign for path, leaf in flat.expanded.leaves.items() if leaf.component.foreign}
+
+
+def check_allowed(flat: Flat, allowed: bool, sensitivities: Sequence[str]) -> None:
+    """UsageError for a diagram with FMUs where their code must not be run, or where derivatives through them are wanted."""
+    parts = foreign_parts(flat)
+    if not parts:
+        return
+    files = listing(dict.fromkeys(f"{foreign.path.name}" for foreign in parts.values()))
+    if not allowed:
+        raise UsageError([Problem(
+            "fmu-not-allowed", f"this diagram runs the program in {files}, which can do whatever a program can", None,
+            "If you trust it: `heavebond run MODEL --allow-fmu`, or `simulate(model, allow_fmu=True)`. Other commands do "
+            "not run FMUs.")])
+    if sensitivities:
+        raise UsageError([Problem("fmu-sensitivity", f"there are no derivatives through {files}: an FMU does not tell how "
+                                  "its outputs move with its inputs", None, "Run it without sensitivities.")])
+
+
+@dataclass
+class _Partner:
+    """One FMU: which event exchanges its signals, which rows of the resets are its outputs, and its running instance."""
+
+    path: str
+    foreign: Foreign
+    rows: Sequence[int]
+    given: ca.Function
+    instance: Any = None
+    version: str = ""
+    reached: float = np.nan  # until it is initialised
+    callbacks: Any = None  # kept for as long as its program may call them
+    said: list[str] = field(default_factory=list)
+
+
+class Partners:
+    """All FMUs of a diagram by the number of the event in which each exchanges its signals."""
+
+    def __init__(self, assembly: Assembly, rows: Sequence[Sequence[int]]):
+        self.parts: dict[int, _Partner] = {}
+        parts = foreign_parts(assembly.flat)
+        for event, (flat_event, own) in enumerate(zip(assembly.flat.events, rows, strict=True)):
+            path = flat_event.name.rpartition(".")[0]
+            if path in parts:
+                self.parts[event] = _Partner(path, parts[path], own, _given(assembly, path, parts[path]))
+
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        """A run: each FMU begins anew, and none is left behind."""
+        if not self.parts:
+            yield
+            return
+        with tempfile.TemporaryDirectory(prefix="heavebond_fmu_") as folder:
+            try:
+                for number, part in enumerate(self.parts.values()):
+                    _open(part, f"{folder}/{number}")
+                yield
+            finally:
+                for part in self.parts.values():
+                    _close(part)
+
+    def exchange(self, values: Array, point: Point, fired: Sequence[int]) -> Array:
+        """The new values of all resets (n_r,) with those of the FMUs whose events happen at a point."""
+        values = values.copy()
+        for event in fired:
+            if event in self.parts:
+                part = self.parts[event]
+                values[list(part.rows)] = _exchanged(part, point)
+        return values
+
+
+def _given(assembly: Assembly, path: str, foreign: Foreign) -> ca.Function:
+    """The inputs and the parameters of an FMU in SI."""
+    flat = assembly.flat
+    inputs = stack([assembly.express(flat.levels[0][flat.names[f"{path}.{v.name}"]]) for v in foreign.inputs])
+    parameters = stack([assembly.express(flat.constants[f"{path}.{v.name}"]) for v in foreign.parameters])
+    return ca.Function("given", list(assembly.arguments), [inputs, parameters])
+
+
+# -- one FMU ---------------------------------------------------------------------------------------------------------
+def _open(part: _Partner, folder: str) -> None:
+    """Unpack an FMU and load its program."""
+    import fmpy
+
+    name = part.foreign.path.name
+    try:
+        fmpy.extract(str(part.foreign.path), folder)
+        description = fmpy.read_model_description(folder, validate=False)
+        part.version, part.said, part.reached = description.fmiVersion, [], np.nan
+        part.instance = _instance(part, folder, description)
+    except Exception as error:  # wrong platform, missing libraries, refused instance: all are the FMU's own
+        said = (str(error).splitlines() or [""])[0]
+        raise SimulationError([Problem("fmu-not-loaded", f"{name} cannot be loaded on this machine", None,
+                                       "It needs a binary for this platform among its `binaries/`.",
+                                       (*part.said, said.replace(folder, name)))]) from error
+
+
+def _instance(part: _Partner, folder: str, description: Any) -> Any:
+    from fmpy import fmi2, fmi3
+
+    given = {"guid": description.guid, "unzipDirectory": folder, "modelIdentifier": part.foreign.identifier,
+             "instanceName": part.path}
+    if part.version.startswith("2"):
+        def heard2(_: object, __: object, status: int, ___: object, message: bytes) -> None:
+            part.said.append(message.decode(errors="replace"))
+
+        instance = fmi2.FMU2Slave(**given)
+        part.callbacks = callbacks = fmi2.fmi2CallbackFunctions()
+        callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(heard2)
+        callbacks.allocateMemory = fmi2.fmi2CallbackAllocateMemoryTYPE(fmi2.calloc)
+        callbacks.freeMemory = fmi2.fmi2CallbackFreeMemoryTYPE(fmi2.free)
+        instance.instantiate(callbacks=callbacks)
+        return instance
+
+    def heard3(_: object, status: int, __: object, message: bytes) -> None:
+        part.said.append(message.decode(errors="replace"))
+
+    instance = fmi3.FMU3Slave(**given)
+    instance.instantiate(logMessage=heard3)
+    return instance
+
+
+def _close(part: _Partner) -> None:
+    if part.instance is None:
+        return
+    try:
+        if not np.isnan(part.reached):
+            part.instance.terminate()
+    except Exception:  # it is thrown away; an FMU that failed before may refuse this too
+        part.said.append("it did not terminate")
+    part.instance.freeInstance()
+    part.instance = None
+
+
+def _exchanged(part: _Partner, point: Point) -> Array:
+    """The outputs (n,) in SI at a communication point; what is given to the FMU there is set for its next step."""
+    inputs, parameters = (np.array(v).ravel() for v in part.given(*point.values()))
+    try:
+        if np.isnan(part.reached):
+            _begin(part, point.t, inputs, parameters)
+        else:
+            part.instance.doStep(currentCommunicationPoint=part.reached, communicationStepSize=point.t - part.reached)
+        part.reached = point.t
+        outputs = np.array([_get(part.instance, v) for v in part.foreign.outputs])
+        for variable, value in zip(part.foreign.inputs, inputs, strict=True):
+            _set(part.instance, variable, value)
+    except Exception as error:
+        said = (str(error).splitlines() or [""])[0]
+        raise SimulationError([Problem("fmu-failed", f"{part.path} ({part.foreign.path.name}) failed at t = {point.t:.6g} s",
+                                       None, "", (*part.said[-5:], said))]) from error
+    return outputs
+
+
+def _begin(part: _Partner, time: float, inputs: Array, parameters: Array) -> None:
+    """Initialise with parameters and first inputs."""
+    instance = part.instance
+    start = {"startTime": time}
+    if part.version.startswith("2"):
+        instance.setupExperiment(**start)
+        start = {}
+    for variable, value in zip(part.foreign.parameters, parameters, strict=True):
+        _set(instance, variable, value)
+    instance.enterInitializationMode(**start)
+    for variable, value in zip(part.foreign.inputs, inputs, strict=True):
+        _set(instance, variable, value)
+    instance.exitInitializationMode()
+
+
+def _set(instance: Any, variable: ForeignVariable, value: float) -> None:
+    own = float((value - variable.offset) / variable.scale)
+    plain = own if variable.type in REALS else own > 0.5 if variable.type == "Boolean" else round(own)
+    getattr(instance, f"set{variable.type}")([variable.reference], [plain])
+
+
+def _get(instance: Any, variable: ForeignVariable) -> float:
+    own = float(getattr(instance, f"get{variable.type}")([variable.reference])[0])
+    return own * variable.scale + variable.offset

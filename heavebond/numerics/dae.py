@@ -1,0 +1,362 @@
+"""The reduced model as CasADi functions: scaled, with what depends on parameters alone computed once a run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, TypeVar, cast
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from heavebond.core.cancellation import check
+from heavebond.core.errors import NAMES_LISTED, ModelError, Problem, Problems, UsageError, listing, suggest
+from heavebond.core.gc_paused import put_off
+from heavebond.core.presentation import brief, count
+from heavebond.core.units import UnitProblem, check_unit, parse_quantity
+from heavebond.equations.flatten import Flat, flatten
+from heavebond.equations.reduce import Reduced, reduce
+from heavebond.equations.resolver import Resolver
+from heavebond.language.model import Model
+from heavebond.language.symbols import split, stack
+from heavebond.text.expression import Expr, ExpressionProblem
+
+Array = NDArray[np.float64]
+T = TypeVar("T")
+# how often a signal may be differentiated
+DERIVATIVES = {"hold": 0, "linear": 1, "spline": 3}
+
+
+@dataclass(frozen=True)
+class Assembly:
+    """A diagram ready to run: x' = ode, 0 = alg in scaled unknowns, and every variable as a function of them.
+
+    Argument order of all functions: (t, x, z, p, u, rate), x (n_x,) and z (n_z,) in SI, p (n_p,) the independent
+    parameters, u the polynomial pieces of the measured inputs at t (see `input_symbols`), rate 1 (0: inputs held still).
+    """
+
+    reduced: Reduced
+    p: Array
+    x_nominal: Array
+    z_nominal: Array
+    arguments: tuple[ca.SX, ...]
+    ode: ca.SX
+    alg: ca.SX
+    rates: ca.Function
+    values: ca.Function
+    pivots: ca.Function
+    memo: dict[object, Any] = field(default_factory=dict, repr=False, compare=False)  # see `once`
+
+    def __repr__(self) -> str:
+        return brief(self, self.model.name, ", ".join((
+            count(len(self.state_names), "state"), count(len(self.algebraic_names), "algebraic unknown"),
+            count(len(self.parameter_names), "parameter"))))
+
+    def once(self, key: object, make: Callable[[], T]) -> T:
+        """What is made of the equations alone, whatever the values of the parameters, and asked for at every run."""
+        if key not in self.memo:
+            self.memo[key] = make()
+        return cast(T, self.memo[key])
+
+    @property
+    def flat(self) -> Flat:
+        """The flat model that this was reduced from."""
+        return self.reduced.flat
+
+    @property
+    def model(self) -> Model:
+        """The diagram."""
+        return self.flat.expanded.model
+
+    @cached_property
+    def state_names(self) -> list[str]:
+        """The names of x."""
+        return [self.reduced.name(c) for c in self.reduced.states]
+
+    @cached_property
+    def algebraic_names(self) -> list[str]:
+        """The names of z."""
+        return [self.reduced.name(c) for c in self.reduced.algebraic]
+
+    @cached_property
+    def parameter_names(self) -> list[str]:
+        """The names of p."""
+        return [q.name for q in self.flat.parameters]
+
+    @property
+    def parameter_values(self) -> dict[str, float]:
+        """The independent parameters in SI."""
+        return dict(zip(self.parameter_names, self.p.tolist(), strict=True))
+
+    def with_parameters(self, values: Mapping[str, float | str]) -> Assembly:
+        """The same equations with other numbers; UsageError for a name that is no independent parameter."""
+        p = self.p.copy()
+        index = {q.name: k for k, q in enumerate(self.flat.parameters)}
+        for name, given in values.items():
+            if name not in index:
+                held = any(name == h.name for h in self.flat.held)
+                dependent = name in self.flat.constants
+                hint = f"What it starts at is called 'initial.{name}'." if held else \
+                    "It follows from other parameters by a formula." if dependent else suggest(name, index) or NAMES_LISTED
+                raise UsageError([Problem("parameter-unknown", f"'{name}' cannot be set", None, hint)])
+            p[index[name]] = self._number(name, given, index[name])
+        return replace(self, p=p)
+
+    def _number(self, name: str, given: float | str, index: int) -> float:
+        if not isinstance(given, str):
+            return float(given)
+        try:
+            number, unit = parse_quantity(given)
+            check_unit(unit, self.flat.parameters[index].unit, number, given)
+        except UnitProblem as problem:
+            raise UsageError([Problem(problem.code, f"{name}: {problem.message}", None, problem.hint)]) from None
+        return number
+
+    @cached_property
+    def _raw(self) -> ca.Function:
+        return ca.Function("raw", list(self.arguments), [
+            substitute_inputs(self.reduced.expressions, self.flat, self.arguments[0], self.arguments[4])])
+
+    def point(self, t: float, x: Array, z: Array, p: Array, u: Array, rate: float = 1.0) -> dict[int, float]:
+        """The values of all raw symbols of the flat model by their hashes, at values of the arguments."""
+        reduced = self.reduced
+        found = {self.arguments[0].element_hash(): t, self.arguments[5].element_hash(): rate}
+        for symbols, values in ((reduced.symbols, np.array(self._raw(t, x, z, p, u, rate)).ravel()), (reduced.x, x),
+                                (reduced.z, z), (self.flat.p, p)):
+            found |= {s.element_hash(): float(v) for s, v in zip(split(symbols), values, strict=True)}
+        return found
+
+    def resolver(self) -> Resolver:
+        """Names of the diagram to raw symbols and units."""
+        flat = self.flat
+        return Resolver(flat.names, flat.constants, flat.units, flat.unknowns, flat.levels, flat.time, flat.rate,
+                        {**flat.bonds, **flat.block_bonds})
+
+    def expression(self, expr: Expr) -> ca.SX:
+        """A formula of the diagram's names as SX in `arguments`; ExpressionProblem for an unknown name."""
+        return self.express(self.resolver().evaluate(expr))
+
+    def express(self, raw: ca.SX) -> ca.SX:
+        """Raw symbols put in terms of (t, x, z, p, u, rate); a derivative that no equation has by the chain rule."""
+        found = self.reduced.express(raw)
+        allowed = {s.element_hash() for a in self.arguments for s in ca.symvar(a)}
+        missing = [s for s in ca.symvar(found) if s.element_hash() not in allowed]
+        known = {s.element_hash() for k in self.flat.inputs for s in split(k.symbols)}
+        missing = [s for s in missing if s.element_hash() not in known]
+        if missing:
+            found = ca.substitute(found, stack(missing), stack([self._rate_of(s) for s in missing]))
+        return substitute_inputs(found, self.flat, self.arguments[0], self.arguments[4])
+
+    def _rate_of(self, symbol: ca.SX) -> ca.SX:
+        """d/dt of an unknown whose derivative stands in no equation."""
+        first = {s.element_hash(): j for j, s in enumerate(self.flat.levels[1])}
+        j = first.get(symbol.element_hash())
+        if j is None:
+            raise ExpressionProblem("derivative-too-high", f"{symbol.name()} is not available here", 0)
+        value = self.reduced.express(self.flat.levels[0][j])
+        t, x, z, _, _, rate = self.arguments
+        if z.numel() and ca.which_depends(value, z, 1, False)[0]:
+            raise ExpressionProblem("derivative-of-loop", f"der({self.flat.unknowns[j].name}) is not available: it "
+                                    "is solved for in an algebraic loop", 0)
+        low = stack([x, *[k.symbols[:-1] for k in self.flat.inputs]])
+        high = stack([self.reduced.ode, *[k.symbols[1:] for k in self.flat.inputs]])
+        return ca.jtimes(value, low, high) + ca.jtimes(value, t, rate)
+
+
+def assemble(model: Model, also: Iterable[str] = (), widths: float = 1.0) -> Assembly:
+    """YAML meaning to runnable equations; `also` names positions wanted beside those the diagram itself names, `widths` is
+    a factor on the widths of all transitions."""
+    with put_off():
+        flat = flatten(model, sorted(set(also)), widths)
+        check()
+        reduced = reduce(flat)
+        check()
+        made = build(reduced)
+        check()
+        return made
+
+
+def build(reduced: Reduced) -> Assembly:
+    """The CasADi functions of a reduced model."""
+    flat = reduced.flat
+    u = ca.SX.sym("u", 1 + 4 * len(flat.inputs)) if flat.inputs else ca.SX(0, 1)
+    arguments = (flat.time, reduced.x, reduced.z, flat.p, u, flat.rate)
+    raw = [flat.levels[0][j] for j in range(len(flat.unknowns))]
+    values = reduced.express(stack(raw))
+
+    def with_inputs(expression: ca.SX) -> ca.SX:
+        return substitute_inputs(expression, flat, flat.time, u)
+
+    _check_events(reduced)
+    _check_prescribed(reduced)
+    _check_smoothness(reduced, [reduced.ode, reduced.alg, values])
+    ode, alg, values = (with_inputs(e) for e in (reduced.ode, reduced.alg, values))
+    pivots = with_inputs(stack([q.coefficient for q in reduced.pivots]))
+    return Assembly(
+        reduced, np.array([q.value for q in flat.parameters]),
+        np.array([flat.unknowns[j].nominal for j, _ in reduced.states]),
+        np.array([flat.unknowns[j].nominal for j, _ in reduced.algebraic]),
+        arguments, ode, alg, ca.Function("rates", list(arguments), [ode, alg]),
+        ca.Function("values", list(arguments), [values]), ca.Function("pivots", list(arguments), [pivots]))
+
+
+def _check_events(reduced: Reduced) -> None:
+    """What events set are states, and periods are above zero; ModelError otherwise."""
+    flat, problems = reduced.flat, Problems()
+    states = {j for j, order in reduced.states if order == 0}
+    for event in flat.events:
+        for reset in (r for r in event.resets if r.unknown is not None and r.unknown not in states):
+            names = listing([reduced.name(c) for c in reduced.states] or ["none"], 20)
+            problems.add("reset-no-state", f"'{event.name}' sets '{reset.name}', which is no state: it follows from the "
+                         "states", reset.place, hint=f"States of this diagram: {names}.")
+        if event.period is not None:
+            p = [q.value for q in flat.parameters]
+            period = float(ca.Function("period", [flat.p], [event.period])(p))
+            if not period > 0:
+                problems.add("every-not-positive", f"'{event.name}' would happen every {period:g} s", event.place,
+                             hint="Give a time above 0.")
+    problems.raise_as(ModelError)
+
+
+def _check_prescribed(reduced: Reduced) -> None:
+    """The motion at a prescribed port does not feel the component: no rate of a state that it follows depends on what the
+    component holds between its events, be it through unknowns of loops; ModelError otherwise."""
+    flat, problems = reduced.flat, Problems()
+    ports = [(path, leaf, port) for path, leaf in flat.expanded.leaves.items()
+             for port in leaf.component.ports.values() if port.prescribed and leaf.component.held]
+    for path, leaf, port in ports:
+        own = {flat.constants[f"{path}.{name}"].element_hash() for name in leaf.component.held}
+        flow = flat.expanded.model.library.domains[port.domain].flow
+        motion = reduced.express(flat.levels[0][flat.names[f"{path}.{port.name}.{flow}"]])
+        if own & _felt(reduced, motion):
+            problems.add("port-not-prescribed", f"what moves port {port.name} of '{path}' would have to feel '{path}', "
+                         "whose law gives it no push: momentum and energy would be made", leaf.place,
+                         hint=f"Join {path}.{port.name} to what stands still or is driven, whatever acts on it (Fixed, "
+                         "PositionSource ...); between two bodies take an elastic law, such as Contact or EndStop.")
+    problems.raise_as(ModelError)
+
+
+def _felt(reduced: Reduced, motion: ca.SX) -> set[int]:
+    """The hashes of the symbols on which a motion and the rates of the states in it depend."""
+    rate_of = {s.element_hash(): rate for s, rate in zip(split(reduced.x), split(reduced.ode), strict=True)}
+    loops = [{s.element_hash() for s in ca.symvar(row)} for row in split(reduced.alg)]
+    unknown = {s.element_hash() for s in split(reduced.z)}
+    found = {s.element_hash() for s in ca.symvar(motion)}
+    found |= {s.element_hash() for h in found & rate_of.keys() for s in ca.symvar(rate_of[h])}
+    while more := set().union(*(row for row in loops if row & found & unknown)) - found:
+        found |= more
+    return found
+
+
+def _check_smoothness(reduced: Reduced, expressions: list[ca.SX]) -> None:
+    """A held input has no derivative, a linear one no second; ModelError where the equations need one."""
+    used = {s.element_hash() for e in expressions for s in ca.symvar(e)}
+    problems = Problems()
+    for known in reduced.flat.inputs:
+        needed = max((k for k, s in enumerate(split(known.symbols)) if s.element_hash() in used), default=0)
+        if needed > DERIVATIVES[known.source.between]:
+            times = ("", "once", "twice", "three times")[needed]
+            problems.add("input-not-smooth", f"{known.name} must be differentiated {times} in time, which "
+                         f"`between: {known.source.between}` does not allow", known.source.place,
+                         hint="Write `between: spline`.")
+    problems.raise_as(ModelError)
+
+
+def substitute_inputs(expression: ca.SX, flat: Flat, t: ca.SX, u: ca.SX) -> ca.SX:
+    """Measured inputs and their derivatives as the polynomial piece c0 + c1 s + c2 s**2 + c3 s**3, s = t - u[0]."""
+    if not flat.inputs:
+        return expression
+    symbols, pieces = [], []
+    s = t - u[0]
+    for k, known in enumerate(flat.inputs):
+        c0, c1, c2, c3 = (u[1 + 4 * k + i] for i in range(4))
+        symbols.append(known.symbols)
+        pieces += [c0 + s * (c1 + s * (c2 + s * c3)), c1 + s * (2 * c2 + s * 3 * c3), 2 * c2 + 6 * s * c3, 6 * c3]
+    return ca.substitute(expression, stack(symbols), stack(pieces))
+
+
+@dataclass(frozen=True)
+class Factors:
+    """Factors in quadratures that may be other numbers in every run: symbols and their values (k,)."""
+
+    symbols: ca.SX
+    values: Array
+
+
+@dataclass(frozen=True)
+class Integrand:
+    """What CasADi's integrators take, in scaled unknowns; `hoist` maps (p, directions) to the integrand's parameters.
+
+    Terms that depend on parameters alone (the amplitudes of a sea's hundred sines) are computed once a run, what several
+    components compute alike (an elongation) once a step. With m directions, x and z hold the model's own unknowns first
+    and then m blocks of their sensitivities.
+    """
+
+    dae: dict[str, ca.SX]
+    hoist: ca.Function
+
+
+def integrand(assembly: Assembly, quadratures: ca.SX | None = None, directions: int = 0, moving: Sequence[int] = ()
+              ) -> Integrand:
+    """The DAE for `ca.integrator`: x = x_nominal * x_s, z = z_nominal * z_s; quadratures unscaled.
+
+    `directions` adds that many forward sensitivities: with dp (n_p, directions) the directions in parameter space, zero but
+    for the parameters `moving` (by their indices), X = dx_s/dp and Z = dz_s/dp satisfy X' = f_x X + f_z Z + f_p dp,
+    0 = g_x X + g_z Z + g_p dp. Written out in SX and integrated with the model, this is cheaper than the integrator's own
+    forward mode and under the same error control.
+    """
+    t, x, z, p, u, rate = assembly.arguments
+    x_s, z_s = ca.SX.sym("x", x.numel()), ca.SX.sym("z", z.numel())
+    x_nominal, z_nominal = ca.SX(ca.DM(assembly.x_nominal)), ca.SX(ca.DM(assembly.z_nominal))
+    right = [assembly.ode / x_nominal, assembly.alg, *([quadratures] if quadratures is not None else [])]
+    replaced = ca.substitute(right, [x, z, rate], [x_s * x_nominal, z_s * z_nominal, ca.SX(1)])
+    rows = list(moving) if directions else []
+    dp, whole = ca.SX.sym("dp", len(rows), directions), ca.SX.sym("dp", p.numel(), directions)
+    x_s, z_s, replaced = _augmented(x_s, z_s, p[rows], dp, replaced)
+    sizes = [r.numel() for r in replaced]
+    stacked, = ca.cse([stack(replaced)])
+    given, parametric = stack([p, ca.vec(dp)]), ca.SX(0, 1)
+    constants = given
+    if p.numel():
+        stacked, symbols, expressions = ca.extract_parametric(stacked, given)
+        constants, parametric = stack([given, *symbols]), stack(expressions)
+    hoisted, = ca.substitute([stack([given, parametric])], [ca.vec(dp)], [ca.vec(whole[rows, :])])
+    hoist = ca.Function("hoist", [p, whole], [hoisted])
+    parts = ca.vertsplit(stacked, [0, *np.cumsum(sizes).tolist()])
+    if not x_s.numel():  # an integrator needs a state: one that stays zero
+        x_s, parts[0] = ca.SX.sym("x"), ca.SX(1, 1)
+    dae = {"x": x_s, "z": z_s, "p": constants, "u": u, "t": t, "ode": parts[0], "alg": parts[1]}
+    if quadratures is not None:
+        dae["quad"] = parts[2]
+    return Integrand(dae, hoist)
+
+
+def _augmented(x: ca.SX, z: ca.SX, p: ca.SX, dp: ca.SX, right: list[ca.SX]) -> tuple[ca.SX, ca.SX, list[ca.SX]]:
+    """x, z and the right sides (ode, alg, quadratures) with the forward sensitivities along each column of dp, the moves of
+    some parameters p."""
+    columns = dp.shape[1]
+    if not columns:
+        return x, z, right
+    x_along, z_along = ca.SX.sym("X", x.numel(), columns), ca.SX.sym("Z", z.numel(), columns)
+    # one Jacobian serves all columns, so that each partial derivative is written once
+    moved = ca.jacobian(stack(right), stack([x, z, p])) @ ca.vertcat(x_along, z_along, dp)
+    ends = np.cumsum([0, *(side.numel() for side in right)]).tolist()
+    both = [stack([side, ca.vec(moved[begin:end, :])]) for side, begin, end in zip(right, ends[:-1], ends[1:], strict=True)]
+    return stack([x, ca.vec(x_along)]), stack([z, ca.vec(z_along)]), both
+
+
+def solved_loops(z: ca.SX, given: ca.SX, residuals: ca.SX, most: int) -> ca.Function:
+    """(z, given) to the z near by with residuals (n_z,) = 0, by at most so many steps of Newton's method.
+
+    CasADi's method leaves out the last step, one of less than 1e-12: it is taken here, as 1e-12 of an acceleration moves a
+    very large mass by a force.
+    """
+    newton = ca.rootfinder("newton", "newton", {"x": z, "p": given, "g": residuals},
+                           {"error_on_fail": False, "abstol": 1e-14, "max_iter": most})
+    linear = ca.Function("linear", [z, given], [residuals, ca.jacobian(residuals, z)])
+    first, fixed = ca.MX.sym("z", z.numel()), ca.MX.sym("given", given.numel())
+    near = newton(first, fixed)
+    rest, slopes = linear(near, fixed)
+    return ca.Function("loops", [first, fixed], [near - ca.solve(slopes, rest)])

@@ -1,0 +1,170 @@
+"""Several choices of states for one diagram, and the way from one to another during a run.
+
+Where constraints tie unknowns together, some of these are states and the others follow (`state_selection`). That holds in
+a part of the motion only: a pendulum's height follows from its place sideways until the rod lies flat. One choice
+with what follows from it is a chart in the sense of geometry. All charts of a diagram are reductions of the same equations
+in the same symbols, so that in each of them the states of another are expressions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from heavebond.core.errors import listing
+from heavebond.equations.state_selection import Part, chosen_states, parts_of, strain
+from heavebond.language.symbols import stack
+from heavebond.numerics.co_simulation import foreign_parts
+from heavebond.numerics.dae import Array, Assembly, build
+from heavebond.numerics.start_equations import Point
+
+# The strain of a chart above which it is left: with 3, a pendulum changes 18 degrees before its chart ends (errors of its
+# states are three times as large in the others, and the states are still far from turning). Where the integrator fails, or
+# the end of the chart lies before the next point, less is enough.
+MOST, ENOUGH = 3.0, 1.5
+FOLDED = 0.05  # least singular value of constraints that depend on each other soon, over the largest
+BETTER = 1.2  # by which another chart must be less strained
+
+
+@dataclass(frozen=True)
+class Strain:
+    """How strained a chart is at points (N,), and the signs (n_parts, N) that change where it ends."""
+
+    worst: Array
+    signs: Array
+
+
+class Chart:
+    """One choice of states: an assembly, the parts of its constraints that may go bad in a run, and the entries (equation,
+    unknown) of these that move."""
+
+    def __init__(self, assembly: Assembly):
+        self.assembly = assembly
+        self.constraints = assembly.reduced.choices.constraints
+        self.moving = _moving(assembly)
+        parts = parts_of(self.constraints, assembly.reduced.states) if self.moving else []
+        # what follows with coefficients that stay follows from the states for ever
+        self.parts = [part for part in parts if len(part.columns) > len(part.rows)
+                      and any((i, j) in self.moving for i in part.rows for j, _ in part.dummies)]
+        inside = {j for part in self.parts for j, _ in part.columns}
+        # what the user asked for counts at the start, and where one choice is as good as it was all the way
+        self._asked = self.constraints.settable | (self.constraints.asked - inside)
+        self._passages: dict[int, _Passage] = {}
+
+    @cached_property
+    def _values(self) -> ca.Function:
+        return ca.Function("H", list(self.assembly.arguments), [self.assembly.express(self.constraints.values)])
+
+    def numbers(self, columns: Sequence[Array]) -> Array:
+        """The values of the constraints (n, N) at points given by columns (t, x, z, p, u, rate)."""
+        return np.array(self._values(*columns)).reshape(len(self.constraints.entries), columns[0].shape[1])
+
+    def strain(self, columns: Sequence[Array]) -> Strain:
+        """How near this chart is to its end at points given by columns."""
+        numbers = self.numbers(columns)
+        found = [strain(part, numbers) for part in self.parts]
+        return Strain(np.max([worst for worst, _ in found], axis=0), np.array([sign for _, sign in found]))
+
+    def folded(self, point: Point) -> bool:
+        """Whether the constraints themselves, in whatever states, are about to depend on each other at a point."""
+        numbers = self.numbers(columns_of(point))
+        values = [np.linalg.svd(part.matrices(numbers, part.columns)[0], compute_uv=False) for part in self.parts]
+        return any(v[-1] < FOLDED * v[0] for v in values if np.all(np.isfinite(v)))
+
+    def better(self, point: Point) -> list[tuple[int, int]] | None:
+        """States that suit a point better than those of this chart; None where there are none."""
+        numbers = self.numbers(columns_of(point))[:, 0]
+        states = chosen_states(self.constraints, np.where(np.isfinite(numbers), numbers, 0.0), self._asked)
+        free = {j for j, order in states if order == 0}
+        mine = {j for j, order in self.assembly.reduced.states if order == 0}
+        if set(states) == set(self.assembly.reduced.states) or (self.constraints.settable & mine) - free:
+            return None
+        return states if _worst(parts_of(self.constraints, states), numbers) * BETTER < _worst(self.parts, numbers) else None
+
+    def values_in(self, other: Chart, columns: Sequence[Array]) -> Array:
+        """The other chart's states and algebraic unknowns (n_x + n_z, N) at points of this one given by columns."""
+        return self._to(other).values(columns)
+
+    def along_in(self, other: Chart, columns: Sequence[Array], dx: Array, dz: Array, dp: Array) -> Array:
+        """How these move (n_x + n_z, N) where this chart's states and algebraic unknowns move along dx (n_x, N), dz
+        (n_z, N), and the parameters along dp (n_p, N)."""
+        return self._to(other).along(columns, dx, dz, dp)
+
+    def _to(self, other: Chart) -> _Passage:
+        if id(other) not in self._passages:
+            self._passages[id(other)] = _Passage(self.assembly, other.assembly)
+        return self._passages[id(other)]
+
+    def why(self, other: Chart, point: Point) -> str:
+        """Why another chart suits a point better, in words."""
+        own, others = self.assembly.reduced.states, other.assembly.reduced.states
+        worst, name = self.strain(columns_of(point)).worst[0], self.assembly.reduced.name
+        gone, new = (listing(name(c) for c in mine if c not in theirs) for mine, theirs in ((own, others), (others, own)))
+        grade = f"{worst:.3g} times" if np.isfinite(worst) else "infinitely"
+        return f"{new} moves {grade} as much as {gone}, from which it would follow"
+
+
+class Charts:
+    """The charts of a diagram, the one that it was assembled with first; others are made when they are needed."""
+
+    def __init__(self, assembly: Assembly):
+        self.home = Chart(assembly)
+        self._made = {frozenset(assembly.reduced.states): self.home}
+
+    @property
+    def needed(self) -> bool:
+        """Whether a constraint that decides on the states changes in a run; without, one chart does for all of it. An FMU is
+        asked in the states of the diagram only."""
+        return bool(self.home.parts) and not foreign_parts(self.home.assembly.flat)
+
+    def with_states(self, states: list[tuple[int, int]]) -> Chart:
+        """The chart of these states; ModelError where events set what is none of them."""
+        key = frozenset(states)
+        if key not in self._made:
+            self._made[key] = Chart(build(self.home.assembly.reduced.choices.solve(states)))
+        return self._made[key]
+
+
+class _Passage:
+    """The states and algebraic unknowns of one assembly as functions of another's arguments."""
+
+    def __init__(self, begin: Assembly, end: Assembly):
+        arguments = list(begin.arguments)
+        _, x, z, p, _, _ = arguments
+        there = begin.express(stack([end.reduced.x, end.reduced.z]))
+        self._values = ca.Function("there", arguments, [there])
+        directions = [ca.SX.sym("d", a.numel()) for a in (x, z, p)]
+        self._along = ca.Function("along", [*arguments, *directions],
+                                  [ca.jtimes(there, stack([x, z, p]), stack(directions))])
+
+    def values(self, columns: Sequence[Array]) -> Array:
+        return np.array(self._values(*columns)).reshape(-1, columns[0].shape[1])
+
+    def along(self, columns: Sequence[Array], dx: Array, dz: Array, dp: Array) -> Array:
+        return np.array(self._along(*columns, dx, dz, dp)).reshape(-1, columns[0].shape[1])
+
+
+def _moving(assembly: Assembly) -> set[tuple[int, int]]:
+    """The entries of the constraints that change in a run."""
+    flat, found = assembly.flat, assembly.reduced.choices.constraints
+    if not found.entries:
+        return set()
+    still = flat.constant_hashes | {flat.rate.element_hash()}
+    moving = stack(s for s in ca.symvar(found.values) if s.element_hash() not in still)
+    if not moving.numel():
+        return set()
+    depends = ca.which_depends(found.values, moving, 1, True)
+    return {entry for entry, does in zip(found.entries, depends, strict=True) if does}
+
+
+def _worst(parts: Sequence[Part], numbers: Array) -> float:
+    return float(max((strain(part, numbers[:, None])[0][0] for part in parts), default=0.0))
+
+
+def columns_of(point: Point, times: int = 1) -> list[Array]:
+    """A point as arguments of functions at several points, so many times side by side."""
+    return [np.tile(np.reshape(a, (-1, 1)), (1, times)) for a in point.values()]

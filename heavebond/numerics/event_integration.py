@@ -1,0 +1,467 @@
+"""Runs that are cut: at events, and where other states must be integrated from there on.
+
+The next instant is found, the integrator stops there, the event acts, and it begins anew. Time events are known beforehand
+and met exactly. For the others the indicators of all conditions are looked at in every point of a stretch; where one passes
+zero, the crossing is found by integrating again from the point before. In the same points it is looked at how well the
+states decide the other unknowns (`dynamic_state_selection`); shortly before they do not any more, the run goes on in others.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+
+from heavebond.core.errors import Problem, SimulationError, either
+from heavebond.numerics.dae import Array, Integrand
+from heavebond.numerics.dynamic_state_selection import ENOUGH, Chart, Charts, columns_of
+from heavebond.numerics.dynamic_state_selection import MOST as MOST_STRAIN
+from heavebond.numerics.initialise import Start, Tangent
+from heavebond.numerics.jumps import Moved
+from heavebond.numerics.solvers import Integrator, other
+from heavebond.numerics.start_equations import Point
+from heavebond.numerics.time_events import same_instant, timetable
+from heavebond.numerics.trace import ChartChange, Frame, Instant, Now, Record, SolverChange, Trace
+from heavebond.numerics.zero_crossings import crossing, suspects
+
+FIRST, MOST = 8, 1024  # points of the first stretch after a cut; each further one has twice as many
+LOOKS = 1000  # conditions and charts are looked at in so many points of a run at least, and at every output
+# Where the integrator cannot pass a point, it is followed up to so many times this share.
+NEAR = 10
+PRECISION = 1e-2  # of the distance at which two instants are one: to what a crossing is found
+# So many events of conditions within this share of the run are chattering, and so many of one condition: the hops of a ball
+# that falls to 0.05 of its height reach the rounding of time after as many.
+CHATTER, AGAIN, WITHIN = 30, 4, 1e-8
+# So many events of conditions within this share of the run slide along a condition: five million of them would be needed for
+# the whole run, hours of work. A converter at 100 kHz over a second stays a factor of 25 below.
+SLIDING, SLIDES_WITHIN = 500, 1e-4
+# What IDAS and CVODES say where the user interrupts, and where a run leads nowhere or crawls behind an event that is not
+# known yet (a piston that has passed its stop empties its chamber): stretches are halved so often without an event between,
+# then it is given up. At the end of a chart they may crawl; there they get so many steps between two points only.
+INTERRUPTED, CRAWLS = ("IDA_RES_FAIL", "CV_RHSFUNC_FAIL"), ("IDA_TOO_MUCH_WORK", "CV_TOO_MUCH_WORK")
+MOST_CRAWLS = 5
+MOST_STEPS_IN_CHART = 5000
+# Steps between two points of other such runs, after which they are given up; a run has a thousand points at least. Where
+# several points are gone to at once, the event may lie before: those steps are then gone point by point.
+MOST_STEPS_AHEAD = 3000
+MOST_STEPS_BETWEEN = 30_000
+MOST_CASCADES = 100  # events that set off each other at one instant
+MOST_HALVINGS = 40  # of a step in which a chart ends
+MOST_FAILURES = 400  # without an event or other states between: a run that is halved again and again comes to no end
+MOST_SOLVER_CHANGES = 200
+
+Build = Callable[[str, Integrand, Array], Integrator]
+
+
+@dataclass(frozen=True)
+class Failures:
+    """How often the integrator has failed, and crawled, since so many changes of a run."""
+
+    changes: int
+    number: int = 0
+    crawls: int = 0
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """The last call of the integrator: where it began, and the length of a unit of its own time."""
+
+    begin: Now
+    step: float
+
+    def time(self, s: float) -> float:
+        """The time of the integrator's own time."""
+        return self.begin.t + self.step * s
+
+
+class Switching:
+    """The runs of a simulator whose diagram has events, or constraints that one choice of states may not do for.
+
+    `framed` makes the equations in a chart, with `integrals` (integrals and their sensitivities) after the other states;
+    `inputs` gives at times the integrator's inputs, the first `n_u` of them those of the assembly, the others factors of the
+    integrals; `build` makes an integrator by its name that stops at times, `solver` is the name of the first. With `changes`
+    the other solver goes on where one stops (see `other`).
+    """
+
+    def __init__(self, charts: Charts, framed: Callable[[Chart], Frame], integrals: int, stops: Array,
+                 inputs: Callable[[Array], Array], build: Build, solver: str, changes: bool = False):
+        self.first_solver, self.solver, self.changes, self.failed_at = solver, solver, changes, -np.inf
+        self.failures = Failures(0)
+        self.charts, self.integrals, self.stops, self.inputs, self._build = charts, integrals, stops, inputs, build
+        self._framed, self._frames = framed, {id(charts.home): framed(charts.home)}
+        self.home = self._frames[id(charts.home)]
+        self.conditions = self.home.equations.conditions
+        self.n_u = charts.home.assembly.arguments[4].numel()
+        self.span, self.same = float(stops[-1] - stops[0]) or 1.0, same_instant(float(stops[0]), float(stops[-1]))
+        self.looks = self._looks()
+        self.last: Stretch | None = None
+
+    def _looks(self) -> Array:
+        """The stops, and between them as many further points as looking for conditions and charts needs."""
+        if not self.conditions and not self.charts.needed:
+            return self.stops
+        found = [self.stops[:1]]
+        for begin, end in zip(self.stops[:-1], self.stops[1:], strict=True):
+            parts = int(np.ceil((end - begin) / self.span * LOOKS * (1 - 1e-9)))
+            found.append(np.append(begin + (end - begin) / max(parts, 1) * np.arange(1, max(parts, 1)), end))
+        return np.concatenate(found)
+
+    # -- the run ---------------------------------------------------------------------------------------------------
+    def run(self, first: Start, moved: Tangent | None) -> Trace:
+        """One run; RuntimeError where the integrator fails (see `last`), SimulationError where events do."""
+        with self.home.equations.partners.running():
+            return self._run(first, moved)
+
+    def _run(self, first: Start, moved: Tangent | None) -> Trace:
+        now = self._begin(first, moved)
+        self.solver, self.failed_at, self.failures = self.first_solver, -np.inf, Failures(0)
+        record = Record(now, self.stops, self.same)
+        self._write(now, record)
+        equations = self.home.equations
+        instants = equations.instants(now.p, now.dp)
+        for time, events, delays in timetable(equations.events, instants, now.t, float(self.stops[-1])):
+            now = self._happen(self._until(now, self._stop(time), record), events, delays, record)
+        self._until(now, float(self.stops[-1]), record)
+        return record.trace(self.integrals, self.inputs(self.stops)[: self.n_u])
+
+    def _begin(self, first: Start, moved: Tangent | None) -> Now:
+        frame, assembly = self.home, self.home.assembly
+        x, z = first.x / assembly.x_nominal, first.z / assembly.z_nominal
+        dp = np.zeros((len(first.p), 0))
+        if moved is not None:
+            x = np.concatenate([x, (moved.x / assembly.x_nominal[:, None]).T.ravel()])
+            z = np.concatenate([z, (moved.z / assembly.z_nominal[:, None]).T.ravel()])
+            dp = moved.p
+        y = np.append(x, np.zeros(frame.made.dae["x"].numel() - len(x)))
+        now = Now(frame, first.t, y, z, first.p, dp, frame.made.hoist(first.p, dp), np.zeros(0, bool))
+        return replace(now, true=self._indicators(now)[0] > 0)
+
+    def _stop(self, time: float) -> float:
+        """The stop that is meant by a time, or the time itself."""
+        near = float(self.stops[np.abs(self.stops - time).argmin()])
+        return near if abs(near - time) <= self.same else time
+
+    def _until(self, now: Now, limit: float, record: Record) -> Now:
+        """Go on to a time, through the events of conditions on the way; what is passed is written down."""
+        begun = FIRST if self.conditions or self.charts.needed or self.changes else MOST
+        points, halvings = begun, 0
+        while now.t < limit - self.same:
+            times = self._coming(now, limit, points, halvings)
+            try:
+                y, z = self._advance(now, times, record)
+            except RuntimeError as error:
+                now, points, halvings = self._mended(now, times, points, halvings, error, record)
+                continue
+            reached = self._in_chart(now, times, y, z)
+            if not reached and (turned := self._turned(now, halvings, record)) is not None:
+                now, points, halvings = turned
+                continue
+            reached = reached or len(times)  # no other states are better: on with these
+            found = self._first_event(now, times[:reached], y[:, :reached], z[:, :reached], record)
+            if found is not None:
+                record.write(now, times[:found[0]], y, z)
+                now, points, halvings = self._happen(found[1], found[2], found[3], record, condition=True), begun, 0
+                continue
+            record.write(now, times[:reached], y, z)
+            now = replace(now, t=float(times[reached - 1]), y=y[:, reached - 1], z=z[:, reached - 1])
+            now = replace(now, true=self._indicators(now)[0] > 0)
+            points = min(2 * points, MOST) if not halvings and reached == len(times) else 1
+            halvings = max(halvings - 1, 0)
+        return now
+
+    def _coming(self, now: Now, limit: float, points: int, halvings: int) -> Array:
+        """The next points to go to: so many looks, as far as they are evenly spaced, up to a limit."""
+        begin = int(np.searchsorted(self.looks, now.t + self.same, side="right"))
+        times = self.looks[begin:begin + points]
+        if len(times) < points or times[-1] >= limit - self.same:
+            times = np.append(times[times < limit - self.same], limit)
+        return _even(now.t, times, self.same) if not halvings else now.t + (times[:1] - now.t) / 2**halvings
+
+    def _mended(self, now: Now, times: Array, points: int, halvings: int, error: RuntimeError, record: Record
+                ) -> tuple[Now, int, int]:
+        """As `_failed`; where that finds no event and no other chart, the other solver goes on from here, once."""
+        try:
+            return self._failed(now, times, points, halvings, error, record)
+        except RuntimeError as final:
+            said = str(final)
+            if not self.changes or any(word in said for word in INTERRUPTED) or now.t <= self.failed_at \
+                    or len(record.solver_changes) >= MOST_SOLVER_CHANGES:
+                raise
+        before, self.failed_at = self.solver, now.t
+        self.solver = other(before, bool(len(now.z)))
+        record.solver_changes.append(SolverChange(now.t, before, self.solver, reason(said)))
+        return now, 1, 0
+
+    def _failed(self, now: Now, times: Array, points: int, halvings: int, error: RuntimeError, record: Record
+                ) -> tuple[Now, int, int]:
+        """Where to go on after the integrator has failed, in steps of how many points and with how many halvings: what comes
+        after an event that is not known yet, or after the end of a chart, may be out of its equations' reach."""
+        interrupted, crawls = (any(word in str(error) for word in words) for words in (INTERRUPTED, CRAWLS))
+        if interrupted or not (self.charts.needed or self.conditions) or self._hopeless(crawls and points == 1, record):
+            raise error
+        if self.charts.needed and self._strain(now) >= ENOUGH and (changed := self._changed(now, record)) is not None:
+            return changed, FIRST, 0
+        if times[0] - now.t <= NEAR * self.same:
+            return self._forced(now, record), FIRST, 0
+        return now, 1, halvings + (points == 1)
+
+    def _hopeless(self, crawled: bool, record: Record) -> bool:
+        """Whether the integrator has failed or crawled too often since something last changed."""
+        changes = len(record.instants) + len(record.changes) + len(record.solver_changes)
+        if changes != self.failures.changes:
+            self.failures = Failures(changes)
+        self.failures = replace(self.failures, number=self.failures.number + 1, crawls=self.failures.crawls + crawled)
+        return self.failures.number > MOST_FAILURES or (self.failures.crawls > MOST_CRAWLS and not self.charts.needed)
+
+    def _forced(self, now: Now, record: Record) -> Now:
+        """The event right before which the integrator fails; its RuntimeError where none is near."""
+        values, rates = self._indicators(now)
+        near = (values + rates * NEAR**2 * self.same > 0) & ~now.true
+        if not near.any():
+            raise RuntimeError("the equations have no solution behind this point")
+        condition = int(np.flatnonzero(near)[0])
+        return self._happen(now, *self._met(now, condition), record, condition=True)
+
+    # -- charts ----------------------------------------------------------------------------------------------------
+    def _strain(self, now: Now) -> float:
+        return float(now.frame.chart.strain(columns_of(self._point(now))).worst[0])
+
+    def _in_chart(self, now: Now, times: Array, y: Array, z: Array) -> int:
+        """How many of the points lie in the chart before its end."""
+        if not self.charts.needed:
+            return len(times)
+        t = np.append(now.t, times)
+        x, inner, u = self._columns(now.frame, t, np.column_stack([now.y, y]), np.column_stack([now.z, z]))
+        p = np.tile(now.p[:, None], (1, len(t)))
+        found = now.frame.chart.strain((t[None, :], x, inner, p, u, np.ones((1, len(t)))))
+        out = (found.worst > MOST_STRAIN) | (found.signs != found.signs[:, :1]).any(axis=0)
+        return 0 if out[0] else int(np.argmax(out)) - 1 if out.any() else len(times)
+
+    def _turned(self, now: Now, halvings: int, record: Record) -> tuple[Now, int, int] | None:
+        """Where to go on at a point after which its chart ends: in another, or nearer to the end; None where no other is
+        better, as where a mechanism passes a point in which its links lie in one line."""
+        if self._strain(now) >= ENOUGH:
+            changed = self._changed(now, record)
+            return None if changed is None else (changed, FIRST, 0)
+        return (now, 1, halvings + 1) if halvings < MOST_HALVINGS else None
+
+    def _changed(self, now: Now, record: Record) -> Now | None:
+        """The same moment in states that suit it better; None where there are none."""
+        point, old = self._point(now), now.frame.chart
+        states = old.better(point)
+        if states is None:
+            return None
+        chart = self.charts.with_states(states)
+        if id(chart) not in self._frames:
+            self._frames[id(chart)] = self._framed(chart)
+        values = old.values_in(chart, columns_of(point))[:, 0]
+        n_x, moved = len(point.x), self._moved(now)
+        if m := now.blocks - 1:
+            along = old.along_in(chart, columns_of(point, m), moved.x, now.unscaled()[1][:, 1:], now.dp)
+            moved = replace(moved, x=along[:n_x])
+        changed = replace(now, frame=self._frames[id(chart)]).standing(replace(point, x=values[:n_x], z=values[n_x:]), moved)
+        settled = self._settled(changed, changed.y[:, None], changed.z[:, None], np.array([now.t]))[:, 0]
+        changed = replace(changed, z=settled)
+        before, after = (tuple(c.assembly.state_names) for c in (old, chart))
+        record.changes.append(ChartChange(now.t, before, after, old.why(chart, point)))
+        self._write(changed, record)
+        return changed
+
+    # -- the integrator --------------------------------------------------------------------------------------------
+    def _advance(self, now: Now, times: Array, record: Record) -> tuple[Array, Array]:
+        """y and z at times (n,), equally far apart."""
+        n, integrators = len(times), now.frame.integrators
+        key = (self.solver, n)
+        if key not in integrators:
+            integrators[key] = self._build(self.solver, now.frame.own_time(), np.arange(n + 1.0))
+        middle = (np.append(now.t, times[:-1]) + times) / 2
+        self.last = Stretch(now, float(times[-1] - now.t) / n)
+        a, d = np.full(n, now.t), np.full(n, self.last.step)
+        found = integrators[key](x0=now.y, z0=now.z, p=now.given, u=np.vstack([self.inputs(middle), a, d]))
+        y, z = np.array(found["xf"]).reshape(len(now.y), n), np.array(found["zf"]).reshape(len(now.z), n)
+        if not np.all(np.isfinite(y)):
+            raise RuntimeError("a value became infinite or not a number")
+        record.steps += int(integrators[key].stats().get("nsteps", 0))
+        return y, self._settled(now, y, z, times)
+
+    def _settled(self, now: Now, y: Array, z: Array, times: Array) -> Array:
+        return settled(now.frame.loops, y, z, now.given, times, self.inputs(times))
+
+    def before(self, stretch: Stretch, stopped: float) -> Point:
+        """A point of a stretch in which the integrator failed, shortly before it did if that can be reached."""
+        begin = stretch.begin
+        for share in (1 - 1e-6, 1 - 1e-3, 0.9):
+            time = begin.t + (stopped - begin.t) * share
+            try:
+                y, z = self._advance(begin, np.array([time]), Record(begin, self.stops, self.same))
+            except RuntimeError:
+                continue
+            return self._point(replace(begin, t=time, y=y[:, 0], z=z[:, 0]))
+        return self._point(begin)
+
+    # -- looking for events ----------------------------------------------------------------------------------------
+    def _columns(self, frame: Frame, t: Array, y: Array, z: Array) -> tuple[Array, Array, Array]:
+        """States and algebraic unknowns in SI and the inputs at times."""
+        x_size, z_size = frame.assembly.x_nominal, frame.assembly.z_nominal
+        return y[: len(x_size)] * x_size[:, None], z[: len(z_size)] * z_size[:, None], self.inputs(t)[: self.n_u]
+
+    def _indicators(self, now: Now) -> tuple[Array, Array]:
+        """Indicators and rates (n_c,) at one point."""
+        if not self.conditions:
+            return np.zeros(0), np.zeros(0)
+        t = np.array([now.t])
+        x, z, u = self._columns(now.frame, t, now.y[:, None], now.z[:, None])
+        values, rates = now.frame.equations.indicators(t, x, z, now.p, u)
+        return values[:, 0], rates[:, 0]
+
+    def _first_event(self, now: Now, times: Array, y: Array, z: Array, record: Record
+                     ) -> tuple[int, Now, list[int], list[Array]] | None:
+        """How many points lie before the first event, the point where it happens, the events there and their delays."""
+        if not self.conditions:
+            return None
+        t = np.append(now.t, times)
+        y, z = np.column_stack([now.y, y]), np.column_stack([now.z, z])
+        x, inner, u = self._columns(now.frame, t, y, z)
+        values, rates = now.frame.equations.indicators(t, x, inner, now.p, u)
+        found = suspects(t, values, rates, now.true)
+        for k in found.intervals:
+            true = now.true if k == 0 else values[:, k] > 0
+            begin = replace(now, t=float(t[k]), y=y[:, k], z=z[:, k], true=true)
+            crossed = [self._crossing(begin, c, float(t[k + 1]), values[c, k],
+                                      (float(found.highest[c, k]), float(found.lowest[c, k])), certain, record)
+                       for c in range(len(values)) if (certain := bool(found.certain[c, k])) or found.possible[c, k]]
+            known = [c for c in crossed if c is not None]
+            if known:
+                at, condition = min(known, key=lambda c: c[0].t)
+                return k, at, *self._met(at, condition)
+        return None
+
+    def _crossing(self, begin: Now, condition: int, end: float, first: float, extremes: tuple[float, float],
+                  certain: bool, record: Record) -> tuple[Now, int] | None:
+        """Where a condition becomes true after a point, and the condition; None where it does not."""
+        reached = begin
+
+        def indicator(time: float) -> tuple[float, float]:
+            nonlocal reached
+            y, z = self._advance(begin, np.array([time]), record)
+            reached = replace(begin, t=time, y=y[:, 0], z=z[:, 0])
+            values, rates = self._indicators(reached)
+            return float(values[condition]), float(rates[condition])
+
+        # one that is true already has to become false first
+        first = max(first, 0.0) if begin.true[condition] else first
+        time = crossing(indicator, begin.t, end, first, extremes, certain, PRECISION * self.same)
+        if time is None:
+            return None
+        if time == begin.t:
+            return begin, condition
+        if time != reached.t:
+            indicator(time)
+        return reached, condition
+
+    def _met(self, at: Now, condition: int) -> tuple[list[int], list[Array]]:
+        """The events at a crossing, those included that are met at the same instant, and their delays."""
+        values, rates = self._indicators(at)
+        soon = values + rates * self.same > 0
+        met = [c for c in range(len(values)) if c == condition or (soon[c] and rates[c] > 0 and not at.true[c])]
+        point, moved = self._point(at), self._moved(at)
+        return ([self.conditions[c] for c in met],
+                [at.frame.equations.delays(point, moved, c, float(rates[c])) for c in met])
+
+    # -- what happens ----------------------------------------------------------------------------------------------
+    def _point(self, now: Now) -> Point:
+        t = np.array([now.t])
+        x, z, u = self._columns(now.frame, t, now.y[:, None], now.z[:, None])
+        return Point(now.t, x[:, 0], z[:, 0], now.p, u[:, 0], 1.0)
+
+    def _moved(self, now: Now) -> Moved:
+        m, n_q = now.blocks - 1, self.integrals // now.blocks
+        q = now.y[len(now.y) - self.integrals + n_q:].reshape(m, n_q).T if n_q else np.zeros((0, m))
+        return Moved(now.unscaled()[0][:, 1:], q, now.dp)
+
+    def _happen(self, now: Now, events: list[int], delays: list[Array], record: Record, condition: bool = False) -> Now:
+        """The events act, then those whose conditions become true by it; what stands there after all is written down."""
+        equations, begun = now.frame.equations, now
+        before = point = self._point(now)
+        moved, happened, late = self._moved(now), list[int](), list[Array]()
+        factors = self.inputs(np.array([now.t]))[self.n_u:, 0]
+        if condition:
+            self._check_chatter(now.t, events, record)
+        for _ in range(MOST_CASCADES):
+            point, moved = equations.fire(point, moved, events, delays, factors)
+            happened, late = happened + events, late + delays
+            now = begun.standing(point, moved)
+            values, rates = self._indicators(now)
+            # what happened just now is true unless it is left at once; what else is true now became so by the reset
+            fired = np.array([i in events for i in self.conditions], dtype=bool)
+            true = (values + rates * self.same > 0) & (fired | (values > 0))
+            set_off = true & ~begun.true & ~fired
+            begun = replace(now, true=true)
+            if not set_off.any():
+                break
+            events = [self.conditions[c] for c in np.flatnonzero(set_off)]
+            delays = [delays[0]] * len(events)
+        else:
+            raise self._chattering(now.t, events, "set off each other without end")
+        equations.check_continuous(before, point, happened)
+        names = tuple(equations.events[i].name for i in happened)
+        record.instants.append(Instant(now.t, names, before, point, now.frame.assembly, np.array(late)))
+        self._write(begun, record)
+        return begun
+
+    def _check_chatter(self, time: float, events: list[int], record: Record) -> None:
+        record.passed = [*record.passed[1 - SLIDING:], (time, tuple(events))]
+        if len(record.passed) == SLIDING and time - record.passed[0][0] < SLIDES_WITHIN * self.span:
+            raise self._sliding(time, record)
+        last = record.passed[-CHATTER:]
+        for passed, most in ((last, CHATTER), ([p for p in last if p[1] == tuple(events)], AGAIN)):
+            if len(passed) >= most and time - passed[-most][0] < WITHIN * self.span:
+                raise self._chattering(time, events, f"happens {most} times within {time - passed[-most][0]:.2g} s")
+
+    def _sliding(self, time: float, record: Record) -> SimulationError:
+        """What switches to and fro so fast that the run would not come to its end."""
+        found = [self.home.equations.events[i] for i in dict.fromkeys(i for _, events in record.passed for i in events)]
+        took = time - record.passed[0][0]
+        return SimulationError([Problem(
+            "event-sliding", f"{either(event.name for event in found)} switched {SLIDING} times within {took:.2g} s, at t = "
+            f"{time:.6g} s: at this rate the run would take {self.span / took * SLIDING:.1g} of them", found[0].place,
+            "What it switches drives it back at once. Make its band (of a Relay, `u_on` and `u_off`) as wide as that of the "
+            "real part, give what it drives an inertia or a lag, or let a Saturation with a steep Gain take its place.",
+            tuple(event.text for event in found))])
+
+    def _chattering(self, time: float, events: Sequence[int], what: str) -> SimulationError:
+        found = [self.home.equations.events[i] for i in events]
+        names = " and ".join(f"'{event.name}'" for event in found)
+        return SimulationError([Problem(
+            "event-chatter", f"{names} {what}, at t = {time:.6g} s", found[0].place,
+            "Let what it sets lead away from its condition for a while: a band between switching on and off, or a speed "
+            "below which a body rests.", tuple(event.text for event in found))])
+
+    def _write(self, now: Now, record: Record) -> None:
+        """The point where it is a stop."""
+        record.write(now, np.array([now.t]), now.y[:, None], now.z[:, None])
+
+
+def reason(said: str) -> str:
+    """The solver's own word for why it stopped."""
+    return next(iter(re.findall(r"(?:IDA|CV)_[A-Z_]+", said)), said.strip().splitlines()[-1][:160] if said.strip() else "")
+
+
+def settled(loops: ca.Function | None, x: Array, z: Array, p: ca.DM | Array, times: Array, inputs: Array) -> Array:
+    """Algebraic unknowns solved anew at every point: between its steps IDAS only interpolates them, and where the states are
+    quiet its steps are long (and at a jump of an input they belong to the time before it)."""
+    if loops is None:
+        return z
+    found = np.array(loops(z, np.vstack([times[None, :], x, np.tile(np.array(p), (1, len(times))), inputs])))
+    return np.where(np.isfinite(found).all(axis=0), found, z)
+
+
+def _even(begin: float, times: Array, same: float) -> Array:
+    """The first of the times, as many as are equally far apart: the integrator takes no steps of other lengths in one call
+    (where its inputs jump it stumbles at tight tolerances)."""
+    t = np.append(begin, times)
+    odd = np.flatnonzero(np.abs(t - (t[0] + (t[1] - t[0]) * np.arange(len(t)))) > same)
+    return times[: odd[0] - 1] if len(odd) else times

@@ -1,0 +1,205 @@
+"""Why an integration stopped: when, in which components, with what values, and the likely cause."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from heavebond.core.errors import Problem, SimulationError, listing
+from heavebond.equations import structural_messages
+from heavebond.equations.lost_rank import losses
+from heavebond.language.definition import Value
+from heavebond.language.library import is_bundled
+from heavebond.numerics.dae import Array, Assembly
+from heavebond.numerics.initialise import Start
+from heavebond.numerics.result import Result, columns
+from heavebond.numerics.run_verdict import RUNAWAY
+from heavebond.numerics.start_equations import Point
+from heavebond.numerics.validity import RAN_AWAY, WORTHLESS, typical_size
+
+# singular values below this share of the largest are on their way to zero where a run stops
+NEAR = 1e-5
+# and in a run that went on: they are zero but for rounding
+SINGULAR = 1e-14
+LOOKED_AT = 60
+TIGHT = 1e-6  # relative tolerances from which on there is nothing to loosen
+FOLDED = ("The links of a mechanism come to lie in one line there, from where it could go on in two ways: its constraints "
+          "depend on each other. No choice of states helps; change a length a little, or add what decides (a spring).")
+_TIME = re.compile(r"[Aa]t t ?= ?([-+.\deE]+)")
+
+
+@dataclass(frozen=True)
+class Stop:
+    """Where an integrator gave up: at time `t` (s, NaN if it did not say), in the states of `assembly`, shortly after the
+    point `last` (None if none could be reached); `folded` where a mechanism lies in one line there."""
+
+    assembly: Assembly
+    t: float
+    last: Point | None
+    folded: bool = False
+
+
+def stop_times(said: str) -> list[float]:
+    """The times (s) that an integrator names in what it says of a failure."""
+    return [float(t) for t in _TIME.findall(said)]
+
+
+def explain_failure(stop: Stop, first: Start, said: str, rtol: float) -> SimulationError:
+    """The error for a run from `first` that stopped; `said` is what the integrator said, `rtol` its relative tolerance."""
+    notes: list[str] = []
+    loosen, stopped = _loosen(rtol), stop.t
+    hint = f"Check the parameters of these components{loosen}."
+    if stop.last is not None:
+        cause, notes = _cause(stop.assembly, first, stop.last, loosen)
+        hint = FOLDED if stop.folded else cause or hint
+    words = [line for line in said.splitlines() if "IDA" in line or "SUNDIALS" in line.upper()]
+    solver = re.findall(r"IDA_[A-Z_]+", said)
+    notes.append("IDAS said: " + (", ".join(dict.fromkeys(solver)) or (words[0][:160] if words else "nothing")))
+    when = f" at t = {stopped:.6g} s" if np.isfinite(stopped) else ""
+    return SimulationError([Problem("integration-failed", f"the integration stopped{when}", None, hint, tuple(notes))])
+
+
+def check_decided(result: Result, at: NDArray[np.intp], slopes: ca.Function) -> None:
+    """SimulationError where a run went on although nothing decided an algebraic unknown any more: what it shows of it from
+    there on is chance. `slopes` is d(algebraic equations)/d(algebraic unknowns) in the arguments of the assembly; it is
+    looked at in some of the output points `at`.
+    """
+    assembly, n_z = result.assembly, len(result.assembly.z_nominal)
+    chosen = at[np.unique(np.linspace(0, len(at) - 1, LOOKED_AT).astype(int))]
+    given = [a[:, chosen] for a in columns(result)]
+    matrices = np.array(slopes(*given)).reshape(n_z, len(chosen), n_z).transpose(1, 0, 2) * assembly.z_nominal
+    largest = np.abs(matrices).max(axis=2, keepdims=True)
+    sound = np.isfinite(matrices).all(axis=(1, 2)) & (largest > 0).all(axis=(1, 2))
+    for k, matrix in enumerate(matrices / np.where(largest > 0, largest, 1.0)):
+        if not np.isfinite(matrix).all():
+            continue
+        values = np.linalg.svd(matrix, compute_uv=False)
+        if not sound[k] or values[-1] <= SINGULAR * values[0]:
+            here = [a[:, k] for a in given]
+            t = float(here[0][0])
+            point = assembly.point(t, here[1], here[2], here[3], here[4])
+            found = losses(assembly.reduced.system, point)
+            raise structural_messages.undecided(assembly.flat, found, assembly.algebraic_names, f"at t = {t:.6g} s")
+
+
+def _loosen(rtol: float) -> str:
+    """The advice to loosen the tolerances, where they are tight."""
+    return ", or loosen the tolerances (--rtol 1e-6)" if rtol < TIGHT else ""
+
+
+def _cause(assembly: Assembly, first: Start, last: Point, loosen: str) -> tuple[str, list[str]]:
+    t, x, z, p, u = last.values()[:5]
+    ode, alg = (np.array(v).ravel() for v in assembly.rates(t, x, z, p, u, 1.0))
+    begun = (first.x, first.z) if len(first.x) == len(x) and len(first.z) == len(z) else (x * 0, z * 0)
+    pivots, begin = (np.array(assembly.pivots(t, *at, p, u, 1.0)).ravel() for at in ((x, z), begun))
+    rates = np.abs(ode) / assembly.x_nominal
+    order = np.argsort(-np.where(np.isfinite(rates), rates, np.inf))[:3]
+    owners = _owners(assembly)
+    names = [assembly.state_names[k] for k in order]
+    notes = [f"{name} = {x[k]:.6g}, changing by {ode[k]:.3g} a second" + (f"   ({owners[name]})" if owners.get(name) else "")
+             for k, name in zip(order, names, strict=True)]
+    at = assembly.point(t, x, z, p, u)
+    if grown := _grown(assembly, x, t):
+        return grown, notes
+    if found := _lost(assembly, at, t):
+        return f"{found.message[:1].upper()}{found.message[1:]}.\n{found.hint}", [*notes, *found.notes]
+    # one that has turned its sign was zero a moment before: a run may go on a little with a volume below zero
+    small = [k for k, value in enumerate(pivots) if abs(value) < 1e-9 * max(abs(begin[k]), 1e-300) or value * begin[k] < 0]
+    if small:
+        pivot = assembly.reduced.pivots[small[0]]
+        return (f"The coefficient of {pivot.unknown} in '{pivot.equation.owner}' ({pivot.equation.text}) passes "
+                "through zero there: a volume, an area or a lever arm vanishes.", notes)
+    wild = _not_finite(assembly, t, x, z, p, u)
+    if wild or not np.all(np.isfinite(ode)) or not np.all(np.isfinite(alg)):
+        which = listing(wild, 4) or "an equation"
+        has = "have" if len(wild) > 1 else "has"
+        return (f"From there on {which} {has} no finite value: a root or logarithm of a negative number, a division by 0.",
+                notes)
+    if len(z) and _singular(assembly, t, x, z, p, u):
+        return (f"{listing(assembly.algebraic_names, 4)} cannot be solved for there: a valve shuts a volume-free "
+                "line, or a lever loses its arm. Add what decides it: a leakage, a spring.", notes)
+    if rates.size and rates[order[0]] > 1e6:
+        return f"{listing(names, 2)} run away: an instability, a wrong sign or a very stiff element.", notes
+    fastest = names or assembly.algebraic_names
+    verb = "changes" if len(fastest) == 1 else "change"
+    said = f"{listing(fastest, 2)} {verb} fastest: a kink or jump there that the solvers cannot step over. "
+    parts = list(dict.fromkeys(part for name in fastest for part in _leaves(assembly, name)))
+    own = [part for part in parts if _of_the_user(assembly, part)]
+    if parts and not own:
+        return (f"{said}The parts there are {listing(parts, 4)}, all of the library: look for one whose size or rating does "
+                "not fit its neighbours, or for a volume, a mass or a time constant far below theirs"
+                f"{loosen}. If they are right, this is a fault of the library: please report it with the diagram.", notes)
+    return (f"{said}Smooth it{' in ' + listing(own, 4) if own else ''} (smooth_sign(v, v_t) for sign(v), signed_sqrt for a "
+            "root), let it happen as an event (a Step for a jump in time, a DryFriction for a sign, `when:` in a component)"
+            f"{loosen}.", notes)
+
+
+def _of_the_user(assembly: Assembly, part: str) -> bool:
+    """Whether a law of a part is the user's to change: a component of his own, or an input given by a formula."""
+    leaf = assembly.flat.expanded.leaves[part]
+    written = (bound.value for bound in leaf.inputs.values() if bound.scope == "")
+    return not is_bundled(leaf.component.path) or any(isinstance(value, Value) and value.formula for value in written)
+
+
+def _leaves(assembly: Assembly, name: str) -> list[str]:
+    """The parts in whose equations a state or an algebraic unknown stands."""
+    flat, n = assembly.flat, len(assembly.flat.unknowns)
+    reduced = assembly.reduced
+    j = next((c[0] for c in (*reduced.states, *reduced.algebraic) if reduced.name(c) == name), None)
+    owners = dict.fromkeys(flat.equations[i].owner for i, row in enumerate(flat.entries) if any(c % n == j for c, _ in row))
+    return [owner for owner in owners if owner in flat.expanded.leaves]
+
+
+def _grown(assembly: Assembly, x: Array, t: float) -> str:
+    """What to say where states had left all bounds before the run stopped: what else is wrong there follows from that."""
+    unknowns = [assembly.flat.unknowns[j] for j, _ in assembly.reduced.states]
+    sizes = [min(RUNAWAY * typical_size(u, t), WORTHLESS) for u in unknowns]
+    grown = [name for name, value, size in zip(assembly.state_names, x, sizes, strict=True) if abs(value) > size]
+    if not grown:
+        return ""
+    return f"By then {listing(grown, 3)} {'have' if len(grown) > 1 else 'has'} grown beyond all bounds. {RAN_AWAY}."
+
+
+def _lost(assembly: Assembly, at: dict[int, float], t: float) -> Problem | None:
+    """What is on its way to leave something undecided at a point shortly before the end, else what does so there."""
+    system = assembly.reduced.system
+    vanishing = [loss for loss in losses(system, at, NEAR) if loss.zero]
+    found = structural_messages.lost(assembly.flat, vanishing or losses(system, at), f"near t = {t:.4g} s")
+    return found[0] if found else None
+
+
+def _not_finite(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array) -> list[str]:
+    """The variables that are no numbers at the state where the run stopped, or a little later in time, the state there or
+    on its way."""
+    rates = np.array(assembly.rates(t, x, z, p, u, 1.0)[0]).ravel()
+    for later, further in ((0.0, 0.0), (1e-6, 0.0), (1e-3, 0.0), (1e-6, 1.0), (1e-5, 1.0)):
+        step = later * max(abs(t), 1.0)
+        values = np.array(assembly.values(t + step, x + further * step * rates, z, p, u, 1.0)).ravel()
+        bad = [unknown.name for unknown, value in zip(assembly.flat.unknowns, values, strict=True)
+               if not np.isfinite(value)]
+        if bad:
+            return bad
+    return []
+
+
+def _singular(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array) -> bool:
+    """Whether the equations of the algebraic unknowns are close to losing their solution."""
+    jacobian = ca.Function("J", list(assembly.arguments), [ca.jacobian(assembly.alg, assembly.arguments[2])])
+    matrix = np.array(jacobian(t, x, z, p, u, 1.0).full()) * assembly.z_nominal
+    rows = np.abs(matrix).max(axis=1, keepdims=True)
+    return bool(not np.all(np.isfinite(matrix)) or rows.min() == 0 or np.linalg.cond(matrix / rows) > 1e4)
+
+
+def _owners(assembly: Assembly) -> dict[str, str]:
+    flat = assembly.flat
+    found = {}
+    n = len(flat.unknowns)
+    for name, (j, _) in zip(assembly.state_names, assembly.reduced.states, strict=True):
+        using = [flat.equations[i].owner for i, row in enumerate(flat.entries)
+                 if any(c % n == j for c, _ in row) and " is the rate of " not in flat.equations[i].label]
+        found[name] = listing(dict.fromkeys(using), 4)
+    return found

@@ -1,0 +1,182 @@
+"""IDAS through CasADi, and what it is told of a system."""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, redirect_stderr
+from dataclasses import dataclass
+from functools import lru_cache
+from threading import RLock
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from heavebond.equations.buffered import Buffered
+from heavebond.numerics.dae import Array, Assembly, Integrand
+
+# Steps between two output points, after which a run is given up: at a value that is no number IDAS would halve its
+# step for minutes.
+MOST_STEPS = 300_000
+# Share of the way to the first output point that a first step without a known x' is tried with; steps double at first.
+FIRST_STEP = 1e-9
+_TURN = RLock()
+RESTS = (0.01, 0.1, 1.0, 10.0, 100.0)  # s; when a machine that is left alone is looked at
+MOST_STEPS_TO_REST = 20_000
+LARGE = 100  # unknowns from which on a system is large
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """Error control of the integrator: relative, and absolute in each unknown's nominal size.
+
+    `along` is the weight of forward sensitivities in it: at 1 they are as accurate as the states, at twice the steps;
+    at 1e-3 they ride on the steps of the states and are right to some 1e-4 of their largest value.
+    """
+
+    rtol: float = 1e-8
+    atol: float = 1e-10
+    along: float = 1e-3
+
+
+class Idas:
+    """The integration of a system from the first to the other stops; RuntimeError where IDAS fails.
+
+    What it starts from is consistent, and IDAS has to find x' only. Its line search for that moves the algebraic unknowns
+    with the states that x' would lead to, and finds no way where they follow steeply, as in a mechanism. Then it begins
+    without x', by a step so short that none is needed.
+    """
+
+    def __init__(self, made: Integrand, stops: Array, tolerances: Tolerances, most_steps: int = MOST_STEPS,
+                 strict: bool = False):
+        """`strict` puts the algebraic unknowns under error control, too: with shorter steps Newton's method begins nearer
+        to what it looks for."""
+        self._orders = _orders(made.dae)
+        self._dae, self._begin = _ordered(made.dae, self._orders), float(stops[0])
+        self._outputs = [float(t) for t in stops[1:]] if len(stops) > 1 else [self._begin + 1.0]
+        self._options = {**integrator_options(made.dae, tolerances), "max_num_steps": most_steps}
+        if strict:
+            self._options["suppress_algebraic"] = False
+        self._usual = self._last = self._made({})
+        self._blind: Buffered | None = None
+
+    def _made(self, options: Mapping[str, Any]) -> Buffered:
+        return Buffered(ca.integrator("run", "idas", self._dae, self._begin, self._outputs, {**self._options, **options}),
+                        ("xf", "zf"))
+
+    def size1_in(self, name: str) -> int:
+        """The number of numbers in an input, as in `ca.Function`."""
+        return self._usual.size1_in(name)
+
+    def __call__(self, **given: Any) -> dict[str, Array]:
+        """The states and algebraic unknowns (n, N) at the other stops."""
+        if not self._orders:
+            return self._called(given)
+        places = {name: self._orders[name[0]] for name in ("x0", "z0") if name in given}
+        found = self._called({**given, **{name: np.asarray(given[name])[k] for name, k in places.items()}})
+        return {**found, **{name: found[name][np.argsort(self._orders[name[0]])] for name in ("xf", "zf")}}
+
+    def _called(self, given: Mapping[str, Any]) -> dict[str, Array]:
+        self._last = self._usual
+        try:
+            return self._usual(**given)
+        except RuntimeError as error:
+            if "IDACalcIC" not in str(error):
+                raise
+        if self._blind is None:
+            self._blind = self._made({"calc_ic": False, "step0": FIRST_STEP * (self._outputs[0] - self._begin)})
+        self._last = self._blind
+        return self._blind(**given)
+
+    def stats(self) -> dict[str, Any]:
+        """Counts of steps and evaluations of the last call."""
+        return self._last.stats()
+
+
+def _orders(dae: Mapping[str, ca.SX]) -> dict[str, list[int]]:
+    """In which order the states and algebraic unknowns of a large system are eliminated with the least fill: a supply that a
+    hundred valves take from goes last. CSparse takes them as they come."""
+    n_x, n_z = dae["x"].numel(), dae["z"].numel()
+    if n_x + n_z < LARGE:
+        return {}
+    pattern = ca.jacobian_sparsity(ca.vertcat(dae["ode"], dae["alg"]), ca.vertcat(dae["x"], dae["z"]))
+    order = (pattern + pattern.T + ca.Sparsity.diag(n_x + n_z)).amd()
+    return {"x": [k for k in order if k < n_x], "z": [k - n_x for k in order if k >= n_x]}
+
+
+def _ordered(dae: Mapping[str, ca.SX], orders: Mapping[str, list[int]]) -> dict[str, ca.SX]:
+    """The same equations with their unknowns in another order."""
+    moved = {name: dae[name][orders[unknown]] for name, unknown in (("x", "x"), ("ode", "x"), ("z", "z"), ("alg", "z"))
+             } if orders else {}
+    return {**dae, **moved}
+
+
+def at_rest(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array) -> Iterator[tuple[Array, Array]]:
+    """x (n_x,) and z (n_z,) of a machine that is left alone with inputs and time held still, at ever later instants."""
+    symbols = assembly.arguments
+    x_s, z_s = ca.SX.sym("x", len(x)), ca.SX.sym("z", len(z))
+    x_size, z_size = assembly.x_nominal, assembly.z_nominal
+    given = (t, x_s * x_size, z_s * z_size, p, u, 0.0)
+    ode, alg = ca.substitute([assembly.ode / x_size, assembly.alg], list(symbols), [ca.SX(g) for g in given])
+    dae = {"x": x_s, "z": z_s, "ode": ode, "alg": alg}
+    options = {**integrator_options(dae, Tolerances(1e-6, 1e-8)), "max_num_steps": MOST_STEPS_TO_REST,
+               "suppress_algebraic": False}
+    now = x / x_size, z / z_size
+    with caught_errors():
+        for begin, end in zip((0.0, *RESTS[:-1]), RESTS, strict=True):
+            try:
+                found = ca.integrator("rest", "idas", dae, begin, end, options)(x0=now[0], z0=now[1])
+            except RuntimeError:
+                return
+            now = np.array(found["xf"]).ravel(), np.array(found["zf"]).ravel()
+            if not np.all(np.isfinite(np.concatenate(now))):
+                return
+            yield now[0] * x_size, now[1] * z_size
+
+
+def integrator_options(dae: Mapping[str, ca.SX], tolerances: Tolerances) -> dict[str, Any]:
+    """What IDAS is told of a DAE."""
+    return {
+        "reltol": tolerances.rtol, "abstol": tolerances.atol, "max_num_steps": MOST_STEPS, "print_time": False,
+        # small models factorise fastest by sparse QR; large ones by CSparse
+        "linear_solver": "qr" if dae["x"].numel() + dae["z"].numel() < LARGE else "csparse",
+        "suppress_algebraic": bool(dae["z"].numel()),
+    }
+
+
+@contextmanager
+def caught_errors() -> Iterator[list[str]]:
+    """Catch what is written to standard error: the time and step at which SUNDIALS gave up are said only there, by C
+    itself or by CasADi through Python's `sys.stderr`. These belong to the process, so that threads take turns."""
+    with _TURN:
+        yield from _caught()
+
+
+def _caught() -> Iterator[list[str]]:
+    sys.stderr.flush()
+    kept, file = os.dup(2), _file(os.getpid())
+    begin = os.lseek(file, 0, os.SEEK_END)
+    heard: list[str] = []
+    words = io.StringIO()
+    with redirect_stderr(words):
+        os.dup2(file, 2)
+        try:
+            yield heard
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
+            os.lseek(file, begin, os.SEEK_SET)
+            said = os.read(file, os.fstat(file).st_size - begin)
+            os.ftruncate(file, begin)
+            heard.append(said.decode(errors="replace") + words.getvalue())
+
+
+@lru_cache(maxsize=1)
+def _file(process: int) -> int:
+    """A file of this process for what it says: opening one takes as long as a hundred steps of a run."""
+    with tempfile.TemporaryFile() as file:
+        return os.dup(file.fileno())

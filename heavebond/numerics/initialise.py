@@ -1,0 +1,310 @@
+"""Consistent initial values: a globalised Newton method of our own, which says what was asked and what was used."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from heavebond.core.errors import StartError
+from heavebond.language.symbols import uniform
+from heavebond.numerics import start_messages
+from heavebond.numerics.dae import Array, Assembly
+from heavebond.numerics.idas import at_rest
+from heavebond.numerics.newton import Found, Frame, System, continued, least_change, newton, settled, weights
+from heavebond.numerics.start_equations import Point, StartEquations, StartSystem
+
+# singular values of the loops below this share of the largest leave an unknown to chance
+SINGULAR = 1e-13
+SHIFTS = 16  # four each of 0.001, 0.01, 0.1 and 1 nominal size
+# widths of regularised laws are narrowed from this many times their size
+WIDENINGS = (1e4, 1e3, 100.0, 10.0, 3.0, 1.0)
+
+
+@dataclass(frozen=True)
+class StartLine:
+    """One line of the table asked / used / why."""
+
+    name: str
+    asked: str
+    used: float
+    unit: str
+    why: str
+
+
+@dataclass(frozen=True)
+class Start:
+    """Consistent values at t: x (n_x,), z (n_z,), and the parameters with those that were solved for."""
+
+    t: float
+    x: Array
+    z: Array
+    p: Array
+    table: tuple[StartLine, ...]
+    free: tuple[str, ...]
+    steps: int
+
+
+def start(assembly: Assembly, t: float = 0.0, u: Array | None = None, equations: StartEquations | None = None) -> Start:
+    """Solve for x, z and the parameters under `solve:`; StartError with the reason where that cannot be.
+
+    Unknowns that no condition decides keep their guess (smallest change in scaled variables); after `start: steady`
+    a direction that nothing decides is an error. `equations` are those of the assembly where they are compiled already.
+    """
+    u = np.zeros(assembly.arguments[4].numel()) if u is None else u
+    problem = _Search(equations or StartEquations(assembly), assembly, t, u)
+    return problem.finished(problem.solve())
+
+
+@dataclass(frozen=True)
+class Tangent:
+    """How the start moves with parameters: dx (n_x, m), dz (n_z, m), dp (n_p, m) along m directions."""
+
+    x: Array
+    z: Array
+    p: Array
+
+
+def tangent(equations: StartEquations, first: Start, u: Array, directions: Array) -> Tangent:
+    """The derivative of the start along `directions` (n_p, m), by the implicit function theorem.
+
+    With F(y, p) = 0 the equations of the start and dy_0 the change of the guess, dy = dy_0 - F_y^+ (F_p dp + F_y dy_0): the
+    least change in scaled unknowns, as `start` takes it, so that what nothing decides follows its guess. Parameters under
+    `solve:` follow the others.
+    """
+    n_x, n_z = len(first.x), len(first.z)
+    sizes = equations.sizes(first.p)
+    point = Point(first.t, first.x, first.z, first.p, u, 0.0 if equations.steady else 1.0)
+    dp = directions.copy()
+    dp[equations.solved_for] = 0.0
+    dy = np.zeros((len(sizes), dp.shape[1]))
+    columns = (*equations.assembly.reduced.states, *equations.assembly.reduced.algebraic)
+    slopes = equations.guess.slopes(first.p) @ dp
+    for k, (j, order) in enumerate(columns):
+        dy[k] = slopes[j] if order == 0 else 0.0
+    for system in ([equations.approach] if equations.guesses else []) + [equations.all]:
+        at = system.at(point)
+        dy = dy + _least_change(at, system.moved(point, dp) + at[1] @ dy, sizes)
+    dp[equations.solved_for] = dy[n_x + n_z:]
+    dx, dz = dy[:n_x], dy[n_x:n_x + n_z]
+    if n_z:
+        point = replace(point, rate=1.0)
+        dz = _least_change(equations.algebraic.at(point), equations.algebraic.moved(point, dp, dx), sizes[n_x:n_x + n_z])
+    return Tangent(dx, dz, dp)
+
+
+def _least_change(at: tuple[Array, Array], moved: Array, sizes: Array) -> Array:
+    """The change of the unknowns (n, m) that keeps the residuals while they are moved by (rows, m)."""
+    residual, jacobian = at[0], at[1] * sizes
+    if not jacobian.size:
+        return np.zeros((len(sizes), moved.shape[1]))
+    row = weights(residual, jacobian)[:, None]
+    return least_change(jacobian * row, -moved * row) * sizes[:, None]
+
+
+class _Search:
+    """The search for one start: the equations of the assembly at given parameters, time and inputs."""
+
+    def __init__(self, equations: StartEquations, assembly: Assembly, t: float, u: Array):
+        self.equations, self.assembly, self.t, self.u = equations, assembly, t, u
+        self.n_x, self.n_z = len(assembly.x_nominal), len(assembly.z_nominal)
+        self.nominal = equations.sizes(assembly.p)
+        self.frame = Frame(self.nominal, *equations.bounds)
+        self.y0 = self._guess()
+        self.widening = 1.0
+        self.shut_in: tuple[str, ...] = ()
+        self.steps = 0
+
+    def _guess(self) -> Array:
+        values = self.equations.guess(self.assembly.p)
+        columns = (*self.assembly.reduced.states, *self.assembly.reduced.algebraic)
+        return np.array([*(values[j] if order == 0 else 0.0 for j, order in columns),
+                         *self.assembly.p[self.equations.solved_for]])
+
+    def _point(self, y: Array, rate: float | None = None) -> Point:
+        p = self.assembly.p.copy()
+        p[self.equations.solved_for] = y[self.n_x + self.n_z:]
+        p[self.equations.widths] *= self.widening
+        still = 0.0 if self.equations.steady else 1.0  # a steady start holds the inputs still
+        return Point(self.t, y[: self.n_x], y[self.n_x:self.n_x + self.n_z], p, self.u, still if rate is None else rate)
+
+    def _scaled(self, system: StartSystem) -> System:
+        """Residuals and Jacobian in unknowns counted in their usual sizes."""
+        def at(y: Array) -> tuple[Array, Array]:
+            residual, jacobian = system.at(self._point(y))
+            return residual, jacobian * self.nominal
+        return at
+
+    # -- solving ---------------------------------------------------------------------------------------------------
+    def solve(self) -> Array:
+        """(x, z, solved parameters) of a consistent start."""
+        y, equations = self.y0, self.equations
+        self._check_constants()
+        if equations.guesses:
+            y = newton(self._scaled(equations.approach), y, self.frame).y
+        y = self._search(y)
+        if equations.steady or equations.solved_for:
+            self.shut_in = start_messages.undetermined(equations, self._point(y), self.nominal)
+        return self._settle(y)
+
+    def _search(self, first: Array) -> Array:
+        """The first of these that leads to a solution: Newton's method from the guess; continuation in the widths of
+        regularised laws; continuation in what is out of balance at the guess; for a steady start, letting the machine
+        settle; continuation with rounded corners, since where a contact is open or a valve shut at the guess its force has
+        no gradient there; integrating it until it rests; Newton's method from points around the guess."""
+        system = self._scaled(self.equations.all)
+        best: Found | None = None
+        for attempt in range(6 + SHIFTS):
+            found = self._attempt(system, first, attempt)
+            self.steps += found.steps
+            if found.good:
+                return found.y
+            best = found if best is None or found.missed < best.missed else best
+            if self.equations.all.affine and self.frame.inside(found.y):
+                break  # straight lines that meet nowhere
+        assert best is not None
+        raise start_messages.failure(self.equations, self._point(best.y), best.residual, self.equations.all, self.nominal)
+
+    def _attempt(self, system: System, first: Array, attempt: int) -> Found:
+        if attempt == 1:
+            return self._narrowed(system, first)
+        if attempt == 2:
+            return continued(lambda done: system, first, self.frame)
+        if attempt == 3 and self.equations.steady:
+            return settled(system, self._slowed, first, self.frame)
+        if attempt == 4:
+            return self._sharpened(system, first)
+        if attempt == 5 and self.equations.steady:
+            return self._come_to_rest(system, first)
+        return newton(system, first + self.nominal * self._shift(attempt - 5), self.frame)
+
+    def _come_to_rest(self, system: System, first: Array) -> Found:
+        """Where the machine comes to rest by itself, by the integrator, from a consistent point at the guess: valves that
+        are shut there open as pressures rise, whatever gradient they had. Newton's method is tried from later points."""
+        y, found = first.copy(), Found(first, np.full(1, np.inf), 0)
+        inner = slice(self.n_x, self.n_x + self.n_z)
+        try:
+            y = self._settle(y)
+        except StartError:
+            return found
+        for x, z in at_rest(self.assembly, self.t, y[: self.n_x], y[inner], self._point(y).p, self.u):
+            y[: self.n_x], y[inner] = x, z
+            found = newton(system, y, self.frame)
+            if found.good:
+                break
+        return found
+
+    def _slowed(self, before: Array, step: float) -> System:
+        """The equations of a steady start with (x - before)/step for each rate that is to vanish."""
+        steady = [k for k, row in enumerate(self.equations.rows) if row.steady]
+        states = np.arange(self.n_x)
+
+        def at(y: Array) -> tuple[Array, Array]:
+            residual, jacobian = self._scaled(self.equations.all)(y)
+            residual[steady] -= (y[: self.n_x] - before[: self.n_x]) / step
+            jacobian[steady, states] -= self.nominal[: self.n_x] / step
+            return residual, jacobian
+        return at
+
+    def _narrowed(self, system: System, y: Array) -> Found:
+        """Newton's method with wide transitions, which are narrowed to their own width step by step."""
+        found = Found(y, np.full(1, np.inf), 0)
+        if not self.equations.widths:
+            return found
+        for self.widening in WIDENINGS:
+            found = newton(system, found.y, self.frame)
+        self.widening = 1.0
+        return found
+
+    def _sharpened(self, system: System, y: Array) -> Found:
+        """Newton's method with rounded corners, which become sharp step by step."""
+        whole = self.equations.all
+        widths = whole.corner_widths(self._point(y), self.nominal)
+        if not len(widths) or not np.all(np.isfinite(widths)):
+            return Found(y, np.full(1, np.inf), 0)
+
+        def family(done: float) -> System:
+            def at(y: Array) -> tuple[Array, Array]:
+                residual, jacobian = whole.rounded_at(self._point(y), (1 - done) * widths)
+                return residual, jacobian * self.nominal
+            return at if done < 1 else system
+
+        return continued(family, y, self.frame)
+
+    def _shift(self, number: int) -> Array:
+        """Deterministic shifts of growing size, the first of none."""
+        if number <= 0:
+            return np.zeros(len(self.nominal))
+        size = 10.0 ** (-3 + (number - 1) // 4)
+        return size * np.array([2 * uniform(number, k) - 1 for k in range(len(self.nominal))])
+
+    def _settle(self, y: Array) -> Array:
+        """The algebraic unknowns again with the inputs moving (a steady start holds them still), x fixed."""
+        if not self.n_z:
+            return y
+        whole, inner = y.copy(), slice(self.n_x, self.n_x + self.n_z)
+
+        def at(z: Array) -> tuple[Array, Array]:
+            whole[inner] = z
+            residual, jacobian = self.equations.algebraic.at(self._point(whole, 1.0))
+            return residual, jacobian * self.assembly.z_nominal
+
+        found = newton(at, y[inner], Frame(self.assembly.z_nominal, self.frame.low[inner], self.frame.high[inner]))
+        raw, jacobian = at(found.y)
+        if not found.good:
+            raise start_messages.failure(self.equations, self._point(whole, 1.0), found.residual, self.equations.algebraic,
+                                        self.assembly.z_nominal)
+        if np.all(np.isfinite(jacobian)):
+            _, values, right = np.linalg.svd(jacobian * weights(raw, jacobian)[:, None])
+            if values.min() <= SINGULAR * values.max():
+                raise start_messages.singular_loop(self.assembly, self._point(whole, 1.0), right[-1])
+        return whole
+
+    # -- the answer ------------------------------------------------------------------------------------------------
+    def finished(self, y: Array) -> Start:
+        """The start with its table asked / used / why; StartError where a coefficient is zero there."""
+        assembly = self.assembly
+        point = self._point(y, 1.0)
+        self._check(point)
+        table = []
+        conditions = {assembly.flat.names.get(c.name, -1): c for c in self.equations.initial.conditions.values()}
+        for k, (j, order) in enumerate(assembly.reduced.states):
+            asked = conditions.get(j) if order == 0 else None
+            moved = abs(y[k] - self.y0[k]) > 1e-9 * self.nominal[k]
+            why = "asked for" if asked and not asked.guess else "solved from a guess" if asked else \
+                "shut in: kept" if assembly.state_names[k] in self.shut_in else \
+                f"solved ({self.equations.initial.mode or 'conditions'})" if moved or self.equations.steady else \
+                "declared start" if assembly.flat.unknowns[j].start else "default"
+            table.append(StartLine(assembly.state_names[k], asked.value.text if asked else "", float(point.x[k]),
+                                   assembly.flat.unknowns[j].unit.text + ("/s" * order), why))
+        table += self._others(point, {line.name for line in table})
+        for k in self.equations.solved_for:
+            parameter = assembly.flat.parameters[k]
+            table.append(StartLine(parameter.name, "solve", float(point.p[k]), parameter.unit.text, "solved for"))
+        free = tuple(line.name for line in table if line.why == "default")
+        return Start(self.t, point.x, point.z, point.p, tuple(table), free, self.steps)
+
+    def _others(self, point: Point, told: set[str]) -> list[StartLine]:
+        """What was asked of variables that are no states."""
+        flat = self.assembly.flat
+        found = [(j, c) for name, c in self.equations.initial.conditions.items()
+                 if (j := flat.names.get(name)) is not None and flat.unknowns[j].name not in told and name not in told]
+        if not found:
+            return []
+        values = self.assembly.values(*point.values()).full().ravel()
+        return [StartLine(c.name, c.value.text, float(values[j]), flat.unknowns[j].unit.text,
+                          "solved from a guess" if c.guess else "asked for") for j, c in found]
+
+    def _check_constants(self) -> None:
+        """Coefficients of parameters alone that are zero: a mass or stiffness of 0 is told before anything is solved."""
+        constant, function = self.equations.constants
+        values = function(self.assembly.p)["o0"].ravel()
+        start_messages.check_pivots(self.assembly, list(zip(constant, values, strict=True)), self._point(self.y0, 1.0))
+
+    def _check(self, point: Point) -> None:
+        if self.equations.sound(point):
+            return
+        values, assembly = point.values(), self.assembly
+        pivots = np.array(assembly.pivots(*values)).ravel()
+        start_messages.check_pivots(assembly, list(zip(assembly.reduced.pivots, pivots, strict=True)), point)
+        start_messages.check_values(assembly, point)

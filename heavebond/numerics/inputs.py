@@ -1,0 +1,79 @@
+"""Measured inputs of a run: records read, checked and put on one set of polynomial pieces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from heavebond.core.errors import DataError, Problem, Problems
+from heavebond.core.units import read_unit
+from heavebond.equations.flatten import Flat, KnownInput
+from heavebond.language.definition import FileInput
+from heavebond.numerics.dae import Array
+from heavebond.records.measurements import Table, check_gaps, check_time, column, read_table, samples, timed
+from heavebond.records.piecewise import Pieces, align, pieces
+
+
+@dataclass(frozen=True)
+class Pieced:
+    """Breaks (m+1,) and the columns u (1 + 4 n, m) of each piece: its first time, then four coefficients per input."""
+
+    breaks: Array
+    columns: Array
+
+    def at(self, times: Array) -> Array:
+        """The columns (1 + 4 n, N) that hold at the given times."""
+        if not self.columns.size:
+            return np.zeros((0, len(times)))
+        index = np.clip(np.searchsorted(self.breaks, times, side="right") - 1, 0, self.columns.shape[1] - 1)
+        return self.columns[:, index]
+
+    def inner_breaks(self, begin: float, end: float) -> Array:
+        """The breaks strictly between."""
+        return self.breaks[(self.breaks > begin) & (self.breaks < end)]
+
+
+def pieced(flat: Flat, begin: float, end: float) -> Pieced:
+    """Read every measured input of a model; DataError with file and line for what is wrong in a record."""
+    if not flat.inputs:
+        return Pieced(np.zeros(0), np.zeros((0, 0)))
+    problems = Problems()
+    found: list[Pieces] = []
+    for known in flat.inputs:
+        try:
+            found.append(read_input(known, begin, end))
+        except DataError as error:
+            problems.extend(error)
+    problems.raise_as(DataError)
+    breaks, coefficients = align(found, begin, end, names=[k.name for k in flat.inputs])
+    n_pieces = len(breaks) - 1
+    columns = np.vstack([breaks[:-1][None, :], coefficients.reshape(n_pieces, -1).T])
+    return Pieced(breaks, columns)
+
+
+def read_input(known: KnownInput, begin: float = -np.inf, end: float = np.inf) -> Pieces:
+    """One measured signal in SI, of which the time from `begin` to `end` is wanted."""
+    given: FileInput = known.source
+    unit = read_unit(given.unit)
+    if unit.dimension != known.unit.dimension:
+        raise DataError([Problem("unit-wrong", f"{known.name} is in {known.unit.text}; the record gives it in "
+                                 f"{given.unit}", given.place)])
+    time, values = input_samples(given, begin, end)
+    return pieces(time, np.asarray(unit.to_si(values)), given.between)  # type: ignore[arg-type]
+
+
+def input_samples(given: FileInput, begin: float = -np.inf, end: float = np.inf, *, table: Table | None = None
+                  ) -> tuple[Array, Array]:
+    """The times (n,) in s at which an input was sampled and its values (n,) in its own unit; rows without a value are
+    passed over. `table` is its file where that has been read. DataError for a gap between `begin` and `end` (see
+    `check_gaps`) that may not be bridged."""
+    table = table or read_table(given.file, place=given.place, beside=given.time_column)
+    name = given.time_column or table.header[0]
+    table = timed(table, name, unit=given.time_unit, zero=given.zero, place=given.place)
+    check_time(table, name)
+    rows = samples(table, name, given.column, given.place, least=2)
+    scale = read_unit(given.time_unit).scale
+    if not given.bridge:
+        check_gaps(table, name, given.column, rows, begin=begin / scale, end=end / scale)
+    return table.columns[name][rows] * scale, column(table, given.column)[rows]

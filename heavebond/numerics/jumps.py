@@ -1,0 +1,255 @@
+"""Events as equations: when they happen, what they set, and how that moves with parameters.
+
+Between events x' = f(t, x, z, p, h), 0 = g(t, x, z, p, h); the held variables h stand among the parameters. At an instant T
+an event sets some of x and h to r(t, x, z, p, h), taken before it. Along a direction in the parameters, with X = dx/dp,
+H = dh/dp and a condition c(t, x, z, p, h) = 0 that is met at T,
+
+    dT = -(c_x X + c_z Z + c_p + c_h H) / (c_t + c_x x' + c_z z'),
+    dr = r_x (X + x' dT) + r_z (Z + z' dT) + r_p + r_h H + r_t dT       (all before T),
+    X after = dr - x' dT for what is set, X + (x' before - x' after) dT for the rest;   H after = dr.
+
+With `at: t_s` dT is that of the parameter, with `every: T_s` it is k dT_s at the k-th instant. Integrals are states that
+nothing sets. Hiskens and Pai, Trajectory sensitivity analysis of hybrid systems, 2000, doi:10.1109/81.828574.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+
+from heavebond.core.errors import Problem, SimulationError, listing
+from heavebond.core.presentation import readable
+from heavebond.equations.lost_rank import losses
+from heavebond.equations.structural_messages import undecided
+from heavebond.language.symbols import stack
+from heavebond.numerics.co_simulation import Partners
+from heavebond.numerics.dae import Array, Assembly, solved_loops
+from heavebond.numerics.start_equations import Point
+
+# of its usual size, by which what is differentiated may differ before and after an event
+CONTINUOUS = 1e-7
+MOST_NEWTON = 30  # steps to the algebraic unknowns after an event, which may be far away
+
+
+@dataclass(frozen=True)
+class Moved:
+    """How a point moves along m directions: states (n_x, m), integrals (n_q, m), parameters and held variables (n_p, m)."""
+
+    x: Array
+    q: Array
+    p: Array
+
+
+class EventEquations:
+    """The conditions, instants and resets of an assembly, compiled once; `quadratures` are what is integrated along, in the
+    arguments of the assembly and `factors`."""
+
+    def __init__(self, assembly: Assembly, quadratures: ca.SX, factors: ca.SX):
+        self.assembly, self.events = assembly, assembly.flat.events
+        t, x, z, p, _, _ = arguments = list(assembly.arguments)
+        self.conditions = [i for i, event in enumerate(self.events) if event.indicator is not None]
+        indicators = assembly.express(stack(e.indicator for e in self.events if e.indicator is not None))
+        resets = [reset for event in self.events for reset in event.resets]
+        values = assembly.express(stack(reset.value for reset in resets))
+        ends = np.cumsum([len(event.resets) for event in self.events]).tolist()
+        self.rows = [range(end - len(event.resets), end) for end, event in zip(ends, self.events, strict=True)]
+        states = {column: k for k, column in enumerate(assembly.reduced.states)}
+        self.states = [None if r.unknown is None else states[(r.unknown, 0)] for r in resets]
+        self.held = [r.held for r in resets]
+        self.has_loops = bool(z.numel())
+        self.partners = Partners(assembly, self.rows)
+        self._values = ca.Function("happenings", arguments, [indicators, values])
+        rising = ca.jtimes(indicators, stack([t, x]), stack([ca.SX(1), assembly.ode]))  # right where there are no loops
+        self._looked = ca.Function("looked", arguments, [indicators, rising])
+        self._rates = ca.Function("rates", [*arguments, factors], [assembly.ode, quadratures])
+        self._alg = ca.Function("alg", arguments, [assembly.alg])
+        self._by_z = ca.Function("by_z", arguments, [ca.densify(ca.jacobian(assembly.alg, z))])
+        dt, dx, dz, dp = directions = [ca.SX.sym("d", a.numel()) for a in (t, x, z, p)]
+        moved = ca.jtimes(stack([assembly.alg, indicators, values]), stack([t, x, z, p]), stack([dt, dx, dz, dp]))
+        parts = ca.vertsplit(moved, np.cumsum([0, z.numel(), indicators.numel(), values.numel()]).tolist())
+        self._along = ca.Function("along", [*arguments, *directions], parts)
+        first, period = (assembly.express(stack(e.first for e in self.events)),
+                         assembly.express(stack(ca.SX(0) if e.period is None else e.period for e in self.events)))
+        direction = ca.SX.sym("d", p.numel())
+        self._instants = ca.Function("instants", [p, direction], [
+            first, period, ca.jtimes(first, p, direction), ca.jtimes(period, p, direction)])
+        self._differentiated = _differentiated(assembly)
+        followed = stack([assembly.flat.levels[0][j] for j in self._differentiated])
+        self._followed = ca.Function("followed", arguments, [assembly.express(followed)])
+        self._loops = solved_loops(z, stack([a for a in arguments if a is not z]), assembly.alg, MOST_NEWTON) \
+            if self.has_loops else None
+
+    # -- instants --------------------------------------------------------------------------------------------------
+    def instants(self, p: Array, dp: Array) -> tuple[Array, Array, Array, Array]:
+        """First instant and period (n_e,) of every event, and their derivatives (n_e, m) along dp (n_p, m)."""
+        n, m = len(self.events), dp.shape[1]
+        first, period = (np.array(v).ravel() for v in self._instants(p, np.zeros(len(p)))[:2])
+        if not m:
+            return first, period, np.zeros((n, 0)), np.zeros((n, 0))
+        moved = self._instants(np.tile(p[:, None], (1, m)), dp)[2:]
+        return first, period, np.array(moved[0]).reshape(n, m), np.array(moved[1]).reshape(n, m)
+
+    def indicators(self, t: Array, x: Array, z: Array, p: Array, u: Array) -> tuple[Array, Array]:
+        """The indicators (n_c, N) of the conditions and their rates along the motion, at N points given by columns; p
+        (n_p,) is the same at all of them."""
+        n = len(t)
+        columns = (t[None, :], x, z, np.tile(p[:, None], (1, n)), u, np.ones((1, n)))
+        values, rising = (np.array(a).reshape(-1, n) for a in self._looked(*columns))
+        if not self.has_loops:
+            return values, rising
+        rates = np.array(self.assembly.rates(*columns)[0]).reshape(len(x), n)
+        return values, self._directed(columns, np.ones((1, n)), rates, np.zeros((len(p), n)))[0]
+
+    def _directed(self, columns: Sequence[Array], dt: Array, dx: Array, dp: Array) -> tuple[Array, Array]:
+        """The derivatives of indicators (n_c, N) and new values (n_r, N) along directions (., N), each at its own point;
+        the algebraic unknowns follow."""
+        n = dx.shape[1]
+        n_z = len(columns[2])
+        dz: Array = np.zeros((n_z, n))
+        if self.has_loops:
+            moved = np.array(self._along(*columns, dt, dx, dz, dp)[0]).reshape(n_z, n)
+            by_z = np.array(self._by_z(*columns)).reshape(n_z, n, n_z).transpose(1, 0, 2)
+            try:
+                dz = np.asarray(-np.linalg.solve(by_z, moved.T[:, :, None])[:, :, 0].T, float)
+            except np.linalg.LinAlgError:
+                raise self._undecided(columns, by_z) from None
+        _, indicators, values = self._along(*columns, dt, dx, dz, dp)
+        return np.array(indicators).reshape(-1, n), np.array(values).reshape(-1, n)
+
+    def _undecided(self, columns: Sequence[Array], by_z: Array, when: str = "at") -> SimulationError:
+        """What to say where d(algebraic equations)/dz (N, n_z, n_z) is singular at the first of N points."""
+        k = int(np.argmin(np.abs(np.linalg.slogdet(by_z)[0])))
+        t, x, z, p, u, _ = (column[:, k] for column in columns)
+        found = losses(self.assembly.reduced.system, self.assembly.point(float(t[0]), x, z, p, u))
+        return undecided(self.assembly.flat, found, self.assembly.algebraic_names, f"{when} t = {t[0]:.6g} s")
+
+    def _at_one(self, point: Point, dt: Array, dx: Array, dp: Array) -> tuple[Array, Array]:
+        """As `_directed`, for m directions (dt (m,), dx (n_x, m), dp (n_p, m)) at one point."""
+        m = dx.shape[1]
+        columns = [np.tile(np.reshape(a, (-1, 1)), (1, m)) for a in point.values()]
+        return self._directed(columns, dt[None, :], dx, dp)
+
+    def delays(self, point: Point, moved: Moved, condition: int, slope: float) -> Array:
+        """dT (m,) of the condition-th condition, met at a point where its indicator rises with `slope`."""
+        m = moved.x.shape[1]
+        if not m or not slope:
+            return np.zeros(m)
+        indicators, _ = self._at_one(point, np.zeros(m), moved.x, moved.p)
+        return np.asarray(-indicators[condition] / slope)
+
+    def check_continuous(self, before: Point, after: Point, happened: Sequence[int]) -> None:
+        """SimulationError where events make jump what the equations differentiate, a prescribed position or speed of a mass
+        above all: its rate there is no number, and what follows from it would be wrong in silence. Where an event sets
+        states, the law of an impact is known, and the others follow it."""
+        if not self._differentiated or any(self.states[row] is not None for i in happened for row in self.rows[i]):
+            return
+        first, then = (np.array(self._followed(*point.values())).ravel() for point in (before, after))
+        unknowns = [self.assembly.flat.unknowns[j] for j in self._differentiated]
+        jumped = [k for k, u in enumerate(unknowns) if not abs(then[k] - first[k]) <= CONTINUOUS * u.nominal]
+        if jumped:
+            what = " and ".join(f"'{self.events[i].name}'" for i in happened)
+            names = listing((unknowns[k].name for k in jumped), 4)
+            raise SimulationError([Problem(
+                "event-impulse", f"at t = {after.t:.6g} s {what} makes {names} jump, whose rate other equations need",
+                unknowns[jumped[0]].place, "That takes an infinite force, flow, voltage or current. Let it change in a "
+                "finite time: a Ramp, a PolynomialMotion, or a SecondOrderLag behind what jumps.", tuple(
+                    f"{unknowns[k].name}: {readable(first[k], unknowns[k].unit.text)} before, "
+                    f"{readable(then[k], unknowns[k].unit.text)} after" for k in jumped[:4]))])
+
+    # -- resets ----------------------------------------------------------------------------------------------------
+    def settled(self, point: Point, fired: Sequence[int]) -> Point:
+        """The point after events with its algebraic unknowns consistent; SimulationError where there are none."""
+        if self._loops is None:
+            return point
+        given = np.concatenate([[point.t], point.x, point.p, point.u, [point.rate]])
+        found = replace(point, z=np.array(self._loops(point.z, given)).ravel())
+        what = " and ".join(f"'{self.events[i].name}'" for i in fired)
+        if not np.isfinite(found.z).all():
+            self._check_solvable(point, f"after {what} at")
+        residual = np.abs(np.array(self._alg(*found.values())).ravel())
+        gradient = np.abs(np.array(self._by_z(*found.values()))).max(axis=1) * self.assembly.z_nominal.max()
+        if not np.all(residual <= 1e-6 * gradient):
+            raise SimulationError([Problem(
+                "event-inconsistent", f"after {what} at t = {point.t:.6g} s no {listing(self.assembly.algebraic_names, 4)} "
+                "satisfies the equations", self.events[fired[0]].place, "A valve that shuts a volume-free line does this, "
+                "or a state that was set to a value that a constraint forbids.")])
+        return found
+
+    def _check_solvable(self, point: Point, when: str) -> None:
+        """SimulationError with what is undecided where the equations lose their rank at a point."""
+        columns = [np.reshape(a, (-1, 1)) for a in point.values()]
+        by_z = np.array(self._by_z(*point.values()))
+        if np.linalg.slogdet(by_z)[0] == 0:
+            raise self._undecided(columns, by_z[None], when)
+
+    def rates(self, point: Point, factors: Array) -> tuple[Array, Array]:
+        """x' (n_x,) and the rates of the integrals (n_q,)."""
+        x, q = self._rates(*point.values(), factors)
+        return np.array(x).ravel(), np.array(q).ravel()
+
+    def along_z(self, point: Point, moved: Moved) -> Array:
+        """dz/dp (n_z, m) at a consistent point."""
+        m = moved.x.shape[1]
+        if not self.has_loops or not m:
+            return np.zeros((len(point.z), m))
+        columns = [np.tile(np.reshape(a, (-1, 1)), (1, m)) for a in point.values()]
+        residual = np.array(self._along(*columns, np.zeros((1, m)), moved.x, np.zeros((len(point.z), m)), moved.p)[0])
+        return -np.linalg.solve(np.array(self._by_z(*point.values())), residual.reshape(-1, m))
+
+    def fire(self, point: Point, moved: Moved, fired: Sequence[int], delays: Sequence[Array], factors: Array
+             ) -> tuple[Point, Moved]:
+        """The point and its derivatives after the events `fired` at one instant, with the delays dT (m,) of each.
+
+        All new values are those before the instant. Where events coincide that move differently with a parameter, the
+        derivative is that for the order in which they stand.
+        """
+        values, now = np.array(self._values(*point.values())[1]).ravel(), point
+        values = self.partners.exchange(values, point, fired)
+        if not moved.x.shape[1]:
+            for event in fired:
+                now = self._set(now, values, event)
+            return self.settled(now, fired), moved
+        x, q, p = moved.x.copy(), moved.q.copy(), moved.p.copy()
+        x_rate, _ = before = self.rates(point, factors)
+        for event, delay in zip(fired, delays, strict=True):
+            now = self.settled(self._set(now, values, event), fired)
+            _, new = self._at_one(point, delay, moved.x + np.outer(x_rate, delay), moved.p)
+            after = self.rates(now, factors)
+            x += np.outer(before[0] - after[0], delay)
+            q += np.outer(before[1] - after[1], delay)
+            for row in self.rows[event]:
+                state, held = self.states[row], self.held[row]
+                if state is not None:
+                    x[state] = new[row] - after[0][state] * delay
+                if held is not None:
+                    p[held] = new[row]
+            before = after
+        return now, Moved(x, q, p)
+
+    def _set(self, point: Point, values: Array, event: int) -> Point:
+        x, p = point.x.copy(), point.p.copy()
+        for row in self.rows[event]:
+            state, held = self.states[row], self.held[row]
+            if state is not None:
+                x[state] = values[row]
+            if held is not None:
+                p[held] = values[row]
+        return replace(point, x=x, p=p)
+
+
+def _differentiated(assembly: Assembly) -> list[int]:
+    """The unknowns whose rates stand in the equations, that are no states, and that follow from what events change. A speed
+    that is told of a node, and that nothing else asks for, does not count: a spring may be jerked at its end."""
+    flat, states, n = assembly.flat, set(assembly.reduced.states), len(assembly.flat.unknowns)
+    used = Counter(c % n for row in flat.entries for c, _ in row)
+    idle = [" is the rate of " in equation.label and any(c < n and used[c] == 1 for c, _ in row)
+            for equation, row in zip(flat.equations, flat.entries, strict=True)]
+    rated = sorted({c % n for row, told in zip(flat.entries, idle, strict=True) if not told for c, _ in row if c >= n})
+    held = {assembly.arguments[3][h.index].element_hash() for h in flat.held} | {
+        s.element_hash() for s in ca.symvar(assembly.arguments[2])}
+    return [j for j in rated if (j, 0) not in states
+            and held & {s.element_hash() for s in ca.symvar(assembly.express(flat.levels[0][j]))}]

@@ -1,0 +1,122 @@
+"""Power balance of components along a run: what flows in over the ports, against what is stored, dissipated and unbalanced.
+
+The audit of a run (`audit`) integrates powers beside the states, which costs a second run. The same law holds at every
+instant, d(stores)/dt taken along the equations of motion, and is checked here at some points of a run that is there already:
+no error of a quadrature between output points enters, only rounding. What it finds is a law that makes or loses energy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from heavebond.equations.flatten import Energetics, Flat
+from heavebond.language.symbols import stack
+from heavebond.numerics.dae import Array, Assembly
+from heavebond.numerics.pointwise import evaluated
+
+# A share of the largest power in the machine that counts as missing. Laws close to rounding, some 1e-12; algebraic unknowns
+# are solved to 1e-12 of their size, which differences of large forces magnify.
+TOLERANCE = 1e-6
+# At a kink a derivative is that of one side: a single point says nothing about a law.
+LEAST_POINTS = 3
+
+
+@dataclass(frozen=True)
+class Imbalance:
+    """A component whose power does not balance: the power in W that is missing (below zero: made from nothing) where it is
+    largest over the points, the time of the first, how much may be missing, and whether its dissipation is negative."""
+
+    owner: str
+    missing: float
+    time: float
+    limit: float
+    made: bool
+
+
+def balance(assembly: Assembly, columns: Sequence[Array], values: Array, more: Sequence[ca.SX] = (),
+            tolerance: float = TOLERANCE) -> tuple[list[Imbalance], Array]:
+    """The components whose power does not balance at points (t, x, z, p, u, rate), a column each, of a run with the values
+    (n_unknowns, N) of all unknowns there; sources and controlled laws are exempt. And the values (k, N) of `more`
+    expressions in raw symbols, which are evaluated with the energies."""
+    flat = assembly.flat
+    with_ports = {b.owner for b in flat.bonds.values()}
+    parts = [e for e in flat.energetics if not e.kind and (e.owner in with_ports or not e.energy.is_zero())]
+    if not parts and not more:
+        return [], np.zeros((0, values.shape[1]))
+    (dissipated, unbalanced, held, rate), others = _energies(assembly, parts, columns, more)
+    ports = _port_powers(flat, values)
+    through = {e.owner: np.zeros(values.shape[1]) for e in flat.energetics}
+    for port, bond in flat.bonds.items():
+        through[bond.owner] = through[bond.owner] + ports[port]
+    duration = float(np.ptp(columns[0]))
+    # a pendulum alone has no port and keeps its energy: only what it holds tells what is little
+    sizes = [_size(np.sum(np.abs(list(ports.values())), axis=0)) if ports else 0.0, _size(rate), _size(dissipated),
+             _size(held) / duration if duration else 0.0]
+    limit = tolerance * max(sizes)
+    found = []
+    for k, part in enumerate(parts):
+        missing = through[part.owner] - rate[k] - dissipated[k] - unbalanced[k]
+        for lost, made in ((missing, False), (dissipated[k], True)):
+            at = np.flatnonzero(lost < -limit if made else np.abs(lost) > limit)
+            if len(at) >= min(LEAST_POINTS, values.shape[1]):
+                worst, first = at[int(np.argmax(np.abs(lost[at])))], float(columns[0][0, at[0]])
+                found.append(Imbalance(part.owner, float(lost[worst]), first, limit, made))
+                break
+    return found, others
+
+
+def _size(values: Array) -> float:
+    finite = np.abs(values[np.isfinite(values)])
+    return float(finite.max(initial=0.0))
+
+
+def _port_powers(flat: Flat, values: Array) -> dict[str, Array]:
+    """The power into each component over each port (N,)."""
+    return {port: values[b.flow] * (1.0 if b.effort is None else values[b.effort]) for port, b in flat.bonds.items()}
+
+
+def _energies(assembly: Assembly, parts: Sequence[Energetics], columns: Sequence[Array], more: Sequence[ca.SX]
+              ) -> tuple[tuple[Array, ...], Array]:
+    """What is dissipated and unbalanced in W, what is stored in J and its rate in W, each (n_parts, N), and more (k, N).
+
+    The rate is taken along the motion: dS/dt + dS/dx x' + dS/dz z', with z' = -(dg/dz)^-1 (dg/dt + dg/dx x') of the
+    algebraic equations g = 0.
+    """
+    t, x, z, _, _, rate = assembly.arguments
+    m = len(parts)
+
+    def made() -> tuple[ca.Function, bool]:
+        raw = assembly.express(stack([*(e.dissipated for e in parts), *(e.unbalanced for e in parts),
+                                      *(e.energy for e in parts), *more]))
+        stored, direction, along = raw[2 * m:3 * m], stack([t, x]), stack([rate, assembly.ode])
+        wanted = [raw, ca.jtimes(stored, direction, along)]
+        by_z = ca.jacobian(stored, z) if z.numel() else ca.SX(m, 0)
+        if by_z.nnz():
+            wanted += [ca.vec(ca.densify(by_z)), ca.vec(ca.densify(ca.jacobian(assembly.alg, z))),
+                       ca.jtimes(assembly.alg, direction, along)]
+        return ca.Function("energies", list(assembly.arguments), [ca.densify(stack(wanted))]), bool(by_z.nnz())
+
+    function, loops = assembly.once(("energies", *(e.element_hash() for e in more)), made)
+    found = evaluated(assembly, function, columns)
+    size = 3 * m + len(more)
+    begin, n_z = size + m, z.numel()
+    rates = found[size:begin]
+    if loops:
+        slopes, jacobian, moved = np.split(found[begin:], [m * n_z, m * n_z + n_z * n_z])
+        rates = rates + _by_loops(slopes.reshape(n_z, m, -1), jacobian.reshape(n_z, n_z, -1), moved)
+    return (found[:m], found[m:2 * m], found[2 * m:3 * m], rates), found[3 * m:size]
+
+
+def _by_loops(slopes: Array, jacobian: Array, moved: Array) -> Array:
+    """dS/dz z' at each point, (m, N); NaN where the algebraic equations do not decide z'."""
+    found = np.full((slopes.shape[1], slopes.shape[2]), np.nan)
+    for k in range(found.shape[1]):
+        try:
+            found[:, k] = slopes[..., k].T @ np.linalg.solve(jacobian[..., k].T, -moved[:, k])
+        except np.linalg.LinAlgError:
+            continue
+    return found

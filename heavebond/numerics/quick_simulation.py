@@ -1,0 +1,123 @@
+"""Runs for searches: measured inputs are looked up by time inside the equations.
+
+`Simulator` hands the integrator a new polynomial piece of each input at every sample and makes it stop there, which splits
+its steps: three to six times as many as the motion asks for. Here the pieces stand in the equations as a table over time,
+and the integrator (CVODES where there are no algebraic unknowns, which takes fewer evaluations a step than IDAS) steps over
+the samples under its error control. What a search finds is reported from runs of `Simulator`.
+
+An input that jumps at its samples (`between: hold`) has to be stopped at. Methods of several steps begin each stretch with
+their lowest order and their shortest steps; where that takes many evaluations a sample, a one-step method takes over, which
+needs a step or two.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from heavebond.core.errors import Problem, SimulationError
+from heavebond.equations.buffered import Buffered
+from heavebond.numerics.dae import Array, Assembly
+from heavebond.numerics.initialise import Start, Tangent
+from heavebond.numerics.simulator import Simulator
+from heavebond.numerics.solvers import Integrator, integrator, solver_options
+from heavebond.numerics.trace import Trace
+
+# Steps between two output points after which a candidate is given up: in the search, and in what is reported of it.
+MOST_STEPS, MOST_EXACT = 2000, 20_000
+# No step is longer than so many samples of the inputs: from rest an integrator would step over a short motion, and where its
+# own steps would be longer the sum of squares would be rough (they change with the parameters; these do not).
+LONGEST = 2
+# Evaluations from one sample to the next from which on a one-step method costs less, each of whose steps takes eight and a
+# Jacobian. It errs by far less than it is allowed to, as its steps end at the samples: so many times as much will do.
+RESTARTED, LOOSER = 20, 10.0
+
+
+class Unexplained(Simulator):
+    """A `Simulator` for one candidate among many: where it gives up it does so soon, and does not look for the reason, which
+    would cost further runs."""
+
+    def _integrator(self) -> Integrator:
+        return integrator(self.solver.name, self.integrand, self.stops, self.tolerances, MOST_EXACT)
+
+    def _failure(self, assembly: Assembly, first: Start, said: str) -> SimulationError:
+        return SimulationError([Problem("integration-failed", "the integration stopped")])
+
+
+class QuickSimulator(Unexplained):
+    """A `Simulator` for searches. Where a diagram has events, or inputs with kinks or jumps at their samples, it is one in
+    all but its messages."""
+
+    def __init__(self, *given: Any, like: Simulator | None = None, **named: Any):
+        self.one_step: bool = isinstance(like, QuickSimulator) and like.one_step
+        super().__init__(*given, like=like, **named)
+
+    @property
+    def looks_up(self) -> bool:
+        """Whether inputs are looked up in the equations."""
+        inputs = self.assembly.flat.inputs
+        return bool(inputs) and self.factors is None and all(k.source.between == "spline" for k in inputs)
+
+    def _driven(self, times: Array) -> dict[str, Array]:
+        return {} if self.looks_up else super()._driven(times)
+
+    def _integrator(self) -> Integrator:
+        dae, looser = self.integrand.dae, LOOSER if self.one_step else 1.0
+        solver = "rosenbrock" if self.one_step else "idas" if dae["z"].numel() else "cvodes"
+        tolerances = replace(self.tolerances, rtol=looser * self.tolerances.rtol, atol=looser * self.tolerances.atol)
+        options = {**solver_options(solver, dae, tolerances), "max_num_steps": MOST_STEPS}
+        given: dict[str, Any] = dict(dae)
+        if self.looks_up:
+            given = self._with_table()
+            options["max_step_size"] = LONGEST * float(np.median(np.diff(self.pieces.breaks)))
+        if not dae["z"].numel():
+            del given["z"], given["alg"]
+        outputs = list(self.stops[1:]) if len(self.stops) > 1 else [self.stops[0] + 1.0]
+        return Buffered(ca.integrator("run", solver, given, float(self.stops[0]), outputs, options), ("xf", "zf"))
+
+    def attempt(self, first: Start, moved: Tangent | None = None) -> Trace:
+        stopped = bool(self.assembly.flat.inputs) and not self.looks_up
+        try:
+            found = super().attempt(first, moved)
+        except RuntimeError:
+            # behind a jump of what is held CVODES may go on with the slope before it, and give up where something is quick
+            if self.one_step or not stopped or self.switching is not None:
+                raise
+            self.one_step = True
+            self.integrator = self._integrator()
+            return super().attempt(first, moved)
+        if stopped and not self.one_step and self.integrator.stats()["nfevals"] > RESTARTED * (len(self.stops) - 1):
+            self.one_step = True
+            self.integrator = self._integrator()
+        return found
+
+    def _with_table(self) -> dict[str, ca.MX]:
+        """The equations with the pieces of the inputs as a table over time."""
+        dae = self.integrand.dae
+        right = _sides(dae)
+        t, x, z, p = (ca.MX.sym(k, dae[k].numel()) for k in ("t", "x", "z", "p"))
+        # a spline of degree 0, because what it holds is not copied at every step
+        columns, breaks = self.pieces.columns, self.pieces.breaks
+        u = ca.Function.bspline("pieces", [breaks.tolist()], columns.ravel("F").tolist(), [0], len(columns),
+                                {"lookup_mode": ["binary"]})(t)
+        ode, alg = right(t, x, z, p, u)
+        return {"t": t, "x": x, "z": z, "p": p, "ode": ode, "alg": alg}
+
+
+def _sides(dae: Mapping[str, ca.SX]) -> ca.Function:
+    """The right sides (ode, alg) as a function of (t, x, z, p, u) that knows its Jacobian by x and z, which is all that an
+    integrator asks for. Left to itself CasADi moves the function once for each colour of columns, with its parameters and
+    inputs: five times the operations, in a run with sensitivities half of its time."""
+    inputs, outputs = ("t", "x", "z", "p", "u"), ("ode", "alg")
+    given, sides = [dae[k] for k in inputs], [dae[k] for k in outputs]
+    before = [ca.SX.sym(f"out_{k}", dae[k].numel()) for k in outputs]
+    slopes = [ca.jacobian(side, dae[k]) if k in ("x", "z") else ca.SX(side.numel(), dae[k].numel())
+              for side in sides for k in inputs]
+    jacobian = ca.Function("jac_right", [*given, *before], slopes, [*inputs, *(f"out_{k}" for k in outputs)],
+                           [f"jac_{side}_{k}" for side in outputs for k in inputs])
+    return ca.Function("right", given, sides, inputs, outputs, {
+        "custom_jacobian": jacobian, "jac_penalty": 0, "enable_forward": False, "enable_reverse": False})

@@ -1,0 +1,306 @@
+"""Time series by name, with units."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from heavebond.core.errors import Problem, UsageError, listing, suggest
+from heavebond.core.presentation import brief, count, number
+from heavebond.core.units import dimension_text, read_unit
+from heavebond.equations.buffered import Buffered
+from heavebond.language.symbols import split, stack
+from heavebond.numerics.dae import Array, Assembly
+from heavebond.numerics.initialise import Start
+from heavebond.numerics.run_verdict import Verdict
+from heavebond.numerics.validity import Stretch, judged
+from heavebond.records.saved_runs import SavedRun, write_run
+from heavebond.text.expression import ExpressionProblem, parse_formula
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from heavebond.numerics.trace import Instant
+
+
+@dataclass(frozen=True)
+class Along:
+    """Forward sensitivities in SI: d x / d p_k (m, n_x, N), d z / d p_k (m, n_z, N), how all parameters move with the
+    k-th (m, n_p): itself by 1, those under `solve:` as the start requires; d quadratures / d p_k (m, n_q, N); and how the
+    held variables do (m, n_h, N)."""
+
+    names: tuple[str, ...]
+    x: Array
+    z: Array
+    p: Array
+    quadratures: Array
+    held: Array
+
+
+Stayed = tuple[NDArray[np.intp], "Result"]
+
+
+@dataclass(frozen=True)
+class Result:
+    """A run: `time` (N,), states x (n_x, N) and algebraic unknowns z (n_z, N) in SI, and every variable by name;
+    `quadratures` (n_q, N) are the integrals that the caller asked for. `p` (n_p,) holds at the start, `held` (n_h, N) are
+    the held variables, and `instants` what happened when; at an instant the values are those after it. `stays` are the
+    parts of the run in which other states were integrated: which times (k,), and the same there in those states.
+
+    `result["crown.x"]` is in SI; an output under `show:` (`result["pull"]`) is in the unit declared there.
+    Any formula of names may be asked for: `result["crown.x - platform.x"]`.
+    """
+
+    assembly: Assembly
+    time: Array
+    x: Array
+    z: Array
+    u: Array
+    p: Array
+    start: Start
+    statistics: Mapping[str, object] = field(default_factory=dict)
+    quadratures: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    along: Along | None = None
+    held: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    instants: tuple[Instant, ...] = ()
+    stays: tuple[Stayed, ...] = ()
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """Whether the values of this run mean something: `print(result.verdict)` tells it in a line."""
+        return judged(list(_stretches(self)))
+
+    @property
+    def events(self) -> list[tuple[float, str]]:
+        """What happened: time in s and the name of the event, in order."""
+        return [(instant.time, name) for instant in self.instants for name in instant.names]
+
+    def names(self) -> list[str]:
+        """Every variable of the diagram and its named outputs."""
+        flat = self.assembly.flat
+        return [*self.assembly.model.show, *flat.names, *(h.name for h in flat.held)]
+
+    def unit(self, name: str) -> str:
+        """The unit in which `result[name]` is given."""
+        shown = self.assembly.model.show.get(name)
+        if shown is not None:
+            return shown.unit
+        index = self.assembly.flat.names.get(name)
+        if index is not None:
+            return self.assembly.flat.unknowns[index].unit.text
+        resolver = self.assembly.resolver()
+        try:
+            return dimension_text(resolver.dimension(parse_formula(name)) or ())
+        except ExpressionProblem as problem:
+            raise unknown_signal(self.assembly, name, problem) from None
+
+    def __getitem__(self, name: str) -> Array:
+        return self.signals([name])[name]
+
+    def __repr__(self) -> str:
+        outputs = listing(list(self.assembly.model.show), 8)
+        return brief(self, self.assembly.model.name, f"{number(float(self.time[0]))} to {number(float(self.time[-1]))} s, "
+                     f"{count(len(self.time), 'point')}", f"outputs {outputs}" if outputs else "")
+
+    def signals(self, names: Iterable[str]) -> dict[str, Array]:
+        """Several signals at once, each (N,); UsageError for a name that is not there."""
+        names = list(names)
+        return dict(zip(names, Probe(self.assembly, names).values(self), strict=True))
+
+    def sensitivity(self, name: str, parameter: str) -> Array:
+        """d signal / d parameter (N,), the signal in the unit of `result[name]`, the parameter in its base unit.
+
+        UsageError unless the run was made with `sensitivities=[parameter]`.
+        """
+        if self.along is None or parameter not in self.along.names:
+            raise self._no_sensitivity(parameter)
+        return np.asarray(Probe(self.assembly, [name]).sensitivities(self)[self.along.names.index(parameter), 0])
+
+    def event_sensitivity(self, name: str, number: int, parameter: str) -> float:
+        """d (time of the number-th event of a name, from 0) / d parameter, in s per base unit of the parameter.
+
+        UsageError unless the event happened so often, and the run was made with `sensitivities=[parameter]`.
+        """
+        if self.along is None or parameter not in self.along.names:
+            raise self._no_sensitivity(parameter)
+        delays = [delay for i in self.instants for event, delay in zip(i.names, i.delays, strict=True) if event == name]
+        if not -len(delays) <= number < len(delays):
+            names = dict.fromkeys(n for _, n in self.events)
+            raise UsageError([Problem("event-missing", f"'{name}' happened {len(delays)} times in this run", None,
+                                      suggest(name, names) or f"Events of this run: {listing(names) or 'none'}.")])
+        return float(delays[number][self.along.names.index(parameter)])
+
+    def evaluate(self, raw: ca.SX) -> Array:
+        """An expression (m,) in the raw symbols of the diagram along the run (m, N)."""
+        function = ca.Function("along", list(self.assembly.arguments), [self.assembly.express(raw)])
+        found = np.array(function(*columns(self))).reshape(raw.numel(), len(self.time))
+        for at, stay in self.stays:
+            found[:, at] = stay.evaluate(raw)
+        return found
+
+    @staticmethod
+    def _no_sensitivity(parameter: str) -> UsageError:
+        return UsageError([Problem("sensitivity-missing", f"this run has no sensitivities to '{parameter}'", None,
+                                   f"simulate(..., sensitivities=['{parameter}'])")])
+
+    def saved(self, names: Iterable[str] | None = None) -> SavedRun:
+        """The numbers without the diagram; by default the named outputs and all unknowns."""
+        chosen = list(names) if names is not None else list(dict.fromkeys(
+            [*self.assembly.model.show, *(u.name for u in self.assembly.flat.unknowns),
+             *(h.name for h in self.assembly.flat.held)]))
+        return SavedRun(self.assembly.model.name, self.time, self.signals(chosen), {n: self.unit(n) for n in chosen},
+                        f"{self.statistics['solver']} ({self.statistics['why']})" if self.statistics else "")
+
+    def to_pandas(self, names: Iterable[str] | None = None) -> pd.DataFrame:
+        """A table with time as index; by default the named outputs and all unknowns, columns `name [unit]`."""
+        return self.saved(names).to_pandas()
+
+    def save(self, path: str | Path, names: Iterable[str] | None = None) -> None:
+        """Write the signals as .csv, .parquet, .mat or .nc; UsageError for another suffix. `read_run` reads them back."""
+        write_run(self.saved(names), path)
+
+
+class Probe:
+    """Signals of an assembly as compiled functions, for one run or for many (fitting, sweeps). With `si` all are formulas
+    in SI: an output of the diagram that is called as a variable does not take its place with a unit of its own."""
+
+    def __init__(self, assembly: Assembly, names: Iterable[str], si: bool = False):
+        self.assembly, self.names, self.si = assembly, tuple(names), si
+        _, x, z, p, _, _ = assembly.arguments
+        signals = stack([signal_expression(assembly, name, si) for name in self.names])
+        self._values = _Course(assembly, signals)
+        self._signals, self._by = signals, stack([x, z, p])
+        self._others: dict[int, Probe] = {}
+
+    @cached_property
+    def _slopes(self) -> tuple[list[int], _Course]:
+        """Which of (x, z, p) the signals contain, and their derivatives by these."""
+        slopes = ca.jacobian(self._signals, self._by)
+        moving = sorted(set(slopes.sparsity().get_col()))
+        return moving, _Course(self.assembly, ca.vec(ca.densify(slopes[:, moving])))
+
+    def values(self, result: Result) -> Array:
+        """The signals of a run (n_signals, N)."""
+        found = self._values.of(result)
+        for at, stay in result.stays:
+            found[:, at] = self._other(stay).values(stay)
+        return found
+
+    def _other(self, stay: Result) -> Probe:
+        """The same signals in other states."""
+        if id(stay.assembly) not in self._others:
+            self._others[id(stay.assembly)] = Probe(stay.assembly, self.names, self.si)
+        return self._others[id(stay.assembly)]
+
+    def sensitivities(self, result: Result) -> Array:
+        """Their derivatives with respect to the parameters of `result.along` (m, n_signals, N)."""
+        assert result.along is not None
+        along, n_x, n = result.along, len(result.x), len(result.time)
+        n_xz = n_x + len(result.z)
+        held = {h.index: k for k, h in enumerate(result.assembly.flat.held)}
+        moving, course = self._slopes
+        moved = np.zeros((len(along.names), len(moving), n))
+        for k, j in enumerate(moving):
+            moved[:, k] = along.x[:, j] if j < n_x else along.z[:, j - n_x] if j < n_xz else \
+                along.held[:, held[j - n_xz]] if j - n_xz in held else along.p[:, j - n_xz, None]
+        slopes = course.of(result).reshape(len(moving), len(self.names), n)
+        found = np.einsum("ksn,mkn->msn", slopes, moved)
+        for at, stay in result.stays:
+            found[:, :, at] = self._other(stay).sensitivities(stay)
+        return np.asarray(found)
+
+
+class _Course:
+    """An expression in an assembly's arguments along runs; only what it contains is handed over to its function."""
+
+    def __init__(self, assembly: Assembly, expression: ca.SX):
+        known = {s.element_hash() for s in ca.symvar(expression)}
+        self._rows = [[k for k, s in enumerate(split(a)) if s.element_hash() in known] for a in assembly.arguments]
+        used = [a[k] for a, rows in zip(assembly.arguments, self._rows, strict=True) for k in rows]
+        self._function = ca.Function("course", [stack(used)], [ca.densify(expression)])
+        self._many: tuple[int, Buffered] | None = None
+
+    def of(self, result: Result) -> Array:
+        """Its values (numel, N)."""
+        n, (t, x, z, p, u, rate) = len(result.time), self._rows
+        held = [(p.index(h.index), k) for k, h in enumerate(result.assembly.flat.held) if h.index in p]
+        if not (t or x or z or u or held):
+            return np.tile(self._function([*result.p[p], *np.ones(len(rate))]).full(), (1, n))
+        given = np.tile(result.p[p, None], (1, n))
+        for row, k in held:
+            given[row] = result.held[k]
+        return self._evaluated(np.vstack([
+            result.time[None, :][t], result.x[x], result.z[z], given, result.u[u], np.ones((len(rate), n))]))
+
+    def _evaluated(self, given: Array) -> Array:
+        """The function at columns (k, N), through buffers: as matrices of CasADi they would take longer to hand over than
+        to evaluate."""
+        n = given.shape[1]
+        if self._many is None or self._many[0] != n:
+            self._many = (n, Buffered(self._function.map(n)))
+        found, = self._many[1](given).values()
+        return np.ascontiguousarray(found.reshape((-1, n), order="F"))
+
+
+def columns(result: Result, at: NDArray[np.intp] | None = None) -> tuple[Array, ...]:
+    """The arguments of an assembly's functions along a run, one column per time, or at some of its times."""
+    if at is not None:
+        held = result.held[:, at] if result.assembly.flat.held else result.held
+        u = result.u[:, at] if len(result.u) else result.u
+        result = replace(result, time=result.time[at], x=result.x[:, at], z=result.z[:, at], u=u, held=held)
+    n = len(result.time)
+    return (result.time[None, :], result.x, result.z, with_held(result, result.p, result.held), result.u, np.ones((1, n)))
+
+
+def _stretches(result: Result) -> Iterator[Stretch]:
+    """The run part by part, each in the states that were integrated there."""
+    own = np.arange(len(result.time))
+    if result.stays:
+        own = np.setdiff1d(own, np.concatenate([at for at, _ in result.stays]))
+    for part, at in ((result, own), *((stay, np.arange(len(stay.time))) for _, stay in result.stays)):
+        if len(at):
+            whole = len(at) == len(part.time)
+            yield Stretch(part.assembly, part.time if whole else part.time[at], part.x if whole else part.x[:, at],
+                          partial(_columns_of, part, at))
+
+
+def _columns_of(part: Result, own: NDArray[np.intp], at: NDArray[np.intp]) -> tuple[Array, ...]:
+    return columns(part, own[at])
+
+
+def with_held(result: Result, p: Array, held: Array) -> Array:
+    """Parameters (n_p,), or how they move, at each time of a run (n_p, N), with the held variables (n_h, N) among them."""
+    found = np.tile(p[:, None], (1, len(result.time)))
+    if result.assembly.flat.held:
+        found[[h.index for h in result.assembly.flat.held]] = held
+    return found
+
+
+def signal_expression(assembly: Assembly, name: str, si: bool = False) -> ca.SX:
+    """A signal in the assembly's arguments: an output in its own unit, any other formula (with `si` every one) in SI;
+    UsageError for a name that is not there."""
+    shown = None if si else assembly.model.show.get(name)
+    try:
+        if shown is None:
+            return assembly.expression(parse_formula(name))
+        unit = read_unit(shown.unit)
+        return (assembly.expression(shown.expr) - unit.offset) / unit.scale
+    except ExpressionProblem as problem:
+        raise unknown_signal(assembly, name, problem) from None
+
+
+def unknown_signal(assembly: Assembly, name: str, problem: ExpressionProblem) -> UsageError:
+    """The error for a signal that is not there; a position that no equation uses must be asked for."""
+    flat = assembly.flat
+    hint = suggest(name, [*assembly.model.show, *flat.names]) or problem.hint
+    node, _, member = name.rpartition(".")
+    if member in ("x", "phi") and any(f"{node}.{flow}" in flat.names for flow in ("v", "w")):
+        hint = f"No equation uses this position; ask for it: simulate(..., also=['{name}'])."
+    return UsageError([Problem(problem.code, problem.message, None, hint)])

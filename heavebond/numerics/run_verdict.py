@@ -1,0 +1,175 @@
+"""Findings about a run, the verdict that they add up to, and how that reaches whoever asked for the run.
+
+A function that runs a diagram for a user ends with `tell`. In Python that is a warning (RunWarning) unless the verdict is
+clean; the command line listens (`listening`), and makes of all verdicts its lines on standard error, `validity` in the JSON
+file and the exit code.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import asdict, dataclass
+
+from heavebond.core.errors import Problem, RunWarning, SimulationError, listing
+from heavebond.core.presentation import count, readable
+
+MOST_NAMED = 3
+RUNAWAY = 1e6  # typical sizes from which on a value is no result: a machine of metres does not go a thousand kilometres
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that is wrong with a run: what it is (see `KINDS`), the variable and its part or node, when first and how
+    far at worst, the limit and the unit (SI), and what to look at."""
+
+    kind: str
+    name: str
+    part: str
+    time: float
+    value: float
+    limit: float | None
+    unit: str
+    advice: str
+
+    @property
+    def failed(self) -> bool:
+        """Whether the run is worthless."""
+        return KINDS[self.kind]
+
+    @property
+    def text(self) -> str:
+        """What happened, as the beginning of a sentence."""
+        t = f"{self.time:.4g} s"
+        value = readable(self.value, self.unit)
+        if self.kind == "not-finite":
+            return f"{self.name} is {'no number' if math.isnan(self.value) else 'infinite'} from {t} on"
+        if self.kind == "energy":
+            return f"the power of {self.part} does not balance: {readable(abs(self.value), self.unit)} " \
+                f"{'appear' if self.value < 0 else 'disappear'}, from {t} on"
+        if self.kind == "growth":
+            return f"{self.name} grows exponentially, to {value} at the end"
+        limit = readable(self.limit or 0.0, self.unit)
+        if self.kind == "runaway":
+            return f"{self.name} goes to {value}, beyond {limit} (a million typical sizes) from {t} on"
+        return f"{self.name} goes to {value}, beyond {limit} from {t} on"
+
+    def as_dict(self) -> dict[str, object]:
+        """For machines."""
+        return {**asdict(self), "failed": self.failed, "message": self.text}
+
+
+# whether a run with such a finding is worthless
+KINDS = {"not-finite": True, "runaway": True, "energy": True, "range": False, "larger": False, "growth": False}
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a run says of itself: its findings, the worst kind first, then by time. Clean where there are none."""
+
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def failed(self) -> bool:
+        """Whether the numbers of the run are worthless."""
+        return any(f.failed for f in self.findings)
+
+    @property
+    def status(self) -> str:
+        """`clean`, `outside` (a range was left) or `failed`."""
+        return "failed" if self.failed else "outside" if self.findings else "clean"
+
+    @property
+    def text(self) -> str:
+        """The verdict in a line: what happened first of the worst kind, what to look at, and what else was found."""
+        if not self.findings:
+            return "clean"
+        first = self.findings[0]
+        others = list(dict.fromkeys(f.name for f in self.findings if f.name != first.name))
+        same = [f.name for f in self.findings[1:] if f.kind == first.kind and f.advice == first.advice]
+        also = f" ({listing(same, MOST_NAMED)} too)" if same else ""
+        rest = [name for name in others if name not in same]
+        begin = first.text.removeprefix(first.name) if first.text.startswith(first.name) else f": {first.text}"
+        more = f" Also outside: {listing(rest, MOST_NAMED)}." if rest else ""
+        before = self._before(first)
+        return f"{first.name}{also}{begin}: {before}{first.advice}.{more}"
+
+    def __str__(self) -> str:
+        return self.text
+
+    def _before(self, first: Finding) -> str:
+        """Where something left its range before, as the cause may be there."""
+        earliest = min(self.findings, key=lambda f: f.time)
+        return f"{earliest.name} was the first to leave its range, at {earliest.time:.4g} s. " \
+            if first.failed and earliest.time < first.time and earliest.kind != "growth" else ""
+
+    @property
+    def problem(self) -> Problem:
+        """The failure as a problem with its code."""
+        first = self.findings[0]
+        also = [f.text for f in self.findings[1:]]
+        notes = (*also[:MOST_NAMED], *([f"and {count(len(also) - MOST_NAMED, 'more finding')} (--json lists all)"]
+                                       if len(also) > MOST_NAMED else []))
+        return Problem(f"run-{first.kind}", first.text, None, f"{self._before(first)}{first.advice}.", notes)
+
+    def raise_if_failed(self, figures: Mapping[str, object] | None = None) -> Verdict:
+        """The verdict itself; SimulationError, with the figures that there are all the same, where the run is worthless."""
+        if self.failed:
+            error = SimulationError([self.problem])
+            error.figures = dict(figures or {})
+            raise error
+        return self
+
+    def as_dict(self) -> dict[str, object]:
+        """For machines; `exit` is the exit status that the command line gives it."""
+        return {"status": self.status, "exit": int(self.failed), "findings": [f.as_dict() for f in self.findings]}
+
+
+def verdict(findings: Sequence[Finding]) -> Verdict:
+    """The verdict on a run: the worst finding of each variable where it is first told, failures before the rest, then by
+    time (growth, which has no beginning, last)."""
+    order = list(KINDS)
+    worst: dict[str, Finding] = {}
+    for f in sorted(findings, key=lambda f: (order.index(f.kind), f.time)):
+        worst.setdefault(f.name, f)
+    return Verdict(tuple(sorted(worst.values(), key=lambda f: (
+        not f.failed, order.index(f.kind) if f.failed else f.kind == "growth", f.time))))
+
+
+# The verdicts of the runs that a command made, by the name of the run; None where nobody listens.
+_HEARD: ContextVar[list[tuple[str, Verdict]] | None] = ContextVar("verdicts heard", default=None)
+
+
+@contextmanager
+def listening() -> Iterator[list[tuple[str, Verdict]]]:
+    """Within, verdicts that are told are listed, by the name of the run, instead of being warned of."""
+    heard: list[tuple[str, Verdict]] = []
+    token = _HEARD.set(heard)
+    try:
+        yield heard
+    finally:
+        _HEARD.reset(token)
+
+
+def tell(name: str, found: Verdict) -> None:
+    """Hand on the verdict on a run of that name: to who listens, else as a warning where it is not clean."""
+    heard = _HEARD.get()
+    if heard is not None:
+        heard.append((name, found))
+    elif found.findings:
+        warnings.warn(f"{name}: {found.text}", RunWarning, stacklevel=3)
+
+
+def together(heard: Sequence[tuple[str, Verdict]]) -> dict[str, object]:
+    """The verdicts of all runs of a command for machines: the worst status, and what was found in which run."""
+    whole = verdict_of_all(heard)
+    findings = [{"run": name, **f.as_dict()} for name, found in dict(heard).items() for f in found.findings]
+    return {**whole.as_dict(), "findings": findings}
+
+
+def verdict_of_all(heard: Sequence[tuple[str, Verdict]]) -> Verdict:
+    """One verdict on several runs."""
+    return Verdict(tuple(f for _, found in heard for f in found.findings))

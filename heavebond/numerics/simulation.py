@@ -1,0 +1,172 @@
+"""Simulation of a diagram; the default solver `auto`: IDAS, and what is done where it stops.
+
+1. Where algebraic unknowns are pressures of nodes that hold no oil or gas of their own, their balance of flows may have no
+   slope (valves that are shut on all sides) or turn its corners faster than any step. Each of these nodes is then given what
+   its domain says under `fills:`, the oil in a short bore, and the run begins anew: its pressures are states.
+2. Else the run is made again in stretches. Where a solver stops, the other one goes on from the last accepted point:
+   CVODES, or with algebraic unknowns IDAS with these under error control, and IDAS again where that stops.
+
+Each change stands in the statistics of the run, `fills` and `solver_changes`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+
+from heavebond.core.errors import HeavebondError, Problem, SimulationError, StartError
+from heavebond.equations.connect import connect
+from heavebond.equations.parameters import formula_order
+from heavebond.language.definition import Value
+from heavebond.language.model import Model
+from heavebond.language.sections import Condition
+from heavebond.language.symbols import split
+from heavebond.numerics.dae import Assembly, assemble
+from heavebond.numerics.idas import Tolerances
+from heavebond.numerics.initialise import start
+from heavebond.numerics.result import Result, columns
+from heavebond.numerics.run_verdict import tell
+from heavebond.numerics.simulator import Simulator, Time
+from heavebond.text.expression import Number
+
+# Pressures of a filled node beyond so many usual ones (100 000 bar of oil, 1000 bar of gas) are none of a machine: a pump
+# that works against a shut valve reaches them within 0.1 s.
+MOST_FILLED = 1000
+
+
+def simulate(model: Model | Assembly, until: Time | None = None, *, every: Time | None = None,
+             parameters: Mapping[str, float | str] | None = None, also: Iterable[str] = (),
+             sensitivities: Iterable[str] = (), rtol: float = 1e-8, atol: float = 1e-10,
+             solver: str | None = None, allow_fmu: bool = False) -> Result:
+    """Run a diagram from 0 to `until` (seconds, or `"2 min"`), with an output point `every` so often.
+
+    Both default to what the diagram says under `simulate:`. `parameters` overrides values by name. `sensitivities`
+    names parameters with respect to which the derivative of every signal is wanted (`result.sensitivity`). Errors are
+    controlled to rtol and to atol times each unknown's nominal size. `solver` is idas, cvodes, rosenbrock or auto (see
+    `solvers` and `run_by_auto`), by default what the diagram says, else auto; UsageError where it cannot integrate the
+    diagram. The programs in FMUs are run with `allow_fmu` only; a diagram with FMUs is refused otherwise. Warns (RunWarning)
+    unless the verdict of the run on itself (`result.verdict`) is clean. Raises StartError where no consistent start exists
+    and SimulationError where the integration fails; a given Assembly is not built anew.
+    """
+    assembly = model if isinstance(model, Assembly) else assemble(model, also)
+    written = assembly.model.solver
+    asked = solver or (written.text if written else "auto")
+    simulator = Simulator(assembly, until, every=every, tolerances=Tolerances(rtol, atol), sensitivities=sensitivities,
+                          solver=asked, allow_fmu=allow_fmu)
+    result = run_by_auto(simulator, parameters, allow_fmu) if asked == "auto" else simulator.run(parameters)
+    tell(assembly.model.name, result.verdict)
+    return result
+
+
+def run_by_auto(simulator: Simulator, parameters: Mapping[str, float | str] | None, allow_fmu: bool) -> Result:
+    """A run that changes its equations or its solver where IDAS stops; where nothing helps, the error of the last attempt
+    that got as far as integrating filled nodes, else the first."""
+    try:
+        return simulator.run(parameters)
+    except (StartError, SimulationError) as error:
+        if not _may_help(error.problems[0]):
+            raise
+        first = error
+    assembly = simulator.assembly.with_parameters(parameters) if parameters else simulator.assembly
+    again, fills = simulator, unfilled(assembly)
+    if isinstance(first, StartError) and not fills:
+        raise first
+    try:
+        if fills:
+            again = type(simulator)(filled(assembly, fills), times=simulator.time, tolerances=simulator.tolerances,
+                                    sensitivities=simulator.parameters, allow_fmu=allow_fmu)
+            parameters = None
+            try:
+                return _accepted(again.run(), fills, first)
+            except SimulationError as error:
+                if not _may_help(error.problems[0]):
+                    raise
+        again.change_solvers()
+        return _accepted(again.run(parameters), fills, first)
+    except HeavebondError as error:
+        raise (error if fills and error.problems[0].code == "integration-failed" else first) from None
+
+
+def _may_help(problem: Problem) -> bool:
+    """Whether another system or solver could do what failed: not where events went wrong."""
+    return not problem.code.startswith("event")
+
+
+def _accepted(result: Result, fills: Mapping[str, str], why: HeavebondError) -> Result:
+    """The result with what was filled, and why, in its statistics; the error `why` where it means nothing: a run that fails
+    its verdict, that has stepped over a point where a volume or an arm vanishes, or in which what fills a node decides."""
+    if result.verdict.failed or _passes_zero(result) or _decides(result, fills):
+        raise why
+    if not fills:
+        return result
+    return replace(result, statistics={**result.statistics, "fills": {
+        "nodes": list(fills), "components": [f"fill_{k}" for k in range(1, 1 + len(fills))],
+        "why": why.problems[0].message}})
+
+
+def _passes_zero(result: Result) -> bool:
+    """Whether a coefficient that is divided by turns its sign along the run, in the states of the diagram's own choice."""
+    own = np.ones(len(result.time), bool)
+    own[[k for at, _ in result.stays for k in at]] = False
+    if not len(result.assembly.reduced.pivots) or not own.any():
+        return False
+    values = np.array(result.assembly.pivots(*columns(result, np.flatnonzero(own))))
+    return bool(((values.min(axis=1) < 0) & (values.max(axis=1) > 0)).any())
+
+
+def _decides(result: Result, fills: Mapping[str, str]) -> bool:
+    """Whether a filled node goes far beyond any usual pressure: a flow that has no way out is taken up by what fills it."""
+    assembly, domains = result.assembly, result.assembly.model.library.domains
+    names = {node: f"{node}.{domains[domain].across[0]}" for node, domain in fills.items()}
+    usual = {name: assembly.flat.unknowns[assembly.flat.names[name]].nominal for name in names.values()}
+    return any(np.abs(values).max() > MOST_FILLED * usual[name] for name, values in result.signals(list(usual)).items())
+
+
+def unfilled(assembly: Assembly) -> dict[str, str]:
+    """The nodes whose pressure is no state but follows from a balance of flows, with their domains, where these say what
+    fills a node."""
+    flat, domains = assembly.flat, assembly.model.library.domains
+    states = set(assembly.state_names)
+    free = {s.element_hash() for s in split(assembly.arguments[2])}
+    found = {}
+    for group in connect(flat.expanded, formula_order(flat.expanded)).groups if free else ():
+        domain = domains.get(group.domain)
+        if domain is None or domain.fills is None or (name := f"{group.name}.{domain.across[0]}") in states:
+            continue
+        if free & {s.element_hash() for s in ca.symvar(assembly.reduced.express(flat.levels[0][flat.names[name]]))}:
+            found[group.name] = domain.name
+    return found
+
+
+def filled(assembly: Assembly, nodes: Mapping[str, str]) -> Assembly:
+    """The assembly of the diagram with its nodes filled; their pressures begin where they stood at the start."""
+    flat = assembly.flat
+    model = _with_guesses(assembly, nodes)
+    for k, (node, domain) in enumerate(nodes.items(), 1):
+        fills = model.library.domains[domain].fills
+        assert fills is not None
+        model = model.with_component(f"fill_{k}", fills[0], {"a": node}, dict(fills[1]))
+    made = assemble(model, [u.name for u in flat.unknowns if u.role == "position"])
+    known = assembly.parameter_values
+    return replace(made, p=np.array([known.get(name, value) for name, value in made.parameter_values.items()]))
+
+
+def _with_guesses(assembly: Assembly, nodes: Mapping[str, str]) -> Model:
+    """The diagram with the pressures of its nodes at the start as guesses, as far as there is one."""
+    model, flat = assembly.model, assembly.flat
+    try:
+        point = start(assembly)
+    except StartError:
+        return model
+    u = np.zeros(assembly.arguments[4].numel())
+    values = np.array(assembly.values(point.t, point.x, point.z, point.p, u, 1.0)).ravel()
+    conditions = dict(model.initial.conditions)
+    for name in (f"{node}.{member}" for node, domain in nodes.items() for member in model.library.domains[domain].across):
+        value, unknown = float(values[flat.names[name]]), flat.unknowns[flat.names[name]]
+        if np.isfinite(value) and name not in conditions and unknown.place is not None:
+            given = Value(Number(value, unknown.unit, 0), f"{value:.6g}", unknown.place, si=True)
+            conditions[name] = Condition(name, given, True, unknown.place)
+    return replace(model, initial=replace(model.initial, conditions=conditions))

@@ -1,0 +1,400 @@
+"""The simulator: a diagram's equations, an integrator and a grid of output times, built once and run with many values."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from threading import RLock
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from heavebond.core.cancellation import check
+from heavebond.core.errors import Problem, SimulationError, UsageError
+from heavebond.core.limits import OUTPUT_POINTS, RATE
+from heavebond.core.units import UnitProblem, check_unit, parse_quantity, unit
+from heavebond.equations.buffered import Buffered
+from heavebond.language.definition import Value
+from heavebond.language.model import Model
+from heavebond.language.symbols import stack
+from heavebond.numerics.co_simulation import check_allowed
+from heavebond.numerics.dae import Array, Assembly, Factors, Integrand, integrand, solved_loops, substitute_inputs
+from heavebond.numerics.dynamic_state_selection import Chart, Charts
+from heavebond.numerics.event_integration import (
+    MOST_STEPS_AHEAD,
+    MOST_STEPS_BETWEEN,
+    MOST_STEPS_IN_CHART,
+    Switching,
+    settled,
+)
+from heavebond.numerics.failure_messages import Stop, check_decided, explain_failure, stop_times
+from heavebond.numerics.idas import Tolerances as Tolerances  # a part of this module's interface
+from heavebond.numerics.idas import caught_errors
+from heavebond.numerics.initialise import Start, Tangent, start, tangent
+from heavebond.numerics.inputs import Pieced, pieced
+from heavebond.numerics.jumps import EventEquations
+from heavebond.numerics.result import Along, Result, Stayed
+from heavebond.numerics.solvers import DEFAULT, RETYPE, Choice, Integrator, algebraic_left, chosen, integrator
+from heavebond.numerics.start_equations import Point, StartEquations
+from heavebond.numerics.trace import Frame, Trace
+from heavebond.text.expression import constant
+
+Time = float | str
+MOST_NEWTON = 20  # steps to the algebraic unknowns from what IDAS interpolated
+ASIDE = 1e-3  # of each state's nominal size: how far from the start its stiffness is felt
+POINTS = 1000  # output points where nothing is said
+
+
+class Simulator:
+    """An integrator built once for one grid of output times, to be run with many parameter values. Runs that several threads
+    ask for are made one after the other."""
+
+    def __init__(self, assembly: Assembly, until: Time | None = None, *, every: Time | None = None,
+                 times: Array | None = None, tolerances: Tolerances | None = None,
+                 quadratures: ca.SX | None = None, factors: Factors | None = None, sensitivities: Iterable[str] = (),
+                 free_start: bool = False, like: Simulator | None = None, driven: Pieced | None = None,
+                 solver: str | None = None, allow_fmu: bool = False):
+        """IDAS integrates where no other `solver` is asked for, whatever the diagram says of its plain runs. `factors`
+        stand in the quadratures; `free_start` adds the states at the first time to the sensitivities (see `run_from`); what
+        can be taken from another simulator (`like`) is not made again; `driven` are inputs to be taken instead of the
+        records'."""
+        self.assembly, self._turn = assembly, RLock()
+        check_allowed(assembly.flat, allow_fmu, sensitivities := tuple(sensitivities))
+        self.tolerances = tolerances or Tolerances()
+        self.parameters = sensitivities
+        self.sensitivities = (*self.parameters, *(assembly.state_names if free_start else ()))
+        self.along = _directions(assembly, self.parameters, self.tolerances.along)
+        self.along = np.pad(self.along, ((0, 0), (0, len(self.sensitivities) - len(self.parameters))))
+        self.time = grid(assembly.model, until, every) if times is None else np.asarray(times, float)
+        self.pieces: Pieced = driven or (like.pieces if like is not None and self._driven_as(like) else
+                                         pieced(assembly.flat, float(self.time[0]), float(self.time[-1])))
+        self.quadratures, self.factors = quadratures, factors
+        self.start_equations: StartEquations = like.start_equations \
+            if like is not None and like.assembly.reduced is assembly.reduced else StartEquations(assembly)
+        self.integrand = self._made(assembly, quadratures)
+        self.integrals = 0 if quadratures is None else quadratures.numel() * (1 + len(self.sensitivities))
+        self.stops = np.union1d(self.time, self.pieces.inner_breaks(self.time[0], self.time[-1]))
+        charts = Charts(assembly)
+        self.solver: Choice = chosen(solver, assembly, charts.needed)
+        self.integrator = self._integrator()
+        self.loops = _loops(self.integrand)
+        self._known_slopes: dict[int, ca.Function] = {}
+        self._hoist = Buffered(self.integrand.hoist)
+        self._keep = np.searchsorted(self.stops, self.time)
+        self.charts = charts
+        self.switching = self._switching(charts) if assembly.flat.events or charts.needed else None
+
+    def change_solvers(self) -> None:
+        """From now on, the other solver goes on from the last accepted point where one stops (see `Switching`)."""
+        self.switching = self._switching(self.charts, changes=True)
+
+    def _switching(self, charts: Charts, changes: bool = False) -> Switching:
+        def build(name: str, made: Integrand, grid: Array) -> Integrator:
+            most = MOST_STEPS_IN_CHART if charts.needed else MOST_STEPS_AHEAD if len(grid) > 2 else MOST_STEPS_BETWEEN
+            return integrator(name, made, grid, self.tolerances, most)
+
+        return Switching(charts, self._framed, self.integrals, self.stops, self.inputs, build, self.solver.name, changes)
+
+    def _made(self, assembly: Assembly, quadratures: ca.SX | None) -> Integrand:
+        """What is integrated; with the sensitivities, parameters move that follow the start or are held, too."""
+        moving = {*np.flatnonzero(self.along.any(axis=1)).tolist(), *self.start_equations.solved_for,
+                  *(held.index for held in assembly.flat.held)}
+        return _with_integrals(integrand(assembly, quadratures, len(self.sensitivities), sorted(moving)), self.factors)
+
+    def _framed(self, chart: Chart) -> Frame:
+        """The equations in the states of a chart; quadratures are given in those of the first."""
+        factors = ca.SX(0, 1) if self.factors is None else self.factors.symbols
+        quadratures = ca.SX(0, 1) if self.quadratures is None else self.quadratures
+        if chart.assembly is self.assembly:
+            return Frame(chart, EventEquations(chart.assembly, quadratures, factors), self.integrand, self.loops)
+        if self.solver.name == "cvodes" and chart.assembly.algebraic_names:
+            raise UsageError([algebraic_left(chart.assembly.algebraic_names)])
+        u = chart.assembly.arguments[4]
+        raw = chart.assembly.reduced.express(ca.substitute(quadratures, self.assembly.arguments[4], u))
+        quadratures = substitute_inputs(raw, self.assembly.flat, self.assembly.flat.time, u)
+        made = self._made(chart.assembly, None if self.quadratures is None else quadratures)
+        return Frame(chart, EventEquations(chart.assembly, quadratures, factors), made, _loops(made))
+
+    def _driven_as(self, like: Simulator) -> bool:
+        """Whether another simulator has the same measured inputs over the same time."""
+        own, others = ([(k.source, k.unit.text) for k in s.assembly.flat.inputs] for s in (self, like))
+        return own == others and self.time[0] == like.time[0] and self.time[-1] == like.time[-1]
+
+    def _integrator(self) -> Integrator:
+        """From the first stop to the others."""
+        return integrator(self.solver.name, self.integrand, self.stops, self.tolerances)
+
+    def _driven(self, times: Array) -> dict[str, Array]:
+        """What drives the integrator between its stops, at times between them."""
+        return {"u": self.inputs(times)}
+
+    def inputs(self, times: Array) -> Array:
+        """What the integrator takes as inputs at times: the pieces of the measured ones, the factors of quadratures."""
+        pieces = self.pieces.at(times)
+        return pieces if self.factors is None else np.vstack([pieces, np.outer(self.factors.values, np.ones(len(times)))])
+
+    def run(self, parameters: Mapping[str, float | str] | None = None) -> Result:
+        """One run; `parameters` overrides values by name."""
+        check()
+        assembly = self.assembly.with_parameters(parameters) if parameters else self.assembly
+        began = clock.perf_counter()
+        u = self.pieces.at(np.array([self.time[0]]))[:, 0]
+        with self._turn:
+            first = start(assembly, float(self.time[0]), u, self.start_equations)
+            moved = tangent(self.start_equations, first, u, self.along) if self.sensitivities else None
+            return self._result(assembly, first, moved, began)
+
+    def run_from(self, x: Array, parameters: Mapping[str, float | str] | None = None) -> Result:
+        """One run from given states x (n_x,) in SI instead of the diagram's start; after the parameters, the
+        sensitivities are with respect to these states (needs `free_start`)."""
+        assembly = self.assembly.with_parameters(parameters) if parameters else self.assembly
+        if not all(event.by_clock for event in assembly.flat.events):
+            raise UsageError([Problem("events-midway", "a run cannot begin midway where a diagram has events: what is held "
+                                      "there is not known", None, "Run it from its start.")])
+        n_x, n_z = len(assembly.x_nominal), len(assembly.z_nominal)
+        steps = np.pad(self.tolerances.along * np.eye(n_x), ((0, 0), (len(self.parameters), 0)))  # of scaled states
+        assert steps.shape == (n_x, len(self.sensitivities))
+        x0 = np.concatenate([x / assembly.x_nominal, steps.T.ravel()])
+        x0 = np.append(x0, np.zeros(self.integrator.size1_in("x0") - len(x0)))
+        z0 = np.zeros((n_z * (1 + len(self.sensitivities)), 1))
+        z0 = self._settled(x0[:, None], z0, self.integrand.hoist(assembly.p, self.along), self.stops[:1])[:, 0]
+        first = Start(float(self.time[0]), x, z0[:n_z] * assembly.z_nominal, assembly.p, (), (), 0)
+        moved = Tangent(steps * assembly.x_nominal[:, None],
+                        z0[n_z:].reshape(len(self.sensitivities), n_z).T * assembly.z_nominal[:, None], self.along)
+        return self._result(assembly, first, moved, clock.perf_counter())
+
+    def _result(self, assembly: Assembly, first: Start, moved: Tangent | None, began: float) -> Result:
+        started = clock.perf_counter()
+        with self._turn:
+            found = self._integrate(assembly, first, moved)
+        seconds = {"start": started - began, "integration": clock.perf_counter() - started}
+        statistics = {"solver": self.solver.name, "why": self.solver.why, "seconds": seconds,
+                      "start_steps": first.steps, **found.statistics}
+        keep, sizes = self._keep, self._sizes(moved)
+        instants = found.instants if moved is None else tuple(replace(i, delays=i.delays / sizes) for i in found.instants)
+        n_q = self.integrals // (1 + len(self.sensitivities))
+
+        def taken(of: Assembly, at: NDArray[np.intp], x: Array, z: Array, stays: tuple[Stayed, ...] = ()) -> Result:
+            """The run at some of its times, from x and z there in the states of an assembly."""
+            stops = slice(None) if len(at) == len(self.stops) else keep[at]
+            n_x, n_z = len(of.x_nominal), len(of.z_nominal)
+            along = None if moved is None else Along(
+                self.sensitivities, _by_direction(x[n_x:, stops], sizes), _by_direction(z[n_z:, stops], sizes),
+                (moved.p / sizes).T, _by_direction(found.quadratures[n_q:, stops], sizes),
+                found.held_along[..., stops] / sizes[:, None, None])
+            return Result(of, self.time[at], x[:n_x, stops], z[:n_z, stops], self.pieces.at(self.time[at]), first.p, first,
+                          statistics, found.quadratures[:n_q, stops], along, found.held[:, stops], instants, stays)
+
+        others = ((np.flatnonzero(stay.at[keep]), stay) for stay in found.stays)
+        # a stay may pass between two output points
+        stays = tuple((at, taken(stay.assembly, at, stay.x, stay.z)) for at, stay in others if len(at))
+        result = taken(assembly, np.arange(len(keep)), found.x, found.z, stays)
+        self._check_decided(result)
+        return result
+
+    def _check_decided(self, result: Result) -> None:
+        """SimulationError where a run went on although nothing decided an algebraic unknown, in any of its charts."""
+        own = np.ones(len(result.time), bool)
+        own[[k for at, _ in result.stays for k in at]] = False
+        for part, at in ((result, np.flatnonzero(own)), *((stay, np.arange(len(stay.time))) for _, stay in result.stays)):
+            if len(part.z) and len(at):
+                check_decided(part, at, self._slopes(part.assembly))
+
+    def _slopes(self, assembly: Assembly) -> ca.Function:
+        if id(assembly.reduced) not in self._known_slopes:
+            jacobian = ca.densify(ca.jacobian(assembly.alg, assembly.arguments[2]))
+            self._known_slopes[id(assembly.reduced)] = ca.Function("slopes", list(assembly.arguments), [jacobian])
+        return self._known_slopes[id(assembly.reduced)]
+
+    def _sizes(self, moved: Tangent | None) -> Array:
+        """The length of each direction, in units of its parameter (or of the state at the first time)."""
+        of_parameters = np.abs(self.along).max(axis=0, initial=0.0)
+        return of_parameters if moved is None else np.asarray(
+            np.where(of_parameters > 0, of_parameters, np.abs(moved.x).max(axis=0, initial=0.0)))
+
+    def _integrate(self, assembly: Assembly, first: Start, moved: Tangent | None) -> Trace:
+        if len(self.stops) == 1 and self.switching is None:
+            x = first.x if moved is None else np.concatenate([first.x, moved.x.T.ravel()])
+            z = first.z if moved is None else np.concatenate([first.z, moved.z.T.ravel()])
+            return self._trace(x[:, None], z[:, None], np.zeros((self.integrals, 1)), {})
+        self._check_rates(assembly, first)
+        attempt = self.attempt if self.switching is None else self.switching.run
+        failed, said = "", ""
+        with caught_errors() as heard:
+            try:
+                found = attempt(first, moved)
+                failed = "" if np.all(np.isfinite(found.x)) else "a value became infinite or not a number"
+            except RuntimeError as error:
+                failed = str(error)
+        if failed:
+            said = "".join(heard)
+            check()
+            if "KeyboardInterrupt" in said:  # CasADi makes it a failure of the right side
+                raise KeyboardInterrupt
+            raise self._failure(assembly, first, failed + "\n" + said)
+        return found
+
+    def _check_rates(self, assembly: Assembly, first: Start) -> None:
+        """SimulationError where a state near the start changes faster than solvers can count."""
+        u = self.pieces.at(np.array([first.t]))[:, 0]
+        near = first.x + ASIDE * assembly.x_nominal
+        rates = np.abs(np.array(assembly.rates(first.t, near, first.z, first.p, u, 1.0)[0]).ravel()) / assembly.x_nominal
+        if (fast := np.flatnonzero(rates > RATE)).size:
+            name = assembly.state_names[fast[0]]
+            raise SimulationError([Problem(
+                "rate-too-large", f"{name} would change by {rates[fast[0]]:.1g} times its nominal size a second, near the "
+                f"start; up to {RATE:g} can be integrated", None, "Look for a stiffness, a gain or a mass out of range "
+                "by many powers of ten. What is rigid is wired to one node.")])
+
+    def _failure(self, assembly: Assembly, first: Start, said: str) -> SimulationError:
+        if self.solver.name != DEFAULT:
+            return self._failure_by_default(assembly, first)
+        with caught_errors():  # it integrates again up to there
+            return explain_failure(self._stop(assembly, first, stop_times(said)), first, said, self.tolerances.rtol)
+
+    def _stop(self, assembly: Assembly, first: Start, times: list[float]) -> Stop:
+        """Where the integrator gave up, and the state shortly before."""
+        stopped = max(times) if times else float("nan")
+        if self.switching is None or self.switching.last is None:
+            return Stop(assembly, stopped, self._state_before(assembly, first, stopped))
+        stretch = self.switching.last
+        stopped = stretch.time(times[-1]) if times else stretch.begin.t
+        last, frame = self.switching.before(stretch, stopped), stretch.begin.frame
+        return Stop(frame.assembly, stopped, last, frame.chart.folded(last))
+
+    def _state_before(self, assembly: Assembly, first: Start, stopped: float) -> Point | None:
+        """The state a little before the end, found by integrating again up to there."""
+        begin = float(self.time[0])
+        if not np.isfinite(stopped) or stopped <= begin:
+            u = self.pieces.at(np.array([begin]))[:, 0]
+            return Point(begin, first.x, first.z, first.p, u, 1.0)
+        for share in (1 - 1e-6, 1 - 1e-3, 0.9):
+            times = np.array([begin, begin + (stopped - begin) * share])
+            again = type(self)(assembly, times=times, tolerances=self.tolerances)
+            try:
+                found = again.attempt(first)
+            except RuntimeError:
+                continue
+            u = again.pieces.at(times[-1:])[:, 0]
+            return Point(float(times[-1]), found.x[:, -1], found.z[:, -1], first.p, u, 1.0)
+        return None
+
+    def _failure_by_default(self, assembly: Assembly, first: Start) -> SimulationError:
+        """Why another solver than IDAS stopped: as IDAS tells it, or that IDAS goes through."""
+        again = Simulator(assembly, times=self.time, tolerances=self.tolerances, driven=self.pieces, allow_fmu=True)
+        try:
+            again._integrate(assembly, first, None)
+        except SimulationError as error:
+            return error
+        return SimulationError([Problem("solver-gave-up", f"{self.solver.name} gave up where {DEFAULT} goes through", None,
+                                        RETYPE.format(DEFAULT) + ".")])
+
+    def _trace(self, x: Array, z: Array, quadratures: Array, statistics: dict[str, object]) -> Trace:
+        """A run without events."""
+        m, n = len(self.sensitivities), x.shape[1]
+        return Trace(x, z, quadratures, np.zeros((0, n)), np.zeros((m, 0, n)), (), statistics)
+
+    def attempt(self, first: Start, moved: Tangent | None = None) -> Trace:
+        """A run at the stops; the integrator's own RuntimeError where it fails."""
+        assembly = self.assembly
+        x0, z0, dp, blocks = first.x / assembly.x_nominal, first.z / assembly.z_nominal, self.along, 1
+        if moved is not None:
+            dp, blocks = moved.p, 1 + len(self.sensitivities)
+            x0 = np.concatenate([x0, (moved.x / assembly.x_nominal[:, None]).T.ravel()])
+            z0 = np.concatenate([z0, (moved.z / assembly.z_nominal[:, None]).T.ravel()])
+        n_x, n_all, n = len(x0), self.integrator.size1_in("x0"), len(self.stops) - 1
+        x0 = np.append(x0, np.zeros(n_all - n_x))  # integrals begin at 0, as does what stands in where no state is
+        x_size, z_size = np.tile(assembly.x_nominal, blocks), np.tile(assembly.z_nominal, blocks)
+        middle = (self.stops[:-1] + self.stops[1:]) / 2
+        p = self._hoist(first.p, dp)["o0"]
+        found = self.integrator(x0=x0, z0=z0, p=p, **self._driven(middle))
+        x = np.column_stack([x0, np.asarray(found["xf"]).reshape(n_all, n)])
+        z = self._settled(x, np.column_stack([z0, np.asarray(found["zf"]).reshape(len(z0), n)]), p, self.stops)
+        x[:n_x] *= x_size[:, None]
+        z, x, q = z * z_size[:, None], x[:n_x], x[n_all - self.integrals:]
+        statistics = {k: v for k, v in self.integrator.stats().items() if k in ("nsteps", "nfevals", "netfails")}
+        return self._trace(x, z, q, statistics)
+
+    def _settled(self, x: Array, z: Array, p: ca.DM | Array, times: Array) -> Array:
+        return settled(self.loops, x, z, p, times, self.inputs(times))
+
+
+def _by_direction(values: Array, sizes: Array) -> Array:
+    """Blocks of sensitivities one below the other (m n, N) as (m, n, N), per unit of each parameter."""
+    m = len(sizes)
+    return values.reshape(m, len(values) // m if m else 0, values.shape[1]) / sizes[:, None, None]
+
+
+def _loops(made: Integrand) -> ca.Function | None:
+    """Newton's method for the algebraic unknowns, given (t, x, p, u); None where there are none."""
+    dae = made.dae
+    if not dae["z"].numel():
+        return None
+    return solved_loops(dae["z"], stack([dae["t"], dae["x"], dae["p"], dae["u"]]), dae["alg"], MOST_NEWTON)
+
+
+def _directions(assembly: Assembly, names: tuple[str, ...], weight: float) -> Array:
+    """One column per name: its parameter moved by its own size (1 where it is zero) times the weight, so that the
+    error control sees sensitivities of the size of the states; UsageError for a name that is no parameter."""
+    index = {name: k for k, name in enumerate(assembly.parameter_names)}
+    along = np.zeros((len(assembly.p), len(names)))
+    for column, name in enumerate(names):
+        assembly.with_parameters({name: 0.0})  # says what is wrong with a name that cannot be set
+        along[index[name], column] = weight * (abs(assembly.p[index[name]]) or 1.0)
+    return along
+
+
+def _with_integrals(made: Integrand, factors: Factors | None) -> Integrand:
+    """Quadratures as states after the others: those of IDAS are left out of its choice of order, so that a run whose
+    states are straight lines would take its quadratures by first-order steps."""
+    dae = dict(made.dae)
+    if "quad" not in dae:
+        return made
+    if factors is not None:
+        dae["u"] = stack([dae["u"], factors.symbols])
+    rates = dae.pop("quad")
+    dae["x"], dae["ode"] = stack([dae["x"], ca.SX.sym("integral", rates.numel())]), stack([dae["ode"], rates])
+    return Integrand(dae, made.hoist)
+
+
+def grid(model: Model, until: Time | None, every: Time | None) -> Array:
+    """Output times from 0 to the end, the end included; UsageError where they make no sense."""
+    end = seconds(until, "until") if until is not None else _from_model(model.until)
+    if end is None:
+        raise UsageError([Problem("until-missing", "it is not said how long to simulate", None,
+                                  "Give `--until '60 s'`, or `simulate: {until: 60 s}` in the diagram.")])
+    step = seconds(every, "every") if every is not None else _from_model(model.every)
+    step = end / POINTS if step is None else step
+    if not end > 0 or not step > 0:
+        raise UsageError([Problem("time-not-positive", f"until ({end:g} s) and every ({step:g} s) must be above 0")])
+    if step > end * (1 + 1e-9):
+        raise UsageError([Problem(
+            "every-too-long", f"every ({step:g} s) is longer than until ({end:g} s): there would be no output point between "
+            "the start and the end", None,
+            f"Make `every` shorter, or `until` longer; `every` of {end:g} s gives the two ends alone.")])
+    wanted = end / step * (1 + 1e-12)
+    if not wanted <= OUTPUT_POINTS:
+        raise UsageError([Problem("too-many-points", f"every {step:g} s until {end:g} s makes {wanted:.3g} output points; "
+                                  f"the most is {OUTPUT_POINTS}", None, f"Make `every` {end / OUTPUT_POINTS:.3g} s or "
+                                  "longer, or `until` shorter.")])
+    number = int(np.floor(wanted))
+    times = np.arange(number + 1) * step
+    return np.asarray(times if end - times[-1] < 1e-9 * end else np.append(times, end))
+
+
+def seconds(given: Time, what: str) -> float:
+    """A time in s from a number or a text such as `2 min`; UsageError that begins with `what` for anything else."""
+    if isinstance(given, (int, float)):
+        return float(given)
+    try:
+        number, read = parse_quantity(given)
+        check_unit(read, unit("s"), number, given)
+    except UnitProblem as problem:
+        raise UsageError([Problem(problem.code, f"{what}: {problem.message}", None, problem.hint)]) from None
+    return number
+
+
+def _from_model(value: Value | None) -> float | None:
+    return None if value is None else constant(value.expr)

@@ -1,0 +1,160 @@
+"""The integrators by name: which of them can be used for a diagram, and all of them called alike.
+
+`auto`, the default of plain runs, begins with IDAS and changes where that stops (see `simulation`). `idas` (variable-order
+BDF for x' = f, 0 = g) takes every diagram. `cvodes` is the same family of methods for x' = f alone: fewer evaluations and
+less bookkeeping a step. `rosenbrock` is a one-step method of order 5 (linearly implicit, L-stable), compiled to machine
+code before its first step, since interpreted it is slower than IDAS; it pays where one grid of times is run often. C. W.
+Gear, 1971; A. C. Hindmarsh et al., SUNDIALS, 2005, doi:10.1145/1089014.1089020; E. Hairer and G. Wanner, Solving Ordinary
+Differential Equations II, 1996, IV.7.
+"""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import casadi as ca
+
+from heavebond.core.errors import Place, Problem, UsageError, listing, suggest
+from heavebond.equations.buffered import Buffered
+from heavebond.language.sections import SOLVERS
+from heavebond.numerics.dae import Array, Assembly, Integrand
+from heavebond.numerics.idas import MOST_STEPS, Idas, Tolerances, integrator_options
+
+DEFAULT = "idas"
+STRICT = "idas_strict"  # IDAS with its algebraic unknowns under error control, to which `auto` changes
+COMPILERS = ("gcc", "clang", "cc")
+FLAGS = ("-O2",)  # a tenth faster than -O1 for two thirds more time to compile; -O3 gains nothing
+RETYPE = "Type `--solver {0}` (in Python `solver='{0}'`, in the diagram `simulate: {{solver: {0}}}`)"
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The solver of a run, and why this one."""
+
+    name: str
+    why: str
+
+
+class Integrator(Protocol):
+    """An integration from the first to the other stops, called with x0, z0, p and u as `ca.integrator` names them;
+    RuntimeError where it fails."""
+
+    def __call__(self, **given: Any) -> dict[str, Any]:
+        """One integration."""
+
+    def size1_in(self, name: str) -> int:
+        """The number of numbers in an input."""
+
+    def stats(self) -> dict[str, Any]:
+        """Counts of steps and evaluations of the last call, as far as the integrator counts."""
+
+
+def chosen(asked: str | None, assembly: Assembly, changes_states: bool) -> Choice:
+    """The solver that was asked for by name; by default, and for `auto`, IDAS.
+
+    `changes_states` says whether a run may go on in other states than it begins with. UsageError for a name that is none
+    and for a solver that cannot integrate the diagram.
+    """
+    if asked is None or asked == "auto":
+        return Choice(DEFAULT, "the default")
+    _check(asked, assembly, changes_states)
+    written = assembly.model.solver
+    return Choice(asked, "as the diagram says" if written is not None and written.text == asked else "asked for")
+
+
+def _check(asked: str, assembly: Assembly, changes_states: bool) -> None:
+    written = assembly.model.solver
+    place = written.place if written is not None and written.text == asked else None
+    if asked not in SOLVERS:
+        raise UsageError([Problem("solver-unknown", f"'{asked}' is no solver", place,
+                                  suggest(asked, SOLVERS) or f"There are {listing(SOLVERS)}.")])
+    if asked == "cvodes" and (left := assembly.algebraic_names):
+        raise UsageError([algebraic_left(left, place)])
+    if asked != "rosenbrock":
+        return
+    if assembly.flat.events or changes_states:
+        what = "has events" if assembly.flat.events else "may change its states along a run (a mechanism that turns over)"
+        other = "idas" if assembly.algebraic_names else "cvodes"
+        raise UsageError([Problem(
+            "solver-cut", f"rosenbrock cannot run this diagram: it {what}", place, RETYPE.format(other) + ".",
+            ("It is compiled for the times of one run; such a run is cut where nobody knows beforehand.",))])
+    if compiler() is None:
+        raise UsageError([Problem(
+            "compiler-missing", "rosenbrock needs a C compiler, and there is none on this computer", place,
+            f"Install one (Debian, Ubuntu: sudo apt install gcc). {RETYPE.format('auto')} to do without.",
+            (f"Looked for {listing(COMPILERS)} on the PATH.",))])
+
+
+def algebraic_left(names: list[str], place: Place | None = None) -> Problem:
+    """Why CVODES cannot be used."""
+    number, them = ("algebraic unknowns", "them") if len(names) > 1 else ("an algebraic unknown", "it")
+    return Problem("solver-algebraic", f"cvodes cannot run this diagram, which has {number}: {listing(names, 4)}", place,
+                   f"{RETYPE.format('idas')}, the default, which solves for {them} on its way, or `auto`.")
+
+
+def compiler() -> str | None:
+    """The C compiler of this computer, if there is one."""
+    return next((name for name in COMPILERS if shutil.which(name)), None)
+
+
+def integrator(solver: str, made: Integrand, stops: Array, tolerances: Tolerances, most_steps: int = MOST_STEPS
+               ) -> Integrator:
+    """An integrator of a name that `chosen` gave."""
+    if solver in (DEFAULT, STRICT):
+        return Idas(made, stops, tolerances, most_steps, solver == STRICT)
+    return Explicit(solver, made, stops, tolerances, most_steps)
+
+
+def other(solver: str, loops: bool) -> str:
+    """What `auto` changes to where a solver stops, for a system with or without algebraic unknowns."""
+    return DEFAULT if solver != DEFAULT else STRICT if loops else "cvodes"
+
+
+class Explicit:
+    """An integration by CVODES or by the compiled Rosenbrock method, called as that by IDAS is."""
+
+    def __init__(self, solver: str, made: Integrand, stops: Array, tolerances: Tolerances, most_steps: int = MOST_STEPS):
+        self._counts = solver == "cvodes"
+        outputs = [float(t) for t in stops[1:]] if len(stops) > 1 else [float(stops[0]) + 1.0]
+        options = {**solver_options(solver, made.dae, tolerances), "max_num_steps": most_steps}
+        given = (solver, made.dae, float(stops[0]), outputs)
+        function = _compiled(*given, options) if solver == "rosenbrock" else ca.integrator("run", *given, options)
+        self._function = Buffered(function, ("xf", "zf"))
+
+    def size1_in(self, name: str) -> int:
+        """The number of numbers in an input."""
+        return self._function.size1_in(name)
+
+    def __call__(self, **given: Any) -> dict[str, Array]:
+        return self._function(**given)
+
+    def stats(self) -> dict[str, Any]:
+        """Counts of steps and evaluations of the last call; compiled code keeps none."""
+        return self._function.stats() if self._counts else {}
+
+
+def solver_options(solver: str, dae: Mapping[str, ca.SX], tolerances: Tolerances) -> dict[str, Any]:
+    """What a solver is told of a DAE."""
+    options = integrator_options(dae, tolerances)
+    unknown = {"idas": (), "cvodes": ("suppress_algebraic",), "rosenbrock": ("suppress_algebraic", "linear_solver")}[solver]
+    return {k: v for k, v in options.items() if k not in unknown}
+
+
+def _compiled(solver: str, dae: dict[str, ca.SX], begin: float, outputs: list[float], options: dict[str, Any]
+              ) -> ca.Function:
+    """The integrator as machine code; UsageError where the compiler fails."""
+    with tempfile.TemporaryDirectory(prefix="heavebond_", ignore_cleanup_errors=True) as folder:
+        # the library is in memory once it is loaded: CasADi need not look after the files, the folder goes here
+        jit: dict[str, Any] = {"jit": True, "compiler": "shell", "jit_cleanup": False,
+               "jit_options": {"compiler": compiler(), "linker": compiler(), "flags": FLAGS, "directory": f"{folder}/",
+                               "cleanup": False}}
+        try:
+            return ca.integrator("run", solver, dae, begin, outputs, {**options, **jit})
+        except RuntimeError as error:
+            said = str(error).strip().splitlines()[-1]
+            raise UsageError([Problem("compiler-failed", f"{compiler()} could not compile the equations", None,
+                                      RETYPE.format("auto") + ".", (said[:300],))]) from None

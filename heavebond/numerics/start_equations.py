@@ -1,0 +1,235 @@
+"""The equations of the start, compiled once for all runs of an assembly."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from heavebond.core.errors import Place
+from heavebond.equations.buffered import Buffered
+from heavebond.equations.reduce import Pivot
+from heavebond.equations.state_selection import Guess
+from heavebond.language.sections import Condition
+from heavebond.language.smoothing import Rounded, rounded
+from heavebond.language.symbols import CORNERS, split, stack
+from heavebond.numerics.dae import Array, Assembly
+from heavebond.text.expression import Call, Expr, Name, children, parse_formula
+
+# functions whose second argument is the width over which they turn
+REGULARISED = ("smooth_sign", "signed_sqrt")
+# corners within corners (the force of a contact is cut at zero, and so is the indentation that it is made of), and the width
+# of one that no unknown reaches
+NESTED, SHARP = 6, 1e-30
+
+
+@dataclass(frozen=True)
+class StartRow:
+    """One equation of the start: its residual in the arguments of the assembly, its words for messages, its place; `name`
+    is the variable that a condition is about."""
+
+    residual: ca.SX
+    label: str
+    place: Place | None
+    steady: bool = False
+    name: str = ""
+
+
+@dataclass(frozen=True)
+class Point:
+    """Where the equations are taken: time, x, z, all parameters, the pieces of the inputs, the time rate."""
+
+    t: float
+    x: Array
+    z: Array
+    p: Array
+    u: Array
+    rate: float
+
+    def values(self) -> tuple[float, Array, Array, Array, Array, float]:
+        """In the order of the assembly's arguments."""
+        return self.t, self.x, self.z, self.p, self.u, self.rate
+
+
+class StartSystem:
+    """Residuals (m,) of some rows and their Jacobian with respect to the unknowns (x, z, solved parameters), or z."""
+
+    def __init__(self, assembly: Assembly, rows: list[StartRow], unknowns: ca.SX):
+        self.rows = rows
+        self._arguments = list(assembly.arguments)
+        self._residuals, self._unknowns = stack([r.residual for r in rows]), unknowns
+        self._function = ca.Function("start", self._arguments, [self._residuals, ca.jacobian(self._residuals, unknowns)])
+        self._buffered = Buffered(self._function)
+
+    def at(self, point: Point) -> tuple[Array, Array]:
+        """Residuals and Jacobian, both in SI."""
+        residual, jacobian = self._buffered(*point.values()).values()
+        return residual.ravel(), jacobian
+
+    def standing(self, row: int) -> list[int]:
+        """The unknowns that stand in a row, whatever they do to it at a point."""
+        rows, columns = self._function.sparsity_out(1).get_triplet()
+        return [column for at, column in zip(rows, columns, strict=True) if at == row]
+
+    @cached_property
+    def affine(self) -> bool:
+        """Whether the residuals are straight lines in the unknowns, whatever else they contain: then one step of Newton's
+        method tells all."""
+        corners = {self._function.instruction_id(k) for k in range(self._function.n_instructions())} & CORNERS
+        return not corners and not any(ca.which_depends(self._residuals, self._unknowns, 2, True))
+
+    @cached_property
+    def _rounded(self) -> tuple[Rounded, ca.Function, ca.Function]:
+        """The residuals with rounded corners: their values and Jacobian, and the Jacobian of what is zero at the corners."""
+        found = rounded(self._residuals, self._arguments)
+        arguments = [*self._arguments, found.widths]
+        return (found, ca.Function("rounded", arguments, [found.column, ca.jacobian(found.column, self._unknowns)]),
+                ca.Function("corners", arguments, [ca.jacobian(found.at, self._unknowns)]))
+
+    def corner_widths(self, point: Point, sizes: Array) -> Array:
+        """How far each corner (n,) moves while every unknown moves by its size; what a corner that is shut hides counts as
+        it does where its own is rounded."""
+        found, _, slopes = self._rounded
+        widths = np.full(found.widths.numel(), SHARP)
+        for _ in range(NESTED if len(widths) else 0):
+            widths = np.maximum(np.abs(np.array(slopes(*point.values(), widths).full())) @ sizes, SHARP)
+        return np.asarray(widths)
+
+    def rounded_at(self, point: Point, widths: Array) -> tuple[Array, Array]:
+        """Residuals and Jacobian with corners of these widths (n,)."""
+        residual, jacobian = self._rounded[1](*point.values(), widths)
+        return np.array(residual.full()).ravel(), np.array(jacobian.full())
+
+    @cached_property
+    def _slopes(self) -> ca.Function:
+        _, x, _, p, _, _ = self._arguments
+        return ca.Function("slopes", self._arguments,
+                           [ca.jacobian(self._residuals, p), ca.jacobian(self._residuals, x)])
+
+    def moved(self, point: Point, dp: Array, dx: Array | None = None) -> Array:
+        """Change of the residuals (m, k) while p moves along dp (n_p, k) and x along dx (n_x, k)."""
+        by_p, by_x = (np.array(s.full()) for s in self._slopes(*point.values()))
+        return np.asarray(by_p @ dp if dx is None else by_p @ dp + by_x @ dx)
+
+
+class StartEquations:
+    """What a diagram asks of its start, as equations: conditions, guesses, rest or steady, and the loops."""
+
+    def __init__(self, assembly: Assembly):
+        self.assembly = assembly
+        self.initial = assembly.model.initial
+        names = assembly.parameter_names
+        self.solved_for = [names.index(name) for name in self.initial.solve]
+        self.steady = self.initial.mode == "steady"
+        self.loops = [StartRow(g, e.label or e.text, e.place) for g, e in zip(
+            split(assembly.alg), assembly.reduced.alg_equations, strict=True)]
+        held = {h.name for h in assembly.flat.held}  # what these start at stands among the parameters
+        conditions = [c for c in self.initial.conditions.values() if c.name not in held]
+        self.rows = [*self.loops, *(self._condition(c) for c in conditions if not c.guess), *self._mode()]
+        self.guesses = [self._condition(c) for c in conditions if c.guess]
+        self.guess = Guess(assembly.flat)
+
+    def _mode(self) -> list[StartRow]:
+        assembly, rows = self.assembly, []
+        rates = split(assembly.ode)
+        for k, (j, order) in enumerate(assembly.reduced.states):
+            name, unknown = assembly.state_names[k], assembly.flat.unknowns[j]
+            if self.steady:
+                rows.append(StartRow(rates[k], f"steady: der({name}) = 0", unknown.place, steady=True))
+            elif self.initial.mode == "rest" and (unknown.motion or order > 0):
+                rows.append(StartRow(assembly.arguments[1][k], f"at rest: {name} = 0", unknown.place))
+        return rows
+
+    def _condition(self, condition: Condition) -> StartRow:
+        """`crown.x = 20 mm`; a plain number is the parameter `initial.crown.x`. Names and units were checked before."""
+        assembly = self.assembly
+        number = assembly.flat.constants.get(f"initial.{condition.name}")
+        value = assembly.expression(condition.value.expr) if number is None or condition.guess else number
+        return StartRow(assembly.expression(parse_formula(condition.name)) - value,
+                        f"{condition.name} = {condition.value.text.lstrip('= ')}", condition.place, name=condition.name)
+
+    def _system(self, rows: list[StartRow]) -> StartSystem:
+        _, x, z, p, _, _ = self.assembly.arguments
+        return StartSystem(self.assembly, rows, stack([x, z, *[p[k] for k in self.solved_for]]))
+
+    @cached_property
+    def all(self) -> StartSystem:
+        """Everything that must hold."""
+        return self._system(self.rows)
+
+    @cached_property
+    def with_guesses(self) -> StartSystem:
+        """Everything that must hold, and the guesses: what is undetermined beyond these is not decided at all."""
+        return self._system([*self.rows, *self.guesses])
+
+    @cached_property
+    def approach(self) -> StartSystem:
+        """The guesses and conditions without the steady state: where the search begins."""
+        return self._system([r for r in self.rows if not r.steady] + self.guesses)
+
+    @cached_property
+    def algebraic(self) -> StartSystem:
+        """The loops alone, for z."""
+        return StartSystem(self.assembly, self.loops, self.assembly.arguments[2])
+
+    @cached_property
+    def bounds(self) -> tuple[Array, Array]:
+        """The declared bounds of (x, z, solved parameters)."""
+        assembly, everything = self.assembly, (-np.inf, np.inf)
+        symbols = [*split(assembly.reduced.x), *split(assembly.reduced.z), *(assembly.flat.p[k] for k in self.solved_for)]
+        found = np.array([assembly.flat.bounds.get(s.element_hash(), everything) for s in symbols]).reshape(len(symbols), 2)
+        return found[:, 0], found[:, 1]
+
+    @cached_property
+    def widths(self) -> list[int]:
+        """The parameters that are widths of regularised laws: that over which `smooth_sign` and `signed_sqrt` turn."""
+        names = {name: k for k, name in enumerate(self.assembly.parameter_names)}
+        found = (names.get(f"{path}.{width}") for path, leaf in self.assembly.flat.expanded.leaves.items()
+                 for line in leaf.component.equations for side in (line.tree.left, line.tree.right)
+                 for width in _widths(side))
+        return sorted({k for k in found if k is not None})
+
+    @cached_property
+    def _told(self) -> Buffered:
+        """The coefficients that were divided by, the rates and all variables, given a point."""
+        assembly = self.assembly
+        arguments = list(assembly.arguments)
+        return Buffered(ca.Function("told", arguments, [
+            stack([f(*arguments)]) for f in (assembly.pivots, assembly.values)] + [assembly.ode]))
+
+    def sound(self, point: Point) -> bool:
+        """Whether every variable and rate is a number at a point, and no coefficient that was divided by is zero."""
+        found = list(self._told(*point.values()).values())
+        return all(np.isfinite(values).all() for values in found) and bool(np.all(found[0] != 0))
+
+    @cached_property
+    def constants(self) -> tuple[list[Pivot], Buffered]:
+        """The coefficients of parameters alone that were divided by, and their values, given the parameters."""
+        p, pivots = self.assembly.flat.p, self.assembly.reduced.pivots
+        known = {s.element_hash() for s in split(p)}
+        found = [q for q in pivots if {s.element_hash() for s in ca.symvar(q.coefficient)} <= known]
+        return found, Buffered(ca.Function("constants", [p], [stack([q.coefficient for q in found])]))
+
+    @cached_property
+    def _usual(self) -> list[float]:
+        """The usual sizes of what has the dimensions of the solved parameters."""
+        flat = self.assembly.flat
+        usual = {u.unit.dimension: u.nominal for u in flat.unknowns}
+        return [usual.get(flat.parameters[k].unit.dimension, 1.0) for k in self.solved_for]
+
+    def sizes(self, p: Array) -> Array:
+        """The usual sizes of (x, z, solved parameters)."""
+        assembly = self.assembly
+        own = [max(abs(p[k]), usual) for k, usual in zip(self.solved_for, self._usual, strict=True)]
+        return np.concatenate([assembly.x_nominal, assembly.z_nominal, np.array(own)])
+
+
+def _widths(expr: Expr) -> Iterator[str]:
+    """The names of second arguments of `smooth_sign` and `signed_sqrt`."""
+    if isinstance(expr, Call) and expr.function in REGULARISED and isinstance(expr.args[1], Name):
+        yield expr.args[1].text
+    for child in children(expr):
+        yield from _widths(child)

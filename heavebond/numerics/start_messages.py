@@ -1,0 +1,357 @@
+"""Why no start was found: what contradicts, what is left open, which value is zero, in the words of the diagram."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from heavebond.core.errors import Place, Problem, Problems, StartError, listing
+from heavebond.core.presentation import readable
+from heavebond.equations import structural_messages
+from heavebond.equations.lost_rank import losses
+from heavebond.equations.reduce import Pivot
+from heavebond.numerics.dae import Array, Assembly
+from heavebond.numerics.newton import factors, weights
+from heavebond.numerics.start_equations import Point, StartEquations, StartRow, StartSystem
+
+AT = "at the start"
+# gradients that depend on each other up to this share, and residuals that then disagree by more than this
+DEPENDENT, DISAGREE = 1e-8, 1e-6
+JUST_AFTER = 1e-3  # s
+# what a hint names at most
+SHARE = 1e-3  # of an unknown in a direction that nothing decides, from which on it takes part
+MOST_NAMED = 6
+
+# what brings a state to rest, by its unit
+BALANCES = {"m": "a Fixed, a Spring", "m/s": "a Fixed, a Spring, a Damper", "rad": "a FixedShaft, a TorsionSpring",
+            "rad/s": "a FixedShaft, a RotationalDamper", "Pa": "a way out to a Tank or an Atmosphere",
+            "K": "a way for the heat, a ThermalResistance to an Ambient", "V": "a Resistor", "A": "a Resistor"}
+
+
+def lost(assembly: Assembly, point: Point) -> list[Problem]:
+    """What the equations of the diagram leave undecided at a point, whatever is asked of the start."""
+    values = point.values()
+    if not all(np.all(np.isfinite(v)) for v in values):
+        return []
+    return structural_messages.lost(assembly.flat, losses(assembly.reduced.system, assembly.point(*values)), AT)
+
+
+def failure(equations: StartEquations, point: Point, residual: Array, system: StartSystem, sizes: Array) -> StartError:
+    """The error for a search that ended at `point` with scaled residuals that are not zero."""
+    if problems := lost(equations.assembly, point):
+        return StartError(problems)
+    rows = system.rows
+    order = np.argsort(-np.where(np.isfinite(residual), np.abs(residual), np.inf))[:5]
+    raw = system.at(point)[0]
+    bad = [k for k in order if not np.isfinite(residual[k])] or \
+        [k for k in order if abs(residual[k]) > 1e-3 * abs(residual[order[0]])]
+    place = rows[int(bad[0])].place if len(bad) else None
+    notes = [f"{rows[k].label}   off by {raw[k]:.3g} (SI)" for k in bad]
+    if not np.all(np.isfinite(residual)):
+        hint, zero = _cure(equations.assembly, point, lambda p: bool(np.all(np.isfinite(system.at(p)[0]))))
+        return StartError([Problem("start-failed", "the start cannot be computed: an equation has no finite value at the "
+                                   "first guess", zero or place, hint, tuple(notes))])
+    numbers = _conflict(system, point, sizes)
+    if len(numbers) == 1 and (problem := _unmoved(equations, system, point, numbers[0])):
+        return StartError([problem])
+    conflict = [rows[k] for k in numbers]
+    own = {id(row) for row in equations.loops}
+    if any(id(row) not in own for row in conflict):  # the diagram's own equations are no values to be removed
+        settled = _settling(equations, system, point, sizes)
+        follow = f"\nOr let a parameter follow: `solve: [{settled[0]}]`" if settled else ""
+        more = f", or {listing(settled[1:], MOST_NAMED)}" if len(settled) > 1 else ""
+        follow += f"{more}." if follow else ""
+        return StartError([_contradiction(equations, point, conflict, follow)])
+    if ends := _at_bounds(equations, point):
+        return StartError([Problem("start-bound", "no consistent initial values were found within the bounds", place,
+                                   "Ask for something else, or let another parameter follow under `solve:`.",
+                                   (*ends, *notes))])
+    if bad and all(rows[k].steady for k in bad):
+        return StartError([_no_rest(equations, point, [rows[k] for k in bad])])
+    return StartError([Problem("start-failed", "no consistent initial values were found", place,
+                               "Give guesses for the variables in these equations, for example "
+                               f"`initial: {{{_example(equations.assembly)}}}`.", tuple(notes))])
+
+
+def _cure(assembly: Assembly, point: Point, finite: Callable[[Point], bool]) -> tuple[str, Place | None]:
+    """What to type where something has no value: which zero, had it another value, would give it one; and its place."""
+    flat = assembly.flat
+    states = [k for k, (_, order) in enumerate(assembly.reduced.states) if order == 0 and point.x[k] == 0]
+    numbers = [k for k, name in enumerate(assembly.parameter_names) if point.p[k] == 0 and "." in name]
+    cured = [k for k in numbers if finite(replace(point, p=_moved(point.p, k, 1.0)))]
+    if cured:
+        names = listing((assembly.parameter_names[k] for k in cured), MOST_NAMED)
+        return f"{names} {'is' if len(cured) == 1 else 'are'} 0: give it another value.", flat.parameters[cured[0]].place
+    together = point.p.copy()
+    together[numbers] = 1.0
+    if numbers and finite(replace(point, p=together)):
+        return f"Some of {listing((assembly.parameter_names[k] for k in numbers), MOST_NAMED)} may not be 0: give them " \
+            "other values.", flat.parameters[numbers[0]].place
+    begun = [k for k in states if finite(replace(point, x=_moved(point.x, k, assembly.x_nominal[k])))]
+    if not begun and finite(replace(point, t=point.t + JUST_AFTER)):
+        return "It has one just after the start: something is divided by the time, or the root or logarithm taken of what " \
+            "the time makes 0. Write it such that it has a value at the start, too.", None
+    begun = begun or states
+    if not begun:
+        return f"Give guesses, for example `initial: {{{_example(assembly)}}}`, away from where it has none.", None
+    unknowns = [flat.unknowns[assembly.reduced.states[k][0]] for k in begun]
+    entries = ", ".join(f"{u.name}: ~ {u.nominal:g} {u.unit.text}" for u in unknowns[:3])
+    return f"{listing((u.name for u in unknowns), MOST_NAMED)} begin{'s' * (len(unknowns) == 1)} at 0, where it has " \
+        f"none; begin elsewhere, for example `initial: {{{entries}}}`.", unknowns[0].place
+
+
+def _moved(values: Array, k: int, by: float) -> Array:
+    values = values.copy()
+    values[k] += by
+    return values
+
+
+def _example(assembly: Assembly) -> str:
+    for j, order in assembly.reduced.states:
+        if order == 0:
+            unknown = assembly.flat.unknowns[j]
+            return f"{unknown.name}: ~ {unknown.nominal:g} {unknown.unit.text}"
+    return "name: ~ 1 m"
+
+
+def _dependent(system: StartSystem, point: Point, sizes: Array) -> tuple[Array, Array]:
+    """The directions of the weighted rows (m, k) whose gradients depend on each other, and how far each row's residual
+    takes part in what disagrees (m,)."""
+    residual, jacobian = system.at(point)
+    if not np.all(np.isfinite(jacobian)) or not residual.size:
+        return np.zeros((len(residual), 0)), np.zeros(len(residual))
+    jacobian = jacobian * sizes
+    row = weights(residual, jacobian)
+    left, values, _ = np.linalg.svd(jacobian * row[:, None])
+    rank = int((values > DEPENDENT * max(values.max(initial=0.0), 1e-300)).sum())
+    null = left[:, rank:]
+    return null * row[:, None], np.abs(null @ (null.T @ (residual * row)))
+
+
+def _at_bounds(equations: StartEquations, point: Point) -> list[str]:
+    """What the search has pushed against a declared bound."""
+    assembly = equations.assembly
+    low, high = equations.bounds
+    y = np.concatenate([point.x, point.z, point.p[equations.solved_for]])
+    columns = [*assembly.reduced.states, *assembly.reduced.algebraic]
+    names = [*assembly.state_names, *assembly.algebraic_names, *(assembly.parameter_names[k] for k in equations.solved_for)]
+    units = [*(assembly.flat.unknowns[j].unit.text for j, _ in columns),
+             *(assembly.flat.parameters[k].unit.text for k in equations.solved_for)]
+    return [f"{name} was pushed to its {'lowest' if value <= a else 'highest'} value, {readable(value, unit, 6)}"
+            for name, value, a, b, unit in zip(names, y, low, high, units, strict=True) if value <= a or value >= b]
+
+
+def _unmoved(equations: StartEquations, system: StartSystem, point: Point, row: int) -> Problem | None:
+    """A condition that nothing moves at the point, though it hangs on unknowns that may be elsewhere: the force of a contact
+    that is open, the flow through a valve that is shut. None for one that something moves, or that others decide."""
+    assembly, asked = equations.assembly, system.rows[row]
+    standing = system.standing(row)
+    if asked.name not in assembly.flat.names or not standing or np.any(system.at(point)[1][row]):
+        return None
+    solved = [assembly.parameter_names[k] for k in equations.solved_for]
+    names = [*assembly.state_names, *assembly.algebraic_names, *solved]
+    units = {p.name: p.unit.text for p in assembly.flat.parameters}
+    j = assembly.flat.names[asked.name]
+    value = float(np.array(assembly.values(*point.values())).ravel()[j])
+    known = {name: v for name, v in zip(assembly.parameter_names, point.p, strict=True) if name in solved}
+    first = [f"{name} (tried from {readable(float(known[name]), units[name], 4)}: `set: {{{name}: ...}}`)"
+             for name in (names[k] for k in standing) if name in known]
+    fixed = {c.name for c in equations.initial.conditions.values() if not c.guess}
+    guesses = [name for name in (names[k] for k in standing) if name not in known and name not in fixed]
+    if not first and not guesses:
+        return None
+    unknowns = {n: assembly.flat.unknowns[assembly.flat.names[n]].unit.text for n in guesses if n in assembly.flat.names}
+    speeds = {f"{unit}/s" for unit in unknowns.values()}  # they follow from the places
+    guesses = [n for n in guesses if unknowns.get(n) not in speeds]
+    begin = [*([f"a guess (`~`) for {listing(guesses, 3)}"] if guesses else []),
+             *([f"another first value for {listing(first, 3)}"] if first else [])]
+    return Problem("start-unmoved", f"{asked.label} was not reached: where the search stands it is "
+                   f"{readable(value, assembly.flat.unknowns[j].unit.text, 6)}, and nothing moves it a little", asked.place,
+                   "So it is with a contact that is open, or a valve that is shut. Begin where it acts: give "
+                   f"{', or '.join(begin)}.")
+
+
+def _contradiction(equations: StartEquations, point: Point, conflict: Sequence[StartRow], follow: str) -> Problem:
+    place = next((row.place for row in conflict if row.name), conflict[0].place)
+    notes = tuple(row.label for row in conflict)
+    alone = conflict[0]
+    assembly = equations.assembly
+    if all(row.steady for row in conflict):
+        return _no_rest(equations, point, conflict)
+    if len(conflict) > 1 or alone.name not in assembly.flat.names:
+        return Problem("start-contradiction", "the initial values contradict each other", place,
+                       f"Remove one of them, or make it a guess (`~`).{follow}", notes)
+    j = assembly.flat.names[alone.name]
+    value = float(np.array(assembly.values(*point.values())).ravel()[j])
+    return Problem("start-contradiction", f"{alone.label} cannot hold: the diagram itself decides it, "
+                   f"{readable(value, assembly.flat.unknowns[j].unit.text, 6)}", place,
+                   f"Leave it out of `initial:`, or change the part that holds it.{follow}")
+
+
+def _no_rest(equations: StartEquations, point: Point, conflict: Sequence[StartRow]) -> Problem:
+    """Rates that no state can make zero."""
+    raw = dict(zip(equations.all.rows, equations.all.at(point)[0], strict=True))
+    assembly = equations.assembly
+    units = {f"steady: der({name}) = 0": (assembly.flat.unknowns[j].unit.text + "/s" * (order + 1)).replace("/s/s", "/s**2")
+             for name, (j, order) in zip(assembly.state_names, assembly.reduced.states, strict=True)}
+    notes = tuple(f"{row.label.removeprefix('steady: ').removesuffix(' = 0')} stays at {raw[row]:.4g} {units[row.label]}"
+                  for row in conflict)
+    return Problem("start-unsteady", "this machine has no steady state, or none that can be reached from the guess",
+                   conflict[0].place, f"Something must hold or balance what moves there{_balances(equations, conflict)}."
+                   "\nOr begin without `start: steady`, or give guesses (`~`) near the place of rest.", notes)
+
+
+def _balances(equations: StartEquations, conflict: Sequence[StartRow]) -> str:
+    """`: a Spring or a Fixed`, for what moves on in a conflict."""
+    flat, moving = equations.assembly.flat, " ".join(row.label for row in conflict)
+    kinds = [BALANCES[unit] for j, _ in equations.assembly.reduced.states
+             if (unit := flat.unknowns[j].unit.text) in BALANCES and f"({flat.unknowns[j].name})" in moving]
+    return f": {'; '.join(dict.fromkeys(kinds))}" if kinds else ""
+
+
+def _conflict(system: StartSystem, point: Point, sizes: Array) -> list[int]:
+    """The equations whose gradients depend on each other while their residuals do not agree."""
+    _, share = _dependent(system, point, sizes)
+    if not share.size or share.max() < DISAGREE:
+        return []
+    return [int(k) for k in np.argsort(-share) if share[k] > 0.1 * share.max()][:8]
+
+
+def _settling(equations: StartEquations, system: StartSystem, point: Point, sizes: Array) -> list[str]:
+    """Parameters of components that would settle a contradiction if they were solved for, those that matter most first."""
+    null, _ = _dependent(system, point, sizes)
+    assembly, flat = equations.assembly, equations.assembly.flat
+    own = [k for k, name in enumerate(assembly.parameter_names) if not name.startswith(("initial.", "scale."))
+           and "." in name and k not in equations.solved_for]
+    if not own or not null.size:
+        return []
+    usual = {u.unit.dimension: u.nominal for u in flat.unknowns}
+    directions = np.zeros((len(point.p), len(own)))
+    directions[own, range(len(own))] = [abs(point.p[k]) or usual.get(flat.parameters[k].unit.dimension, 0.0) for k in own]
+    effect = np.abs(null.T @ system.moved(point, directions)).max(axis=0)
+    asked = {flat.unknowns[flat.names[row.name]].unit.dimension for row in system.rows if row.name in flat.names}
+
+    def rank(k: int) -> tuple[bool, bool, float]:  # a length for a position, what the diagram itself gives, what does most
+        name = assembly.parameter_names[own[k]]
+        unlike = flat.parameters[own[k]].unit.dimension not in asked
+        return unlike, structural_messages.assumed(flat, name), -float(effect[k])
+
+    chosen = sorted((k for k in range(len(own)) if effect[k] > 1e-6 * max(effect.max(), 1e-300)), key=rank)
+    return [assembly.parameter_names[own[k]] for k in chosen[:MOST_NAMED // 2]]
+
+
+def undetermined(equations: StartEquations, point: Point, sizes: Array) -> tuple[str, ...]:
+    """StartError for what a steady start, or the parameters that it solves for, leave open. Pressures of what is shut in may
+    be any: they keep their guess, and their names are returned."""
+    residual, jacobian = equations.with_guesses.at(point)
+    if not np.all(np.isfinite(jacobian)):
+        return ()
+    jacobian = jacobian * sizes
+    jacobian = jacobian * weights(residual, jacobian)[:, None]
+    if factors(jacobian) is not None:
+        return ()
+    _, values, right = np.linalg.svd(jacobian, full_matrices=True)
+    null = right[int((values > 1e-10 * max(values.max(initial=0.0), 1e-300)).sum()):]
+    assembly = equations.assembly
+    solved = [assembly.parameter_names[k] for k in equations.solved_for]
+    names = [*assembly.state_names, *assembly.algebraic_names, *solved]
+    if not equations.steady:
+        null = null[np.abs(null[:, len(names) - len(solved):]).max(axis=1, initial=0.0) > 1e-6] if len(null) else null
+    if not len(null):
+        return ()
+    shut_in = [name for name, share in zip(names, np.abs(null).max(axis=0), strict=True) if share > SHARE]
+    if set(shut_in) <= _pressures(assembly):
+        return tuple(shut_in)
+    notes, suggestions = [], list[str]()
+    for direction in null:
+        share = np.abs(direction)
+        involved = [names[k] for k in np.argsort(-share) if share[k] > 0.1 * share.max()]
+        if open_ := [name for name in involved if name in solved]:
+            raise StartError([_solve_open(equations, open_)])
+        notes.append(f"one of: {listing(involved, MOST_NAMED)}")
+        suggestions.append(next((i for i in involved if i not in suggestions), involved[0]))
+    raise StartError([_open(equations, point, notes, suggestions)])
+
+
+def _pressures(assembly: Assembly) -> set[str]:
+    """The states that are pressures of oil or gas: in the domains that say what fills a node."""
+    members = {domain.across[0] for domain in assembly.model.library.domains.values() if domain.fills}
+    return {name for (j, _), name in zip(assembly.reduced.states, assembly.state_names, strict=True)
+            if assembly.flat.unknowns[j].role == "across" and name.rpartition(".")[2] in members}
+
+
+def _solve_open(equations: StartEquations, names: list[str]) -> Problem:
+    parameter = equations.assembly.flat.parameters[equations.assembly.parameter_names.index(names[0])]
+    steady = "" if equations.steady else "`start: steady`, or "
+    return Problem("solve-undetermined", f"nothing decides {listing(names)} under `solve:`", parameter.place,
+                   f"Each parameter that is solved for needs one condition more under `initial:`: {steady}a value of a "
+                   "variable that it brings about.\nOr take it out of `solve:`.")
+
+
+def _open(equations: StartEquations, point: Point, notes: list[str], suggestions: list[str]) -> Problem:
+    number, names = len(notes), equations.assembly.flat.names
+    guess, unknowns = equations.guess(point.p), equations.assembly.flat.unknowns
+    values = [readable(float(guess[j]), unknowns[j].unit.text, 6) if (j := names.get(s)) is not None else "0"
+              for s in suggestions]
+    example = ", ".join(f"{name}: {value}" for name, value in zip(suggestions, values, strict=True))
+    hint = f"Decide {'it' if number == 1 else 'them'}, for example `initial: {{{example}}}`, or give guesses " \
+        f"(`~ {values[0]}`)."
+    return Problem("start-undetermined", f"the steady state is not unique: {number} direction{'s' if number > 1 else ''} "
+                   f"stay{'s' if number == 1 else ''} undetermined", None, hint, tuple(notes))
+
+
+def singular_loop(assembly: Assembly, point: Point, direction: Array) -> StartError:
+    """The error for loops that leave an algebraic unknown undecided along a direction (n_z,)."""
+    if problems := lost(assembly, point):
+        return StartError(problems)
+    share = np.abs(direction)
+    names = [assembly.algebraic_names[k] for k in np.argsort(-share) if share[k] > 0.1 * share.max()]
+    return StartError([Problem(
+        "loop-singular", f"nothing decides {listing(names, MOST_NAMED)} {AT}", None,
+        f"The equations hardly change with {listing(names, MOST_NAMED)} there. Give a guess away from that place,\nfor "
+        f"example `initial: {{{names[0]}: ~ 1}}`, or a condition that decides it.",
+        tuple(f"{e.owner}: {e.text}" for e in assembly.reduced.alg_equations[:6]))])
+
+
+def check_pivots(assembly: Assembly, found: Sequence[tuple[Pivot, float]], point: Point) -> None:
+    """StartError for coefficients that were divided by and are zero, or no numbers."""
+    zero = [(pivot, value) for pivot, value in found if value == 0 or not np.isfinite(value)]
+    if not zero:
+        return
+    problems = Problems()
+    for problem in lost(assembly, point):
+        problems.add(problem.code, problem.message, problem.place, hint=problem.hint, notes=problem.notes)
+    if not problems.found:
+        hint, place = _cure(assembly, point, lambda p: _sound(assembly, p))
+        for pivot, value in zero:
+            equation = pivot.equation
+            problems.add("coefficient-zero", f"'{equation.owner}': the coefficient of {pivot.unknown} is {value:g} {AT}",
+                         place or equation.place, notes=[equation.text], hint=hint)
+    problems.raise_as(StartError)
+
+
+def _sound(assembly: Assembly, point: Point) -> bool:
+    """Whether all coefficients are numbers other than zero."""
+    pivots = np.array(assembly.pivots(*point.values())).ravel()
+    return bool(np.all(np.isfinite(pivots)) and np.all(pivots != 0))
+
+
+def check_values(assembly: Assembly, point: Point) -> None:
+    """StartError for variables, and for rates of states, that are no numbers."""
+    def values(at: Point) -> Array:
+        rates = np.array(assembly.rates(*at.values())[0]).ravel()
+        return np.concatenate([np.array(assembly.values(*at.values())).ravel(), rates])
+
+    bad = ~np.isfinite(values(point))
+    if not bad.any():
+        return
+    unknowns = assembly.flat.unknowns
+    names = [*(u.name for u in unknowns), *(f"der({name})" for name in assembly.state_names)]
+    places = [*(u.place for u in unknowns), *(unknowns[j].place for j, _ in assembly.reduced.states)]
+    wrong = [k for k in range(len(names)) if bad[k]]
+    shown = listing((names[k] for k in wrong), MOST_NAMED)
+    hint, place = _cure(assembly, point, lambda p: bool(np.isfinite(values(p)).sum() > (~bad).sum()))
+    raise StartError([Problem("value-not-finite", f"{shown} {'has' if len(wrong) == 1 else 'have'} no finite value {AT}",
+                              place or places[wrong[0]], hint)])

@@ -1,0 +1,62 @@
+"""When the time events of a run happen, from their first instants and periods."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from heavebond.core.errors import Problem, SimulationError
+from heavebond.equations.events import FlatEvent
+from heavebond.numerics.dae import Array
+
+# Instants nearer to each other than this share of the run, or than so many times the rounding of a time, are one.
+SAME, ROUNDING = 1e-12, 8
+MOST = 1_000_000  # of one event in a run
+
+
+def same_instant(begin: float, end: float) -> float:
+    """How near to each other two instants of a run are one."""
+    return float(max(SAME * (end - begin), ROUNDING * np.spacing(max(abs(begin), abs(end)))))
+
+
+def timetable(events: Sequence[FlatEvent], instants: tuple[Array, Array, Array, Array], begin: float, end: float
+              ) -> Iterator[tuple[float, list[int], list[Array]]]:
+    """Each instant of a run with the events at it and how it moves with m directions for each of them (m,).
+
+    `instants` are the first instant and the period (n,) of every event with their derivatives (n, m). What happens once, and
+    was to happen before the run begins, happens as it begins; of what is repeated the instants before are passed over.
+    SimulationError for a period that is none.
+    """
+    first, period, by_first, by_period = instants
+    same = same_instant(begin, end)
+    coming: dict[int, tuple[float, Array]] = {}
+
+    def put(i: int, k: int) -> None:
+        coming[i] = float(first[i] + k * period[i]), by_first[i] + k * by_period[i]
+
+    count = dict.fromkeys((i for i, event in enumerate(events) if event.period is not None), 0)
+    for i, event in enumerate(events):
+        if i in count:
+            _check(event, float(period[i]), end - begin)
+            count[i] = max(0, int(np.ceil((begin - same - first[i]) / period[i])))
+            put(i, count[i])
+        elif event.indicator is None:
+            coming[i] = (float(first[i]), by_first[i]) if first[i] >= begin - same else (begin, np.zeros_like(by_first[i]))
+    while coming and (time := min(at for at, _ in coming.values())) <= end + same:
+        now = [i for i, (at, _) in coming.items() if at <= time + same]
+        yield time, now, [coming[i][1] for i in now]
+        for i in now:
+            del coming[i]
+            if i in count:
+                count[i] += 1
+                put(i, count[i])
+
+
+def _check(event: FlatEvent, period: float, span: float) -> None:
+    if not period > 0:
+        raise SimulationError([Problem("every-not-positive", f"'{event.name}' would happen every {period:g} s", event.place,
+                                       "Give a time above 0.")])
+    if span / period > MOST:
+        raise SimulationError([Problem("too-many-events", f"'{event.name}' would happen {span / period:.3g} times",
+                                       event.place, "Give a longer time, or run for a shorter one.")])

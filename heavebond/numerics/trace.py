@@ -1,0 +1,215 @@
+"""What is written down of a run that is cut at events and changes of states, and where it stands in between."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from heavebond.language.symbols import stack
+from heavebond.numerics.dae import Array, Assembly, Integrand
+from heavebond.numerics.dynamic_state_selection import Chart
+from heavebond.numerics.jumps import EventEquations, Moved
+from heavebond.numerics.solvers import Integrator
+from heavebond.numerics.start_equations import Point
+
+
+@dataclass(frozen=True)
+class Instant:
+    """An event or several at one time, by name, with the point before and after all that they set (in the states of
+    `assembly`), and how their time moves along the directions of the run (n_events, m)."""
+
+    time: float
+    names: tuple[str, ...]
+    before: Point
+    after: Point
+    assembly: Assembly
+    delays: Array
+
+
+@dataclass(frozen=True)
+class ChartChange:
+    """Where a run went on with other states: the time, their names before and after, and why."""
+
+    time: float
+    before: tuple[str, ...]
+    after: tuple[str, ...]
+    why: str
+
+
+@dataclass(frozen=True)
+class SolverChange:
+    """Where a solver stopped and another went on from the last point that was accepted, and why it stopped."""
+
+    time: float
+    before: str
+    after: str
+    why: str
+
+
+@dataclass(frozen=True)
+class Stay:
+    """The stops (N,) of a run that were passed in other states than those of its diagram: x and z there as in `Trace`."""
+
+    assembly: Assembly
+    at: NDArray[np.bool_]
+    x: Array
+    z: Array
+
+
+@dataclass(frozen=True)
+class Trace:
+    """A run at its stops: x, z, integrals with all blocks of sensitivities, the held variables (n_h, N) and their
+    sensitivities (m, n_h, N), what happened, and where other states were integrated."""
+
+    x: Array
+    z: Array
+    quadratures: Array
+    held: Array
+    held_along: Array
+    instants: tuple[Instant, ...]
+    statistics: dict[str, object]
+    stays: tuple[Stay, ...] = ()
+
+
+@dataclass(frozen=True)
+class Frame:
+    """The equations in the states of one chart: what is integrated in a time of its own, t = a + d s with a and d the last
+    two inputs, so that one integrator serves all stretches of so many points; events; Newton's method for the loops."""
+
+    chart: Chart
+    equations: EventEquations
+    made: Integrand
+    loops: ca.Function | None
+    integrators: dict[tuple[str, int], Integrator] = field(default_factory=dict)
+
+    @property
+    def assembly(self) -> Assembly:
+        """The assembly of the chart."""
+        return self.chart.assembly
+
+    def own_time(self) -> Integrand:
+        """The integrand in its own time s."""
+        dae = dict(self.made.dae)
+        s, a, d = (ca.SX.sym(name) for name in "sad")
+        dae["ode"], dae["alg"] = ca.substitute([d * dae["ode"], dae["alg"]], [dae["t"]], [a + d * s])
+        dae["t"], dae["u"] = s, stack([dae["u"], a, d])
+        return Integrand(dae, self.made.hoist)
+
+
+@dataclass(frozen=True)
+class Now:
+    """Where a run stands: scaled states with their sensitivities and integrals y, algebraic unknowns z, parameters with
+    held variables p (n_p,), their directions (n_p, m) and what the integrator makes of both, which conditions are true."""
+
+    frame: Frame
+    t: float
+    y: Array
+    z: Array
+    p: Array
+    dp: Array
+    given: ca.DM
+    true: NDArray[np.bool_]
+
+    @property
+    def blocks(self) -> int:
+        """1 and the number of sensitivities."""
+        return 1 + int(self.dp.shape[1])
+
+    def unscaled(self) -> tuple[Array, Array]:
+        """x (n_x, 1 + m) and z (n_z, 1 + m) in SI with their sensitivities."""
+        sizes = self.frame.assembly.x_nominal, self.frame.assembly.z_nominal
+        x, z = (values[: len(size) * self.blocks].reshape(self.blocks, len(size)).T * size[:, None]
+                for values, size in zip((self.y, self.z), sizes, strict=True))
+        return x, z
+
+    def standing(self, point: Point, moved: Moved) -> Now:
+        """The same moment at another point, the integrals as they were (unless `moved` says how they moved)."""
+        assembly, y = self.frame.assembly, self.y.copy()
+        x_size, z_size, n_x = assembly.x_nominal, assembly.z_nominal, len(point.x)
+        y[:n_x] = point.x / x_size
+        z = point.z / z_size
+        if self.blocks > 1:
+            y[n_x:n_x * self.blocks] = (moved.x / x_size[:, None]).T.ravel()
+            if moved.q.size:
+                y[len(y) - moved.q.size:] = moved.q.T.ravel()
+            z = np.append(z, (self.frame.equations.along_z(point, moved) / z_size[:, None]).T.ravel())
+        return replace(self, y=y, z=z, p=point.p, dp=moved.p, given=self.frame.made.hoist(point.p, moved.p))
+
+
+class Record:
+    """What is written down at the stops (N,) of a run; `passed` are the last events of conditions with their times."""
+
+    def __init__(self, first: Now, stops: Array, same: float):
+        n = len(stops)
+        self.stops, self.same, self.home = stops, same, first.frame
+        self.y, self.p, self.dp = np.zeros((len(first.y), n)), np.zeros((len(first.p), n)), np.zeros((*first.dp.shape, n))
+        self.frames: list[Frame] = [first.frame]
+        self.frame = np.zeros(n, int)
+        self.z = [np.zeros((len(first.z), n))]
+        self.instants: list[Instant] = []
+        self.changes: list[ChartChange] = []
+        self.solver_changes: list[SolverChange] = []
+        self.passed: list[tuple[float, tuple[int, ...]]] = []
+        self.steps = 0
+
+    def write(self, now: Now, times: Array, y: Array, z: Array) -> None:
+        """Those of the points at times (n,), y and z (., n), that are stops."""
+        if not len(times):
+            return
+        stop = np.searchsorted(self.stops, times - self.same)
+        which = np.flatnonzero(np.abs(self.stops.take(stop, mode="clip") - times) <= self.same)
+        at = stop[which]
+        number = self._number(now.frame)
+        self.frame[at] = number
+        self.y[:, at], self.z[number][:, at] = y[:, which], z[:, which]
+        self.p[:, at], self.dp[:, :, at] = now.p[:, None], now.dp[:, :, None]
+
+    def _number(self, frame: Frame) -> int:
+        numbers = [k for k, known in enumerate(self.frames) if known is frame]
+        if numbers:
+            return numbers[0]
+        self.frames.append(frame)
+        blocks = 1 + self.dp.shape[1]
+        self.z.append(np.zeros((len(frame.assembly.z_nominal) * blocks, len(self.stops))))
+        return len(self.frames) - 1
+
+    def trace(self, integrals: int, u: Array) -> Trace:
+        """The run as far as it was written down; the last `integrals` of y are integrals, u (n_u, N) the inputs. In every
+        other chart the home chart's unknowns are expressions."""
+        n_y = len(self.y)
+        stays = [self._stay(k) for k in range(len(self.frames))]
+        x, z = stays[0].x, stays[0].z
+        for number, stay in enumerate(stays[1:], 1):
+            if not stay.at.any():  # a stay between two stops
+                continue
+            x[:, stay.at], z[:, stay.at] = self._at_home(number, stay, u)
+        held = [h.index for h in self.home.assembly.flat.held]
+        statistics: dict[str, object] = {"nsteps": self.steps}
+        if self.changes:
+            statistics["state_changes"] = [vars(change) for change in self.changes]
+        if self.solver_changes:
+            statistics["solver_changes"] = [vars(change) for change in self.solver_changes]
+        return Trace(x, z, self.y[n_y - integrals:], self.p[held], self.dp[held].transpose(1, 0, 2), tuple(self.instants),
+                     statistics, tuple(stays[1:]))
+
+    def _stay(self, number: int) -> Stay:
+        assembly, blocks = self.frames[number].assembly, 1 + self.dp.shape[1]
+        n_x = len(assembly.x_nominal) * blocks
+        return Stay(assembly, self.frame == number, self.y[:n_x] * np.tile(assembly.x_nominal, blocks)[:, None],
+                    self.z[number] * np.tile(assembly.z_nominal, blocks)[:, None])
+
+    def _at_home(self, number: int, stay: Stay, u: Array) -> tuple[Array, Array]:
+        """x and z of the home chart, with their sensitivities, at the stops of a stay."""
+        n, m = int(stay.at.sum()), self.dp.shape[1]
+        (n_x, n_z), home = (len(stay.assembly.x_nominal), len(stay.assembly.z_nominal)), self.home.chart
+        x, z, p = stay.x[:, stay.at], stay.z[:, stay.at], self.p[:, stay.at]
+        given = (self.stops[None, stay.at], x[:n_x], z[:n_z], p, u[:, stay.at], np.ones((1, n)))
+        chart = self.frames[number].chart
+        found = [chart.values_in(home, given)]
+        for k in range(1, 1 + m):
+            found.append(chart.along_in(home, given, x[n_x * k:n_x * (k + 1)], z[n_z * k:n_z * (k + 1)],
+                                        self.dp[:, k - 1, stay.at]))
+        return np.vstack([f[:n_x] for f in found]), np.vstack([f[n_x:] for f in found])

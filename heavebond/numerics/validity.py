@@ -1,0 +1,241 @@
+"""Whether the values of a run mean something: the checks behind its verdict.
+
+What is looked for, at the output points: values that are not finite; values of more than a million typical sizes; components
+whose power does not balance; values outside the range that a component or a domain declares, or larger than in any
+machine; states that grow exponentially to the end. The first three mean that the numbers are worthless, the others are told:
+a diagram in the making may go there, and a short while may not matter.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from heavebond.equations.flatten import Flat
+from heavebond.equations.resolver import Unknown
+from heavebond.numerics.dae import Array, Assembly
+from heavebond.numerics.pointwise import evaluated
+from heavebond.numerics.power_balance import balance
+from heavebond.numerics.run_verdict import RUNAWAY, Finding, Verdict, verdict
+from heavebond.numerics.start_equations import Point
+from heavebond.text.expression import ExpressionProblem, Name
+
+# of the limit (or so little of its usual size) by which a variable may pass one: errors of the integration
+GRACE = 1e-3
+# A size that no unit explains; squares of such numbers are infinite.
+WORTHLESS = 1e150
+# A position may go on at so many times the typical speed of its domain for the whole run: a shaft that turns for hours.
+FAST = 100.0
+# Points of a run at which everything is evaluated, and at which what has a declared range is. A look at all points would
+# cost a tenth of the run; what is a state is known at all of them, and what is wrong at one is looked at in all.
+SAMPLES, WATCHED = 100, 1000
+# Exponential growth: each of so many equal parts of the second half of a run goes further than the one before by this
+# factor. Of powers of the time, t**6 does not.
+PARTS, STEADILY = 8, 1.5
+# Typical sizes (of what has none: its unit) below which growth is no matter.
+GROWN, GROWN_UNKNOWN = 10.0, 1e3
+
+CAUSES = "an instability, a wrong sign, a stop that does not hold, or a source that nothing bounds"
+LARGER = f"larger than in any machine. Look for {CAUSES}"
+RAN_AWAY = f"Look for {CAUSES}"
+GROWING = f"Look for {CAUSES}; `heavebond modes` shows which components swing or run away"
+NO_VALUE = ("{} has no value there: a root, a power or a logarithm of what is below zero, or a division by 0. Bound its "
+            "argument (max(x, 0)), or look at what drives it there")
+OPEN = ("Its equations are at odds with what it states under `stores` and `dissipates`: check their signs. "
+        "`heavebond energy` shows all components")
+MAKES = "What it states under `dissipates` is below zero there, it makes energy: check the signs of its law"
+
+
+Points = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A run or a part of it in the states of one assembly: times (N,), states (n, N), and the arguments of the
+    assembly's functions at points by their numbers."""
+
+    assembly: Assembly
+    time: Array
+    x: Array
+    columns: Callable[[Points], tuple[Array, ...]]
+
+
+def judged(stretches: Sequence[Stretch]) -> Verdict:
+    """The verdict on a run of one stretch or several."""
+    duration = max((float(s.time[-1]) for s in stretches), default=0.0) - min((float(s.time[0]) for s in stretches),
+                                                                              default=0.0)
+    with np.errstate(over="ignore", invalid="ignore"):  # what has run away may overflow
+        longest = max((len(s.time) for s in stretches), default=0)
+        found = [f for s in stretches for f in _of_stretch(s, duration, len(s.time) == longest)]
+        if len(stretches) == 1:
+            found += _growing(stretches[0])
+    return verdict(found)
+
+
+def at_point(assembly: Assembly, point: Point) -> Verdict:
+    """What is outside its range at one point, as at a start."""
+    values = np.array(assembly.values(*point.values())).reshape(-1, 1)
+    return verdict(list(_outside(assembly.flat.unknowns, values, np.array([point.t]), 0.0)))
+
+
+def _of_stretch(s: Stretch, duration: float, balanced: bool) -> Iterator[Finding]:
+    """What is wrong in one part of a run; the power balance, whose laws are those of all parts, where it is wanted."""
+    flat, reduced, n = s.assembly.flat, s.assembly.reduced, len(s.time)
+    states = {j: k for k, (j, order) in enumerate(reduced.states) if order == 0}
+    yield from _outside([flat.unknowns[j] for j in states], s.x[list(states.values())], s.time, duration)
+    chosen = _spread(n, SAMPLES)
+    columns = s.columns(chosen)
+    values = evaluated(s.assembly, s.assembly.values, columns)
+    wrong = {f.name for f in _outside(flat.unknowns, values, s.time[chosen], duration)}
+    looked_at = [j for j, u in enumerate(flat.unknowns) if u.name in wrong or (j not in states and _ranged(u))]
+    if looked_at:
+        yield from _closely(s, looked_at, _spread(n, n if wrong else WATCHED), duration)
+    if not balanced or not np.isfinite(values).all():
+        return
+    shown = s.assembly.once("formulas", lambda: _formulas(s.assembly))
+    imbalance, outputs = balance(s.assembly, columns, values, list(shown.values()))
+    for lost in imbalance:
+        advice = MAKES if lost.made else OPEN
+        yield Finding("energy", lost.owner, lost.owner, lost.time, lost.missing, lost.limit, "W", advice)
+    yield from without_value(dict(zip(shown, outputs, strict=False)), s.time[chosen]).findings
+
+
+def _closely(s: Stretch, looked_at: Sequence[int], at: Points, duration: float) -> Iterator[Finding]:
+    """What is wrong with some of the unknowns at more points of a run."""
+    flat, arguments = s.assembly.flat, list(s.assembly.arguments)
+    made = s.assembly.once(("some", *looked_at), lambda: ca.Function("some", arguments, [
+        ca.densify(s.assembly.values(*arguments)[list(looked_at)])]))
+    values = evaluated(s.assembly, made, s.columns(at))
+    for found in _outside([flat.unknowns[j] for j in looked_at], values, s.time[at], duration):
+        if found.kind == "not-finite":
+            k = int(np.argmin(np.abs(s.time - found.time)))
+            there = evaluated(s.assembly, s.assembly.values, s.columns(np.array([k])))[:, 0]
+            found = replace(found, advice=_culprit(flat, there))
+        yield found
+
+
+def _spread(n: int, most: int) -> Points:
+    """Numbers of points spread evenly over n, the first and the last among them."""
+    return np.linspace(0, n - 1, min(n, most)).astype(int)
+
+
+def _formulas(assembly: Assembly) -> dict[str, ca.SX]:
+    """The outputs that are more than a name, in raw symbols."""
+    found, resolver = {}, assembly.resolver()
+    for name, shown in assembly.model.show.items():
+        if not isinstance(shown.expr, Name):
+            with suppress(ExpressionProblem):  # said when it is asked for
+                found[name] = resolver.evaluate(shown.expr)
+    return found
+
+
+def without_value(signals: Mapping[str, Array], time: Array) -> Verdict:
+    """The verdict on signals by name or formula (N,) at times: that each has a value, whatever the variables have."""
+    found = []
+    for name, course in signals.items():
+        if not np.isfinite(course).all():
+            at = int(np.argmin(np.isfinite(course)))
+            found.append(Finding("not-finite", name, "", float(time[at]), float(course[at]), None, "1",
+                                 NO_VALUE.format(f"the formula of {name}")))
+    return verdict(found)
+
+
+def _culprit(flat: Flat, values: Array) -> str:
+    """What to look at where values (n,) are not finite: the equation that has no value although all else in it has one."""
+    bad = set(np.flatnonzero(~np.isfinite(values)).tolist())
+    for equation, entries in zip(flat.equations, flat.entries, strict=True):
+        if len({column % len(flat.unknowns) for column, _ in entries} & bad) == 1:
+            return NO_VALUE.format(f"'{equation.text}' of {equation.owner} ({equation.place.file}:{equation.place.line})")
+    return NO_VALUE.format("an equation with it")
+
+
+def _growing(s: Stretch) -> Iterator[Finding]:
+    """States that grow exponentially over the second half of a run, to its end."""
+    if len(s.time) < 4 * PARTS or not len(s.x):
+        return
+    later = np.abs(s.x - s.x[:, :1])[:, len(s.time) - len(s.time) // (2 * PARTS) * PARTS:]
+    reach = later.reshape(len(s.x), PARTS, -1).max(axis=2)
+    grows = (reach[:, 1:] > STEADILY * reach[:, :-1]).all(axis=1)
+    for k in np.flatnonzero(grows).tolist():
+        j, order = s.assembly.reduced.states[k]
+        u = s.assembly.flat.unknowns[j]
+        known = np.isfinite(u.plausible.typical)
+        if order == 0 and reach[k, -1] > (GROWN * u.plausible.typical if known else GROWN_UNKNOWN * u.nominal):
+            yield _finding("growth", u, float(s.time[len(s.time) // 2]), float(s.x[k, -1]), None, GROWING)
+
+
+def _ranged(unknown: Unknown) -> bool:
+    limits = (unknown.plausible.least, *((unknown.low, unknown.high) if unknown.role == "own" else ()))
+    return any(math.isfinite(limit) for limit in limits)
+
+
+def _outside(unknowns: Sequence[Unknown], values: Array, time: Array, duration: float) -> Iterator[Finding]:
+    """What is wrong with the values (k, N) of unknowns at times of a run."""
+    if not len(unknowns):
+        return
+    low, high = values.min(axis=1), values.max(axis=1)  # NaN where one is
+    bounds = np.array([_bounds(u, duration) for u in unknowns])
+    with np.errstate(invalid="ignore"):
+        fine = (low >= bounds[:, 0]) & (high <= bounds[:, 1])
+    for k in np.flatnonzero(~fine).tolist():
+        yield from _wrong(unknowns[k], values[k], time, duration)
+
+
+def _bounds(u: Unknown, duration: float) -> tuple[float, float]:
+    """Between which values nothing is wrong with a variable."""
+    most = min(RUNAWAY * typical_size(u, duration), WORTHLESS, _largest(u, duration))
+    own = u.role == "own"
+    least = max(u.plausible.least - _grace(u, u.plausible.least), u.low - _grace(u, u.low) if own else -np.inf)
+    return max(-most, least), min(most, u.high + _grace(u, u.high) if own else np.inf)
+
+
+def _grace(u: Unknown, limit: float) -> float:
+    return GRACE * max(abs(limit), u.nominal * GRACE) if math.isfinite(limit) else 0.0
+
+
+def _largest(u: Unknown, duration: float) -> float:
+    return max(u.plausible.largest, FAST * u.plausible.per_second * duration)
+
+
+def _wrong(u: Unknown, values: Array, time: Array, duration: float) -> Iterator[Finding]:
+    """What is wrong with one variable, the worst first."""
+    finite = np.isfinite(values)
+    if not finite.all():
+        at = int(np.argmin(finite))
+        yield _finding("not-finite", u, float(time[at]), float(values[at]), None, "")
+        return
+    typical, largest = RUNAWAY * typical_size(u, duration), _largest(u, duration)
+    for kind, most, advice in (("runaway", min(typical, WORTHLESS), RAN_AWAY), ("larger", largest, LARGER)):
+        if np.abs(values).max() > most:
+            yield _passed(kind, u, values, time, np.abs(values) > most, most, advice)
+    declared = [(u.plausible.least, -1, u.plausible.beyond)]
+    if u.role == "own":
+        owner, _, name = u.name.rpartition(".")
+        advice = f"beyond what {owner} allows for its {name}. Look at its start, and at what drives it"
+        declared += [(u.low, -1, advice), (u.high, 1, advice)]
+    for limit, side, advice in declared:
+        over = side * (values - limit) > _grace(u, limit)
+        if math.isfinite(limit) and over.any():
+            yield _passed("range", u, values, time, over, limit, advice)
+
+
+def typical_size(unknown: Unknown, duration: float) -> float:
+    """The typical size of a variable in a run of so many seconds; inf where none is known."""
+    return max(unknown.plausible.typical, unknown.plausible.per_second * duration)
+
+
+def _passed(kind: str, u: Unknown, values: Array, time: Array, over: NDArray[np.bool_], limit: float, advice: str
+            ) -> Finding:
+    worst = float(values[int(np.argmax(np.abs(values - limit) * over))])
+    return _finding(kind, u, float(time[int(np.argmax(over))]), worst, limit if kind == "range" else
+                    float(np.copysign(limit, worst)), advice)
+
+
+def _finding(kind: str, u: Unknown, time: float, value: float, limit: float | None, advice: str) -> Finding:
+    return Finding(kind, u.name, u.name.rpartition(".")[0], time, value, limit, u.unit.text, advice)

@@ -1,0 +1,1 @@
+"""Tuning: costs, sensitivities and adjoints, search, robustness."""

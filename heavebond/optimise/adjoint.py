@@ -1,0 +1,327 @@
+"""Gradients of costs with respect to any number of parameters, from one run backwards in time.
+
+With x' = f(t, x, z, p), 0 = g(t, x, z, p), integrals q' = r(t, x, z, p) and a cost whose change is
+
+    dJ = s^T d(q(t_2) - q(t_1)) + e_x dx(t_2) + e_z dz(t_2) + e_p dp,
+
+the adjoint states l and the multipliers m run from t_2 back to the start at t_0 (s is left out before t_1):
+
+    -l' = f_x^T l + g_x^T m + r_x^T s,   0 = f_z^T l + g_z^T m + r_z^T s,   l(t_2) = e_x - g_x^T g_z^-T e_z,
+    dJ/dp = int (f_p^T l + g_p^T m + r_p^T s) dt + e_p - g_p^T g_z^-T e_z + (dx(t_0)/dp)^T l(t_0).
+
+IDAS keeps every step forward and interpolates in them on its way back. Y. Cao, S. Li, L. Petzold and R. Serban, Adjoint
+sensitivity analysis for differential-algebraic equations, 2003, doi:10.1137/S1064827501380630.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from heavebond.core.cancellation import check
+from heavebond.core.errors import Problem, SimulationError, UsageError
+from heavebond.language.symbols import stack
+from heavebond.numerics.dae import Array, Assembly
+from heavebond.numerics.idas import caught_errors, integrator_options
+from heavebond.numerics.initialise import Start, Tangent, start, tangent
+from heavebond.numerics.result import Result, columns
+from heavebond.numerics.simulator import Simulator
+from heavebond.numerics.solvers import DEFAULT
+from heavebond.optimise.costs import CostSlopes, Evaluator
+
+CHARTS = "adjoint-charts"  # the code of the problem where states change
+# The multipliers jump with s and with the inputs, and the error control backward cannot leave them out as it does the
+# algebraic unknowns forward: counted in so large a unit they pass it unseen.
+UNSEEN = 1e10
+# Added to an adjoint state at a stop it moves nothing, but lets IDAS begin anew there. Otherwise it steps past the stop
+# with the inputs that hold after it, and interpolates back.
+NOTHING = 1e-300
+# Between checkpoints IDAS integrates forward again, with whatever input holds at that moment of the way back. So there
+# is one stretch only, with room for this many times the steps of the first run.
+ROOM = 2
+MOST_NUMBERS = 60_000_000  # kept steps times unknowns: about 1 GB
+# Adjoint states are weighted by so much more than forward sensitivities in the error control: contributions to an integral
+# over p cancel, and what is left of their errors is magnified.
+MORE = 4
+# So many integrals are gone back for one by one, where that saves the run before; each costs a fifth of a run.
+MOST_AT_ONCE = 4
+# The share of |integrand| at the ends of the time evaluated that a signed integral is taken to be at least: one over
+# whole periods may be zero, and still has a gradient.
+SIGNED = 1e-3
+
+
+@dataclass(frozen=True)
+class _Ends:
+    """What a cost pulls at at the end: states (n_x,), parameters (n_p,)."""
+
+    x: Array
+    p: Array
+
+
+@dataclass(frozen=True)
+class _Made:
+    """An integrator, the numbers in it and the steps that it can keep."""
+
+    fixed: Array
+    room: int
+    integrator: ca.Function
+    hoist_transposed: ca.Function
+
+
+class Adjoint:
+    """Costs and their gradients at runs of a simulator that integrates the quadratures of the evaluator.
+
+    `names` are the parameters that are differentiated; those under `solve:` follow the start, all others are taken into
+    the equations as numbers, so that the gradient is cheap. Each cost is scaled so that its adjoint states count in the
+    error control by four times `tolerances.along`. UsageError for a name that is no independent parameter, where the
+    diagram has events and where the simulator is not one by IDAS. A run during which the states
+    are exchanged (`dynamic_state_selection`) has no adjoint: SimulationError.
+    """
+
+    def __init__(self, simulator: Simulator, evaluator: Evaluator, names: Sequence[str]):
+        self.simulator, self.evaluator = simulator, evaluator
+        assembly = simulator.assembly
+        assembly.with_parameters(dict.fromkeys(names, 0.0))  # says what is wrong with a name that cannot be set
+        if assembly.flat.events:
+            raise UsageError([Problem("adjoint-events", "a run backwards does not go through events", None,
+                                      "Take forward sensitivities: simulate(..., sensitivities=[...]).")])
+        if simulator.solver.name != DEFAULT:
+            raise UsageError([Problem("adjoint-solver", f"a run backwards is one of {DEFAULT}, and this simulator was made "
+                                      f"with solver='{simulator.solver.name}'", None,
+                                      f"Type Simulator(..., solver='{DEFAULT}'), or take forward sensitivities: "
+                                      "simulate(..., sensitivities=[...]).")])
+        self._chosen = [assembly.parameter_names.index(name) for name in names]
+        self._made: dict[int, _Made] = {}
+        self._steps = 0
+        self._last_sizes = np.zeros(0)
+        z, p = assembly.arguments[2:4]
+        hoisted = simulator.integrand.hoist(p, ca.SX(p.numel(), 0))
+        moving = [*self._chosen, *simulator.start_equations.solved_for]
+        depends = np.array(ca.which_depends(hoisted, p[moving], 1, True)) if moving else np.zeros(0, dtype=bool)
+        self._kept = np.flatnonzero(depends)
+        sides = (assembly.ode / ca.SX(ca.DM(assembly.x_nominal)), assembly.alg, evaluator.quadratures)
+        given = [*assembly.arguments, evaluator.factors.symbols]
+        self._by_z = ca.Function("by_z", given, [ca.jacobian(side, z) for side in sides])
+        self._rates = ca.Function("rates", given, [evaluator.quadratures])
+        self._ends = self._end_function() if any(f.kind == "final" for f in evaluator.functionals) else None
+
+    def costs(self, run: Result, references: Array) -> list[tuple[float, Array]]:
+        """Each cost of a run of the simulator and its gradient (m,).
+
+        `references` are the functionals of the reference run. SimulationError where the run backward breaks down, or where
+        the states change on the way.
+        """
+        if run.statistics.get("state_changes"):
+            raise _other_states(run)
+        slopes = self.evaluator.cost_slopes(run, references)
+        ends = [self._end(run, slope) for slope in slopes]
+        moved = self._moved(run.start)
+        x, p = self._backward(run, slopes, ends)
+        return [(slope.value, moved.x.T @ x[:, k] + moved.p.T @ (p[:, k] + slope.by_p + end.p))
+                for k, (slope, end) in enumerate(zip(slopes, ends, strict=True))]
+
+    def at(self, parameters: Mapping[str, float | str], references: Array) -> list[tuple[float, Array]]:
+        """As `costs`, at parameters where no run is known.
+
+        Where costs are made of few integrals, and nothing jumps at the end that only a run could tell, one call integrates
+        forward and then back for every integral, whatever the costs make of them. Raises as a run does.
+        """
+        n_q = len(self.evaluator.integrated)
+        told_by_a_run = self._ends is not None or self.simulator.assembly.z_nominal.size > 0 or \
+            self.simulator.switching is not None
+        if not self._steps or told_by_a_run or not 0 < n_q <= MOST_AT_ONCE:
+            return self.costs(self.simulator.run(parameters), references)
+        assembly, simulator = self.simulator.assembly.with_parameters(parameters), self.simulator
+        first = start(assembly, float(simulator.time[0]), self._first_inputs(), simulator.start_equations)
+        weights = MORE * simulator.tolerances.along / np.maximum(self._last_sizes, simulator.tolerances.atol)
+        made = self._integrator(self._steps, first.p, n_q)
+        n_all = made.integrator.size1_in("x0")
+        pulls = np.zeros((len(simulator.stops) - 1, n_q, n_all))
+        self._pull(pulls, np.hstack([np.zeros((n_q, n_all - n_q)), np.diag(weights)]))
+        by_x, by_p, found = self._called(made, first, pulls, np.zeros((0, pulls.shape[0] * n_q)))
+        self._steps = max(self._steps, _steps(made.integrator.stats()))
+        run = self._result(assembly, first, np.array(found["xf"]).reshape(n_all, -1))
+        self._last_sizes, moved = self._sizes(run), self._moved(first)
+        along = (moved.x.T @ by_x + moved.p.T @ by_p) / weights
+        return [(slope.value, along @ slope.by_integral + moved.p.T @ slope.by_p)
+                for slope in self.evaluator.cost_slopes(run, references)]
+
+    def _result(self, assembly: Assembly, first: Start, after: Array) -> Result:
+        """The run that an integrator without algebraic unknowns made on its way: states and integrals (n_all, stops)."""
+        simulator, n_x = self.simulator, len(first.x)
+        x = np.column_stack([np.zeros(len(after)), after])
+        x[:n_x, 0] = first.x / assembly.x_nominal
+        x = x[:, np.searchsorted(simulator.stops, simulator.time)]
+        return Result(assembly, simulator.time, x[:n_x] * assembly.x_nominal[:, None], np.zeros((0, x.shape[1])),
+                      simulator.pieces.at(simulator.time), first.p, first, {}, x[len(after) - simulator.integrals:])
+
+    def _first_inputs(self) -> Array:
+        return self.simulator.pieces.at(self.simulator.time[:1])[:, 0]
+
+    def _moved(self, first: Start) -> Tangent:
+        directions = np.eye(len(first.p))[:, self._chosen]
+        return tangent(self.simulator.start_equations, first, self._first_inputs(), directions)
+
+    # -- the run back ----------------------------------------------------------------------------------------------
+    def _backward(self, run: Result, slopes: list[CostSlopes], ends: list[_Ends]) -> tuple[Array, Array]:
+        """d cost / d x(t_0) (n_x, k) with parameters held, d cost / dp (n_p, k) with x(t_0) held and without `ends`."""
+        self._steps = _steps(run.statistics)
+        made = self._integrator(self._steps, run.p, len(slopes))
+        pulls, jumps, weights = self._seeds(run, slopes, ends, made.integrator.size1_in("x0"))
+        if not weights.any():
+            return np.zeros((len(run.x), len(slopes))), np.zeros((len(run.p), len(slopes)))
+        by_x, by_p, _ = self._called(made, run.start, pulls, jumps)
+        back = np.divide(1.0, weights, out=np.zeros_like(weights), where=weights > 0)
+        return by_x * back, by_p * back
+
+    def _called(self, made: _Made, first: Start, pulls: Array, jumps: Array) -> tuple[Array, Array, dict[str, ca.DM]]:
+        """Forward and back from a start with what is added to the adjoint states (stops, k, n_all) and to the multipliers
+        (n_z, stops * k): the adjoint states at the start in SI (n_x, k), by p (n_p, k), and what the call gave."""
+        simulator, assembly = self.simulator, self.simulator.assembly
+        n_x, n_all = len(assembly.x_nominal), pulls.shape[2]
+        x0 = np.append(first.x / assembly.x_nominal, np.zeros(n_all - n_x))
+        middle = (simulator.stops[:-1] + simulator.stops[1:]) / 2
+        with caught_errors() as heard:
+            try:
+                found = made.integrator(x0=x0, z0=first.z / assembly.z_nominal, p=self._hoisted(first.p)[self._kept],
+                                        u=simulator.inputs(middle), adj_xf=pulls.reshape(-1, n_all).T, adj_zf=jumps)
+                by_x, by_p = np.array(found["adj_x0"]), np.array(made.hoist_transposed(first.p, found["adj_p"]))
+                failed = "" if np.isfinite(by_x).all() and np.isfinite(by_p).all() else "a value is not a number"
+            except RuntimeError as error:
+                failed = str(error)
+        said = "".join(heard)
+        check()
+        if failed and "KeyboardInterrupt" in said:  # CasADi makes it a failure of the right side
+            raise KeyboardInterrupt
+        if failed:
+            raise _failure(failed, said)
+        return by_x[:n_x] / assembly.x_nominal[:, None], by_p, found
+
+    def _seeds(self, run: Result, slopes: list[CostSlopes], ends: list[_Ends], n_all: int) -> tuple[Array, Array, Array]:
+        """What is added to the adjoint states (stops, k, n_all) and to the multipliers (n_z, stops * k) at the stops after
+        the first, a column per cost at each stop, and the weight of each cost in it."""
+        simulator, k = self.simulator, len(slopes)
+        nominal = simulator.assembly.x_nominal
+        stops, n_q = len(simulator.stops) - 1, simulator.integrals
+        pulls, jumps = np.zeros((stops, k, n_all)), np.zeros((stops, k, len(run.z)))
+        weights, by_integral = np.zeros(k), np.zeros((k, n_all))
+        begin = int(np.searchsorted(simulator.stops, self.evaluator.begin))
+        self._last_sizes = sizes = self._sizes(run)
+        for j, (slope, end) in enumerate(zip(slopes, ends, strict=True)):
+            pull = end.x * nominal
+            size = max(float(np.abs(slope.by_integral) @ sizes), float(np.abs(pull).max(initial=0.0)))
+            weights[j] = MORE * simulator.tolerances.along / size if size > 0 else 0.0
+            by_integral[j, n_all - n_q:] = weights[j] * slope.by_integral
+            pulls[-1, j, : len(nominal)] = weights[j] * pull
+            jumps[-1, j] = weights[j] * self._multipliers(run, -1, pull, slope.by_integral)
+            if begin > 0:
+                jumps[begin - 1, j] = -weights[j] * self._multipliers(run, -2, 0 * pull, slope.by_integral)
+        self._pull(pulls, by_integral)
+        return pulls, jumps.reshape(stops * k, -1).T, weights
+
+    def _pull(self, pulls: Array, by_integral: Array) -> None:
+        """Add what integrals pull at (k, n_all): from the begin of the time that is evaluated to its end."""
+        begin = int(np.searchsorted(self.simulator.stops, self.evaluator.begin))
+        pulls[-1] += by_integral
+        if begin > 0:
+            pulls[begin - 1] -= by_integral
+        if self.simulator.pieces.columns.size:
+            pulls[:-1, :, -1] += NOTHING
+
+    def _multipliers(self, run: Result, at: int, pull: Array, by_integral: Array) -> Array:
+        """The multipliers (n_z,) that go with adjoint states `pull` and with s."""
+        if not len(run.z):
+            return np.zeros(0)
+        f_z, g_z, r_z = (np.array(a.full()) for a in self._by_z(*_column(run, at), self.evaluator.factors.values))
+        return np.asarray(-np.linalg.solve(g_z.T, f_z.T @ pull + r_z.T @ by_integral) / UNSEEN)
+
+    def _sizes(self, run: Result) -> Array:
+        """About how large the integral of |integrand| is (n_q,)."""
+        evaluator = self.evaluator
+        integrals = np.abs(evaluator.integrals(run))
+        rates = np.array(self._rates(*columns(run), evaluator.factors.values)).reshape(len(integrals), -1)
+        signed = np.array([f.kind in ("mean", "integral") for f in evaluator.integrated])
+        least = np.where(signed, np.maximum(SIGNED * np.abs(rates).max(axis=1), self.simulator.tolerances.atol), 0.0)
+        return np.asarray(np.maximum(integrals, evaluator.length * least))
+
+    def _hoisted(self, p: Array) -> Array:
+        return np.array(self.simulator.integrand.hoist(p, np.zeros((len(p), 0)))).ravel()
+
+    def _integrator(self, steps: int, p: Array, number: int) -> _Made:
+        """The integrator with so many ways back, with the numbers of a run and room for its steps."""
+        hoisted = self._hoisted(p)
+        fixed = np.delete(hoisted, self._kept)
+        made = self._made.get(number)
+        if made is None or 1.5 * steps > made.room or not np.array_equal(made.fixed, fixed):
+            made = self._made[number] = self._built(hoisted, ROOM * steps + 1000, number)
+        return made
+
+    def _built(self, hoisted: Array, room: int, number: int) -> _Made:
+        simulator = self.simulator
+        dae = dict(simulator.integrand.dae)
+        rest = np.setdiff1d(np.arange(len(hoisted)), self._kept)
+        numbers = ca.SX(ca.DM(hoisted[rest]))
+        dae["ode"], alg = ca.substitute([dae["ode"], dae["alg"]], [dae["p"][rest.tolist()]], [numbers])
+        dae["alg"], dae["p"] = alg * UNSEEN, dae["p"][self._kept.tolist()]
+        size = dae["x"].numel() + dae["z"].numel()
+        if room * size > MOST_NUMBERS:
+            raise _failure(f"to keep {room} steps of {size} unknowns takes too much memory", "")
+        integrator = ca.integrator("back", "idas", dae, float(simulator.stops[0]), list(simulator.stops[1:]), {
+            **integrator_options(dae, simulator.tolerances), "nadj": number, "steps_per_checkpoint": room,
+            # long steps where the adjoint states are quiet would leave the integrals over p inaccurate
+            "quad_err_con": True})
+        p = simulator.assembly.arguments[3]
+        kept = simulator.integrand.hoist(p, ca.SX(p.numel(), 0))[self._kept.tolist()]
+        pull = ca.SX.sym("l", len(self._kept), number)
+        transposed = ca.Function("hoist", [p, pull], [ca.jtimes(kept, p, pull, True)])
+        return _Made(hoisted[rest], room, integrator, transposed)
+
+    # -- costs of the last values ----------------------------------------------------------------------------------
+    def _end_function(self) -> ca.Function:
+        """Gradients of a sum of the last values, by x, z and p, and of the loops."""
+        assembly = self.simulator.assembly
+        t, x, z, p, u, rate = assembly.arguments
+        weights = ca.SX.sym("w", len(self.evaluator.functionals))
+        value = ca.dot(weights, stack([f.signal for f in self.evaluator.functionals]))
+        return ca.Function("ends", [t, x, z, p, u, rate, weights], [
+            *(ca.densify(ca.gradient(value, a)) for a in (x, z, p)),
+            *(ca.densify(ca.jacobian(assembly.alg, a)) for a in (x, z, p))])
+
+    def _end(self, run: Result, slope: CostSlopes) -> _Ends:
+        if self._ends is None:
+            return _Ends(np.zeros(len(run.x)), np.zeros(len(run.p)))
+        e_x, e_z, e_p, g_x, g_z, g_p = (np.array(a) for a in self._ends(*_column(run, -1), slope.by_final))
+        if e_z.size:
+            multipliers = np.linalg.solve(g_z.T, e_z)
+            e_x, e_p = e_x - g_x.T @ multipliers, e_p - g_p.T @ multipliers
+        return _Ends(e_x.ravel(), e_p.ravel())
+
+
+def _steps(statistics: Mapping[str, object]) -> int:
+    steps = statistics.get("nsteps", 0)
+    assert isinstance(steps, int)
+    return steps
+
+
+def _column(run: Result, at: int) -> list[Array]:
+    """The arguments of an assembly's functions at one of a run's times."""
+    return [a[:, at] if a.size else np.zeros(0) for a in columns(run)]
+
+
+def _other_states(run: Result) -> SimulationError:
+    changes = run.statistics["state_changes"]
+    assert isinstance(changes, list)
+    before, after = (", ".join(changes[0][k]) for k in ("before", "after"))
+    return SimulationError([Problem(
+        CHARTS, f"the states change at t = {changes[0]['time']:.6g} s; a run backwards goes through one choice only", None,
+        "Take forward sensitivities: simulate(..., sensitivities=[...]). `tune` does so by itself.",
+        (f"{before} -> {after}",))])
+
+
+def _failure(failed: str, said: str) -> SimulationError:
+    words = [line for line in said.splitlines() if line.strip()]
+    return SimulationError([Problem("adjoint-failed", "the run backwards stopped", None, "Take forward sensitivities: "
+                                    "simulate(..., sensitivities=[...]).", (words[0] if words else failed[-160:],))])

@@ -1,0 +1,305 @@
+"""Sensitivities beside differences of runs: whether they agree, and if not, why.
+
+A difference of runs knows nothing of derivatives, so it finds mistakes in them; but it is wrong itself where the runs are
+not accurate enough for its step, or where a law has a kink between them. With y the quantity, h the step and runs at
+tight tolerances, the central difference of fourth order and the two one-sided ones of second order are
+
+    (8 (y(h) - y(-h)) - (y(2h) - y(-2h))) / 12 h,   +-(4 (y(+-h) - y(0)) - (y(+-2h) - y(0))) / 2 h.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heavebond.core.errors import HeavebondError, Problem, UsageError
+from heavebond.core.progress import Progress
+from heavebond.numerics.dae import Array, Assembly
+from heavebond.numerics.result import Probe, Result
+from heavebond.numerics.simulator import Simulator, Time, Tolerances
+from heavebond.optimise.adjoint import Adjoint
+from heavebond.optimise.influence import in_chunks
+from heavebond.optimise.kinks import Kinks, Passing
+from heavebond.optimise.objective import TOLERANCES, Objective, Task
+
+STEPS = (1e-2, 1e-3, 1e-4, 1e-5)  # relative to the parameter, or to 1 in its base unit where it is zero
+TIGHT = Tolerances(1e-11, 1e-13, along=1.0)
+# Adjoint states jump in slope where a law has a kink, which at TIGHT no step passes.
+TIGHT_BACKWARDS = Tolerances(1e-9, 1e-11)
+AGREE = 1e-4  # of the largest value: differences of runs at the tight tolerances are right to about 1e-6
+LOOSE = 2e-3  # what sensitivities at the default tolerances keep below
+STILL = 1e-9  # a relative change of a parameter by 1 that changes a quantity by less of its size does not change it
+TORN = 0.1  # one-sided differences that are further apart at every step have no common limit
+TRACED = 2000  # points at which two runs are compared for being on the same side of a kink
+
+
+
+@dataclass(frozen=True)
+class Ran:
+    """Values (n, N) of a run at times (N,), none where they are no series, and the times of its events."""
+
+    values: Array
+    times: Array
+    events: tuple[float, ...] = ()
+
+
+Runs = Callable[[Mapping[str, float]], Ran]
+
+
+@dataclass(frozen=True)
+class Subject:
+    """What is differentiated: n quantities of a diagram at N times.
+
+    `runs(tolerances)` gives a function of settings to a run; `exact(tolerances, names)` the derivatives
+    (m, n, N), at the tolerances asked for or `tight`; `trace(settings)` a run to look for kinks in.
+    """
+
+    assembly: Assembly
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    tolerances: Tolerances
+    tight: Tolerances
+    kinks: Kinks
+    runs: Callable[[Tolerances], Runs]
+    exact: Callable[[Tolerances, Sequence[str]], Array]
+    trace: Callable[[Mapping[str, float]], Result]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """`agrees`, `tolerance`, `kink`, `disagrees` or `unsettled`, and what led to it.
+
+    Errors are shares of the largest derivative: `given` of the derivatives at the tolerances asked for, `steps` of the
+    differences at each step, both against the derivatives at tight tolerances; `apart` between the one-sided differences.
+    """
+
+    quantity: str
+    parameter: str
+    word: str
+    why: str
+    given: float
+    steps: dict[float, float]
+    apart: float
+    largest: float
+
+    @property
+    def best(self) -> float:
+        """The least error of a difference, NaN where no runs could be made."""
+        known = [e for e in self.steps.values() if np.isfinite(e)]
+        return min(known, default=float("nan"))
+
+
+# -- subjects --------------------------------------------------------------------------------------------------------
+def signals_of(assembly: Assembly, signals: Iterable[str], until: Time | None = None, *, every: Time | None = None,
+               tolerances: Tolerances | None = None) -> Subject:
+    """Signals over time. UsageError for a name that is not there."""
+    names = tuple(signals)
+    probe = Probe(assembly, names)
+
+    def runs(given: Tolerances) -> Runs:
+        simulator = Simulator(assembly, until, every=every, tolerances=given)
+
+        def ran(settings: Mapping[str, float]) -> Ran:
+            run = simulator.run(settings)
+            return Ran(probe.values(run), run.time, tuple(time for time, _ in run.events))
+
+        return ran
+
+    def exact(given: Tolerances, parameters: Sequence[str]) -> Array:
+        return np.concatenate([probe.sensitivities(Simulator(assembly, until, every=every, tolerances=given,
+                                                             sensitivities=chunk).run())
+                               for chunk in in_chunks(parameters)])
+
+    trace = _traced(assembly, until)
+    unit = trace({}).unit
+    return Subject(assembly, names, tuple(unit(n) for n in names), tolerances or Tolerances(), TIGHT,
+                   Kinks(assembly, names), runs, exact, trace)
+
+
+def costs_of(assembly: Assembly, task: Task, *, tolerances: Tolerances | None = None, backwards: bool = False) -> Subject:
+    """The cost and the limits of a task in its first case; by runs backwards instead of forward if so wanted."""
+    case = Objective(assembly, task).cases[0]
+    assembly, time = case.plain.assembly, case.plain.time
+    evaluator, references = case.evaluator, case.references
+
+    def simulator(given: Tolerances, names: Sequence[str] = ()) -> Simulator:
+        return Simulator(assembly, times=time, tolerances=given, quadratures=evaluator.quadratures,
+                         factors=evaluator.factors, sensitivities=names)
+
+    def runs(given: Tolerances) -> Runs:
+        plain = simulator(given)
+        return lambda settings: Ran(np.array(
+            [[slope.value] for slope in evaluator.cost_slopes(plain.run(settings), references)]), np.zeros(0))
+
+    def exact(given: Tolerances, names: Sequence[str]) -> Array:
+        if backwards:
+            plain = simulator(given)
+            found = Adjoint(plain, evaluator, names).costs(plain.run(), references)
+            return np.array([gradient for _, gradient in found]).T[:, :, None]
+        return np.concatenate([forward(given, chunk) for chunk in in_chunks(names)])
+
+    def forward(given: Tolerances, names: Sequence[str]) -> Array:
+        run = simulator(given, names).run()
+        assert run.along is not None
+        found = evaluator.cost_values(*evaluator.functional_values(run), references, run.p, run.along.p)
+        return np.array([gradient for _, gradient in found]).T[:, :, None]
+
+    names = ("cost", *task.limits)
+    return Subject(assembly, names, tuple(c.unit for c in evaluator.costs), tolerances or TOLERANCES,
+                   TIGHT_BACKWARDS if backwards else TIGHT, Kinks(assembly), runs, exact, _traced(assembly, float(time[-1])))
+
+
+def _traced(assembly: Assembly, until: Time | None) -> Callable[[Mapping[str, float]], Result]:
+    end = float(Simulator(assembly, until).time[-1])
+    simulator = Simulator(assembly, times=np.linspace(0, end, TRACED))
+    return simulator.run
+
+
+# -- the check -------------------------------------------------------------------------------------------------------
+def check_gradients(subject: Subject, parameters: Sequence[str], *, progress: Progress | None = None) -> list[Verdict]:
+    """One verdict per quantity and parameter. UsageError for a name that is no parameter or where none is given."""
+    if not parameters:
+        raise UsageError([Problem("nothing-to-check", "no parameter is named", None, "Name one with --to.")])
+    say = progress or (lambda text: None)
+    subject.assembly.with_parameters(dict.fromkeys(parameters, 0.0))  # says what is wrong with a name
+    values = subject.assembly.parameter_values
+    sizes = np.array([abs(values[name]) or 1.0 for name in parameters])
+    say("sensitivities")
+    given, tight = (subject.exact(tolerances, parameters) * sizes[:, None, None]
+                    for tolerances in (subject.tolerances, subject.tight))
+    runs = subject.runs(TIGHT)
+    middle = runs({})
+    found = []
+    for k, name in enumerate(parameters):
+        say(f"differences to {name}, {k + 1} of {len(parameters)}")
+        near = {h: _around(runs, name, values[name], h * sizes[k]) for h in STEPS}
+        passings = _passings(subject, name, values[name], STEPS[0] * sizes[k])
+        for j, quantity in enumerate(subject.names):
+            differences = {h: None if y is None else _differences(middle, y, j, h, tight[k, j]) for h, y in near.items()}
+            found.append(judge(quantity, name, middle.values[j], given[k, j], tight[k, j], differences,
+                               [p for p in passings if p.kink.signal in ("", quantity)],
+                               (subject.tolerances.rtol, subject.tight.rtol)))
+    return found
+
+
+def _differences(middle: Ran, around: Sequence[Ran], j: int, h: float, exact: Array) -> _Differences | None:
+    """Those of the j-th quantity at a step h, the `exact` derivative (N,) where no difference can tell it; None where that
+    is so at most of the times."""
+    found = _Differences.of(middle.values[j], [run.values[j] for run in around], h)
+    out = _between(middle, around)
+    if 2 * np.count_nonzero(out) > len(exact):
+        return None
+    return found if not out.any() else _Differences(
+        *(np.where(out, exact, side) for side in (found.central, found.up, found.down)))
+
+
+def _between(middle: Ran, around: Sequence[Ran]) -> NDArray[np.bool_]:
+    """The times (N,) that lie before an event in some of the runs and behind it in others: a difference over a jump is no
+    derivative. Where the runs differ in how many events they have, nothing behind the first that is missing counts."""
+    runs = [middle, *around]
+    inside = np.zeros(len(middle.times), dtype=bool)
+    for k in range(max(len(run.events) for run in runs)):
+        times = [run.events[k] if k < len(run.events) else np.inf for run in runs]
+        inside |= (middle.times >= min(times)) & (middle.times <= max(times)) & (min(times) < max(times))
+    return inside
+
+
+def _around(runs: Runs, name: str, value: float, step: float) -> list[Ran] | None:
+    """Runs at -2, -1, 1, 2 steps; None where a run cannot be made (a mass below zero)."""
+    try:
+        return [runs({name: value + n * step}) for n in (-2, -1, 1, 2)]
+    except HeavebondError:
+        return None
+
+
+def _passings(subject: Subject, name: str, value: float, step: float) -> list[Passing]:
+    try:
+        return subject.kinks.apart(*(subject.trace({name: value + n * step}) for n in (-1, 1)))
+    except HeavebondError:
+        return []
+
+
+@dataclass(frozen=True)
+class _Differences:
+    """Central and one-sided differences (N,) per relative change."""
+
+    central: Array
+    up: Array
+    down: Array
+
+    @staticmethod
+    def of(middle: Array, around: Sequence[Array], h: float) -> _Differences:
+        down_2, down, up, up_2 = around
+        return _Differences((8 * (up - down) - (up_2 - down_2)) / (12 * h),
+                            (4 * (up - middle) - (up_2 - middle)) / (2 * h),
+                            -(4 * (down - middle) - (down_2 - middle)) / (2 * h))
+
+
+def judge(quantity: str, parameter: str, values: Array, given: Array, tight: Array,
+          differences: Mapping[float, _Differences | None], passings: Sequence[Passing], rtol: tuple[float, float]
+          ) -> Verdict:
+    """The verdict on one derivative (N,), all per relative change of the parameter; `rtol` given and tight.
+
+    Where the differences settle on another value than the derivative although no kink lies between the runs, or only
+    one at which the slope changes and not the value, the derivative is wrong.
+    """
+    known = {h: d for h, d in differences.items() if d is not None}
+    largest = max([_most(tight), *(_most(d.central) for d in known.values())])
+    still = STILL * max(_most(values), 1e-300)
+    scale = max(largest, still)
+    steps = {h: _most(tight - d.central) / scale for h, d in known.items()}
+    error = _most(given - tight) / scale
+    apart = min((_most(d.up - d.down) / scale for d in known.values()), default=float("nan"))
+    best = min(steps.values(), default=float("nan"))
+
+    def verdict(word: str, why: str) -> Verdict:
+        return Verdict(quantity, parameter, word, why, error, steps, apart, largest)
+
+    if not known:
+        return verdict("unsettled", "no run near the value of the parameter could be made")
+    if largest <= still:
+        return verdict("agrees", "the parameter has no influence")
+    if apart > TORN:
+        # the central difference is the mean of two slopes, as is the derivative that CasADi takes there
+        return verdict("kink", _with(passings, f"the slopes from above and below are {100 * apart:.2g} % apart, so that "
+                                     "none is the derivative: at the value of the parameter itself "))
+    if best <= AGREE:
+        if error <= LOOSE:
+            return verdict("agrees", _with(passings, "the differences at long steps do not: between the runs ")
+                           if max(steps.values()) > 0.1 and passings else "")
+        return verdict("tolerance", f"at rtol {rtol[0]:g} it is off by {100 * error:.2g} %, at {rtol[1]:g} it agrees with "
+                       "the differences: tighten the tolerances")
+    centrals = [d.central for d in known.values()]
+    settled = min((_most(a - b) / scale for a, b in pairwise(centrals)), default=np.inf)
+    between = f"the differences change with the step ({_span(steps)})" if settled > 0.3 * best else \
+        f"the differences from above and from below are {100 * apart:.2g} % apart"
+    if any(p.kink.jumps for p in passings):
+        return verdict("kink", _with([p for p in passings if p.kink.jumps], "a law jumps, which no sensitivity "
+                                       "follows: "))
+    if passings and (settled > 0.3 * best or apart > 0.3 * best):
+        return verdict("kink", _with(passings, f"{between}: between the runs "))
+    if settled > 0.3 * best:
+        return verdict("unsettled", f"{between}: the motion is chaotic, or a law is too steep for them")
+    return verdict("disagrees", f"the differences settle on another value, {100 * best:.2g} % away, and no kink explains "
+                   "it: this is a mistake in heavebond")
+
+
+def _most(values: Array) -> float:
+    return float(np.abs(values).max(initial=0.0))
+
+
+def _span(steps: Mapping[float, float]) -> str:
+    return f"off by {100 * min(steps.values()):.2g} .. {100 * max(steps.values()):.2g} %"
+
+
+def _with(passings: Sequence[Passing], words: str) -> str:
+    """The kinks in the order of time, each owner once."""
+    named: dict[tuple[str, str], float] = {}
+    for p in passings:
+        named.setdefault((p.kink.owner, p.kink.function), p.time)
+    shown = [f"{owner} ({function}) switches at {time:.4g} s" for (owner, function), time in list(named.items())[:3]]
+    return words + ", ".join(shown) + (f" and {len(named) - 3} more" if len(named) > 3 else "")

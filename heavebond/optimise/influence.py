@@ -1,0 +1,133 @@
+"""Which parameters move which signals: relative influence from forward sensitivities.
+
+The influence of a parameter p on a signal s is p ds/dp: how far the signal would move, at each instant, if the parameter
+were doubled and the signal followed its tangent; a hundredth of it is what one per cent does. Its root mean square over
+that of the signal about its mean,
+
+    rms(p ds/dp) / rms(s - mean(s)),
+
+ranks parameters of any unit. Parameters that are zero have none: nothing is in proportion to them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from heavebond.core.errors import Problem, UsageError, listing
+from heavebond.core.progress import Progress
+from heavebond.core.units import Unit
+from heavebond.numerics.dae import Array, Assembly
+from heavebond.numerics.result import Probe
+from heavebond.numerics.simulator import Simulator, Time, Tolerances
+
+MOST = 60  # parameters, where none are named
+AT_ONCE = 6  # sensitivities a run: beyond it the Jacobian grows faster than runs are saved
+STILL = 1e-9  # a signal that moves by less than this share of its size stands still
+
+
+@dataclass(frozen=True)
+class Influence:
+    """One parameter on one signal: its rms relative to the signal's, the signed largest value in the signal's unit (of
+    a relative change of 1), when that is (s), and p ds/dp over time (N,)."""
+
+    parameter: str
+    value: float
+    unit: Unit
+    relative: float
+    peak: float
+    time: float
+    course: Array
+
+
+@dataclass(frozen=True)
+class Ranking:
+    """The influences on one signal, the largest first; `size` is the rms of the signal about its mean, or of the signal
+    itself where it stands still."""
+
+    signal: str
+    unit: str
+    size: float
+    still: bool
+    influences: tuple[Influence, ...]
+
+
+@dataclass(frozen=True)
+class Rankings:
+    """Every signal's ranking, at the same times (N,); `left_out` names parameters that were not tried."""
+
+    time: Array
+    rankings: tuple[Ranking, ...]
+    left_out: tuple[str, ...]
+
+
+def candidates(assembly: Assembly) -> list[str]:
+    """The independent parameters that may have an influence: those that are not zero and not solved for at the start."""
+    solved = assembly.model.initial.solve
+    return [name for name, value in assembly.parameter_values.items() if value != 0 and name not in solved]
+
+
+def rank(assembly: Assembly, signals: Sequence[str], parameters: Sequence[str] = (), until: Time | None = None, *,
+         every: Time | None = None, most: int = MOST, tolerances: Tolerances | None = None,
+         progress: Progress | None = None) -> Rankings:
+    """Rank parameters (by default all that are not zero, `most` of them) by their influence on signals.
+
+    UsageError for a name that is not there, a parameter that is zero or is solved for at the start.
+    """
+    possible = candidates(assembly)
+    chosen = list(dict.fromkeys(parameters)) or possible[:most]
+    _check(assembly, chosen, possible)
+    say = progress or (lambda text: None)
+    probe = Probe(assembly, signals)
+    courses, groups, done = [], in_chunks(chosen), 0
+    for group in groups:
+        say(f"parameters {done + 1} to {done + len(group)} of {len(chosen)}")
+        done += len(group)
+        run = Simulator(assembly, until, every=every, tolerances=tolerances, sensitivities=group).run()
+        courses.append(probe.sensitivities(run))
+    values = np.array([assembly.parameter_values[name] for name in chosen])
+    scaled = np.concatenate(courses) * values[:, None, None]
+    signal = probe.values(run)
+    units = {q.name: q.unit for q in assembly.flat.parameters}
+    return Rankings(run.time, tuple(
+        _ranking(name, run.unit(name), run.time, signal[j], [
+            (parameter, float(values[k]), units[parameter], scaled[k, j]) for k, parameter in enumerate(chosen)])
+        for j, name in enumerate(signals)), () if parameters else tuple(possible[most:]))
+
+
+def in_chunks(names: Sequence[str], size: int = AT_ONCE) -> list[Sequence[str]]:
+    """The names in groups of about equal length, each for one run with sensitivities."""
+    groups = max(1, -(-len(names) // size))
+    return [names[k * len(names) // groups:(k + 1) * len(names) // groups] for k in range(groups)]
+
+
+def _check(assembly: Assembly, chosen: Sequence[str], possible: Sequence[str]) -> None:
+    assembly.with_parameters(dict.fromkeys(chosen, 0.0))  # says what is wrong with a name
+    solved = [name for name in chosen if name in assembly.model.initial.solve]
+    zero = [name for name in chosen if name not in possible and name not in solved]
+    if solved:
+        raise UsageError([Problem("parameter-solved", f"{listing(solved)} cannot be moved: what is under `solve:` follows "
+                                  "from the start", None, "Take it out of `solve:` and give it a value.")])
+    if zero:
+        raise UsageError([Problem("parameter-zero", f"relative to {listing(zero)} nothing can be said: it is zero", None,
+                                  f"Give it a value, for example --set {zero[0]}='...'.")])
+    if not chosen:
+        raise UsageError([Problem("parameters-missing", f"{assembly.model.name} has no parameter that is not zero")])
+
+
+def _ranking(signal: str, unit: str, time: Array, values: Array, moved: list[tuple[str, float, Unit, Array]]) -> Ranking:
+    size = _rms(values - values.mean())
+    still = size <= STILL * max(_rms(values), 1e-300)
+    size = _rms(values) if still else size
+    found = []
+    for parameter, value, own, course in moved:
+        at = int(np.argmax(np.abs(course)))
+        relative = _rms(course) / size if size > 0 else float("nan")
+        found.append(Influence(parameter, value, own, relative, float(course[at]), float(time[at]), course))
+    return Ranking(signal, unit, size, still, tuple(sorted(found, key=lambda i: -_rms(i.course))))
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))

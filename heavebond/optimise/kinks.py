@@ -1,0 +1,104 @@
+"""The kinks of laws: where max, min, abs, sign, floor and if_else switch, and whether two runs are on the same side."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from heavebond.language.symbols import stack
+from heavebond.numerics.dae import Array, Assembly
+from heavebond.numerics.result import Result, columns
+from heavebond.text.expression import ExpressionProblem, parse_formula
+
+_DIFFERENCES = {ca.OP_FMAX: "max", ca.OP_FMIN: "min", ca.OP_LT: "if_else", ca.OP_LE: "if_else", ca.OP_EQ: "if_else",
+                ca.OP_NE: "if_else"}
+_ARGUMENTS = {ca.OP_FABS: "abs", ca.OP_SIGN: "sign"}
+JUMPS = ("sign", "floor", "if_else")
+
+
+@dataclass(frozen=True)
+class Kink:
+    """A place in a law that switches where `argument`, in the arguments of the assembly, passes through zero; in an
+    equation of `owner`, or in the formula of `signal` itself."""
+
+    owner: str
+    function: str
+    argument: ca.SX
+    signal: str = ""
+
+    @property
+    def jumps(self) -> bool:
+        """Whether the value may jump there, and not only its slope."""
+        return self.function in JUMPS
+
+
+@dataclass(frozen=True)
+class Passing:
+    """A kink that two runs pass at different times or on different sides, the first time at which that is so."""
+
+    kink: Kink
+    time: float
+
+
+class Kinks:
+    """The kinks of a diagram's equations and of some signals."""
+
+    def __init__(self, assembly: Assembly, signals: Iterable[str] = ()):
+        self.kinks = [*_of_equations(assembly), *_of_signals(assembly, signals)]
+        self._arguments = ca.Function("kinks", list(assembly.arguments), [stack(k.argument for k in self.kinks)])
+
+    def apart(self, one: Result, other: Result) -> list[Passing]:
+        """The kinks at which two runs on the same grid are on different sides, in the order of time."""
+        if not self.kinks:
+            return []
+        differ = self._sides(one) != self._sides(other)
+        found = [Passing(kink, float(one.time[np.argmax(row)])) for kink, row in zip(self.kinks, differ, strict=True)
+                 if row.any()]
+        return sorted(found, key=lambda passing: passing.time)
+
+    def _sides(self, run: Result) -> Array:
+        return np.sign(np.array(self._arguments(*columns(run))).reshape(len(self.kinks), -1))
+
+
+def _of_equations(assembly: Assembly) -> Iterator[Kink]:
+    flat = assembly.flat
+    for equation, residual in zip(flat.equations, flat.residuals, strict=True):
+        if equation.kink:
+            yield from _expressed(assembly, residual, equation.owner)
+
+
+def _of_signals(assembly: Assembly, signals: Iterable[str]) -> Iterator[Kink]:
+    for name in signals:
+        shown = assembly.model.show.get(name)
+        formula = assembly.resolver().evaluate(shown.expr if shown else parse_formula(name))
+        yield from _expressed(assembly, formula, f"the signal {name}", name)
+
+
+def _expressed(assembly: Assembly, raw: ca.SX, owner: str, signal: str = "") -> Iterator[Kink]:
+    """The kinks of an expression in raw symbols, their arguments in those of the assembly."""
+    for function, argument in _kinks(raw):
+        try:
+            yield Kink(owner, function, assembly.express(argument), signal)
+        except ExpressionProblem:  # a derivative within a loop, which cannot be told from outside
+            continue
+
+
+def _kinks(expression: ca.SX) -> Iterator[tuple[str, ca.SX]]:
+    """Function and argument of each kink in a scalar expression."""
+    waiting, seen = [expression], set()
+    while waiting:
+        node = waiting.pop()
+        if node.element_hash() in seen or node.is_constant() or node.is_symbolic():
+            continue
+        seen.add(node.element_hash())
+        operation, parts = node.op(), [node.dep(k) for k in range(node.n_dep())]
+        if operation in _DIFFERENCES:
+            yield _DIFFERENCES[operation], parts[0] - parts[1]
+        elif operation in _ARGUMENTS:
+            yield _ARGUMENTS[operation], parts[0]
+        elif operation == ca.OP_FLOOR:
+            yield "floor", ca.sin(np.pi * parts[0])  # changes its sign where the argument passes a whole number
+        waiting += parts

@@ -1,0 +1,424 @@
+"""What a tuning minimises: a task, and its cost and limits as functions of the free parameters, with gradients."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from heavebond.core.errors import HeavebondError, Problem, SimulationError, StartError, UsageError
+from heavebond.core.units import Range, UnitProblem, parse_range
+from heavebond.equations.parameters import check_ranges
+from heavebond.linear.describing_function import slopes_over
+from heavebond.linear.linearisation import ModesAtStart
+from heavebond.linear.rest_stability import STABLE, AtRest, RestStability
+from heavebond.numerics.dae import Array, Assembly
+from heavebond.numerics.result import Result
+from heavebond.numerics.simulator import Simulator, Tolerances, grid
+from heavebond.optimise.adjoint import CHARTS, Adjoint
+from heavebond.optimise.costs import Cost, Evaluator, read_cost, read_limit
+from heavebond.optimise.sampled_values import SAMPLED
+
+# The quality index of the reference runs is seen to about 1e-6 at these; tighter only costs time.
+TOLERANCES = Tolerances(1e-6, 1e-8)
+# Measured on the compensator, the gradients of k costs by a run backwards take as long as 2 + k/2 plain runs (some 3 where
+# no run is known yet), a run with m sensitivities as long as 1.3 + 0.25 m: backwards is quicker from 2 k and so many
+# parameters on.
+FEW = 5
+POINTS_FOR_SIZES = 400
+POINTS_FOR_CURVATURE = 200
+POINTS_FOR_SLOPES = 2000
+# Where the diagram's own values are beyond the limit of stability, so many points are asked for one that is not.
+DRAWN = 20
+# A signal that has become so many times larger or smaller than what it is divided by gets a new size.
+RESIZE = 3.0
+# A mode that grows by more than exp(3) = 20 within a run decides its cost. (Slower ones may be held by friction, which the
+# linearised machine at rest does not know.)
+GROWN = 3.0
+# A limit counts as kept where it is exceeded by less than this share of its right side.
+KEPT = 1e-4
+# Within so much of it (a damping ratio), the limit of stability is what holds a search.
+AT_BOUNDARY = 5e-4
+
+
+@dataclass(frozen=True)
+class Case:
+    """One condition of operation: values set beside the free ones (a sea state, a load), and its weight."""
+
+    name: str
+    settings: Mapping[str, float | str]
+    weight: float = 1.0
+
+
+@dataclass(frozen=True)
+class Task:
+    """What to tune: free parameters with ranges, a cost, limits (`peak(extension) < 3 m`), the time that is evaluated,
+    the values that make the reference run, the cases over which the cost is averaged, what is set where modes are
+    computed, how uncertain other parameters are (in their base units), and whether the machine must be stable at rest."""
+
+    free: Mapping[str, Range]
+    cost: str
+    limits: tuple[str, ...] = ()
+    begin: float = 0.0
+    end: float | None = None
+    reference: Mapping[str, float | str] | None = None
+    cases: tuple[Case, ...] = (Case("diagram", {}),)
+    modes: Mapping[str, float | str] = field(default_factory=dict)
+    uncertain: Mapping[str, str] = field(default_factory=dict)
+    stable: bool = True
+
+
+def ranges(texts: Mapping[str, str]) -> dict[str, Range]:
+    """`{"controller.K_p": "0 .. 10 1/m"}` as ranges; UsageError for a text that is none."""
+    found = {}
+    for name, text in texts.items():
+        try:
+            found[name] = parse_range(text)
+        except UnitProblem as problem:
+            raise UsageError([Problem(problem.code, f"{name}: {problem.message}", None, problem.hint)]) from None
+    return found
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """The cost, the limits (kept where not above zero) and the cost of each case at one point; with gradients in the
+    unknowns of the search (shares of the ranges) where they were asked for, and with sensitivities the curvature of the
+    cost as the first derivatives of signals tell it. A run that breaks down costs infinity."""
+
+    at: Array
+    cost: float
+    limits: Array
+    cases: Mapping[str, float]
+    gradient: Array | None = None
+    limit_gradients: Array | None = None
+    curvature: Array | None = None
+
+    @property
+    def kept(self) -> bool:
+        """Whether it is a run that ends, within the limits."""
+        return bool(np.isfinite(self.cost) and (self.limits <= KEPT).all())
+
+
+class Objective:
+    """The cost of a task as a function of y in [0, 1]^m, the free parameters as shares of their ranges."""
+
+    def __init__(self, assembly: Assembly, task: Task):
+        self.assembly, self.task = assembly, task
+        self.names = list(task.free)
+        check_free(assembly, task)
+        self.low = np.array([task.free[n].low for n in self.names])
+        self.span = np.array([task.free[n].high - task.free[n].low for n in self.names])
+        end = task.end if task.end is not None else float(grid(assembly.model, None, None)[-1])
+        if not 0 <= task.begin < end:
+            raise UsageError([Problem("evaluate-empty", f"nothing lies between {task.begin:g} s and {end:g} s", None,
+                                      "Evaluate from an earlier time, or simulate longer.")])
+        self.times = np.unique([0.0, task.begin, end])
+        self.costs = [read_cost(assembly, task.cost), *(read_limit(assembly, t) for t in task.limits)]
+        for cost in self.costs:
+            check_smooth(cost)
+        # The way back begins anew at every break of a measured input, which costs more than it saves, and does not go
+        # through events.
+        self.backwards = len(self.names) >= 2 * len(self.costs) + FEW and not (assembly.flat.inputs or assembly.flat.events)
+        self.runs, self.simulations = 0, 0.0
+        self._growth: dict[bytes, float] = {}
+        weights = np.array([case.weight for case in task.cases])
+        self.weights = weights / weights.sum()
+        self._assemblies = [assembly.with_parameters(dict(case.settings)) for case in task.cases]
+        self.quiet = next((y for y in self.spread(DRAWN, 0) if self.calm(y)), self.start)
+        self.limits = (*task.limits, STABLE) if task.stable else task.limits
+        self.cases = [self._case(*pair) for pair in zip(task.cases, self._assemblies, strict=True)]
+        self._seen: dict[bytes, Evaluation] = {}
+
+    def _case(self, case: Case, assembly: Assembly) -> RunCase:
+        reference = assembly.with_parameters(dict(self.task.reference or {}))
+        evaluator = Evaluator(assembly, self.costs, float(self.task.begin), float(self.times[-1]), named=tuple(self.names),
+                              modes=self.task.modes)
+        if evaluator.integrated:
+            self._count(1)
+            with suppress(SimulationError, StartError):  # then the integrals begin unscaled
+                times = np.linspace(0, self.times[-1], POINTS_FOR_SIZES)
+                run = Simulator(assembly, times=times, tolerances=TOLERANCES).run(self.values(self.quiet))
+                evaluator.resized(evaluator.largest(run))
+        found = RunCase(case, assembly, self.times, evaluator, self.names, self.backwards)
+        if any(any(cost.references) for cost in self.costs):
+            self._count(1)
+            found.references = evaluator.functional_values(found.plain.run(reference.parameter_values))[0]
+        return found
+
+    def _count(self, simulations: float) -> None:
+        self.runs += 1
+        self.simulations += simulations
+
+    @property
+    def start(self) -> Array:
+        """The diagram's own values."""
+        values = self.assembly.parameter_values
+        return self.shares([values[n] for n in self.names])
+
+    def spread(self, number: int, seed: int) -> Iterator[Array]:
+        """The diagram's own values, then so many points of a Latin hypercube."""
+        from scipy.stats import qmc
+
+        yield self.start
+        yield from qmc.LatinHypercube(len(self.names), seed=seed).random(number)
+
+    def shares(self, values: Array | list[float]) -> Array:
+        """Values in SI as shares of the ranges."""
+        return np.asarray((np.asarray(values) - self.low) / self.span)
+
+    def values(self, y: Array) -> dict[str, float]:
+        """The parameters in SI."""
+        return dict(zip(self.names, (self.low + y * self.span).tolist(), strict=True))
+
+    def cost(self, y: Array) -> float:
+        """The cost alone, from plain runs; infinite where one breaks down."""
+        return self.plain(y).cost
+
+    def plain(self, y: Array) -> Evaluation:
+        """Cost and limits without gradients, from plain runs."""
+        key = _key(y)
+        if key not in self._seen:
+            self._seen[key] = self.at(self.values(y))
+        return self._seen[key]
+
+    def at(self, values: Mapping[str, float]) -> Evaluation:
+        """Cost and limits without gradients with any parameters set (SI), the others as in the diagram."""
+        return self._together(self.shares([values[n] for n in self.names]), [self._values(c, values) for c in self.cases],
+                              self._stable(values, ()))
+
+    def _values(self, case: RunCase, values: Mapping[str, float]) -> list[tuple[float, Array]] | None:
+        self._count(1)
+        try:
+            return case.values(dict(values))
+        except (SimulationError, StartError):
+            return None
+
+    def evaluate(self, y: Array) -> Evaluation:
+        """Cost, limits and gradients at y; the mean over the cases, the worst case for limits."""
+        key = _key(y)
+        if key not in self._seen or (self._seen[key].gradient is None and np.isfinite(self._seen[key].cost)):
+            stable = self._stable(self.values(y), self.names)
+            found = self._together(y, [self._slopes(case, y) for case in self.cases], stable)
+            known = [case.curvature for case in self.cases if case.curvature is not None]
+            if found.gradient is not None and len(known) == len(self.cases):
+                whole = sum((w * c for w, c in zip(self.weights, known, strict=True)), np.zeros((len(y), len(y))))
+                found = replace(found, curvature=whole * np.outer(self.span, self.span))
+            self._seen[key] = found
+        return self._seen[key]
+
+    def _slopes(self, case: RunCase, y: Array) -> list[tuple[float, Array]] | None:
+        self._count(2 + len(self.costs) / 2 if self.backwards else 1 + len(self.names))
+        try:
+            return case.costs(self.values(y))
+        except (SimulationError, StartError):
+            return None
+
+    def _stable(self, values: Mapping[str, float], named: Sequence[str]) -> list[tuple[float, Array]]:
+        """The limit of stability with its slope by the named parameters, the worst of the cases; none where it is off."""
+        if not self.task.stable:
+            return []
+        try:
+            return [max((machine.limit(values, named) for machine in self.machines), key=lambda pair: pair[0])]
+        except HeavebondError:  # no start: the runs say so
+            return [(np.inf, np.zeros(len(named)))]
+
+    def _together(self, y: Array, found: list[list[tuple[float, Array]] | None], stable: list[tuple[float, Array]]
+                  ) -> Evaluation:
+        runs = [f for f in found if f is not None]
+        cases = {c.case.name: np.inf if f is None else f[0][0] for c, f in zip(self.cases, found, strict=True)}
+        if len(runs) < len(found) or not np.isfinite([f[0][0] for f in runs]).all():
+            return Evaluation(y, np.inf, np.full(len(self.limits), np.inf), cases)
+        cost = float(sum(w * f[0][0] for w, f in zip(self.weights, runs, strict=True)))
+        worst = [*(max((f[k] for f in runs), key=lambda pair: pair[0]) for k in range(1, len(self.costs))), *stable]
+        limits = np.array([value for value, _ in worst])
+        if not runs[0][0][1].size:
+            return Evaluation(y, cost, limits, cases)
+        gradient = sum((w * f[0][1] for w, f in zip(self.weights, runs, strict=True)), np.zeros(len(y)))
+        slopes = np.array([slope for _, slope in worst]).reshape(len(limits), len(y))
+        return Evaluation(y, cost, limits, cases, gradient * self.span, slopes * self.span)
+
+    def gradient_anew(self, values: Mapping[str, float]) -> Array:
+        """The gradient (m,) of the cost in SI with any parameters set (SI), the reference run made with them too.
+
+        SimulationError or StartError where a run breaks down.
+        """
+        found = np.zeros(len(self.names))
+        for case, weight in zip(self.cases, self.weights, strict=True):
+            self._count(2 + len(self.names))
+            found += weight * case.gradient_anew(dict(values), self.task.reference or {})
+        return found
+
+    def resize(self, at: Evaluation) -> None:
+        """New sizes for signals that have become much larger or smaller at a point than they were at the diagram's own."""
+        for case in self.cases:
+            case.resize(self.values(at.at))
+
+    # -- stability -------------------------------------------------------------------------------------------------
+    def calm(self, y: Array) -> bool:
+        """Whether the machine has a start from which no mode grows so much in a run that it would decide the cost."""
+        return self.growth(y) < GROWN
+
+    def instability(self, y: Array) -> float:
+        """The limit of stability, above zero where it is not kept; -1 where it is off."""
+        return max((value for value, _ in self._stable(self.values(y), ())), default=-1.0)
+
+    def boundary(self, named: Sequence[str], values: Mapping[str, float]) -> Array | None:
+        """The slope of the limit of stability by named parameters (m,), None where values (SI) are not at that limit."""
+        found = self._stable(values, named)
+        return found[0][1] if found and found[0][0] > -AT_BOUNDARY else None
+
+    def growth(self, y: Array) -> float:
+        """By which exponent the least stable mode grows in a run, the worst of the cases; infinite without a start."""
+        key = _key(y)
+        if key not in self._growth:
+            try:
+                self._growth[key] = max(max((m.value.real for m in modes.at(self.values(y))[1] if m.value), default=-1.0)
+                                        for modes in self._modes) * float(self.times[-1])
+            except HeavebondError:
+                self._growth[key] = np.inf
+        return self._growth[key]
+
+    def growth_slope(self, y: Array) -> Array:
+        """The slope (m,) of the largest Re(s) at the start, in the unknowns of the search, where there is a start."""
+        modes = self._modes[0]
+        first, found = modes.at(self.values(y))
+        return np.asarray(modes.slope(first, max(found, key=lambda m: m.value.real), self.names).real * self.span)
+
+    def at_rest(self, values: Mapping[str, float]) -> tuple[Case, RestStability, AtRest] | None:
+        """The least stable case at its operating point with parameters in SI; None where a case has no equilibrium.
+        StartError where one has no start."""
+        found = [(case, machine, machine.at(values)) for case, machine in zip(self.task.cases, self.machines, strict=True)]
+        there = [(case, machine, rest) for case, machine, rest in found if rest is not None]
+        return max(there, key=lambda f: f[2].worst) if len(there) == len(found) else None
+
+    @cached_property
+    def machines(self) -> list[RestStability]:
+        """The cases as machines at rest, as modelled: what is set where modes are computed is not set here."""
+        found = [RestStability(assembly, float(self.times[-1])) for assembly in self._assemblies]
+        self._follow(found, self.values(self.quiet))
+        return found
+
+    def follow(self, values: Mapping[str, float]) -> None:
+        """Take the slopes of dry friction from the motion at other values; what was known of limits is forgotten."""
+        self._follow(self.machines, values)
+        self._seen = {}
+
+    def _follow(self, machines: Sequence[RestStability], values: Mapping[str, float]) -> None:
+        for machine in machines:
+            with suppress(SimulationError, StartError, UsageError):  # then the slopes at rest and while sliding must do
+                rest = machine.at(values)
+                if rest is not None and len(rest.variants) > 1:
+                    times = np.union1d(np.linspace(self.task.begin, self.times[-1], POINTS_FOR_SLOPES), [0.0])
+                    run = Simulator(machine.assembly, times=times, tolerances=TOLERANCES).run(dict(values))
+                    self._count(1)
+                    machine.shares = slopes_over(machine.assembly, machine.frictions, run)
+
+    @cached_property
+    def _modes(self) -> list[ModesAtStart]:
+        return [ModesAtStart(assembly.with_parameters(self.task.modes)) for assembly in self._assemblies]
+
+
+def _key(y: Array) -> bytes:
+    return np.round(y, 12).tobytes()
+
+
+def check_smooth(cost: Cost) -> None:
+    """UsageError where a cost or limit holds what is taken from samples."""
+    kinds = [f.kind for f in cost.functionals if f.kind in SAMPLED]
+    if kinds:
+        raise UsageError([Problem("cost-sampled", f"{kinds[0]}(...) has kinks, and nothing is tuned by it", None,
+                                  "Tune by peak(...), rms(...) or the like, and measure this one.")])
+
+
+def check_free(assembly: Assembly, task: Task) -> None:
+    """UsageError where what is free cannot be: an unknown name, a range in another unit, a value outside its range."""
+    if not task.free:
+        raise UsageError([Problem("free-empty", "nothing is free to be tuned", None,
+                                  "Name parameters and ranges: --free controller.K_p='0 .. 10 1/m'.")])
+    check_ranges({q.name: q.unit for q in assembly.flat.parameters}, task.free)
+    units = {q.name: q.unit.text for q in assembly.flat.parameters}
+    for name, wanted in task.free.items():
+        value = assembly.parameter_values[name]
+        if not wanted.low <= value <= wanted.high:
+            raise UsageError([Problem("free-start-outside", f"{name} is {value:g} {units[name]} in the diagram, "
+                                      "outside its range", None, "Widen the range, or --set another value.")])
+    for name in task.modes:
+        if name in task.free:
+            raise UsageError([Problem("modes-free", f"{name} is free and cannot be set under `modes:` as well", None,
+                                      "Remove it from one of the two.")])
+
+
+class RunCase:
+    """A case ready to run; keeps its last run, whose gradient is mostly what is wanted next."""
+
+    def __init__(self, case: Case, assembly: Assembly, times: Array, evaluator: Evaluator, names: list[str],
+                 backwards: bool):
+        self.case, self.evaluator, self.names = case, evaluator, names
+        self.references = np.zeros(len(evaluator.functionals))
+        self.plain = Simulator(assembly, times=times, tolerances=TOLERANCES, quadratures=evaluator.quadratures,
+                               factors=evaluator.factors)
+        self.adjoint = Adjoint(self.plain, evaluator, names) if backwards else None
+        self._last: tuple[dict[str, float], Result] | None = None
+        self._numbers: tuple[dict[str, float], Array] | None = None
+        self.curvature: Array | None = None
+
+    @cached_property
+    def forward(self) -> Simulator:
+        """With the sensitivities to all free parameters."""
+        plain, begin = self.plain, self.evaluator.begin
+        times = np.union1d(plain.time, np.linspace(begin, plain.time[-1], POINTS_FOR_CURVATURE))
+        return Simulator(plain.assembly, times=times, tolerances=TOLERANCES, quadratures=self.evaluator.quadratures,
+                         factors=self.evaluator.factors, sensitivities=self.names, like=plain)
+
+    def _run(self, values: dict[str, float]) -> Result:
+        if self._last is None or self._last[0] != values:
+            self._last = values, self.plain.run(values)
+        return self._last[1]
+
+    def values(self, values: dict[str, float]) -> list[tuple[float, Array]]:
+        """Cost and limits without gradients."""
+        run = self._run(values)
+        numbers, slopes = self.evaluator.functional_values(run)
+        self._numbers = values, numbers
+        return self.evaluator.cost_values(numbers, slopes, self.references, run.p, np.zeros((0, len(run.p))))
+
+    def costs(self, values: dict[str, float]) -> list[tuple[float, Array]]:
+        """Cost and limits with their gradients; forward where the run backwards breaks down."""
+        if self.adjoint is not None:
+            self.curvature = None
+            known = self._last is not None and self._last[0] == values
+            try:
+                return self.adjoint.costs(self._run(values), self.references) if known else \
+                    self.adjoint.at(values, self.references)
+            except SimulationError as error:
+                if any(problem.code == CHARTS for problem in error.problems):
+                    self.adjoint = None  # so it will be in other runs of this case
+        result = self.forward.run(values)
+        assert result.along is not None
+        numbers, slopes = self.evaluator.functional_values(result)
+        self._numbers = values, numbers
+        self.curvature = self.evaluator.curvature(result, self.references)
+        return self.evaluator.cost_values(numbers, slopes, self.references, result.p, result.along.p)
+
+    def gradient_anew(self, values: dict[str, float], reference: Mapping[str, float | str]) -> Array:
+        """The gradient (m,) of the cost, the reference run made with these values too."""
+        passive = self.plain.assembly.with_parameters({**values, **reference})
+        references = self.evaluator.functional_values(self.plain.run(passive.parameter_values))[0]
+        run = self.forward.run(values)
+        assert run.along is not None
+        numbers, slopes = self.evaluator.functional_values(run)
+        return self.evaluator.cost_values(numbers, slopes, references, run.p, run.along.p)[0][1]
+
+    def resize(self, values: dict[str, float]) -> None:
+        """Sizes from the last run, where they are far off."""
+        if self._numbers is None or self._numbers[0] != values:
+            return
+        found = self.evaluator.found_sizes(self._numbers[1])
+        off = found / self.evaluator.sizes
+        if ((off > RESIZE) | ((off > 0) & (off < 1 / RESIZE))).any():
+            self.plain.factors = self.evaluator.resized(found)
+            self.__dict__.get("forward", self.plain).factors = self.plain.factors
+            self._last = None

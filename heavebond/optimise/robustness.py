@@ -1,0 +1,130 @@
+"""How far a tuned machine may differ from its model: what moves the cost and the limits, and where stability ends."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from heavebond.core.errors import NAMES_LISTED, Problem, UsageError, suggest
+from heavebond.core.progress import Progress
+from heavebond.core.units import UnitProblem, check_unit, parse_quantity
+from heavebond.numerics.dae import Array, Assembly
+from heavebond.optimise.objective import KEPT, Objective
+from heavebond.optimise.tuning import Tuned
+
+SHARE = 0.1  # by which every free parameter is moved
+RISE = 0.01  # of the cost, at the edge of the ellipse
+STEP = 2e-3  # of a range, in which gradients are differenced: long against the errors of runs, short against the ellipse
+
+
+@dataclass(frozen=True)
+class Change:
+    """One parameter at another value (SI): the cost and the limits there (kept where not above zero)."""
+
+    name: str
+    value: float
+    share: float
+    cost: float
+    limits: Mapping[str, float]
+
+    @property
+    def exceeded(self) -> list[str]:
+        """The limits that are not kept."""
+        return [text for text, value in self.limits.items() if not value <= KEPT]
+
+
+@dataclass(frozen=True)
+class Margin:
+    """The factors by which a parameter may fall and grow, the others held, until the machine at rest turns unstable (or
+    stable); None where that is not met within a factor of a hundred."""
+
+    name: str
+    down: float | None
+    up: float | None
+
+
+@dataclass(frozen=True)
+class Ellipse:
+    """Where the cost rises by less than RISE in second order: the half-width in each free parameter (SI, all others free to
+    follow), and the ellipse's half axes as columns (m, m) in SI."""
+
+    widths: dict[str, float]
+    axes: Array
+
+
+@dataclass(frozen=True)
+class Robustness:
+    """What a tuned machine can bear; `damping` is the least damping ratio at the best values, `worst` the case that costs
+    most, `ellipse` None where the best lies at the edge of a range or of a limit, or in no valley."""
+
+    changes: tuple[Change, ...]
+    damping: float
+    margins: tuple[Margin, ...]
+    worst: tuple[str, float]
+    ellipse: Ellipse | None
+
+
+def robustness(problem: Objective, tuned: Tuned, *, progress: Progress | None = None) -> Robustness:
+    """Runs around the best values, and the linearised machine along each free parameter.
+
+    Every free parameter is moved by a tenth either way, every uncertain one by its uncertainty. UsageError for an
+    uncertainty that cannot be read. The reference run stays that of the machine as it was tuned.
+    """
+    say = progress or (lambda text: None)
+    widths = {name: SHARE * abs(value) for name, value in tuned.values.items()} | uncertainties(problem)
+    centre = {name: problem.assembly.parameter_values[name] for name in widths} | tuned.values
+    changes = []
+    for name, width in widths.items():
+        for sign in (-1, 1):
+            say(f"moving {name}")
+            value = centre[name] + sign * width
+            found = problem.at({**tuned.values, name: value})
+            share = sign * width / abs(centre[name]) if centre[name] else sign * np.inf
+            limits = dict(zip(problem.limits, found.limits.tolist(), strict=True))
+            changes.append(Change(name, value, share, found.cost, limits))
+    margins = tuple(Margin(name, *factors) for name, factors in (tuned.stability.boundary or {}).items())
+    worst = max(tuned.cost_of_cases.items(), key=lambda pair: pair[1])
+    damping = np.nan if tuned.stability.damping is None else tuned.stability.damping
+    return Robustness(tuple(changes), damping, margins, worst, _ellipse(problem, tuned))
+
+
+def uncertainties(problem: Objective) -> dict[str, float]:
+    """The half-width (SI) of each uncertain parameter: a share of its value (`20 %`) or a quantity."""
+    return {name: _width(problem.assembly, name, text) for name, text in problem.task.uncertain.items()}
+
+
+def _width(assembly: Assembly, name: str, text: str) -> float:
+    units = {q.name: q.unit for q in assembly.flat.parameters}
+    if name not in units:
+        raise UsageError([Problem("parameter-unknown", f"'{name}' is no parameter that may be uncertain", None,
+                                  suggest(name, units) or NAMES_LISTED)])
+    try:
+        number, given = parse_quantity(text)
+        if given is not None and given.text == "%":
+            return abs(number * assembly.parameter_values[name])
+        check_unit(given, units[name], number, text)
+    except UnitProblem as problem:
+        raise UsageError([Problem(problem.code, f"uncertainty of {name}: {problem.message}", None, problem.hint)]) from None
+    return abs(number)
+
+
+def _ellipse(problem: Objective, tuned: Tuned) -> Ellipse | None:
+    """From central differences of gradients, which sees what the curvature of a search only estimates."""
+    best = problem.shares([tuned.values[name] for name in problem.names])
+    if (best < 2 * STEP).any() or (best > 1 - 2 * STEP).any() or max(tuned.limits.values(), default=-1.0) > -1e-3:
+        return None
+    bends = []
+    for k in range(len(best)):
+        step = STEP * np.eye(len(best))[k]
+        slopes = [problem.evaluate(best + sign * step).gradient for sign in (-1, 1)]
+        if slopes[0] is None or slopes[1] is None:
+            return None
+        bends.append((slopes[1] - slopes[0]) / (2 * STEP))
+    bend = np.array(bends)
+    values, vectors = np.linalg.eigh((bend + bend.T) / 2)
+    if values.min() <= 0 or not tuned.cost:
+        return None
+    axes = problem.span[:, None] * vectors * np.sqrt(2 * RISE * abs(tuned.cost) / values)
+    return Ellipse(dict(zip(problem.names, np.linalg.norm(axes, axis=1).tolist(), strict=True)), axes)

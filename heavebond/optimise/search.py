@@ -1,0 +1,389 @@
+"""Ways to the least cost within ranges and limits from one point on, with gradients.
+
+`trust`: sequential quadratic programming in a trust region. The curvature is what the sensitivities of signals tell at each
+point (Gauss-Newton), corrected by the last step (symmetric rank one); where only gradients are known it is estimated from
+these (damped BFGS). A run that breaks down, or a machine that has lost its stability, is a step that was too long.
+`slsqp`: D. Kraft, A software package for sequential quadratic programming, 1988, as in SciPy; `ipopt`: A. Wachter and
+L. T. Biegler, 2006, doi:10.1007/s10107-004-0559-y, as in CasADi, with a limited-memory Hessian.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, cast
+
+import casadi as ca
+import numpy as np
+
+from heavebond.core.cancellation import ENDED_EARLY, is_interrupt, obeyed
+from heavebond.core.progress import Progress
+from heavebond.numerics.dae import Array
+from heavebond.optimise.objective import GROWN, KEPT, Evaluation, Objective
+
+METHODS = ("trust", "slsqp", "ipopt")
+# The search ends where a step gains less than this share of the cost: runs at the tolerances of a tuning are no smoother.
+SETTLED = 1e-4
+# What two searches have found is one and the same where it is nearer than this share of every range.
+APART = 0.03
+# A run that cannot be finished costs this many times the cost at the beginning.
+BROKEN = 1e3
+FLAT = 1e-4  # the least curvature, as a share of the largest
+FIRST_STEP = 0.15  # of the ranges
+LONGEST_STEP = 0.5
+SHORTEST_STEP = 1e-4
+AT_GUARD = 0.8  # of GROWN: from there on it was the guard of stability that held a search back
+BEYOND = 0.02  # of the ranges: the first step without it
+SWUNG_UP = 2.0  # so many times the cost is put down to lost stability where that is lost; less to a poor estimate
+NEAR = 0.05  # a limit that is kept by more than this share has no force
+ACCEPTED = 0.1  # a step is taken where it gains this share of what was predicted
+GOOD = 0.7  # and the next may be longer from this share on
+
+
+@dataclass(frozen=True)
+class Found:
+    """Where a search ended, why, and every point on the way."""
+
+    best: Evaluation
+    message: str
+    path: tuple[Evaluation, ...]
+
+
+def search(problem: Objective, first: Array, method: str, most_steps: int, say: Progress, others: Sequence[Found] = (),
+           partial: bool = False) -> Found:
+    """The least cost that is found from one point on; `most_steps` bounds the accepted steps. A search by `trust` that
+    comes to where one of `others` has ended stops there. With `partial` Ctrl-C ends it with the best so far
+    (ENDED_EARLY)."""
+    seen = _Seen(problem, say)
+    first = np.clip(first, 0, 1)
+    try:
+        message = _trust(seen, first, most_steps, [found.best for found in others]) if method == "trust" else \
+            {"slsqp": _slsqp, "ipopt": _ipopt}[method](seen, first, most_steps)
+    except BaseException as error:
+        if not (partial and is_interrupt(error) and any(np.isfinite(e.cost) for e in seen.path)):
+            raise
+        obeyed()
+        message = ENDED_EARLY
+    best = min(seen.path, key=lambda e: (not e.kept, e.cost))
+    known = best.gradient is not None or message == ENDED_EARLY
+    return Found(best if known else problem.evaluate(best.at), message, tuple(seen.path))
+
+
+class _Seen:
+    """The objective, which remembers where it was asked."""
+
+    def __init__(self, problem: Objective, say: Progress):
+        self.problem, self.say = problem, say
+        self.path: list[Evaluation] = []
+
+    def plain(self, y: Array) -> Evaluation:
+        return self._kept(self.problem.plain(np.clip(y, 0, 1)))
+
+    def guarded(self, y: Array) -> Evaluation:
+        """As a run that breaks down, without a run, where the machine has lost the stability that it began with."""
+        y = np.clip(y, 0, 1)
+        if self.path and self.problem.calm(self.path[0].at) and not self.problem.calm(y):
+            return Evaluation(y, np.inf, np.full(len(self.problem.limits), np.inf), {})
+        return self.plain(y)
+
+    def slopes(self, y: Array) -> Evaluation:
+        return self._kept(self.problem.evaluate(np.clip(y, 0, 1)))
+
+    def _kept(self, found: Evaluation) -> Evaluation:
+        if not self.path or not np.array_equal(self.path[-1].at, found.at):
+            self.path.append(found)
+        self.say(f"cost {min(e.cost for e in self.path):.5g} after {len(self.path)} evaluations")
+        return found
+
+
+# -- trust region ------------------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class _Step:
+    """A step within the trust region, and what it should gain."""
+
+    d: Array
+    gain: float
+
+
+def _trust(seen: _Seen, first: Array, most_steps: int, known_best: Sequence[Evaluation]) -> str:
+    problem = seen.problem
+    at = seen.slopes(first)
+    if at.gradient is None:
+        return "the run at the first point breaks down"
+    radii, curvature, penalty = np.full(len(first), FIRST_STEP), _first_curvature(at), abs(at.cost)
+    calm, sure, idle = problem.calm(at.at), True, 0
+    for _ in range(most_steps):
+        forces = _forces(at)
+        penalty = max(penalty, 3 * float(forces.max(initial=0.0)))
+        step = _quadratic_step(at, curvature, radii, penalty)
+        settled = step.gain < SETTLED * max(abs(at.cost), 1e-300)
+        if settled or radii.max() < SHORTEST_STEP or idle >= 2:
+            return "settled" if settled or idle >= 2 else "no shorter step leads on"
+        trial_at = np.clip(at.at + step.d, 0, 1)
+        growth = problem.growth(trial_at)
+        if calm and not growth < GROWN:
+            calm = problem.growth(at.at) < AT_GUARD * GROWN
+            # held back by the linearised machine alone: friction, or its own motion, may hold it a little further
+            radii = _shorter_where(radii, step.d, problem.growth_slope(trial_at) * step.d, _to_guard(problem, at.at, step.d)
+                                   ) if calm else np.full(len(first), BEYOND)
+            continue
+        # After a step that went well the next is likely taken: its gradient comes with it, at less than two runs. Runs that
+        # ring are long, and longer with sensitivities.
+        trial = seen.slopes(trial_at) if sure and growth < 0 else seen.plain(trial_at)
+        gained = _merit(at, penalty) - _merit(trial, penalty)
+        sure = gained > ACCEPTED * step.gain
+        if sure and (trial := seen.slopes(trial_at)).gradient is not None:
+            known = _definite(trial.curvature)
+            curvature = _updated(curvature, at, trial, forces) if known is None else _corrected(known, at, trial, forces)
+            idle = idle + 1 if gained < SETTLED * abs(at.cost) else 0
+            problem.resize(trial)
+            at = trial
+            if any(o.kept and o.cost <= at.cost and np.abs(o.at - at.at).max() < APART for o in known_best):
+                return "came to where another search ended"
+            if gained > GOOD * step.gain:
+                radii = np.where(np.abs(step.d) > 0.9 * radii, np.minimum(2 * radii, LONGEST_STEP), radii)
+        else:
+            radii = _after_refusal(problem, at, trial, step.d, radii)
+    return f"{most_steps} steps"
+
+
+def _after_refusal(problem: Objective, at: Evaluation, trial: Evaluation, d: Array, radii: Array) -> Array:
+    """Shorter radii in the unknowns in which a step was too long, as the slopes at its far end tell, or what has cost the
+    machine its stability."""
+    if trial.gradient is not None and at.gradient is not None:
+        return _shorter_where(radii, d, (trial.gradient - at.gradient) * d, _lowest_between(at, trial, d))
+    before, after = problem.growth(at.at), problem.growth(trial.at)
+    lost = not trial.cost < SWUNG_UP * abs(at.cost) and before + max(GROWN, 0.2 * abs(before)) < after < np.inf and after > 0
+    rise = problem.growth_slope(trial.at) * d if lost else np.zeros(len(d))
+    return _shorter_where(radii, d, rise, _shorter(at, trial, d))
+
+
+def _shorter_where(radii: Array, d: Array, rise: Array, share: float = 0.3) -> Array:
+    """Radii shortened in the unknowns to which most of a rise is due; all alike where none is to blame."""
+    most = float(rise.max())
+    if not most > 0:
+        return np.asarray(radii * share * float((np.abs(d) / radii).max()))
+    return np.where(rise >= 0.3 * most, np.minimum(radii, np.abs(d)) * share, radii)
+
+
+def _to_guard(problem: Objective, at: Array, d: Array) -> float:
+    """The share of a step that leads to the guard of stability, by bisection: that costs no run."""
+    low, high = 0.0, 1.0
+    while high - low > 0.05:
+        middle = (low + high) / 2
+        inside = problem.growth(np.clip(at + middle * d, 0, 1)) < (1 + AT_GUARD) / 2 * GROWN
+        low, high = (middle, high) if inside else (low, middle)
+    return max(low, 0.05)
+
+
+def _first_curvature(at: Evaluation) -> Array:
+    """What the sensitivities of signals tell; without these so that the first step, downhill, is as long as the trust
+    region."""
+    assert at.gradient is not None
+    if (known := _definite(at.curvature)) is not None:
+        return known
+    return np.eye(len(at.at)) * max(float(np.abs(at.gradient).max()), 1e-12) / FIRST_STEP
+
+
+def _definite(curvature: Array | None) -> Array | None:
+    """The curvature made positive definite; None where there is none."""
+    if curvature is None or not np.isfinite(curvature).all():
+        return None
+    values, vectors = np.linalg.eigh(curvature)
+    most = float(np.abs(values).max(initial=0.0))
+    return np.asarray((vectors * np.maximum(values, FLAT * most)) @ vectors.T) if most > 0 else None
+
+
+def _merit(at: Evaluation, penalty: float) -> float:
+    return at.cost + penalty * float(np.maximum(at.limits - 0.5 * KEPT, 0).sum()) if np.isfinite(at.cost) else np.inf
+
+
+def _shorter(at: Evaluation, trial: Evaluation, d: Array) -> float:
+    """The share of a step to try next: the lowest point of a parabola through both costs."""
+    assert at.gradient is not None
+    slope = float(at.gradient @ d)
+    bend = trial.cost - at.cost - slope
+    return float(np.clip(-slope / (2 * bend), 0.1, 0.5)) if np.isfinite(bend) and bend > 0 else 0.25
+
+
+def _lowest_between(at: Evaluation, trial: Evaluation, d: Array) -> float:
+    """The share of a step to try next: the lowest point of the cubic through the costs and slopes at both ends."""
+    assert at.gradient is not None and trial.gradient is not None
+    first, last = float(at.gradient @ d), float(trial.gradient @ d)
+    bend = first + last - 3 * (trial.cost - at.cost)
+    root = bend**2 - first * last
+    if not (np.isfinite(root) and root >= 0 and last > 0):
+        return 0.3
+    return float(np.clip(1 - (last + np.sqrt(root) - bend) / (last - first + 2 * np.sqrt(root)), 0.1, 0.7))
+
+
+def _quadratic_step(at: Evaluation, curvature: Array, radii: Array, penalty: float) -> _Step:
+    """min g d + d B d / 2 + penalty sum t, with limits + slopes d <= t, t >= 0, within the ranges and the radii."""
+    from scipy.optimize import minimize
+
+    assert at.gradient is not None and at.limit_gradients is not None
+    n, k, gradient, rows = len(at.at), len(at.limits), at.gradient, at.limit_gradients
+    excess = at.limits - 0.5 * KEPT
+    scale = max(float(np.abs(gradient).max()), 1e-300)
+    bounds = [*zip(np.maximum(-radii, -at.at), np.minimum(radii, 1 - at.at), strict=True), *[(0.0, None)] * k]
+
+    def model(v: Array) -> tuple[float, Array]:
+        bent = curvature @ v[:n]
+        return (float(gradient @ v[:n] + 0.5 * v[:n] @ bent + penalty * v[n:].sum()) / scale,
+                np.append(gradient + bent, np.full(k, penalty)) / scale)
+
+    kept: Any = [{"type": "ineq", "fun": lambda v: v[n:] - excess - rows @ v[:n],
+                  "jac": lambda v: np.hstack([-rows, np.eye(k)])}]
+    first = np.append(np.zeros(n), np.maximum(excess, 0))
+    found: Any = cast(Any, minimize)(model, first, jac=True, method="SLSQP", bounds=bounds, constraints=kept if k else [],
+                     options={"maxiter": 200, "ftol": 1e-10})
+    d = found.x[:n]
+    kept_better = np.maximum(excess, 0) - np.maximum(excess + rows @ d, 0)
+    return _Step(d, float(penalty * kept_better.sum() - gradient @ d - 0.5 * d @ curvature @ d))
+
+
+def _forces(at: Evaluation) -> Array:
+    """The weights (k,) of limits that balance the slope of the cost best, at the bounds of the ranges only outwards."""
+    from scipy.optimize import nnls
+
+    assert at.gradient is not None and at.limit_gradients is not None
+    near = at.limits > -NEAR
+    if not near.any():
+        return np.zeros(len(at.limits))
+    bounds = np.diag(np.where(at.at <= 0, -1.0, np.where(at.at >= 1, 1.0, 0.0)))
+    forces = np.zeros(len(at.limits))
+    forces[near] = nnls(np.hstack([at.limit_gradients[near].T, bounds]), -at.gradient)[0][:int(near.sum())]
+    return forces
+
+
+def _turned(old: Evaluation, new: Evaluation, forces: Array) -> Array:
+    """By how much the slope of the Lagrangian has changed over a step."""
+    assert old.gradient is not None and new.gradient is not None
+    assert old.limit_gradients is not None and new.limit_gradients is not None
+    return np.asarray(new.gradient - old.gradient + forces @ (new.limit_gradients - old.limit_gradients))
+
+
+def _corrected(known: Array, old: Evaluation, new: Evaluation, forces: Array) -> Array:
+    """A curvature that is known but for small parts, corrected by what the last step missed (symmetric rank one, A. R.
+    Conn, N. I. M. Gould, P. L. Toint, 1991, doi:10.1007/BF01594934). BFGS would replace what is known along the step, which
+    in a narrow valley is mostly its steep side."""
+    d = new.at - old.at
+    missed = _turned(old, new, forces) - known @ d
+    along = float(missed @ d)
+    if abs(along) < 1e-8 * float(np.linalg.norm(missed) * np.linalg.norm(d)) or not d.any():
+        return known
+    found = _definite(known + np.outer(missed, missed) / along)
+    return known if found is None else found
+
+
+def _updated(curvature: Array, old: Evaluation, new: Evaluation, forces: Array) -> Array:
+    """Damped BFGS (M. J. D. Powell, 1978): stays positive definite where the cost is not convex."""
+    d, turned = new.at - old.at, _turned(old, new, forces)
+    straight = curvature @ d
+    bend, expected = float(d @ turned), float(d @ straight)
+    if expected <= 0:
+        return curvature
+    share = 1.0 if bend >= 0.2 * expected else 0.8 * expected / (expected - bend)
+    turned = share * turned + (1 - share) * straight
+    return np.asarray(curvature - np.outer(straight, straight) / expected + np.outer(turned, turned) / float(d @ turned))
+
+
+# -- SciPy and IPOPT ---------------------------------------------------------------------------------------------------
+def _slsqp(seen: _Seen, first: Array, most_steps: int) -> str:
+    from scipy.optimize import minimize
+
+    begin = seen.plain(first).cost
+    broken = BROKEN * abs(begin) if np.isfinite(begin) else BROKEN
+    n, k = len(first), len(seen.problem.limits)
+
+    def finite(value: Any) -> float:
+        return float(value) if np.isfinite(value) else broken
+
+    def slopes(y: Array) -> tuple[Array, Array]:
+        found = seen.slopes(y)
+        if found.gradient is None or found.limit_gradients is None:
+            return np.zeros(n), np.zeros((k, n))
+        return found.gradient, found.limit_gradients
+
+    limits: Any = [{"type": "ineq", "fun": lambda y, i=i: -finite(seen.guarded(y).limits[i]),
+                    "jac": lambda y, i=i: -slopes(y)[1][i]} for i in range(k)]
+    found = cast(Any, minimize)(lambda y: finite(seen.guarded(y).cost), first, jac=lambda y: slopes(y)[0], method="SLSQP",
+                     bounds=[(0.0, 1.0)] * n, constraints=limits,
+                     options={"maxiter": most_steps, "ftol": SETTLED * abs(finite(begin))})
+    return str(found.message)
+
+
+class _Slopes(ca.Callback):
+    """The Jacobian of `_Costs`, as CasADi asks for it."""
+
+    def __init__(self, costs: _Costs):
+        ca.Callback.__init__(self)
+        self.costs = costs
+        self.construct("slopes", {})
+
+    def get_n_in(self) -> int:
+        return 2
+
+    def get_sparsity_in(self, i: int) -> ca.Sparsity:
+        return self.costs.get_sparsity_in(0) if i == 0 else self.costs.get_sparsity_out(0)
+
+    def get_sparsity_out(self, i: int) -> ca.Sparsity:
+        return ca.Sparsity.dense(self.costs.k, self.costs.n)
+
+    def eval(self, given: Sequence[ca.DM]) -> list[ca.DM]:
+        found = self.costs.seen.slopes(np.array(given[0]).ravel())
+        if found.gradient is None or found.limit_gradients is None:
+            return [ca.DM.nan(self.costs.k, self.costs.n)]
+        return [ca.DM(np.vstack([found.gradient[None, :], found.limit_gradients]))]
+
+
+class _Costs(ca.Callback):
+    """Cost and limits (1 + k,) of y (n,) as a CasADi function; NaN, which IPOPT steps back from, where a run breaks down."""
+
+    def __init__(self, seen: _Seen):
+        ca.Callback.__init__(self)
+        self.seen = seen
+        self.n, self.k = len(seen.problem.names), 1 + len(seen.problem.limits)
+        self.construct("costs", {})
+
+    def get_n_in(self) -> int:
+        return 1
+
+    def get_sparsity_in(self, i: int) -> ca.Sparsity:
+        return ca.Sparsity.dense(self.n, 1)
+
+    def get_sparsity_out(self, i: int) -> ca.Sparsity:
+        return ca.Sparsity.dense(self.k, 1)
+
+    def eval(self, given: Sequence[ca.DM]) -> list[ca.DM]:
+        found = self.seen.guarded(np.array(given[0]).ravel())
+        return [ca.DM(np.append(found.cost, found.limits) if np.isfinite(found.cost) else np.full(self.k, np.nan))]
+
+    def has_jacobian(self) -> bool:
+        return True
+
+    @cached_property
+    def _slopes(self) -> _Slopes:
+        return _Slopes(self)
+
+    def get_jacobian(self, *_: Any) -> ca.Function:
+        return self._slopes
+
+
+def _ipopt(seen: _Seen, first: Array, most_steps: int) -> str:
+    begin = abs(seen.plain(first).cost)
+    size = begin if np.isfinite(begin) and begin > 0 else 1.0
+    costs = _Costs(seen)
+    y = ca.MX.sym("y", costs.n)
+    found = costs(y)
+    solver = ca.nlpsol("tune", "ipopt", {"x": y, "f": found[0] / size, "g": found[1:]}, {
+        "print_time": False, "ipopt": {
+            "print_level": 0, "sb": "yes", "hessian_approximation": "limited-memory", "max_iter": most_steps,
+            "tol": 10 * SETTLED, "acceptable_tol": 100 * SETTLED, "acceptable_iter": 3,
+            "acceptable_obj_change_tol": SETTLED, "mu_strategy": "adaptive", "bound_push": 1e-3, "bound_frac": 1e-3,
+            "honor_original_bounds": "yes", "nlp_scaling_method": "none"}})
+    with suppress(RuntimeError):
+        solver(x0=first, lbx=0, ubx=1, lbg=-np.inf, ubg=0)
+    return str(solver.stats().get("return_status", "stopped")).replace("_", " ").lower()

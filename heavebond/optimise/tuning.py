@@ -1,0 +1,266 @@
+"""Gains that make a cost small, by exact gradients: bounds, limits, several cases, several starts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+
+from heavebond.core.cancellation import ENDED_EARLY, finishing
+from heavebond.core.errors import HeavebondError, Problem, UsageError, suggest
+from heavebond.core.presentation import brief
+from heavebond.core.progress import Progress, numbered
+from heavebond.fit.change import block, quoted
+from heavebond.fit.diagram_files import extended_from, quantity
+from heavebond.language.model import Model
+from heavebond.linear.floquet import DECIDED, largest_multiplier
+from heavebond.linear.rest_stability import Stability, crossing, describe
+from heavebond.numerics.dae import Array, Assembly, assemble
+from heavebond.optimise.objective import KEPT, Evaluation, Objective, Task
+from heavebond.optimise.search import APART, METHODS, Found, search
+
+# Points of the hypercube are drawn so many times more often than they are run, where the linearised machine tells which
+# of them are beyond the limit of stability.
+DRAWN = 4
+# From a point at the limit of stability that lies apart from what was found, and costs at most so much more (of the cost),
+# another search begins.
+PROMISING = 0.15
+# Such an edge is looked at from so far inside (of the range), and a value nearer than this to an end of its range is at it.
+INSIDE, AT_END = 0.005, 1e-3
+
+
+@dataclass(frozen=True)
+class Step:
+    """One evaluation on the way: the values in SI and the cost."""
+
+    values: dict[str, float]
+    cost: float
+
+
+@dataclass(frozen=True)
+class Tuned:
+    """The best values in SI, their cost, the cost per case, the limits (below zero where kept, relative), the path of
+    every start, and how much was computed: `simulations` counts a run with k sensitivities as 1 + k plain runs, and the
+    gradients of k costs by a run backwards as 2 + k/2. `stability` holds the margins of the best values; `at_end` the
+    parameters that ended at the lower or the upper end of their range."""
+
+    task: Task
+    values: dict[str, float]
+    cost: float
+    before: float
+    cost_of_cases: dict[str, float]
+    limits: dict[str, float]
+    paths: tuple[tuple[Step, ...], ...]
+    runs: int
+    simulations: float
+    message: str
+    stability: Stability
+    at_end: dict[str, str]
+
+    def __repr__(self) -> str:
+        return brief(self, f"cost {self.cost:.5g}", f"before {self.before:.5g}; {self.message}",
+                     ", ".join(f"{name} = {value:.5g}" for name, value in self.values.items()))
+
+
+def tune(model: Model | Assembly | Objective, task: Task, *, explore: int = 5, starts: int = 1, seed: int = 0,
+         method: str = "trust", most_steps: int = 30, progress: Progress | None = None,
+         partial: bool = False) -> Tuned:
+    """Minimise the cost over the free parameters within their ranges and limits.
+
+    First the diagram's own values and `explore` points of a Latin hypercube are run without gradients: a gain beyond the
+    limit of stability has a cost whose slope leads nowhere. From the best `starts` of these a search goes on with gradients
+    (see `heavebond.optimise.search` for the methods). An Objective that is built already is used as it is. With
+    `partial` Ctrl-C ends it with the best so far (`message` is "interrupted"), once a first run is through.
+    UsageError for what is wrong in the task.
+    """
+    if method not in METHODS:
+        raise UsageError([Problem("method-unknown", f"'{method}' is no method of tuning", None,
+                                  suggest(method, METHODS) or f"Methods: {', '.join(METHODS)}.")])
+    problem = model if isinstance(model, Objective) else \
+        Objective(model if isinstance(model, Assembly) else assemble(model), task)
+    say = progress or (lambda text: None)
+    found: list[Found] = []
+    for k, first in enumerate(starting_points(problem, explore, starts, seed, say), 1):
+        found.append(search(problem, first, method, most_steps, numbered(say, "start", k, starts), found,
+                            partial))
+        if found[-1].message == ENDED_EARLY:
+            return _told(problem, task, found, min(found, key=_rank), ENDED_EARLY, say)
+    for first in _edges(problem, min(found, key=_rank), say):
+        found.append(search(problem, first, method, most_steps, say, found, partial))
+    best = min(found, key=_rank)
+    if task.stable:
+        problem.follow(problem.values(best.best.at))  # over the motion that the best gains leave
+        if problem.instability(best.best.at) > KEPT:
+            found.append(best := search(problem, best.best.at, method, most_steps, say, partial=partial))
+    early = any(f.message == ENDED_EARLY for f in found)
+    return _told(problem, task, found, best, ENDED_EARLY if early else best.message, say)
+
+
+def _told(problem: Objective, task: Task, found: Sequence[Found], best: Found, message: str, say: Progress) -> Tuned:
+    """The best of all searches with its margins."""
+    limits = dict(zip(problem.limits, best.best.limits.tolist(), strict=True))
+    values = problem.values(best.best.at)
+    say("margins of stability")
+    with finishing(say):
+        return Tuned(task, values, best.best.cost, _before(problem), dict(best.best.cases),
+                     limits, tuple(_path(problem, f) for f in found), problem.runs, problem.simulations, message,
+                     stability_of(problem, values), ends(problem, values, {}))
+
+
+def stability_of(problem: Objective, values: Mapping[str, float]) -> Stability:
+    """The margins of stability at values of the free parameters (SI): of its equilibrium, else of its periodic run."""
+    try:
+        problem.follow(values)
+        worst = problem.at_rest(values)
+    except HeavebondError:
+        return Stability("", None)
+    if worst is None:
+        return _of_runs(problem, values)
+    case, machine, rest = worst
+
+    def score(name: str, factor: float) -> float:
+        try:
+            found = problem.at_rest({**values, name: factor * values[name]})
+        except HeavebondError:
+            return np.nan
+        return found[2].worst if found is not None else np.nan
+
+    boundary = {name: (crossing(lambda f, n=name: score(n, f), False),  # type: ignore[misc]
+                       crossing(lambda f, n=name: score(n, f), True))  # type: ignore[misc]
+                for name in values if values[name]}
+    return describe(machine, rest, case.name, list(values), values, boundary)
+
+
+def _of_runs(problem: Objective, values: Mapping[str, float]) -> Stability:
+    """By the largest Floquet multiplier of the runs of all cases; not decided where one does not end in a period."""
+    found = {case.case.name: largest_multiplier(case.plain.assembly.with_parameters(dict(values)), float(problem.times[-1]))
+             for case in problem.cases}
+    known = {name: size for name, size in found.items() if size is not None}
+    if len(known) < len(found):
+        return Stability("", None)
+    case = max(known, key=lambda name: known[name])
+    stable = None if abs(known[case] - 1) <= DECIDED else known[case] < 1
+    return Stability("periodic run", stable, case=case, multiplier=known[case])
+
+
+def ends(problem: Objective, values: Mapping[str, float], swept: Mapping[str, Sequence[float]]) -> dict[str, str]:
+    """Which parameters are at the lower or the upper end of what was allowed, their range or the values of a sweep."""
+    found = {}
+    for name, low, span in zip(problem.names, problem.low, problem.span, strict=True):
+        numbers = swept.get(name, ())
+        least, most = (max(low, min(numbers)), min(low + span, max(numbers))) if numbers else (low, low + span)
+        if values[name] <= least + AT_END * span:
+            found[name] = "lower"
+        elif values[name] >= most - AT_END * span:
+            found[name] = "upper"
+    return found
+
+
+def sweep_in_turn(problem: Objective, begin: Mapping[str, float | str], sweeps: Sequence[tuple[str, Sequence[float]]], *,
+                  progress: Progress | None = None) -> Tuned:
+    """Sweep one parameter after the other over values (SI), each at the best of those before: how gains are tuned by hand.
+
+    The other free parameters stand at `begin`, else at the diagram's own values. A run that breaks down costs infinity.
+    """
+    values = {name: problem.assembly.with_parameters(begin).parameter_values[name] for name in problem.names}
+    steps: list[tuple[Step, Evaluation]] = []
+    for name, numbers in sweeps:
+        for k, number in enumerate(numbers, 1):
+            if progress:
+                progress(f"{name}, {k} of {len(numbers)}")
+            found = problem.at({**values, name: number})
+            steps.append((Step({**values, name: float(number)}, found.cost), found))
+        values = min(steps[-len(numbers):], key=lambda pair: (not pair[1].kept, pair[1].cost))[0].values
+    best, found = min(steps, key=lambda pair: (not pair[1].kept, pair[1].cost))
+    runs, simulations = problem.runs, problem.simulations
+    limits = dict(zip(problem.limits, found.limits.tolist(), strict=True))
+    return Tuned(problem.task, best.values, best.cost, _before(problem), dict(found.cases), limits,
+                 (tuple(step for step, _ in steps),), runs, simulations, "swept", stability_of(problem, best.values),
+                 ends(problem, best.values, dict(sweeps)))
+
+
+def _rank(found: Found) -> tuple[bool, float]:
+    return not found.best.kept, found.best.cost
+
+
+def _edges(problem: Objective, found: Found, say: Progress) -> list[Array]:
+    """Points at the limit of stability along each free parameter that cost little more than what was found: there a cost
+    often has another valley, when friction holds a machine still that would not stand still without it."""
+    points = []
+    for k, name in enumerate(problem.names):
+        for end in (0.0, 1.0):
+            at = limit_of_stability(problem, found.best.at, k, end)
+            if at is None or abs(at - found.best.at[k]) < APART:
+                continue
+            point = found.best.at.copy()
+            point[k] = at - INSIDE * np.sign(at - point[k]) if problem.task.stable else at
+            say(f"looking at the limit of stability of {name}")
+            if problem.plain(point).kept and problem.cost(point) < found.best.cost + PROMISING * abs(found.best.cost):
+                points.append(point)
+    return points
+
+
+def limit_of_stability(problem: Objective, y: Array, k: int, end: float) -> float | None:
+    """The share at which the linearised machine turns unstable (or stable) while the k-th unknown goes from its value to
+    `end`, the others held; None where both are on one side. Where stability is a limit, it is that of this limit."""
+    from scipy.optimize import brentq
+
+    def growth(share: float) -> float:
+        point = y.copy()
+        point[k] = share
+        return problem.instability(point) if problem.task.stable else problem.growth(point)
+
+    first, last = growth(float(y[k])), growth(end)
+    if not (np.isfinite(first) and np.isfinite(last)) or (first < 0) == (last < 0):
+        return None
+    return float(brentq(growth, float(y[k]), end, xtol=2e-3))
+
+
+def _before(problem: Objective) -> float:
+    """The cost of the diagram's own values, infinite beyond the limit of stability (where runs are long)."""
+    return problem.cost(problem.start) if problem.calm(problem.start) else np.inf
+
+
+def _path(problem: Objective, found: Found) -> tuple[Step, ...]:
+    return tuple(Step(problem.values(e.at), e.cost) for e in found.path)
+
+
+def starting_points(problem: Objective, explore: int, starts: int, seed: int, say: Progress) -> list[Array]:
+    """The best `starts` of the diagram's values and `explore` points of a Latin hypercube, best first.
+
+    Where the linearised machine is stable at some points and not at others, only the stable ones are run.
+    """
+    drawn = problem.spread(DRAWN * explore, seed)
+    points = list(islice((y for y in drawn if problem.calm(y) and problem.instability(y) <= 0), 1 + explore)
+                  ) if explore else []
+    found: list[Evaluation] = []
+    for k, point in enumerate(points or islice(problem.spread(explore, seed), 1 + explore), 1):
+        say(f"exploring {k} of {1 + explore}")
+        found.append(problem.plain(point))
+    order = sorted(found, key=lambda e: (not np.isfinite(e.cost), not e.kept, e.cost))
+    return [e.at for e in order[:max(1, starts)]]
+
+
+def sweep(problem: Objective, numbers: Sequence[int], *, progress: Progress | None = None) -> tuple[list[Array], Array]:
+    """The cost on a grid over the ranges, without gradients: axes in SI and costs (numbers[0], numbers[1], ...), infinite
+    where a run broke down."""
+    axes = [np.linspace(0, 1, n) for n in numbers]
+    costs = np.empty([len(a) for a in axes])
+    for k, index in enumerate(np.ndindex(*costs.shape), 1):
+        if progress:
+            progress(f"{k} of {costs.size}")
+        costs[index] = problem.cost(np.array([axis[i] for axis, i in zip(axes, index, strict=True)]))
+    return [problem.low[k] + axis * problem.span[k] for k, axis in enumerate(axes)], costs
+
+
+def tuned_diagram(model: Model, task: Task, result: Tuned, path: Path, settings: Mapping[str, str]) -> str:
+    """The text of a diagram at `path` that extends the tuned one and sets the best values, and what was set beside them."""
+    tuned = {name: quantity(value, task.free[name].unit) for name, value in result.values.items()}
+    values = {**{name: quoted(text) for name, text in settings.items()}, **tuned}
+    head = [f"model: {path.stem}",
+            f"summary: {model.name}, tuned to a cost of {result.cost:.5g}.",
+            f"extends: {extended_from(path, model.path)}"]
+    return "\n".join([*head, *block("set", values)]) + "\n"

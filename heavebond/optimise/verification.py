@@ -1,0 +1,115 @@
+"""Whether the results of a run depend on what was chosen for the computer: tolerances, and the widths of transitions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from heavebond.core.errors import HeavebondError, Problem, SimulationError, listing
+from heavebond.numerics.dae import Array, Assembly, assemble
+from heavebond.numerics.result import Result
+from heavebond.numerics.simulator import Simulator, Tolerances
+
+TIGHTER = 1e-2  # factor on the tolerances
+NARROWER = 0.1  # factor on the widths
+ALLOWED = 0.01  # of the range of an output
+LEAST = 1e-14  # below this tolerances are rounding
+# What stands nearly still, as a pressure that is held, is compared with this share of its size; differences below the
+# other one are rounding in any unit that an engineer shows.
+STILL, ROUNDING = 1e-3, 1e-9
+
+
+@dataclass(frozen=True)
+class Moved:
+    """How far an output moves: rms of the difference over the output's range, as the tolerances are tightened, and as the
+    widths are narrowed besides; nan where that run failed."""
+
+    name: str
+    by_tolerances: float
+    by_widths: float
+
+    @property
+    def worst(self) -> float:
+        """The larger of the two; infinite where a run failed."""
+        return float(np.nan_to_num(max(self.by_tolerances, self.by_widths, key=lambda v: np.inf if np.isnan(v) else v),
+                                   nan=np.inf))
+
+
+@dataclass(frozen=True)
+class Verification:
+    """Each output with how far it moves, which widths were narrowed, what is allowed, and what the repeated runs said where
+    they failed."""
+
+    outputs: tuple[Moved, ...]
+    widths: tuple[str, ...]
+    allowed: float
+    failures: tuple[Problem, ...]
+
+    @property
+    def moved(self) -> list[Moved]:
+        """The outputs that moved by more than is allowed, the worst first."""
+        return sorted((m for m in self.outputs if m.worst > self.allowed), key=lambda m: -m.worst)
+
+    def problem(self) -> Problem | None:
+        """What is to be said where outputs moved."""
+        if not self.moved:
+            return None
+        steps = [m.name for m in self.moved if not m.by_tolerances <= self.allowed]
+        widths = [m.name for m in self.moved if m.by_tolerances <= self.allowed]
+        hints = []
+        if steps:
+            hints.append(f"{listing(steps, 4)}: run with a smaller --rtol until they stay; a chaotic motion never does.")
+        if widths:
+            hints.append(f"{listing(widths, 4)}: the transitions ({listing(self.widths, 4)}) are too wide to count as "
+                         "sharp. Set them narrower, or take a component that switches (DryFriction, RigidStop, on shafts "
+                         "RotationalDryFriction, RotationalRigidStop).")
+        return Problem("results-moved", f"{len(self.moved)} of {len(self.outputs)} outputs depend on tolerances or "
+                       f"transitions by more than {self.allowed:.2g} of their range", None, "\n".join(hints),
+                       tuple(line for failed in self.failures for line in (failed.message, *failed.notes)))
+
+
+def verify(result: Result, names: Sequence[str], also: Iterable[str] = (), tolerances: Tolerances | None = None,
+           allowed: float = ALLOWED) -> Verification:
+    """Repeat a run with a hundredth of its tolerances, and then with a tenth of all widths as well.
+
+    Widths are the parameters that their component calls so. `also` are the positions that the assembly of the result was
+    made with, `tolerances` those of the result.
+    """
+    base = tolerances or Tolerances()
+    tight = Tolerances(max(base.rtol * TIGHTER, LEAST), max(base.atol * TIGHTER, LEAST / 100))
+    failures: list[Problem] = []
+    widths = tuple(f"{path}.{name}" for path, leaf in result.assembly.flat.expanded.leaves.items()
+                   for name, parameter in leaf.component.parameters.items() if parameter.width)
+    tolerance = _shares(result, names, result.assembly, tight, failures, "with tighter tolerances")
+    narrow = assemble(result.assembly.model, also, NARROWER) if widths else result.assembly
+    width = _shares(result, names, narrow, tight, failures, "with a tenth of the widths") if widths else tolerance
+    return Verification(tuple(Moved(n, a, b) for n, a, b in zip(names, tolerance, width, strict=True)), widths, allowed,
+                        tuple(failures))
+
+
+def _shares(result: Result, names: Sequence[str], assembly: Assembly, tolerances: Tolerances, failures: list[Problem],
+            how: str) -> list[float]:
+    try:
+        again = Simulator(assembly, times=result.time, tolerances=tolerances).run().signals(names)
+    except HeavebondError as error:
+        failures += [Problem(p.code, f"{how}: {p.message}", p.place, p.hint, p.notes) for p in error.problems]
+        return [np.nan] * len(names)
+    before = result.signals(names)
+    return [_share(before[name], again[name]) for name in names]
+
+
+def _share(before: Array, after: Array) -> float:
+    size = max(float(np.ptp(before)), STILL * float(np.abs(before).max(initial=0.0)))
+    difference = float(np.sqrt(np.mean((after - before) ** 2)))
+    return difference / max(size, ROUNDING)
+
+
+def raise_if_moved(found: Verification, figures: dict[str, object]) -> None:
+    """SimulationError, which carries the figures of the run, where outputs moved."""
+    problem = found.problem()
+    if problem is not None:
+        error = SimulationError([problem])
+        error.figures = figures
+        raise error

@@ -1,0 +1,225 @@
+"""What of a run a drawing shows by colour: the power that components and nodes pass on, or any variable of theirs.
+
+Of the powers P_k = effort * flow at the ports of a component, the positive ones come in and the negative ones go out;
+what it passes on is the larger of the two sums: all that enters a damper, all that leaves a source, and what
+goes through a lever. At a node both sums are equal. Where only differences of an effort mean something, as of voltages, two
+ports with opposite flows, i_a = -i_b, count as one: P = (v_a - v_b) i_a, wherever ground is.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from heavebond.core.errors import Problem, UsageError, listing, suggest
+from heavebond.core.presentation import readable_unit, unit_label, written
+from heavebond.core.units import read_unit
+from heavebond.energy.audit import port_powers
+from heavebond.equations.expand import Expanded
+from heavebond.language.model import Model
+from heavebond.numerics.dae import Array, assemble
+from heavebond.numerics.result import Result
+from heavebond.numerics.simulation import simulate
+from heavebond.numerics.simulator import Time, seconds
+
+POWER, MEAN, PEAK = "power", "mean", "peak"
+SCALE = ("#9fb4c7", "#e0b13c", "#d9601f", "#a30d12", "#4d0012")  # from little to much
+BOTH_WAYS = ("#08407e", "#2f7fc1", "#a7adb3", "#d9601f", "#8c0d12")  # from negative to positive
+SPREAD, DECADES = 30.0, 4  # from such a ratio of the largest to the middle one on, colours are logarithmic
+FADED = "#c9ced3"
+OPPOSITE = 1e-6  # of the largest flow: by this much two that are opposite by their equations may differ in a run
+Quantities = dict[str, list[str]]
+
+
+@dataclass(frozen=True)
+class Paint:
+    """Values by the paths of components and of nodes, in `unit` (`base` in SI); colours run from `low` to `high`."""
+
+    title: str
+    unit: str
+    parts: dict[str, float]
+    nets: dict[str, float]
+    low: float
+    high: float
+    logarithmic: bool = False
+    base: str = "1"
+
+    def colour(self, value: float) -> str:
+        """The colour of a value, `#rrggbb`."""
+        stops = BOTH_WAYS if self.low < 0 else SCALE
+        place = self._share(value) * (len(stops) - 1)
+        k = min(int(place), len(stops) - 2)
+        pairs = zip(_rgb(stops[k]), _rgb(stops[k + 1]), strict=True)
+        return "#" + "".join(f"{round(a + (place - k) * (b - a)):02x}" for a, b in pairs)
+
+    def _share(self, value: float) -> float:
+        low, high, value = (math.log10(max(v, 1e-300)) for v in (self.low, self.high, value)) if self.logarithmic else \
+            (self.low, self.high, value)
+        return min(1.0, max(0.0, (value - low) / (high - low)))
+
+    def at(self, share: float) -> float:
+        """The value at a share of the way from low to high, as the colours go."""
+        if self.logarithmic:
+            return float(self.low * (self.high / self.low) ** share)
+        return self.low + share * (self.high - self.low)
+
+    def text(self, value: float) -> str:
+        """`12.3 kW`, in the prefix that suits this value."""
+        return written(read_unit(self.unit).to_si(value), self.base, 3)
+
+
+def _rgb(colour: str) -> tuple[int, ...]:
+    return tuple(int(colour[k:k + 2], 16) for k in (1, 3, 5))
+
+
+def paint(model: Model, what: str, *, at: Time | None = None, over: str = MEAN, until: Time | None = None) -> Paint:
+    """Run a diagram and colour it by `power` or by a variable: `p` at all nodes that have a pressure, `F` in all components
+    that have such a variable, `q` at their ports, `crown.v` at one place.
+
+    The values are those `at` a time, else their `mean` or `peak` (the largest size) `over` the run. Raises UsageError for a
+    variable that is nowhere, or is not the same quantity everywhere.
+    """
+    assembly = assemble(model, [what] if "." in what else ())
+    result = simulate(assembly, until)
+    moment = None if at is None else seconds(at, "--at")
+    if moment is not None and not result.time[0] <= moment <= result.time[-1]:
+        raise UsageError([Problem("time-outside", f"--at {at}: the run goes from {result.time[0]:g} to "
+                                  f"{result.time[-1]:g} s", None, "Give a time within the run.")])
+    when = f"at {moment:g} s" if moment is not None else f"{over} over {result.time[0]:g} to {result.time[-1]:g} s"
+    expanded = assembly.flat.expanded
+    if what == POWER:
+        parts, nets = _powers(result, expanded)
+        unit = "W"
+    else:
+        parts, nets, unit = _variables(result, expanded, what)
+    told = ({k: _number(v, result.time, moment, over) for k, v in found.items()} for found in (parts, nets))
+    return _scaled(f"{what}, {when}", unit, *told)
+
+
+def _number(course: Array, time: Array, moment: float | None, over: str) -> float:
+    if moment is not None:
+        return float(np.interp(moment, time, course))
+    if over == PEAK:
+        return float(course[np.argmax(np.abs(course))])
+    return float(np.trapezoid(course, time) / (time[-1] - time[0]))
+
+
+def _scaled(title: str, unit: str, parts: dict[str, float], nets: dict[str, float]) -> Paint:
+    """The values in a unit that reads well, and from where to where the colours go."""
+    sizes = sorted(abs(v) for v in (*parts.values(), *nets.values()))
+    shown = readable_unit(unit, sizes[-1])
+    target = read_unit(shown)
+    parts, nets = ({k: target.from_si(v) for k, v in found.items()} for found in (parts, nets))
+    values = [*parts.values(), *nets.values()]
+    low, high = min(values), max(values)
+    middle = target.from_si(sizes[len(sizes) // 2])
+    logarithmic = low >= 0 and high > SPREAD * abs(middle)
+    if logarithmic:
+        low = 10.0**-DECADES * high
+    elif low < 0:  # nothing is grey, whichever way the rest goes
+        high = max(high, -low)
+        low = -high
+    elif title.startswith(POWER):
+        low = 0.0
+    if high - low <= 1e-12 * max(abs(high), 1.0):
+        low, high = low - 0.5, high + 0.5
+    return Paint(title, shown, parts, nets, low, high, logarithmic, unit)
+
+
+# -- power -------------------------------------------------------------------------------------------------------------
+def _powers(result: Result, expanded: Expanded) -> tuple[dict[str, Array], dict[str, Array]]:
+    """What components and nodes pass on (N,), in W."""
+    powers = port_powers(result)
+    ports: Quantities = {}
+    for end in powers:
+        ports.setdefault(end.rpartition(".")[0], []).append(end)
+    ends = {path: [e.name for e in junction.ends if e.name in powers] for path, junction in expanded.junctions.items()}
+    flows = _relative_flows(result, expanded, powers)
+    return ({path: _passed_on(_between(own, powers, flows)) for path, own in ports.items()},
+            {path: _halves([powers[e] for e in own]) for path, own in ends.items() if own})
+
+
+def _ends(expanded: Expanded) -> list[str]:
+    return list(dict.fromkeys(e.name for junction in expanded.junctions.values() for e in junction.ends
+                              if e.name.partition("[")[0] in expanded.ports or e.name in expanded.ports))
+
+
+def _relative_flows(result: Result, expanded: Expanded, ends: Iterable[str]) -> dict[str, Array]:
+    """The flows (N,) at the ends whose efforts are voltages: differences only."""
+    known = result.assembly.flat.names
+    flows = [f"{end}.{domain.flow}" for domain in expanded.model.library.domains.values() if domain.relative for end in ends
+             if f"{end}.{domain.flow}" in known and f"{end}.{domain.effort}" in known]
+    return {name.rpartition(".")[0]: course for name, course in result.signals(flows).items()}
+
+
+def _between(ports: list[str], powers: Mapping[str, Array], flows: Mapping[str, Array]) -> list[Array]:
+    """The powers of one component, with those of two ports of opposite flows summed up."""
+    found, left = [powers[p] for p in ports if p not in flows], [p for p in ports if p in flows]
+    while left:
+        port = left.pop(0)
+        size = OPPOSITE * np.abs(flows[port]).max()
+        other = next((p for p in left if np.abs(flows[port] + flows[p]).max() <= size), None)
+        if other:
+            left.remove(other)
+        found.append(powers[port] + powers[other] if other else powers[port])
+    return found
+
+
+def _passed_on(powers: list[Array]) -> Array:
+    inwards = sum((np.maximum(p, 0.0) for p in powers), np.zeros_like(powers[0]))
+    outwards = sum((np.maximum(-p, 0.0) for p in powers), np.zeros_like(powers[0]))
+    return np.asarray(np.maximum(inwards, outwards))
+
+
+def _halves(powers: list[Array]) -> Array:
+    return np.asarray(sum((np.abs(p) for p in powers), np.zeros_like(powers[0])) / 2)
+
+
+# -- variables ---------------------------------------------------------------------------------------------------------
+def _variables(result: Result, expanded: Expanded, what: str) -> tuple[dict[str, Array], dict[str, Array], str]:
+    """A variable at nodes, in components and at their ports, and its base unit."""
+    known = result.assembly.flat.names
+    owner, _, last = what.rpartition(".")
+    names: dict[str, list[str]] = {}
+    for path in expanded.junctions:
+        if f"{path}.{last}" in known and owner in ("", path):
+            names[f"node {path}"] = [f"{path}.{last}"]
+    for path in expanded.leaves:
+        own = [n for n in (f"{path}.{last}",) if n in known and path not in expanded.junctions]
+        ports = [f"{e}.{last}" for e in _ends(expanded) if e.rpartition(".")[0] == path and f"{e}.{last}" in known]
+        if owner in ("", path) and (own or ports) and not (ports and _across(expanded, last) and not own):
+            names[path] = own or ports
+    if not names and what in known:  # a signal: the node of that name, or those that it is wired to
+        names = {f"node {p}": [p] for p, j in expanded.junctions.items() if what in (p, *(e.name for e in j.ends))}
+    if not names:
+        raise UsageError([Problem("name-unknown", f"nothing in this diagram has a variable '{what}'", None, suggest(
+            what, [POWER, *known]) or "Write `power`, a variable of nodes such as `p` or `v`, or one with its path.")])
+    unit = _one_unit(result, what, [name for found in names.values() for name in found])
+    values = result.signals(list(dict.fromkeys(name for found in names.values() for name in found)))
+    courses = {place: _largest([values[name] for name in found]) for place, found in names.items()}
+    return ({p: c for p, c in courses.items() if not p.startswith("node ")},
+            {p.removeprefix("node "): c for p, c in courses.items() if p.startswith("node ")}, unit)
+
+
+def _across(expanded: Expanded, member: str) -> bool:
+    """Whether it is shared at nodes, so that these show it."""
+    return any(member in domain.across or member == domain.position for domain in expanded.model.library.domains.values())
+
+
+def _largest(courses: list[Array]) -> Array:
+    """Of several courses the one that is largest at any time."""
+    return max(courses, key=lambda c: float(np.max(np.abs(c))))
+
+
+def _one_unit(result: Result, what: str, names: Iterable[str]) -> str:
+    units: dict[str, str] = {}
+    for name in names:
+        units.setdefault(result.unit(name), name)
+    if len(units) > 1:
+        told = listing(f"{name} in {unit_label(unit)}" for unit, name in units.items())
+        raise UsageError([Problem("unit-kind", f"'{what}' is not the same quantity everywhere: {told}", None,
+                                  "Write one with its path, or another variable.")])
+    return next(iter(units))

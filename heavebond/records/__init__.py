@@ -1,0 +1,1 @@
+"""Measured records and saved runs: reading, clocks, outliers, delays, spectra, error metrics."""

@@ -1,0 +1,315 @@
+"""Measured records: tables with named columns from CSV text, Parquet or MAT, and the checks a record must pass.
+
+A table knows which line of the file each row came from, so that every complaint about it names the line.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heavebond.core.errors import DataError, Place, Problem, Problems, UsageError, listing, suggest
+from heavebond.core.limits import NUMBER as LARGEST
+from heavebond.core.units import Unit
+from heavebond.records.clock_times import Clock, ClockProblem, read_clock
+from heavebond.records.matlab import read_matlab
+from heavebond.records.text_tables import SHOWN, add_few, cell_place, read_text_columns, text_lines, unit_in_file
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Array = NDArray[np.float64]
+Rows = NDArray[np.int64]
+TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".dat")
+PARQUET_SUFFIXES = (".parquet", ".pq")
+MATLAB_SUFFIXES = (".mat",)
+GAP_FACTOR = 1.5
+BRIDGED = 3  # so many missing samples of an input in a row are interpolated without a word in the file
+_NAMED_UNIT = re.compile(r".*\S\s*([\[(][^\[\]()]+[\])])")  # pull [kN], p (bar)
+_TAGGED_UNIT = re.compile(r".+_([A-Za-z]{1,4})")  # pressure_Pa
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """A record as it stands in its file: n rows, units not yet applied.
+
+    `header` names all columns; `columns` holds those that are numbers, (n,) each, NaN where a cell is empty.
+    `lines` (n,) is the line of each row in the file, or its row number where the file has no lines (Parquet, MAT;
+    `text` is None then). `aside` says of names that are no columns why, and what to do; `units` is a row of units below
+    the names; `words` holds the cells (n,) of columns of text, `clocks` those that are moments (see `timed`).
+    """
+
+    path: Path
+    header: tuple[str, ...]
+    lines: NDArray[np.int64]
+    columns: dict[str, Array]
+    text: str | None = None
+    separator: str = ","
+    aside: dict[str, tuple[str, str]] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
+    words: dict[str, list[str]] = field(default_factory=dict)
+    clocks: dict[str, Clock] = field(default_factory=dict)
+
+    def place(self, row: int, name: str) -> Place:
+        """Where the cell of column `name` in `row` (from 0) stands."""
+        line = int(self.lines[row])
+        if self.text is None:
+            return Place(str(self.path), line)
+        text = text_lines(self.text)[line - 1]
+        return cell_place(str(self.path), line, text, self.separator, self.header.index(name))
+
+    def lines_of(self, rows: Sequence[int]) -> str:
+        """`lines 4, 9 and 17 more` for rows counted from 0."""
+        word = ("row" if self.text is None else "line") + ("s" if len(rows) > 1 else "")
+        return f"{word} {listing([str(self.lines[r]) for r in rows], SHOWN)}"
+
+    def unit_of(self, name: str) -> tuple[str, Unit, bool] | None:
+        """The unit that the file gives for a column, as written and read, and whether that is certain: in a row of units or
+        in brackets behind the name it is, behind the last underscore of the name it may be another word. None without."""
+        bracket, tag = _NAMED_UNIT.fullmatch(name), _TAGGED_UNIT.fullmatch(name)
+        for text, sure in ((self.units.get(name, ""), True), (bracket.group(1) if bracket else "", True),
+                           (tag.group(1) if tag else "", False)):
+            found = unit_in_file(text)
+            if found is not None:
+                return text.strip("[]()"), found, sure
+        return None
+
+    def keep(self, mask: NDArray[np.bool_]) -> Table:
+        """The same record with only the rows where `mask` (n,) is true."""
+        columns = {name: values[mask] for name, values in self.columns.items()}
+        return replace(self, lines=self.lines[mask], columns=columns, words={}, clocks={})
+
+
+def read_table(path: Path | str, *, place: Place | None = None, beside: str | None = None) -> Table:
+    """Read a record; the file's suffix says how (.csv, .tsv, .txt, .dat: text; .parquet, .pq; .mat).
+
+    Text has one row of names, perhaps a row of units below it, and lines of comment behind `#` (see
+    `text_tables`). Of a MAT file the table holds the vectors as long as the variable `beside`.
+    `place` is where the file is asked for. Raises DataError with all that is wrong in the file (a column without
+    any number is left aside until it is used), UsageError for another suffix.
+    """
+    path = Path(path)
+    _must_exist(path, place)
+    suffix = path.suffix.lower()
+    if suffix in TEXT_SUFFIXES:
+        text = read_text_columns(path)
+        return Table(path, text.header, text.lines, text.columns, text.text, text.separator, units=text.units,
+                     words=text.words)
+    if suffix in PARQUET_SUFFIXES:
+        return _read_parquet(path)
+    if suffix in MATLAB_SUFFIXES:
+        return _read_matlab(path, place, beside)
+    raise UsageError([Problem(
+        "record-suffix", f"'{path.name}' is not a kind of record that is read here", place,
+        "Export it as CSV (comma, semicolon or tab).",
+        (f"read are {', '.join(TEXT_SUFFIXES)} (text), {', '.join(PARQUET_SUFFIXES)} (Parquet) and .mat (MATLAB)",))])
+
+
+def column(table: Table, name: str, place: Place | None = None) -> Array:
+    """The numbers (n,) of a column; `place` is where it is asked for. Raises DataError without any."""
+    if name in table.columns:
+        return table.columns[name]
+    file = table.path.name
+    if name not in table.header:
+        raise DataError([Problem("record-column-unknown", f"'{file}' has no column '{name}'", place,
+                                 suggest(name, table.header) or "Name one of its columns.",
+                                 (f"its columns are {listing(table.header)}",))])
+    if name in table.aside:
+        why, hint = table.aside[name]
+        raise DataError([Problem("record-column-kind", f"'{name}' of '{file}' {why}", place, hint)])
+    notes = () if table.text is None else (f"for example {table.path}:{table.lines[0]}",)
+    raise DataError([Problem(
+        "record-column-text", f"column '{name}' of '{file}' holds text or dates, not numbers", place,
+        "Name another column; dates are read as the times of a record only.", notes)])
+
+
+def timed(table: Table, name: str, *, unit: str = "s", zero: tuple[Path, str] | None = None, place: Place | None = None
+          ) -> Table:
+    """The table with its column `name` as times: numbers as they stand, those of a clock (see `clock_times`) as seconds
+    since its first row, or since that of another file's column (`zero`). DataError where a clock cannot be read, or where
+    `unit`, in which the times are asked for, is not s."""
+    clock = _clock(table, name)
+    if clock is None:
+        return table
+    if unit != "s":
+        raise DataError([Problem("record-clock-unit", f"'{name}' of '{table.path.name}' holds times of a clock, which are "
+                                 f"counted in s, not in {unit}", place, "Write `unit: s`.")])
+    since = clock.first
+    if zero is not None and zero != (table.path, name):
+        other = read_table(zero[0], beside=zero[1])
+        begin = _clock(other, zero[1])
+        if begin is None or begin.dated != clock.dated:
+            what = "dates" if clock.dated else "times of day"
+            raise DataError([Problem("record-clocks", f"'{name}' of '{table.path.name}' holds {what}, '{zero[1]}' of "
+                                     f"'{other.path.name}' does not: they cannot be put on one clock", place,
+                                     "Export both in the same form, or as seconds from the same moment.")])
+        since = begin.first
+    return replace(table, columns={**table.columns, name: clock.seconds(since)})
+
+
+def _clock(table: Table, name: str) -> Clock | None:
+    """The moments of a column; None where it is no column of text."""
+    if name not in table.words:
+        return table.clocks.get(name)
+    try:
+        return read_clock(table.words[name])
+    except ClockProblem as problem:
+        raise DataError([Problem("record-clock", f"the times in '{name}' cannot be read: {problem.message}",
+                                 table.place(problem.row, name), problem.hint)]) from problem
+
+
+def check_time(table: Table, name: str) -> None:
+    """Raise DataError unless the times of column `name` increase, at least two of them; rows without a time are passed
+    over here (see `samples`)."""
+    time = column(table, name)
+    finite = np.flatnonzero(np.isfinite(time))
+    if len(finite) < 2:
+        number = "1 sample" if len(finite) == 1 else f"{len(finite)} samples"
+        raise DataError([Problem(
+            "record-short", f"the record '{table.path.name}' has {number}, it needs at least 2",
+            Place(str(table.path), int(table.lines[0])) if len(time) else None,
+            "Check `from:` and `to:`, and the unit of the time." if not len(finite) else "")])
+    problems = Problems()
+    _report_infinite(table, name, problems)
+    steps = np.diff(time[finite])
+    where = finite[1:]
+    for wrong, code, saying, hint in (
+            (steps == 0, "record-time-repeated", "stands twice",
+             "A record has one row per instant: delete one of them, or write the times with more digits."),
+            (steps < 0, "record-time-decreasing", "is less than the one before it",
+             "Sort the rows by their time; where a second run begins here, make it a record of its own.")):
+        rows = where[wrong].tolist()
+        if rows:
+            problems.add(code, f"the time {time[rows[0]]:.7g} in '{name}' {saying} ({table.lines_of(rows)})",
+                         table.place(rows[0], name),
+                         hint=hint)
+    problems.raise_as(DataError)
+
+
+def samples(table: Table, time_name: str, name: str, place: Place | None = None, *, least: int = 1, why: str = "") -> Rows:
+    """The rows (n,) in which column `name` was sampled; where its cell is empty or NaN it was not.
+
+    Raises DataError for a column with fewer than `least` numbers (`why` says what for), an infinite one, or one without a
+    time.
+    """
+    time, values = column(table, time_name, place), column(table, name, place)
+    problems = Problems()
+    _report_infinite(table, name, problems)
+    rows = np.flatnonzero(np.isfinite(values))
+    timeless = rows[np.isnan(time[rows])].tolist()
+    if timeless:
+        problems.add("record-time-missing", f"'{name}' has a value where '{time_name}' has none "
+                     f"({table.lines_of(timeless)})", table.place(timeless[0], time_name),
+                     hint="Write the time, or delete the row.")
+    problems.raise_as(DataError)
+    if not len(rows):
+        raise DataError([Problem(
+            "record-channel-empty", f"column '{name}' of '{table.path.name}' has no number in any of its {len(time)} rows",
+            place, "Check the column's name, and `from:` and `to:`.")])
+    if len(rows) < least:
+        raise DataError([Problem(
+            "record-channel-short", f"column '{name}' of '{table.path.name}' has {_count(rows)}, at least {least} are "
+            f"needed{why}", place, "Give its `noise:`, or check `from:` and `to:`." if why else
+            "Check `from:` and `to:`; a channel that was hardly measured is left out of the experiment.")])
+    return rows
+
+
+def gaps(time: Array, missing: int = 0) -> Rows:
+    """Where more than `missing` samples in a row are left out of increasing times (n,): the k for which the step from k to
+    k + 1 is longer than missing + 1.5 median steps."""
+    steps = np.diff(time)
+    # the margin keeps times that were rounded when written
+    return np.flatnonzero(steps > (missing + GAP_FACTOR) * float(np.median(steps)) * (1 + 1e-6)) if len(steps) else \
+        np.zeros(0, dtype=np.int64)
+
+
+def check_gaps(table: Table, time_name: str, name: str, rows: Rows, *, begin: float = -np.inf, end: float = np.inf) -> None:
+    """Raise DataError where more than 3 samples of column `name`, sampled in `rows` (n,), are left out between the times
+    `begin` and `end` (in the unit of the time column)."""
+    time = table.columns[time_name][rows]
+    found = [k for k in gaps(time, BRIDGED).tolist() if time[k + 1] > begin and time[k] < end]
+    steps = np.diff(time)
+    problems = Problems()
+    usual = float(np.median(steps)) if len(steps) else 0.0
+    said = [(f"a gap: '{name}' has no value between the times {time[k]:.7g} ({table.lines_of([rows[k]])}) and "
+             f"{time[k + 1]:.7g} ({table.lines_of([rows[k + 1]])}); elsewhere it has one every {usual:.4g}",
+             table.place(int(rows[k + 1]), name)) for k in found[:SHOWN]]
+    add_few(problems, "record-gap", said, len(found), "gaps",
+             "Keep one side with `from:` or `to:`, or write `gaps: bridge` at this input to go across.")
+    problems.raise_as(DataError)
+
+
+def _count(rows: Rows) -> str:
+    return "1 number" if len(rows) == 1 else f"{len(rows)} numbers"
+
+
+def _report_infinite(table: Table, name: str, problems: Problems) -> None:
+    values = table.columns[name]
+    rows = np.flatnonzero(np.abs(values) > LARGEST).tolist()
+    if rows:
+        problems.add("record-value", f"'{name}' has an infinite value, or one beyond {LARGEST:g}, in {len(rows)} of "
+                     f"{len(values)} rows ({table.lines_of(rows)})", table.place(rows[0], name),
+                     hint="Empty these cells: an empty cell is a sample that was not taken.")
+
+
+def _must_exist(path: Path, place: Place | None) -> None:
+    if path.is_file():
+        return
+    if path.is_dir():
+        raise DataError([Problem("record-missing", f"'{path}' is a folder, not a record", place,
+                                 "Give a file in it.")])
+    if not path.parent.is_dir():
+        raise DataError([Problem("record-missing", f"there is no folder '{path.parent}' for '{path.name}'", place,
+                                 "Check the path; it counts from the folder of the file that names it.")])
+    files = sorted(f.name for f in path.parent.iterdir() if f.is_file())
+    notes = (f"files there: {listing(files)}",) if files else ("the folder has no files",)
+    raise DataError([Problem("record-missing", f"there is no file '{path.name}' in '{path.parent}'", place,
+                             suggest(path.name, files) or "Put the record there, or give the path of another one; it "
+                             "counts from the folder of the file that names it.", notes)])
+
+
+def _read_parquet(path: Path) -> Table:
+    import pandas as pd
+
+    try:
+        frame = pd.read_parquet(path)
+    except ImportError as error:
+        raise DataError([Problem("record-parquet", f"'{path.name}' needs a library that is not installed",
+                                 None, "pip install pyarrow")]) from error
+    except (ValueError, OSError) as error:
+        raise DataError([Problem("record-parquet", f"'{path}' is not a Parquet file that can be read", None,
+                                 "", (str(error).splitlines()[0],))]) from error
+    if frame.index.name is not None or isinstance(frame.index, (pd.DatetimeIndex, pd.TimedeltaIndex)):
+        frame = frame.reset_index()
+    if not len(frame):
+        raise DataError([Problem("record-empty", f"'{path}' has no rows")])
+    numbers = {str(name): frame[name].to_numpy(dtype=np.float64, na_value=np.nan) for name in frame.columns
+               if pd.api.types.is_numeric_dtype(frame[name])}
+    clocks = {str(name): Clock(_nanoseconds(frame[name]), frame[name].dtype.kind == "M") for name in frame.columns
+              if frame[name].dtype.kind in "mM"}
+    words = {str(name): [str(cell) for cell in frame[name].fillna("")] for name in frame.columns
+             if pd.api.types.is_string_dtype(frame[name]) and str(name) not in numbers}
+    return Table(path, tuple(map(str, frame.columns)), np.arange(1, len(frame) + 1), numbers, words=words, clocks=clocks)
+
+
+def _nanoseconds(values: pd.Series[pd.Timestamp]) -> Rows:
+    """Dates or lengths of time as ns, whatever zone and resolution they have."""
+    if getattr(values.dt, "tz", None) is not None:
+        values = values.dt.tz_convert(None)
+    return np.asarray(values.to_numpy().astype(f"{values.dtype.kind}8[ns]").astype(np.int64))
+
+
+def _read_matlab(path: Path, place: Place | None, beside: str | None) -> Table:
+    found = read_matlab(path, place).beside(beside)
+    if not found.columns:
+        notes = [f"{name} {why}" for name, (why, _) in list(found.aside.items())[:SHOWN]]
+        hint = next((hint for _, hint in found.aside.values()), "Save the time and the channels as vectors.")
+        raise DataError([Problem("record-empty", f"'{path.name}' has no vector of numbers", place, hint, tuple(notes))])
+    n = len(next(iter(found.columns.values())))
+    return Table(path, (*found.columns, *found.aside), np.arange(1, n + 1), found.columns, aside=found.aside)

@@ -1,0 +1,244 @@
+"""Runs as files: written with their units as CSV, Parquet, MAT or NetCDF, and read back.
+
+A file that was cut off is refused by every format: Parquet ends with its own index, NetCDF begins with the number of values,
+MAT ends with the names of what stands before them, and in CSV the last column counts the rows that are still to come.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heavebond.core.errors import DataError, Problem, UsageError, listing, suggest
+from heavebond.core.presentation import brief, count
+from heavebond.core.writable import new_file
+from heavebond.records.text_tables import ROWS_LEFT, check_rows_left
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Array = NDArray[np.float64]
+_HEAD = re.compile(r"(?P<name>.+) \[(?P<unit>[^\[\]]*)\]")
+LONGEST_NAME = 63  # of a MATLAB variable
+NEEDED = ("time", "model", "signals", "variables", "units")  # in a MAT file
+TAKEN = (*NEEDED, "solver")
+
+
+@dataclass(frozen=True)
+class SavedRun:
+    """A run without its diagram: `time` (N,) in s, and signals by name, (N,) each, in `units[name]`; `solver` is what
+    integrated it and why (a CSV file does not tell)."""
+
+    model: str
+    time: Array
+    values: dict[str, Array] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
+    solver: str = ""
+
+    def __repr__(self) -> str:
+        return brief(self, self.model, count(len(self.time), "point"), f"signals {listing(list(self.values), 8)}")
+
+    def names(self) -> list[str]:
+        """The signals in the order of the file."""
+        return list(self.values)
+
+    def unit(self, name: str) -> str:
+        """The unit in which `run[name]` is given."""
+        self[name]
+        return self.units[name]
+
+    def __getitem__(self, name: str) -> Array:
+        if name not in self.values:
+            raise UsageError([Problem("name-unknown", f"this run holds no '{name}'", None,
+                                      suggest(name, self.values) or f"It holds {listing(self.values)}.")])
+        return self.values[name]
+
+    def to_pandas(self) -> pd.DataFrame:
+        """A table with time as index, columns `name [unit]`."""
+        import pandas as pd
+
+        columns = {f"{name} [{self.units[name]}]": values for name, values in self.values.items()}
+        return pd.DataFrame(columns, index=pd.Index(self.time, name="time [s]"))
+
+
+def write_run(run: SavedRun, path: str | Path) -> None:
+    """Write a run as its file's suffix says (see SUFFIXES); UsageError for another one, or what is to be installed."""
+    write = _form(Path(path), "written")[0]
+    with new_file(path) as fresh:
+        write(run, fresh)
+
+
+def read_run(path: str | Path) -> SavedRun:
+    """Read what `write_run` wrote; DataError where the file holds something else, UsageError for another suffix."""
+    path = Path(path)
+    read = _form(path, "read")[1]
+    if not path.is_file():
+        near = [p.name for p in sorted(path.parent.glob("*")) if p.suffix in SUFFIXES] if path.parent.is_dir() else []
+        raise UsageError([Problem("file-missing", f"there is no file '{path}'", None,
+                                  suggest(path.name, near) or "Check the path; it counts from the current folder.")])
+    try:
+        return read(path)
+    except (DataError, UsageError):
+        raise
+    except Exception as error:  # every format's reader stumbles at damaged files in its own ways
+        said = (str(error).splitlines() or [""])[0]
+        raise _not_a_run(path, said) from error
+
+
+def _not_a_run(path: Path, *notes: str) -> DataError:
+    return DataError([Problem("run-unreadable", f"'{path}' does not hold a saved run", None,
+                              "Write one with `heavebond run MODEL --save " + path.name + "`.",
+                              tuple(note for note in notes if note))])
+
+
+def _form(path: Path, what: str) -> tuple[Callable[[SavedRun, Path], None], Callable[[Path], SavedRun]]:
+    form = _FORMS.get(path.suffix.lower())
+    if form is None:
+        raise UsageError([Problem("file-suffix", f"'{path.name}' has no suffix by which a run could be {what}", None,
+                                  f"Write {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}.")])
+    return form
+
+
+# -- tables ----------------------------------------------------------------------------------------------------------
+def _from_table(table: pd.DataFrame, path: Path, model: str, solver: str = "") -> SavedRun:
+    """A table whose first column (or index) is the time; every column needs its unit."""
+    heads = [_HEAD.fullmatch(str(column)) for column in table.columns]
+    if not heads or heads[0] is None or heads[0]["name"] != "time":
+        raise _not_a_run(path, "its first column is not 'time [s]'")
+    without = [str(c) for c, head in zip(table.columns, heads, strict=True) if head is None]
+    if without:
+        raise _not_a_run(path, f"column '{without[0]}' has no unit in brackets")
+    wordy = [str(c) for k, c in enumerate(table.columns) if table.dtypes.iloc[k].kind not in "fiu"]
+    if wordy:
+        raise _not_a_run(path, f"column '{wordy[0]}' holds something that is not a number")
+    known = [(head["name"], head["unit"], table.iloc[:, k].to_numpy(float)) for k, head in enumerate(heads) if head]
+    return SavedRun(model, known[0][2], {name: values for name, _, values in known[1:]},
+                    {name: unit for name, unit, _ in known[1:]}, solver)
+
+
+def _write_csv(run: SavedRun, path: Path) -> None:
+    run.to_pandas().assign(**{ROWS_LEFT: range(len(run.time) - 1, -1, -1)}).to_csv(path)
+
+
+def _read_csv(path: Path) -> SavedRun:
+    import pandas as pd
+
+    head = list(pd.read_csv(path, nrows=0).columns)
+    if "time [s]" in head[:1] and ROWS_LEFT not in head[-1:]:
+        raise _not_a_run(path, f"its last column is not '{ROWS_LEFT}', which tells that no row is missing")
+    table = pd.read_csv(path)
+    if head[-1:] == [ROWS_LEFT]:
+        check_rows_left(path, table.pop(ROWS_LEFT).to_numpy(float))
+    return _from_table(table, path, path.stem)
+
+
+def _parquet_missing(verb: str) -> UsageError:
+    return UsageError([Problem("pyarrow-missing", f"{verb} Parquet needs pyarrow", None,
+                               "pip install 'heavebond[parquet]'")])
+
+
+def _write_parquet(run: SavedRun, path: Path) -> None:
+    table = run.to_pandas()
+    table.attrs = {"model": run.model, "solver": run.solver}
+    try:
+        table.to_parquet(path, engine="pyarrow")
+    except ImportError:
+        raise _parquet_missing("writing") from None
+
+
+def _read_parquet(path: Path) -> SavedRun:
+    import pandas as pd
+
+    try:
+        table = pd.read_parquet(path, engine="pyarrow")
+    except ImportError:
+        raise _parquet_missing("reading") from None
+    return _from_table(table.reset_index(), path, str(table.attrs.get("model", path.stem)),
+                       str(table.attrs.get("solver", "")))
+
+
+# -- MAT and NetCDF --------------------------------------------------------------------------------------------------
+def identifiers(names: list[str]) -> list[str]:
+    """A MATLAB variable for each name (`crown.x`: `crown_x`), none twice and none that the file uses itself."""
+    found: list[str] = []
+    for name in names:
+        plain = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_")
+        plain = (plain if plain[:1].isalpha() else f"s_{plain}")[:LONGEST_NAME]
+        again, number = plain, 2
+        while again in found or again in TAKEN:
+            again, number = f"{plain[:LONGEST_NAME - 5]}_{number}", number + 1
+        found.append(again)
+    return found
+
+
+def _write_mat(run: SavedRun, path: Path) -> None:
+    from scipy.io import savemat
+
+    names = run.names()
+    variables = identifiers(names)
+
+    def cells(texts: list[str]) -> NDArray[np.object_]:
+        return np.array(texts, dtype=object).reshape(-1, 1)
+
+    columns = {variable: run.values[name][:, None] for variable, name in zip(variables, names, strict=True)}
+    # what a reader needs comes last: a file that was cut off lacks it
+    savemat(str(path), {"time": run.time[:, None], **columns, "solver": run.solver, "model": run.model,
+                        "variables": cells(variables), "units": cells([run.units[name] for name in names]),
+                        "signals": cells(names)}, appendmat=False)
+
+
+def _read_mat(path: Path) -> SavedRun:
+    from scipy.io import loadmat
+
+    raw = loadmat(path)
+    missing = [key for key in NEEDED if key not in raw]
+    if missing:
+        raise _not_a_run(path, f"it has no variable '{missing[0]}'")
+
+    def texts(key: str) -> list[str]:
+        return [str(cell.item()) if cell.size else "" for cell in raw[key].ravel()]
+
+    names, variables = texts("signals"), texts("variables")
+    values = {name: np.asarray(raw[variable], float).ravel() for name, variable in zip(names, variables, strict=True)}
+    return SavedRun("".join(raw["model"].ravel()), np.asarray(raw["time"], float).ravel(), values,
+                    dict(zip(names, texts("units"), strict=True)), "".join(raw.get("solver", np.array([])).ravel()))
+
+
+def _write_netcdf(run: SavedRun, path: Path) -> None:
+    from scipy.io import netcdf_file
+
+    file: Any
+    with netcdf_file(str(path), "w", version=2) as file:
+        file.title, file.solver = run.model, run.solver
+        file.createDimension("time", len(run.time))
+        # `/` parts groups in NetCDF; the name as it is stands in `long_name`
+        for name, unit, values in [("time", "s", run.time), *((n, run.units[n], v) for n, v in run.values.items())]:
+            variable = file.createVariable(name.replace("/", "|"), "f8", ("time",))
+            variable[:] = values
+            variable.units, variable.long_name = unit.encode(), name.encode()
+
+
+def _read_netcdf(path: Path) -> SavedRun:
+    from scipy.io import netcdf_file
+
+    file: Any
+    with netcdf_file(str(path), "r", mmap=False) as file:
+        variables = dict(file.variables)
+        if "time" not in variables:
+            raise _not_a_run(path, "it has no variable 'time'")
+        time = np.array(variables.pop("time")[:], float)
+        named = {v.long_name.decode(): (v.units.decode(), np.array(v[:], float)) for v in variables.values()}
+        return SavedRun(file.title.decode(), time, {n: values for n, (_, values) in named.items()},
+                        {n: unit for n, (unit, _) in named.items()}, getattr(file, "solver", b"").decode())
+
+
+_FORMS: dict[str, tuple[Callable[[SavedRun, Path], None], Callable[[Path], SavedRun]]] = {
+    ".csv": (_write_csv, _read_csv), ".parquet": (_write_parquet, _read_parquet), ".mat": (_write_mat, _read_mat),
+    ".nc": (_write_netcdf, _read_netcdf)}
+SUFFIXES = tuple(_FORMS)

@@ -1,0 +1,59 @@
+"""Signals from files: of a saved run, or of a record as a logger left it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from heavebond.core.errors import DataError, UsageError
+from heavebond.core.units import UnitProblem, read_unit
+from heavebond.records.measurements import check_time, column, read_table, samples, timed
+from heavebond.records.saved_runs import read_run
+from heavebond.records.spectra import Course, evenly
+
+_HEAD = re.compile(r"(?P<name>.+?)\s*[\[(](?P<unit>[^\[\]()]*)[\])]\s*")
+
+
+def read_courses(path: Path, names: Sequence[str], *, time: str | None = None, begin: float = 0.0,
+                 end: float = float("inf")) -> list[Course]:
+    """Signals of a file between two times (s).
+
+    A saved run has units; of a record `time` is the column of the times in s (the first by default), and a unit is known
+    where a head says it in brackets. DataError and UsageError as these files are read.
+    """
+    try:
+        run = read_run(path)
+    except DataError as error:
+        if time is None and error.problems[0].code != "run-unreadable":
+            raise
+    except UsageError as error:
+        if error.problems[0].code != "file-suffix":
+            raise
+    else:
+        inside = (run.time >= begin) & (run.time <= end)
+        return [evenly(name, run.unit(name), run.time[inside], run[name][inside]) for name in names]
+    return _of_record(path, names, time, begin, end)
+
+
+def _of_record(path: Path, names: Sequence[str], time: str | None, begin: float, end: float) -> list[Course]:
+    table = read_table(path, beside=time)
+    time = time or table.header[0]
+    table = timed(table, time)
+    check_time(table, time)
+    found = []
+    for name in names:
+        head = next((h for h in table.header if (m := _HEAD.fullmatch(h)) and m["name"] == name), name)
+        rows = samples(table, time, head)
+        t = column(table, time)[rows]
+        inside = (t >= begin) & (t <= end)
+        found.append(evenly(name, _unit(head), t[inside], column(table, head)[rows][inside]))
+    return found
+
+
+def _unit(head: str) -> str:
+    known = _HEAD.fullmatch(head)
+    try:
+        return read_unit(known["unit"]).text if known else ""
+    except UnitProblem:
+        return ""

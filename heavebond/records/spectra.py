@@ -1,0 +1,216 @@
+"""Numbers of a signal that swings: spectrum, significant values, waves between zero crossings, rainflow cycles.
+
+The spectral density S(f) is Welch's estimate: P. D. Welch, IEEE Trans. Audio Electroacoust. 15 (1967) 70-73,
+doi:10.1109/TAU.1967.1161901. Of its moments m_n = int f**n S df come the significant height 4 sqrt(m_0) and the mean periods
+m_0/m_1 and sqrt(m_0/m_2), the latter that of the zero crossings of a normal process (S. O. Rice, Bell Syst. Tech. J. 24
+(1945) 46-156). Waves are counted from one upward crossing of the mean to the next. Rainflow cycles as in ASTM E1049-85.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heavebond.core.errors import DataError, Problem, UsageError
+
+Array = NDArray[np.float64]
+UNEVEN = 1e-3  # of a step, by which steps may differ and still count as even
+LEAST = 16  # samples
+ROUNDING = 1e-6  # of the largest cycle: what an integrator leaves on a straight line
+SEGMENTS = 8  # that overlap by half, where a record is long enough for so many
+WAVES = 20  # that a segment of the spectrum holds at least, where the record has them
+STILL = 1e-12  # of its size, below which a signal does not move
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """A signal at even steps: `values` (n,) in `unit` at `time` (n,) in s; `note` says what was done to the samples."""
+
+    name: str
+    unit: str
+    time: Array
+    values: Array
+    note: str = ""
+
+    @property
+    def step(self) -> float:
+        """The time between samples."""
+        return float((self.time[-1] - self.time[0]) / (len(self.time) - 1))
+
+    @property
+    def length(self) -> float:
+        """The time from the first to the last sample."""
+        return float(self.time[-1] - self.time[0])
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """One-sided density S (k,) in unit**2/Hz over the frequency (k,) in Hz, from `segments` overlapping pieces."""
+
+    frequency: Array
+    density: Array
+    segments: int
+
+    def moment(self, n: int) -> float:
+        """m_n = int f**n S df, by the sum over the lines without that at zero."""
+        width = float(self.frequency[1])
+        return float((self.frequency[1:]**n * self.density[1:]).sum() * width)
+
+    @property
+    def significant(self) -> float:
+        """4 sqrt(m_0), of waves the significant height."""
+        return 4 * math.sqrt(self.moment(0))
+
+    @property
+    def peak_period(self) -> float:
+        """The period of the highest line."""
+        return float(1 / self.frequency[1 + int(np.argmax(self.density[1:]))])
+
+    @property
+    def mean_period(self) -> float:
+        """m_0/m_1."""
+        return self.moment(0) / self.moment(1)
+
+    @property
+    def crossing_period(self) -> float:
+        """sqrt(m_0/m_2)."""
+        return math.sqrt(self.moment(0) / self.moment(2))
+
+
+@dataclass(frozen=True, eq=False)
+class Waves:
+    """Waves between upward crossings of the mean: heights (w,) from trough to crest, and periods (w,) in s."""
+
+    heights: Array
+    periods: Array
+
+    @property
+    def significant(self) -> tuple[float, float]:
+        """The mean height and period of the highest third; NaN without a wave."""
+        if not len(self.heights):
+            return math.nan, math.nan
+        highest = np.argsort(self.heights)[-math.ceil(len(self.heights) / 3):]
+        return float(self.heights[highest].mean()), float(self.periods[highest].mean())
+
+
+@dataclass(frozen=True, eq=False)
+class Cycles:
+    """Rainflow cycles: ranges, means and counts (c,), a half cycle counting 0.5."""
+
+    ranges: Array
+    means: Array
+    counts: Array
+
+    @property
+    def number(self) -> float:
+        """How many cycles."""
+        return float(self.counts.sum())
+
+    def equivalent(self, slope: float, cycles: float) -> float:
+        """The range that does, in so many cycles, the damage of all of them, where that grows as range**slope
+        (Palmgren-Miner)."""
+        return float(((self.counts * self.ranges**slope).sum() / cycles) ** (1 / slope))
+
+    def classes(self, number: int) -> tuple[Array, Array]:
+        """The edges (number + 1,) of equal classes of range, and the cycles in each (number,)."""
+        most = float(self.ranges.max(initial=0.0)) or 1.0
+        counts, edges = np.histogram(self.ranges, number, (0.0, most), weights=self.counts)
+        return edges, counts
+
+
+@dataclass(frozen=True, eq=False)
+class Swinging:
+    """All of it for one signal; `segment` (s) is how long the pieces of the spectrum are, None to choose."""
+
+    course: Course
+    segment: float | None = None
+
+    @property
+    def mean(self) -> float:
+        """The mean."""
+        return float(self.course.values.mean())
+
+    @property
+    def deviation(self) -> float:
+        """The standard deviation."""
+        return float(self.course.values.std())
+
+    @property
+    def still(self) -> bool:
+        """Whether it does not move."""
+        return self.deviation <= STILL * max(float(np.abs(self.course.values).max()), 1e-300)
+
+    @cached_property
+    def waves(self) -> Waves:
+        """Its waves."""
+        return waves(self.course)
+
+    @cached_property
+    def spectrum(self) -> Spectrum:
+        """Its spectrum."""
+        return spectrum(self.course, self.segment, self.waves)
+
+    @cached_property
+    def cycles(self) -> Cycles:
+        """Its rainflow cycles."""
+        return rainflow_cycles(self.course.values)
+
+
+def evenly(name: str, unit: str, time: Array, values: Array) -> Course:
+    """A signal put on even steps (the median one) by straight lines where its own are not; DataError for too few samples."""
+    if len(time) < LEAST:
+        raise DataError([Problem("signal-short", f"'{name}' has {len(time)} samples, {LEAST} are needed at least", None,
+                                 "Take a longer time, or more samples.")])
+    steps = np.diff(time)
+    step = float(np.median(steps))
+    if np.abs(steps - step).max() <= UNEVEN * step:
+        return Course(name, unit, time, values)
+    even = time[0] + step * np.arange(int((time[-1] - time[0]) / step * (1 + 1e-9)) + 1)
+    return Course(name, unit, even, np.interp(even, time, values), f"samples put on even steps of {step:.4g} s")
+
+
+def waves(course: Course) -> Waves:
+    """The waves between upward crossings of the mean, these located by straight lines."""
+    x = course.values - course.values.mean()
+    up = np.flatnonzero((x[:-1] < 0) & (x[1:] >= 0))
+    crossings = up + x[up] / (x[up] - x[up + 1])
+    heights = [float(np.ptp(x[a + 1:b + 1])) for a, b in pairwise(up)]
+    return Waves(np.array(heights), np.diff(crossings) * course.step)
+
+
+def spectrum(course: Course, segment: float | None = None, known: Waves | None = None) -> Spectrum:
+    """Welch's density with Hann windows that overlap by half, the mean of each segment taken away.
+
+    `segment` (s) is how long one is; by default an eighth of the record with overlap, longer where it would hold fewer than
+    20 waves. UsageError for a segment that does not fit.
+    """
+    from scipy.signal import welch
+
+    n = len(course.values)
+    if segment is None:
+        periods = (known or waves(course)).periods
+        wanted = WAVES * float(periods.mean()) / course.step if len(periods) else n
+        length = int(min(n, max(2 * n / (SEGMENTS + 1), wanted)))
+    else:
+        length = round(segment / course.step)
+        if not LEAST <= length <= n:
+            raise UsageError([Problem("segment-wrong", f"a segment of {segment:g} s does not fit: '{course.name}' is "
+                                      f"{course.length:g} s long, at steps of {course.step:g} s", None,
+                                      f"Take one between {LEAST * course.step:.3g} s and {course.length:.4g} s.")])
+    frequency, density = welch(course.values, 1 / course.step, "hann", length, detrend="constant")
+    return Spectrum(np.asarray(frequency), np.asarray(density), 1 + (n - length) // (length - length // 2))
+
+
+def rainflow_cycles(values: Array) -> Cycles:
+    """The cycles of samples (n,) as ASTM E1049-85 counts them (5.4.4), what does not close as half cycles;
+    what is rounding beside the largest cycle is none."""
+    from rainflow import extract_cycles
+
+    found = np.array([(span, mean, count) for span, mean, count, *_ in extract_cycles(values.tolist())]).reshape(-1, 3)
+    found = found[found[:, 0] > ROUNDING * found[:, 0].max(initial=0.0)]
+    return Cycles(found[:, 0], found[:, 1], found[:, 2])

@@ -1,0 +1,326 @@
+"""Text files of loggers and spreadsheets as columns of numbers, with the line and cell of all that is wrong in them.
+
+Read is what programs write by themselves: UTF-8, UTF-16 with its mark, or Windows-1252; commas, semicolons or tabs between
+the columns, or as the first line `sep=;` says; decimal points, or decimal commas throughout; a row of units below the names.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heavebond.core.errors import DataError, Place, Problem, Problems
+from heavebond.core.limits import COLUMNS
+from heavebond.core.numerals import number, plain
+from heavebond.core.units import Unit, UnitProblem, read_unit
+
+Array = NDArray[np.float64]
+Cells = list[tuple[int, list[str]]]
+SEPARATORS = {"\t": "tabs", ";": "semicolons", ",": "commas"}
+SHOWN = 5
+# The last column of a saved run: the number of rows that follow. A file that was cut off does not end with 0.
+ROWS_LEFT = "rows left [1]"
+_MISSING = {"", "nan", "na", "n/a", "null", "none", "-", "?"}
+_DECIMAL_COMMA = re.compile(r"[+-]?[0-9]*,[0-9]+([eE][+-]?[0-9]+)?")
+_DECIMAL_POINT = re.compile(r"[+-]?[0-9]*\.[0-9]+([eE][+-]?[0-9]+)?")
+_THOUSANDS = re.compile(r"[+-]?[1-9][0-9]{0,2},[0-9]{3}")  # 1,234: one and a quarter, or a thousand and more?
+_GROUPED = re.compile(r"[+-]?[0-9]{1,3}(([.' ][0-9]{3})+,[0-9]+|([,' ][0-9]{3})+\.[0-9]+|(,[0-9]{3}){2,}|(\.[0-9]{3}){2,})")
+_LONGEST_UNIT = 12
+# As they stand in the files of programs, and as they are read here.
+_SPELT = (("°C", "degC"), ("°F", "degF"), ("°", "deg"), ("µ", "u"), ("μ", "u"), ("²", "**2"), ("³", "**3"), ("^", "**"),
+          ("·", "*"))
+_WORDS = {"-": "1", "–": "1", "sec": "s", "Sek": "s", "Nm": "N*m", "l/min": "L/min", "l": "L", "U/min": "rpm", "C": "degC"}
+
+
+@dataclass(frozen=True, eq=False)
+class TextColumns:
+    """A file of text as columns: `header` names all; `columns` holds those that are numbers (n,); `lines` (n,) is the
+    line of each row; `units` what a row of units below the names says of each; `words` the cells (n,) of the others."""
+
+    header: tuple[str, ...]
+    lines: NDArray[np.int64]
+    columns: dict[str, Array]
+    text: str
+    separator: str
+    units: dict[str, str] = field(default_factory=dict)
+    words: dict[str, list[str]] = field(default_factory=dict)
+
+
+def read_text_columns(path: Path) -> TextColumns:
+    """Read a file of text; DataError with all that is wrong in it (a column without any number is left aside)."""
+    text = _decode(path)
+    sheet = _cut(str(path), text)
+    problems = Problems()
+    _check_header(sheet, problems)
+    width = len(sheet.header[1])
+    rows, units = _without_units_row(sheet, problems)
+    rows = _full_rows(sheet, rows, problems)
+    written, why = _with_points(sheet, rows)
+    found = [_numbers([cells[k] for _, cells in written]) for k in range(width)]
+    _report_cells(sheet, rows, [bad for _, bad in found], why, problems)
+    if not sheet.rows:
+        problems.add("record-empty", f"'{path.name}' has names but no rows", sheet.place(sheet.header[0], 0))
+    problems.raise_as(DataError)
+    names = tuple(sheet.header[1])
+    if names[-1] == ROWS_LEFT:
+        check_rows_left(path, found[-1][0] if found[-1][0] is not None else np.zeros(0))
+    numbers = {name: values for name, (values, _) in zip(names, found, strict=True) if values is not None}
+    words = {name: [cells[k] for _, cells in rows] for k, name in enumerate(names) if name not in numbers}
+    lines = np.array([line for line, _ in rows], dtype=np.int64)
+    return TextColumns(names, lines, numbers, text, sheet.separator, dict(zip(names, units, strict=False)), words)
+
+
+def check_rows_left(path: Path, left: Array) -> None:
+    """DataError unless the counts of rows still to come, the last column of a saved run, fall to 0: the file was cut off
+    while it was written or copied, or rows were removed."""
+    expected = np.arange(len(left) - 1, -1, -1)
+    if len(left) and np.array_equal(left, expected):
+        return
+    steady = left[:-1] == left[:1] - np.arange(len(left))[:-1]  # the last one may be cut itself
+    line = len(left) + 1 if steady.all() else int(np.argmin(steady)) + 2
+    what = "ends before its last row" if steady.all() else f"lacks rows before line {line}"
+    raise DataError([Problem("record-cut-off", f"'{path}' is not whole: it {what}", Place(str(path), line),
+                             "It was cut off by a full disk, a killed process or a broken copy: make it again. Where rows "
+                             f"were removed on purpose, remove the column '{ROWS_LEFT}', and use the file as a record.",
+                             (f"its column '{ROWS_LEFT}' counts the rows that are still to come",))])
+
+
+def unit_in_file(text: str) -> Unit | None:
+    """A unit as programs write it (`°C`, `l/min`, `[kN]`, `m/s²`); None where it is none."""
+    text = text.strip().strip("[]()").strip()
+    text = _WORDS.get(text, text)
+    for spelt, read in _SPELT:
+        text = text.replace(spelt, read)
+    if not text or len(text) > _LONGEST_UNIT:
+        return None
+    try:
+        return read_unit(text)
+    except UnitProblem:
+        return None
+
+
+def text_lines(text: str) -> list[str]:
+    """The lines as an editor counts them: not splitlines(), which also splits at form feeds."""
+    return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+
+
+def cell_place(file: str, line: int, text: str, separator: str, cell: int) -> Place:
+    """Where cell `cell` (from 0) of a line stands; the end of the line where it has fewer cells."""
+    start, count, quoted = 0, 0, False
+    for k, letter in enumerate(text + separator):
+        quoted ^= letter == '"'
+        if letter != separator or quoted:
+            continue
+        if count == cell:
+            inner = text[start:k]
+            blank = len(inner) - len(inner.lstrip())
+            return Place(file, line, start + blank + 1, text, max(1, len(inner.strip())))
+        start, count = k + 1, count + 1
+    return Place(file, line, len(text) + 1, text)
+
+
+@dataclass(frozen=True)
+class _Sheet:
+    """The text of a record cut into cells: `rows` are (line, cells), comments and blank lines left out."""
+
+    file: str
+    lines: list[str]
+    separator: str
+    header: tuple[int, list[str]]
+    rows: Cells
+
+    def place(self, line: int, cell: int) -> Place:
+        return cell_place(self.file, line, self.lines[line - 1], self.separator, cell)
+
+
+def _decode(path: Path) -> str:
+    raw = path.read_bytes()
+    if raw.startswith(b"PK\x03\x04"):
+        raise DataError([Problem("record-encoding", f"'{path.name}' is a workbook or an archive, not text",
+                                 Place(str(path), 1), "Open it in the program that wrote it and save it as CSV.")])
+    if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return raw.decode("utf-16", errors="replace")
+    try:
+        return raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        place = Place(str(path), raw[:error.start].count(b"\n") + 1)
+    try:
+        return raw.decode("cp1252")  # what spreadsheets on Windows write in the west; names may be read wrongly, numbers not
+    except UnicodeDecodeError as error:
+        raise DataError([Problem("record-encoding", f"'{path.name}' is not text", place,
+                                 "Save it again as CSV in UTF-8.")]) from error
+
+
+def _cut(file: str, text: str) -> _Sheet:
+    lines = text_lines(text)
+    content = [(k, line) for k, line in enumerate(lines, 1)
+               if line.strip() and not line.lstrip().startswith("#")]
+    declared = re.fullmatch(r'"?sep=(.)"?[;,\t]*', content[0][1].strip("\r ")) if content else None
+    content = content[1:] if declared else content
+    if not content:
+        raise DataError([Problem("record-empty", f"'{Path(file).name}' has no rows", Place(file, 1),
+                                 "A record begins with a row that names the columns.")])
+    separator = declared.group(1) if declared else max(SEPARATORS, key=content[0][1].count)
+    if '"' in text:
+        cells = [next(csv.reader([line], delimiter=separator)) for _, line in content]
+    else:
+        cells = [line.split(separator) for _, line in content]
+    rows = [(k, [cell.strip() for cell in row]) for (k, _), row in zip(content, cells, strict=True)]
+    if all(row and row[-1] == "" for _, row in rows) and len(rows[0][1]) > 1:
+        rows = [(k, row[:-1]) for k, row in rows]  # every line ends with a separator
+    return _Sheet(file, lines, separator, rows[0], rows[1:])
+
+
+def _other_separator(sheet: _Sheet) -> str:
+    """What stands between the columns of a table that seems to have only one; empty where nothing does."""
+    for sign, name in ((None, "spaces"), ("|", "`|`"), (":", "`:`"), ("/", "`/`")):
+        columns = {len(cells[0].split(sign)) for _, cells in (sheet.header, *sheet.rows) if cells}
+        if sheet.rows and len(columns) == 1 and columns != {1} and all(
+                _is_number(cell.strip()) for cell in sheet.rows[0][1][0].split(sign)):
+            return name
+    return ""
+
+
+def _check_header(sheet: _Sheet, problems: Problems) -> None:
+    line, names = sheet.header
+    if len(names) > COLUMNS:
+        raise DataError([Problem("record-columns", f"the row of names has {len(names)} columns; up to {COLUMNS} are read",
+                                 Place(sheet.file, line),
+                                 "Keep the columns that are needed; is the table turned on its side?")])
+    if names and all(_is_number(name) for name in names):
+        above = line > 1 and sheet.lines[line - 2].lstrip().startswith("#")
+        hint = "Remove the # in front of the names." if above else "Write for example `time_s,heave_m`."
+        problems.add("record-header", "the first row must name the columns; these are numbers",
+                     sheet.place(line, 0), hint=hint)
+        return
+    if len(names) == 1 and (other := _other_separator(sheet)):
+        problems.add("record-separator", f"the columns seem to be separated by {other}", sheet.place(line, 0),
+                     hint="Separate them by commas, semicolons or tabs.")
+    elif len(names) == 1 and (found := _columns_below(sheet)):
+        problems.add("record-header", f"the first row has one column, those below have {found}", sheet.place(line, 0),
+                     hint="Put a # in front of every line above the row of names.")
+    first: dict[str, int] = {}
+    for k, name in enumerate(names):
+        if not name:
+            problems.add("record-header", f"column {k + 1} has no name", sheet.place(line, k),
+                         hint="Give each column a name in the first row.")
+        elif first.setdefault(name, k) != k:
+            problems.add("record-column-twice",
+                         f"two columns are called '{name}' (columns {first[name] + 1} and {k + 1})",
+                         sheet.place(line, k), hint="Give each column a name of its own.")
+
+
+def _columns_below(sheet: _Sheet) -> str:
+    """What separates the last rows where the first one has no such thing, in words: a title stands above the names then."""
+    lines = [sheet.lines[line - 1] for line, _ in sheet.rows[-3:]]
+    for separator, name in SEPARATORS.items():
+        counts = {line.count(separator) for line in lines}
+        if len(counts) == 1 and 0 not in counts:
+            return f"{counts.pop() + 1}, separated by {name}"
+    return ""
+
+
+def _without_units_row(sheet: _Sheet, problems: Problems) -> tuple[Cells, list[str]]:
+    """The rows of numbers, and the cells of a row of units between them and the names; [] without one."""
+    if len(sheet.rows) < 2:
+        return sheet.rows, []
+    (line, first), (_, second) = sheet.rows[:2]
+    if not any(first) or any(map(_is_written_number, first)) or not any(map(_is_written_number, second)):
+        return sheet.rows, []
+    if any(unit_in_file(cell) for cell in first) and all(len(cell) <= _LONGEST_UNIT for cell in first):
+        return sheet.rows[1:], first
+    problems.add("record-units-row", "the row below the names has no numbers, and they are no units", sheet.place(line, 0),
+                 hint="Put a # in front of this line, or delete it; one row of names stands above the numbers.")
+    return sheet.rows[1:], []
+
+
+def _full_rows(sheet: _Sheet, rows: Cells, problems: Problems) -> Cells:
+    width = len(sheet.header[1])
+    ragged = [row for row in rows if len(row[1]) != width]
+    hint = f"The columns are taken to be separated by {SEPARATORS.get(sheet.separator, sheet.separator)}, as in the row " \
+        "of names; lines above that row begin with #."
+    if ragged and sheet.separator == "," and all(len(cells) == 2 * width for _, cells in rows):
+        line, cells = ragged[0]
+        problems.add("decimal-comma", f"each row has {2 * width} cells for {width} names: the numbers seem "
+                     f"to have decimal commas ('{cells[0]},{cells[1]}')", sheet.place(line, 0),
+                     hint="Export the table with semicolons between the columns, or with decimal points.")
+        return []
+    found = [(f"this row has {len(cells)} cell{'s' * (len(cells) > 1)}, the row of names has {width}",
+              sheet.place(line, min(width, len(cells)))) for line, cells in ragged[:SHOWN]]
+    add_few(problems, "record-ragged", found, len(ragged), "rows", hint)
+    return [row for row in rows if len(row[1]) == width]
+
+
+def _with_points(sheet: _Sheet, rows: Cells) -> tuple[Cells, str]:
+    """Decimal commas as points, where all fractions of the file have them and none of the commas can part thousands; else
+    the rows as they are, and what speaks against it."""
+    cells = [cell for _, row in rows for cell in row if "," in cell or "." in cell]
+    commas = [cell for cell in cells if _DECIMAL_COMMA.fullmatch(cell)]
+    if sheet.separator == "," or any(map(_DECIMAL_POINT.fullmatch, cells)):
+        return rows, "other numbers here may have decimal points"
+    if all(map(_THOUSANDS.fullmatch, commas)):
+        return rows, "or is it a comma between thousands?"
+    return [(line, [c.replace(",", ".") if _DECIMAL_COMMA.fullmatch(c) else c for c in row]) for line, row in rows], ""
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        number(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def _is_written_number(cell: str) -> bool:
+    return _is_number(cell) or _DECIMAL_COMMA.fullmatch(cell) is not None
+
+
+def _numbers(cells: list[str]) -> tuple[Array | None, list[int]]:
+    """The numbers of a column, NaN where one is missing (None if all is text), and the rows that are text."""
+    if plain(cells):
+        try:
+            return np.array(cells, dtype=np.float64), []
+        except ValueError:
+            pass
+    values = np.full(len(cells), np.nan)
+    bad = []
+    for row, cell in enumerate(cells):
+        if _is_number(cell):
+            values[row] = number(cell)
+        elif cell.lower() not in _MISSING:
+            bad.append(row)
+    if bad and np.isnan(values).all() and not any(_DECIMAL_COMMA.fullmatch(cells[row]) for row in bad):
+        return None, []
+    return values, bad
+
+
+def _report_cells(sheet: _Sheet, rows: Cells, bad: list[list[int]], why: str, problems: Problems) -> None:
+    """Cells that are no numbers; `why` decimal commas could not be read."""
+    cells = sorted((row, k) for k, column_rows in enumerate(bad) for row in column_rows)
+    commas = [c for c in cells if _DECIMAL_COMMA.fullmatch(rows[c[0]][1][c[1]])]
+    grouped = [c for c in cells if c not in commas and _GROUPED.fullmatch(rows[c[0]][1][c[1]])]
+    words = [c for c in cells if c not in commas and c not in grouped]
+    for found, code, what, hint in (
+            (commas, "decimal-comma", f"has a decimal comma; {why}",
+             "Export the table with decimal points, without separators of thousands."),
+            (grouped, "record-thousands", "has separators of thousands", "Export the table without them."),
+            (words, "record-text", "is not a number",
+             "Write a number, or empty the cell: a sample that was not taken.")):
+        few = [(f"'{rows[row][1][k]}' in column '{sheet.header[1][k]}' {what}", sheet.place(rows[row][0], k))
+               for row, k in found[:SHOWN]]
+        add_few(problems, code, few, len(found), "cells", hint)
+
+
+def add_few(problems: Problems, code: str, found: Sequence[tuple[str, Place]], total: int, things: str,
+            hint: str) -> None:
+    """Note `found`, which are the first of `total`; the last of them says how many are left out."""
+    for k, (message, place) in enumerate(found):
+        left_out = total - len(found) if k == len(found) - 1 else 0
+        problems.add(code, message, place, hint=hint,
+                     notes=[f"and {left_out} more such {things} in this file"] if left_out else [])

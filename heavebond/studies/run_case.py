@@ -1,0 +1,332 @@
+"""One case of a study worked out: assembled, tuned where that is asked, run, measured; and what is told before any run."""
+
+from __future__ import annotations
+
+import math
+import time as clock
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from heavebond.core.errors import NAMES_LISTED, HeavebondError, ModelError, Place, Problems, UsageError, suggest
+from heavebond.core.parallel import Stopped, heed
+from heavebond.core.progress import Progress
+from heavebond.core.units import Unit, read_unit
+from heavebond.equations.parameters import check_ranges
+from heavebond.language.model import Model
+from heavebond.linear.linearisation import ModesAtStart
+from heavebond.linear.modal_values import NUMBERS, chosen_mode, modal_number
+from heavebond.linear.rest_stability import words as stability_words
+from heavebond.numerics.dae import Array, Assembly, assemble
+from heavebond.numerics.result import Result, unknown_signal
+from heavebond.numerics.run_verdict import Verdict
+from heavebond.numerics.simulator import Simulator, grid
+from heavebond.optimise.costs import FUNCTIONALS, Cost, Evaluator, read_cost, read_limit
+from heavebond.optimise.objective import Objective, check_free, check_smooth
+from heavebond.optimise.tuning import Tuned, sweep_in_turn, tune
+from heavebond.studies.axes import StudyCase, case_at, changed
+from heavebond.studies.study import COST, SIMULATIONS, Calibration, Measure, Packed, Procedure, Study
+from heavebond.text.expression import ExpressionProblem, names, parse_formula
+
+# Signals of pictures are kept to so many digits, on at most so many points.
+DIGITS = 7
+MOST_POINTS = 5000
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came out of one case by one procedure (empty where nothing is tuned): numbers in SI by name, the limits of the
+    tuning (above zero where exceeded), the modes, signals over time in their units; slopes of numbers by parameters and
+    these parameters (`at`), in SI, where that is asked for; the margins of stability of what was tuned, with its `words`,
+    and the parameters at an end of their range; what left its range (`outside`, a sentence); or the problem that kept it
+    from it: a run that means nothing is one."""
+
+    case: int
+    procedure: str = ""
+    values: Mapping[str, float] = field(default_factory=dict)
+    limits: Mapping[str, float] = field(default_factory=dict)
+    message: str = ""
+    modes: tuple[Mapping[str, Any], ...] = ()
+    time: tuple[float, ...] = ()
+    signals: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    signal_units: Mapping[str, str] = field(default_factory=dict)
+    seconds: float = 0.0
+    problem: str = ""
+    outside: str = ""
+    slopes: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    at: Mapping[str, float] = field(default_factory=dict)
+    stability: Mapping[str, Any] = field(default_factory=dict)
+    at_end: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def unstable(self) -> bool:
+        """Whether what was tuned is known not to be stable: it meets nothing."""
+        return self.stability.get("stable") is False
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return asdict(self)
+
+
+def worked(given: Study | Packed, number: int, procedure: Procedure | None, progress: Progress | None = None) -> Outcome:
+    """The case of that number; what goes wrong in this case is part of what came out."""
+    began = clock.perf_counter()
+    study = given.study if isinstance(given, Packed) else given
+    name = procedure.name if procedure is not None else ""
+    try:
+        found = _worked(study, study.case(number), procedure, progress or heed)
+    except HeavebondError as error:
+        first = error.problems[0]
+        found = Outcome(number, problem=first.message + (f" {first.hint}" if first.hint else ""))
+    except Stopped:
+        raise
+    except Exception as error:  # a fault of the program in one case must not cost the others, which may be hours of work
+        found = Outcome(number, problem=f"the program failed: {type(error).__name__}: {error}")
+    return replace(found, case=number, procedure=name, seconds=clock.perf_counter() - began)
+
+
+def _worked(study: Study, case: StudyCase, procedure: Procedure | None, progress: Progress | None) -> Outcome:
+    assembly = assembled(study, case)
+    values: dict[str, float] = {}
+    limits: Mapping[str, float] = {}
+    message = ""
+    stability: Mapping[str, Any] = {}
+    at_end: Mapping[str, str] = {}
+    if study.task is not None and procedure is not None:
+        tuned = tuned_by(Objective(assembly, study.task), procedure, progress)
+        values = {**tuned.values, COST: tuned.cost, SIMULATIONS: tuned.simulations}
+        limits, message, at_end = tuned.limits, tuned.message, tuned.at_end
+        stability = {**asdict(tuned.stability), "words": list(stability_words(tuned.stability, asked=study.task.stable))}
+        assembly = assembly.with_parameters(tuned.values)
+    by = tuple(name for level in case.levels for name in level.along)
+    told, run, slopes = measured(study, assembly, by)
+    verdict = run.verdict.raise_if_failed() if run is not None else Verdict()
+    time, signals = _signals(study, run)
+    return Outcome(0, values={**values, **told}, limits=dict(limits), message=message, modes=_modes(study, assembly),
+                   time=time, signals=signals, slopes=slopes, outside=verdict.text if verdict.findings else "",
+                   stability=stability, at_end=at_end,
+                   at={name: assembly.parameter_values[name] for name in by},
+                   signal_units={name: run.unit(name) for name in signals} if run is not None else {})
+
+
+def assembled(study: Study, case: StudyCase) -> Assembly:
+    """The diagram of a case, with what was calibrated: a case in which such a parameter has a value of its own keeps it."""
+    assembly = assemble(case.model, named_in(study))
+    own = assembly.parameter_values
+    return assembly.with_parameters({name: after for name, (before, after) in study.calibrated.items()
+                                     if math.isclose(own[name], before, rel_tol=1e-9, abs_tol=0.0)})
+
+
+def tuned_by(problem: Objective, procedure: Procedure, progress: Progress | None = None) -> Tuned:
+    """The free parameters tuned by a procedure of a study."""
+    if procedure.sweeps:
+        return sweep_in_turn(problem, procedure.begin, procedure.sweeps, progress=progress)
+    return tune(problem, problem.task, explore=procedure.explore, starts=procedure.starts, method=procedure.method,
+                progress=progress)
+
+
+# -- measuring ---------------------------------------------------------------------------------------------------------
+def measured(study: Study, assembly: Assembly, by: Sequence[str] = ()
+             ) -> tuple[dict[str, float], Result | None, dict[str, dict[str, float]]]:
+    """The measured numbers in SI, the run that they are of (none where only modes are asked for), and their exact
+    derivatives by parameters (`ref(...)` held)."""
+    costs = [read_cost(assembly, measure.text) for measure in study.measures.values()]
+    modes = study.modes or {}
+    if not by and not study.signals and all(f.kind in NUMBERS for cost in costs for f in cost.functionals):
+        return dict(zip(study.measures, _of_modes(assembly, costs, modes), strict=True)), None, {}
+    times = run_times(study, assembly)
+    evaluator = Evaluator(assembly, costs, study.begin, float(times[-1]), named=tuple(by), modes=modes)
+    simulator = Simulator(assembly, times=times)
+    run = simulator.run()
+    if evaluator.integrated:
+        # the sizes of signals first: a 32nd power of plain newtons would drown everything
+        evaluator.resized(evaluator.largest(run))
+        simulator = Simulator(assembly, times=times, quadratures=evaluator.quadratures, factors=evaluator.factors)
+        run = simulator.run()
+    references = np.zeros(len(evaluator.functionals))
+    if any(any(cost.references) for cost in costs):
+        passive = simulator.run(assembly.with_parameters(study.reference).parameter_values)
+        references = evaluator.functional_values(passive)[0]
+    if by:
+        run = Simulator(assembly, times=times, quadratures=evaluator.quadratures, factors=evaluator.factors,
+                        sensitivities=by).run()
+    numbers, ways = evaluator.functional_values(run)
+    found = evaluator.cost_values(numbers, ways, references, run.p,
+                                  run.along.p if run.along is not None else np.zeros((0, len(run.p))))
+    return ({name: value for name, (value, _) in zip(study.measures, found, strict=True)}, run,
+            {name: dict(zip(by, slope.tolist(), strict=True)) for name, (_, slope) in zip(study.measures, found, strict=True)
+             } if by else {})
+
+
+def _of_modes(assembly: Assembly, costs: Sequence[Cost], settings: Mapping[str, float | str]) -> Iterator[float]:
+    """Costs of modes alone."""
+    if not costs:
+        return
+    first, modes = ModesAtStart(assembly.with_parameters(settings)).at({})
+    for cost in costs:
+        numbers = [modal_number(f.kind, chosen_mode(modes, f.kind, f.which)) for f in cost.functionals]
+        yield float(cost.value(numbers, first.p))
+
+
+def run_times(study: Study, assembly: Assembly) -> Array:
+    """Output times of a measured run: the diagram's own, to the end of what is evaluated."""
+    own = grid(assembly.model, study.end, None)
+    return np.union1d(own, [study.begin])
+
+
+def _signals(study: Study, run: Result | None) -> tuple[tuple[float, ...], dict[str, list[float]]]:
+    if run is None or not study.signals:
+        return (), {}
+    step = math.ceil(len(run.time) / MOST_POINTS)
+    found = {name: [float(f"{v:.{DIGITS}g}") for v in values[::step]] for name, values in run.signals(study.signals).items()}
+    return tuple(float(f"{t:.{DIGITS}g}") for t in run.time[::step]), found
+
+
+def _modes(study: Study, assembly: Assembly) -> tuple[dict[str, Any], ...]:
+    """The modes with the share of each component in them, the largest first."""
+    if study.modes is None:
+        return ()
+    found = []
+    for mode in ModesAtStart(assembly.with_parameters(study.modes)).at({})[1]:
+        shares: dict[str, float] = {}
+        for state, share in mode.participation.items():
+            component = state.rpartition(".")[0] or state
+            shares[component] = shares.get(component, 0.0) + share
+        found.append({"frequency": mode.frequency, "damping": mode.damping, "real": mode.value.real,
+                      "imaginary": mode.value.imag, "swings": mode.swings,
+                      "components": dict(sorted(shares.items(), key=lambda pair: -pair[1]))})
+    return tuple(found)
+
+
+# -- what can be told before any run -----------------------------------------------------------------------------------
+def checked(study: Study) -> dict[str, Unit]:
+    """The unit in which each number is told; ModelError with places in the study file for what is wrong in it.
+
+    Diagrams are assembled so often that every level of every axis has been met once.
+    """
+    problems, found = Problems(), {}
+    for case in _covering(study):
+        assembly = assemble(case.model, named_in(study))
+        _check_along(study, assembly, problems)
+        found = _units(study, assembly, problems)
+        problems.raise_as(ModelError)
+    if study.calibration is not None:
+        with relocated(study.places["calibrate"], problems):
+            own_values(study.model, study.calibration)
+        problems.raise_as(ModelError)
+    return found
+
+
+def _check_along(study: Study, assembly: Assembly, problems: Problems) -> None:
+    """What slopes are taken by are parameters, with ranges of their kind."""
+    axis = study.sample
+    units = {q.name: q.unit for q in assembly.flat.parameters}
+    for name in axis.levels[0].along if axis is not None else ():
+        assert axis is not None and axis.sampling is not None
+        if name not in units:
+            problems.add("parameter-unknown", f"'{name}' is no parameter by which a slope could be taken", axis.place,
+                         hint=suggest(name, units) or NAMES_LISTED)
+        elif units[name].dimension != axis.sampling.over[name].unit.dimension:
+            problems.add("unit-wrong", f"the range of {name} is in {axis.sampling.over[name].unit.text}; "
+                         f"{units[name].text} is needed", axis.place)
+
+
+def own_values(model: Model, calibration: Calibration) -> dict[str, float]:
+    """What the diagram has where something is to be calibrated; UsageError for no parameter, or another unit."""
+    assembly = assemble(model)
+    check_ranges({q.name: q.unit for q in assembly.flat.parameters}, calibration.free)
+    return {name: assembly.parameter_values[name] for name in calibration.free}
+
+
+def _covering(study: Study) -> list[StudyCase]:
+    """Cases in which every variant occurs; of a parameter's values, which are of one kind, the first is enough."""
+    numbers = [len(axis.levels) if axis.unit is None and axis.sampling is None else 1 for axis in study.axes]
+    wanted = dict.fromkeys(tuple(min(k, number - 1) for number in numbers) for k in range(max(numbers, default=1)))
+    # of a sample all that is set anywhere, though one point may set one parameter only
+    sampled = [level.settings for axis in study.axes if axis.sampling is not None for level in axis.levels[-1:0:-1]]
+    cases = [case_at(study.axes, study.model, index) for index in wanted]
+    return [replace(case, model=changed(case.model, sampled)) for case in cases]
+
+
+def _units(study: Study, assembly: Assembly, problems: Problems) -> dict[str, Unit]:
+    found: dict[str, Unit] = {}
+    if study.task is not None:
+        with relocated(study.places.get("cost"), problems):
+            check_smooth(read_cost(assembly, study.task.cost))
+        for limit in study.task.limits:
+            with relocated(study.places.get("limits"), problems):
+                check_smooth(read_limit(assembly, limit))
+        with relocated(study.places.get("free"), problems):
+            check_free(assembly, study.task)
+        found = {name: wanted.unit for name, wanted in study.task.free.items()}
+        found |= {COST: read_unit("1"), SIMULATIONS: read_unit("1")}
+    for measure in study.measures.values():
+        with relocated(measure.place, problems):
+            cost = read_cost(assembly, measure.text)
+            found[measure.name] = _unit(measure, cost, problems)
+            if study.calibration is not None and measure.name in study.calibration.targets and any(cost.references):
+                problems.add("target-reference", f"'{measure.name}' holds ref(...), and nothing is calibrated by that",
+                             measure.place, hint="Take a number without it as a target.")
+    for picture in (p for p in study.pictures if p.kind == "signals"):
+        for name in picture.names:
+            with relocated(picture.place, problems):
+                _check_signal(assembly, name)
+    _check_published(study, found, problems)
+    return found
+
+
+def _unit(measure: Measure, cost: Cost, problems: Problems) -> Unit:
+    if not measure.unit:
+        return read_unit(cost.unit)
+    unit = read_unit(measure.unit)
+    if unit.dimension != cost.dimension:
+        problems.add("unit-wrong", f"'{measure.name}' is in {cost.unit}, not in {measure.unit}", measure.place,
+                     hint="Write a unit of the same kind, or leave it out.")
+    return unit
+
+
+def _check_signal(assembly: Assembly, name: str) -> None:
+    if name in assembly.model.show:
+        return
+    try:
+        formula = parse_formula(name)
+        assembly.resolver().dimension(formula)
+        assembly.expression(formula)
+    except ExpressionProblem as problem:
+        raise unknown_signal(assembly, name, problem) from None
+
+
+def _check_published(study: Study, units: Mapping[str, Unit], problems: Problems) -> None:
+    """What others give is of the same kind as what is measured."""
+    for beside in study.beside:
+        for name, numbers in beside.numbers.items():
+            for given in numbers.values():
+                if name in units and given.unit.dimension != units[name].dimension:
+                    problems.add("unit-wrong", f"{name} is given in {given.unit.text}; {units[name].text} is needed",
+                                 given.place)
+
+
+@contextmanager
+def relocated(place: Place | None, problems: Problems) -> Iterator[None]:
+    """Inside, what is wrong in a formula, or in a value that a file gives, is noted at its place in the file."""
+    try:
+        yield
+    except UsageError as error:
+        for problem in error.problems:
+            inner = problem.place
+            at = place.moved(inner.column - 1, inner.length) if place is not None and inner is not None else place
+            problems.add(problem.code, problem.message, at, hint=problem.hint)
+
+
+def named_in(study: Study) -> set[str]:
+    """Names that no equation may use and the study still wants: positions among them."""
+    texts = [*(m.text for m in study.measures.values()), *study.signals,
+             *((study.task.cost, *study.task.limits) if study.task is not None else ())]
+    found: set[str] = set()
+    for text in texts:
+        with suppress(ExpressionProblem):
+            found |= {name.text for name in names(parse_formula(text, functions=FUNCTIONALS))}
+    return found

@@ -1,0 +1,273 @@
+"""What came out of a study as a table: a row per case and procedure, for people, for spreadsheets and for programs."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from heavebond.core.errors import Problem, UsageError
+from heavebond.core.presentation import number
+from heavebond.core.units import Range
+from heavebond.core.writable import new_file, write_text
+from heavebond.studies.campaign import StudyResult
+from heavebond.studies.run_case import Outcome
+from heavebond.studies.study import SIMULATIONS
+from heavebond.studies.uncertainty import indices, slopes, spreads
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Row = list[Any]
+
+
+def table(result: StudyResult) -> tuple[list[str], list[Row]]:
+    """Head and rows with plain numbers (None where there is none): the axes, the procedure, every number in its unit, behind
+    it what others give and the relative difference."""
+    head = [f"{axis.name} [{axis.unit.text}]" if axis.unit is not None else axis.name for axis in result.study.axes]
+    head += [f"{name} [{wanted.unit.text}]" for name, wanted in _sampled(result).items()]
+    head += ["procedure"] if result.study.procedures else []
+    for name in result.units:
+        head.append(_titled(result, name))
+        for beside in result.study.beside:
+            if name in beside.numbers:
+                head += [f"{beside.source} {_titled(result, name)}", f"{name} off {beside.source} [%]"]
+    return [*head, "problem"], [_row(result, outcome) for outcome in result.outcomes]
+
+
+def _titled(result: StudyResult, name: str) -> str:
+    unit = result.units[name].text
+    return name if unit == "1" else f"{name} [{unit}]"
+
+
+def _row(result: StudyResult, outcome: Outcome) -> Row:
+    row: Row = [level.name if axis.unit is None else axis.unit.from_si(level.value)
+                for axis, level in zip(result.study.axes, result.case_of(outcome).levels, strict=True)]
+    row += [_plain(_point(result, outcome, name)) for name in _sampled(result)]
+    row += [outcome.procedure] if result.study.procedures else []
+    for name in result.units:
+        row.append(_plain(result.value(outcome, name)))
+        for k, beside in enumerate(result.study.beside):
+            if name in beside.numbers:
+                row += [_plain(result.published(outcome, name, k)), _plain(100 * result.difference(outcome, name, k))]
+    return [*row, outcome.problem]
+
+
+def _sampled(result: StudyResult) -> Mapping[str, Range]:
+    """The parameters of the sample."""
+    axis = result.study.sample
+    return axis.sampling.over if axis is not None and axis.sampling is not None else {}
+
+
+def _point(result: StudyResult, outcome: Outcome, name: str) -> float:
+    """A parameter of the sample in its unit; NaN where it is as in the diagram."""
+    axis = result.study.sample
+    assert axis is not None
+    level = result.case_of(outcome).levels[result.study.axes.index(axis)]
+    return float(_sampled(result)[name].unit.from_si(level.values.get(name, math.nan)))
+
+
+def _plain(value: float) -> float | None:
+    return float(f"{value:.9g}") if math.isfinite(value) else None
+
+
+def shown(result: StudyResult) -> tuple[list[str], list[list[str]], int]:
+    """Head, rows and the number of columns that are words, as a terminal shows them: what others give with the difference in
+    brackets, names without their blocks where that is clear, nothing that is empty everywhere."""
+    study = result.study
+    columns = [(_axis_head(result, k), [_level(result, o, k) for o in result.outcomes]) for k in range(len(study.axes))]
+    words = next((k for k, axis in enumerate(study.axes) if axis.unit is not None), len(study.axes))
+    for name, wanted in _sampled(result).items():
+        columns.append((f"{name.rpartition('.')[2]}\n[{wanted.unit.text}]",
+                        [_number(name, _point(result, o, name)) for o in result.outcomes]))
+    if len(study.procedures) > 1:
+        columns.append(("procedure", [o.procedure for o in result.outcomes]))
+    for name, unit in result.units.items():
+        parts = ["simu-", "lations"] if name == SIMULATIONS else [name] if "(" in name else _clear(result, name).split(" ")
+        head = "\n".join([*parts, *([f"[{unit.text}]"] if unit.text != "1" else [])])
+        columns.append((head, [_number(name, result.value(o, name)) for o in result.outcomes]))
+        for k, beside in enumerate(study.beside):
+            columns.append((beside.source, [_given(result, o, name, k) for o in result.outcomes]))
+    columns.append(("", [o.problem for o in result.outcomes]))
+    filled = [(head, cells) for head, cells in columns if any(cells)]
+    return [head for head, _ in filled], [list(row) for row in zip(*(cells for _, cells in filled), strict=True)], words
+
+
+def _axis_head(result: StudyResult, k: int) -> str:
+    axis = result.study.axes[k]
+    name = axis.name.rpartition(".")[2]
+    return f"{name}\n[{axis.unit.text}]" if axis.unit is not None and axis.unit.text != "1" else name
+
+
+def _level(result: StudyResult, outcome: Outcome, k: int) -> str:
+    axis, level = result.study.axes[k], result.case_of(outcome).levels[k]
+    return number(axis.unit.from_si(level.value), 6) if axis.unit is not None else level.name
+
+
+def _clear(result: StudyResult, name: str) -> str:
+    """`K_p` of `controller.K_p`, unless another one ends like it."""
+    short = name.rpartition(".")[2]
+    alone = sum(other.rpartition(".")[2] == short for other in result.units) == 1
+    return short if alone and not set(" (") & set(name) else name
+
+
+def _number(name: str, value: float) -> str:
+    return "" if math.isnan(value) else f"{value:.0f}" if name == SIMULATIONS else number(value, 4)
+
+
+def _given(result: StudyResult, outcome: Outcome, name: str, source: int) -> str:
+    theirs, off = result.published(outcome, name, source), result.difference(outcome, name, source)
+    if math.isnan(theirs):
+        return ""
+    return number(theirs, 6) + (" (unstable)" if outcome.unstable else f" ({percent(off)})" if math.isfinite(off) else "")
+
+
+def percent(share: float) -> str:
+    """`+12 %`, on one line; `0 %` without a sign."""
+    return f"{round(100 * share):+d}\u00a0%".replace("+0\u00a0", "0\u00a0")
+
+
+def mode_rows(result: StudyResult) -> Iterator[tuple[str, str, str, str]]:
+    """Case, frequency, damping and components of every mode that swings."""
+    for outcome in result.outcomes:
+        first = True
+        for mode in outcome.modes:
+            if mode["swings"]:
+                parts = [f"{name} {100 * share:.0f} %" for name, share in mode["components"].items() if share >= 0.05]
+                yield (result.case_of(outcome).name if first else "", f"{mode['frequency']:.4g} Hz",
+                       f"{mode['damping']:.3g}", ", ".join(parts[:5]))
+                first = False
+
+
+def stability_rows(result: StudyResult) -> Iterator[tuple[str, str, str]]:
+    """Case, procedure and what is to be said of the stability of what was tuned."""
+    for outcome in result.outcomes:
+        for k, said in enumerate(stability_summary(outcome)):
+            yield (result.case_of(outcome).name if not k else "", outcome.procedure if not k else "", said)
+
+
+def stability_summary(outcome: Outcome) -> list[str]:
+    """Whether it is stable with its damping and its loop, and the parameters that ended at an end of their range."""
+    said = outcome.stability.get("words", [])
+    kept = [text for k, text in enumerate(said) if not k or text.startswith("loop through")]
+    return kept + [f"{name} ended at the {end} end of its range" for name, end in outcome.at_end.items()]
+
+
+def calibration_rows(result: StudyResult) -> Iterator[tuple[str, ...]]:
+    """Parameter, before, calibrated, range, and the end of it where it ended there."""
+    found, calibration = result.calibrated, result.study.calibration
+    assert found is not None and calibration is not None
+    for name, (before, after) in found.values.items():
+        wanted = calibration.free[name]
+        written = wanted.unit.written
+        yield (name, written(before), written(after), f"{written(wanted.low)} .. {written(wanted.high)}",
+               f"at its {found.at_end[name]} end" if name in found.at_end else "")
+
+
+def residual_rows(result: StudyResult) -> Iterator[tuple[str, ...]]:
+    """Quantity, case, ours, target, the relative difference, and that in widths."""
+    assert result.calibrated is not None
+    for r in result.calibrated.residuals:
+        unit = result.units[r.quantity]
+        yield (r.quantity, result.cases[r.case].name, number(unit.from_si(r.value), 4),
+               f"{number(unit.from_si(r.target), 6)} {unit.text}".removesuffix(" 1"),
+               percent((r.value - r.target) / abs(r.target)), f"{r.off:+.2f}")
+
+
+def spread_rows(result: StudyResult) -> list[tuple[str, ...]]:
+    """Quantity, other levels, mean, standard deviation, quantiles and extremes of every number over the sample."""
+    return [(f"{_titled(result, s.quantity)}", s.others, *(number(v, 4) for v in (
+        s.mean, s.deviation, s.least, *s.quantiles, s.most)), f"{s.number}" + (f" + {s.failed} failed" if s.failed else ""))
+        for s in spreads(result)]
+
+
+def index_rows(result: StudyResult) -> list[tuple[str, ...]]:
+    """Quantity, other levels, parameter, Sobol indices of first and total order with their 95 % intervals."""
+    return [(found.quantity if k == 0 else "", found.others if k == 0 else "", name,
+             f"{found.first[k]:.3f}", _interval(found.first_interval[k]), f"{found.total[k]:.3f}",
+             _interval(found.total_interval[k]))
+            for found in indices(result) for k, name in enumerate(found.parameters)]
+
+
+def _interval(ends: tuple[float, float]) -> str:
+    return f"{ends[0]:.2f} .. {ends[1]:.2f}"
+
+
+def slope_rows(result: StudyResult) -> list[tuple[str, ...]]:
+    """Quantity, other levels, parameter, what 1 % more of it does, and its share of the variance to first order."""
+    return [(_titled(result, found.quantity) if k == 0 else "", found.others if k == 0 else "", name,
+             f"{found.percent[k]:+.3g}", f"{found.swing[k]:+.3g}", f"{100 * found.share[k]:.1f} %")
+            for found in slopes(result) for k, name in enumerate(found.parameters)]
+
+
+# -- files -------------------------------------------------------------------------------------------------------------
+def write_files(result: StudyResult, folder: Path) -> list[Path]:
+    """table.csv, study.json, and signals.csv where there are signals; their paths."""
+    head, rows = table(result)
+    files: dict[str, str] = {"table.csv": _csv([head, *rows]),
+             "study.json": json.dumps(as_dict(result), indent=1, ensure_ascii=False) + "\n"}
+    if any(outcome.signals for outcome in result.outcomes):
+        files["signals.csv"] = _csv(_signal_rows(result))
+    try:
+        for name, content in files.items():
+            write_text(folder / name, content)
+    except OSError as error:
+        raise UsageError([Problem("file-unwritable", f"'{folder}' cannot be written: {error.strerror or error}")]) from None
+    return [folder / name for name in files] + _parquet(result, folder)
+
+
+def to_pandas(result: StudyResult) -> pd.DataFrame:
+    """The table of a study, a row per case and procedure."""
+    import pandas as pd
+
+    head, rows = table(result)
+    return pd.DataFrame(rows, columns=head)
+
+
+def _parquet(result: StudyResult, folder: Path) -> list[Path]:
+    """table.parquet, where pyarrow is installed."""
+    if find_spec("pyarrow") is None:
+        return []
+    path = folder / "table.parquet"
+    with new_file(path) as fresh:
+        to_pandas(result).to_parquet(fresh, engine="pyarrow", index=False)
+    return [path]
+
+
+def _csv(rows: Sequence[Sequence[Any]]) -> str:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([["" if cell is None else cell for cell in row] for row in rows])
+    return text.getvalue()
+
+
+def _signal_rows(result: StudyResult) -> list[Row]:
+    """Case, procedure, time and signals, one row per time: cases may have times of their own."""
+    names = result.study.signals
+    units = next((o.signal_units for o in result.outcomes if o.signals), {})
+    rows: list[Row] = [["case", "procedure", "time [s]", *(f"{name} [{units.get(name, '1')}]" for name in names)]]
+    for outcome in result.outcomes:
+        case = result.case_of(outcome).name
+        for k, time in enumerate(outcome.time):
+            rows.append([case, outcome.procedure, time, *(outcome.signals[name][k] for name in names)])
+    return rows
+
+
+def as_dict(result: StudyResult) -> dict[str, Any]:
+    """Everything but signals, for programs: the same files give the same."""
+    head, rows = table(result)
+    return {"study": result.study.name, "summary": result.study.summary, "complete": result.complete,
+            "axes": [axis.name for axis in result.study.axes],
+            "spreads": [asdict(s) for s in spreads(result)], "indices": [asdict(i) for i in indices(result)],
+            "slopes": [asdict(s) for s in slopes(result)],
+            "calibrated": result.calibrated.as_dict() if result.calibrated is not None else None,
+            "rows": [dict(zip(head, row, strict=True)) for row in rows],
+            "cases": [{"case": result.case_of(o).name, "procedure": o.procedure, "values": dict(o.values),
+                       "limits": dict(o.limits), "stability": dict(o.stability), "at_end": dict(o.at_end),
+                       "message": o.message, "modes": list(o.modes), "problem": o.problem, "outside": o.outside}
+                      for o in result.outcomes]}

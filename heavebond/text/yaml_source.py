@@ -1,0 +1,396 @@
+"""YAML text to a tree in which every scalar is text with its place (the only importer of yaml).
+
+`yaml.safe_load` guesses types (`1e6` is text, `on` is a boolean, `010` is 8), lets a duplicate key win silently and
+follows aliases; here nothing is guessed, and what could be misread is an error.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol, Union
+
+import yaml
+
+from heavebond.core.errors import ModelError, Place, Problem, Problems
+from heavebond.core.limits import ENTRIES, FILE_BYTES, NESTING
+
+Node = Union["Scalar", "Mapping", "Sequence"]
+FAST_LOADER: type[yaml.SafeLoader] | type[yaml.CSafeLoader] = yaml.CSafeLoader if yaml.__with_libyaml__ else yaml.SafeLoader
+
+
+@dataclass(frozen=True)
+class Scalar:
+    """A piece of text as it stands in the file; `quoted` tells '5' from 5, `block` is a `|` or `>` text."""
+
+    text: str
+    place: Place
+    quoted: bool = False
+    block: bool = False
+
+    kind = "a value"
+
+    def lines(self) -> list[Scalar]:
+        """The lines of a block text, each with its own place (a plain text is its own single line)."""
+        if not self.block:
+            return [self]
+        return list(self._block_lines)
+
+    _block_lines: tuple[Scalar, ...] = ()
+
+
+# keys written without a value, as in `{integer, min: 1}`
+FLAGS = ("integer", "width", "prescribed")
+
+
+@dataclass(frozen=True)
+class Mapping:
+    """Keys in the order of the file; `keys[name]` is the key's own scalar."""
+
+    items: dict[str, Node]
+    keys: dict[str, Scalar]
+    place: Place
+    # those of its keys that have no value
+    bare: frozenset[str] = frozenset()
+
+    kind = "a list of `key: value` entries"
+
+
+@dataclass(frozen=True)
+class Sequence:
+    """A list, `[a, b]` or `- a`."""
+
+    items: tuple[Node, ...]
+    place: Place
+
+    kind = "a list"
+
+
+@dataclass(frozen=True)
+class Source:
+    """One file that was read: its path, its text lines and its top mapping."""
+
+    path: Path
+    name: str
+    root: Mapping
+    text: str
+
+
+def read_text(path: Path, name: str | None = None) -> str:
+    """The text of a UTF-8 file; ModelError where it is absent, a folder, too large or not text."""
+    name = name or str(path)
+    try:
+        if path.stat().st_size > FILE_BYTES:
+            raise ModelError([Problem("file-too-large", f"{name} is larger than {FILE_BYTES // 10**6} MB", None,
+                                      "Is this a record? A diagram is a small text file.")])
+        return path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        raise ModelError([Problem("file-missing", f"there is no file {name}", None,
+                                  "Check the path; it counts from the current folder.")]) from None
+    except IsADirectoryError:
+        raise ModelError([Problem("file-is-folder", f"{name} is a folder, not a file", None,
+                                  "Give the YAML file in it.")]) from None
+    except UnicodeDecodeError as error:
+        raise ModelError([_not_utf8(path, name, error.start)]) from None
+    except OSError as error:
+        raise ModelError([Problem("file-unreadable", f"{name} cannot be read: {error.strerror}", None,
+                                  "Check the file's permissions.")]) from None
+
+
+def _not_utf8(path: Path, name: str, position: int) -> Problem:
+    """What is wrong at byte `position`; where the rest looks like text, the line is shown with `?` for what is not."""
+    raw = path.read_bytes()
+    if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        return Problem("not-text", f"{name} is UTF-16 text", None, "Save the file again with the encoding UTF-8.")
+    if b"\0" in raw:
+        return Problem("not-text", f"{name} is not plain text", None,
+                       "Give a YAML file; is this one of another program?")
+    line = raw.count(b"\n", 0, position)
+    text = raw.splitlines()[line].decode("ascii", errors="replace").replace("\ufffd", "?")
+    column = position - (raw.rfind(b"\n", 0, position) + 1)
+    return Problem("not-text", f"{name} is not UTF-8 text", Place(name, line + 1, column + 1, text),
+                   "Save the file again with the encoding UTF-8.")
+
+
+def read(path: Path, name: str | None = None, *, bundled: bool = False) -> Source:
+    """Read a YAML file; raises ModelError with every problem of form that it has. `bundled` files are read by libyaml where
+    PyYAML has it: eight times as fast, and the same for each of them, which a test shows. Of other files libyaml accepts
+    some that PyYAML refuses (tabs between values)."""
+    name = name or short_path(path)
+    return parse(read_text(path, name), path, name, bundled=bundled)
+
+
+def parse(text: str, path: Path = Path("text"), name: str = "text", *, bundled: bool = False) -> Source:
+    """Read YAML from a text; see `read`."""
+    builder = _Builder(text, name, FAST_LOADER if bundled else yaml.SafeLoader)
+    root = builder.build()
+    builder.problems.raise_as(ModelError)
+    if root is None:
+        raise ModelError([Problem("file-empty", f"{name} is empty", hint=EMPTY_HINT)])
+    if not isinstance(root, Mapping):
+        raise ModelError([Problem("not-a-mapping", f"{name} holds {root.kind}, not `key: value` entries",
+                                  root.place, hint=EMPTY_HINT)])
+    return Source(path, name, root, text)
+
+
+# what PyYAML says, what that means, what to do, and whether the place where it began is the one to show
+SYNTAX = (
+    ("while parsing a flow mapping", "the `{` is not closed by a `}`, or a comma between two entries is missing",
+     "Inside `{}` entries are separated by commas: `{is: Spring, c: 1 kN/m}`.", True),
+    ("while parsing a flow sequence", "the `[` is not closed by a `]`, or a comma between two entries is missing",
+     "Inside `[]` entries are separated by commas: `[wall.a, spring.a]`.", True),
+    ("while scanning a quoted scalar", "the quote that opens here is not closed",
+     "End the text with the same quote; a quote inside the text is written in the other kind.", True),
+    ("unknown escape character", "a `\\` in double quotes begins a special sign",
+     "Put the text in single quotes.", False),
+    ("mapping values are not allowed here", "a second `:` in one entry, or a line that is indented too far",
+     "Put a text that holds `: ` in quotes; entries of one list begin in the same column.", False),
+    ("could not find expected ':'", "a `: ` is missing behind this word",
+     "An entry is written `key: value`, with a space behind the colon.", True),
+    ("while parsing a block", "this line does not fit the indentation of the lines above",
+     "Entries of one list begin in the same column.", False),
+    ("that cannot start any token", "a value cannot begin with SIGN", "Put the value in quotes.", False),
+)
+EMPTY_HINT = "A diagram begins with `model: name`, a component with `component: Name`, " \
+             "an experiment with `experiment: name`."
+
+
+def short_path(path: Path) -> str:
+    """The path as a user would write it: relative to the current folder where it lies below."""
+    try:
+        return str(path.resolve().relative_to(Path.cwd()))
+    except ValueError:
+        return str(path)
+
+
+class _Mark(Protocol):
+    @property
+    def line(self) -> int: ...
+    @property
+    def column(self) -> int: ...
+
+
+class _Builder:
+    """Builds the tree from PyYAML's events, which carry tags, anchors and marks before any meaning is given."""
+
+    def __init__(self, text: str, name: str, loader: type[yaml.SafeLoader] | type[yaml.CSafeLoader]):
+        self.name, self.loader = name, loader
+        self.raw = text.splitlines()
+        self.problems = Problems()
+        self.text = text
+
+    def place(self, mark: _Mark | None, length: int = 1) -> Place:
+        number, column = (mark.line, mark.column) if mark is not None else (0, 0)
+        while number >= len(self.raw) and number:  # what is left open is noticed at the end of the file
+            number, column = number - 1, 0
+        line = self.raw[number] if number < len(self.raw) else ""
+        return Place(self.name, number + 1, column + 1, line, max(1, length))
+
+    def build(self) -> Node | None:
+        try:
+            events = self._shallow_events()
+        except yaml.MarkedYAMLError as error:
+            self._syntax(error)
+            return None
+        except yaml.reader.ReaderError as error:
+            self._unprintable(int(error.position))
+            return None
+        if self.problems.found:
+            return None
+        documents = [e for e in events if isinstance(e, yaml.DocumentStartEvent)]
+        if len(documents) > 1:
+            self.problems.add("two-documents", "a second document begins here (`---`)",
+                              self.place(documents[1].start_mark, 3),
+                              hint="One file holds one document; put the second into a file of its own.")
+            return None
+        content = [e for e in events if not isinstance(
+            e, (yaml.StreamStartEvent, yaml.StreamEndEvent, yaml.DocumentStartEvent, yaml.DocumentEndEvent))]
+        if not content or (isinstance(content[0], yaml.ScalarEvent) and not content[0].value):
+            return None
+        self.events = iter(content)
+        return self._node(next(self.events))
+
+    def _shallow_events(self) -> list[yaml.Event]:
+        """PyYAML's events as long as entries are not nested too deeply (its scanner takes n**2 for n brackets)."""
+        events: list[yaml.Event] = []
+        depth = 0
+        for event in yaml.parse(self.text, Loader=self.loader):
+            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+            if depth > NESTING:
+                self.problems.add("too-deep", f"entries are nested more than {NESTING} deep",
+                                  self.place(event.start_mark), hint="Remove the brackets that are too many.")
+                break
+            if len(events) > ENTRIES:
+                self.problems.add("file-too-long", f"{self.name} has more than {ENTRIES} keys and values",
+                                  self.place(event.start_mark),
+                                  hint="Is this a record? Parts that repeat are written once, with `repeat`.")
+                break
+            events.append(event)
+        return events
+
+    def _unprintable(self, position: int) -> None:
+        line = self.text.count("\n", 0, position)
+        self.problems.add("not-text", f"{self.name} is not plain text: it holds a character (code "
+                          f"{ord(self.text[position])}) that no editor shows", Place(self.name, line + 1),
+                          hint="Give a YAML file, which is plain text; is this one of another program?")
+
+    def _syntax(self, error: yaml.MarkedYAMLError) -> None:
+        mark = error.problem_mark or error.context_mark
+        said = " ".join(part for part in (error.context, error.problem) if part)
+        where = self.place(mark)
+        if "\t" in where.text[:where.column]:
+            tab = Place(where.file, where.line, where.text.index("\t") + 1, where.text)
+            self.problems.add("tab", "a tab stands in the indentation", tab,
+                              hint="Put spaces in its place; YAML is indented with spaces.")
+            return
+        if "mapping values are not allowed here" in said and (bare := self._without_colon(where)):
+            word = bare.text.split()[0]
+            self.problems.add("not-yaml", f"a `:` is missing behind '{word}'", bare,
+                              hint=f"Write `{word}: {bare.text.strip()[len(word):].strip()}`.")
+            return
+        for words, message, hint, opened in SYNTAX:
+            if words in said:
+                place = self.place(error.context_mark) if opened and error.context_mark else where
+                sign = where.text[where.column - 1:where.column]
+                notes = [f"noticed in line {where.line}"] if place.line != where.line else []
+                self.problems.add("not-yaml", message.replace("SIGN", sign), place, hint=hint, notes=notes)
+                return
+        self.problems.add("not-yaml", f"this is not YAML: {said}", where, hint="A value that holds `: `, `#`, `,`, "
+                          "brackets or begins with a special sign is put in quotes.")
+
+    def _without_colon(self, where: Place) -> Place | None:
+        """The line, or the one before it, whose first word should be a key: `load {is: Mass}`, `model rig`."""
+        number = where.line - 1
+        before = next((k for k in range(number - 1, -1, -1) if self.raw[k].strip()), None)
+        bare = r"\s*[A-Za-z_]\w* +[^\s:#][^:#]*"
+        for k, pattern in ((number, r"\s*[A-Za-z_]\w* +[\[{].*"), (before, bare)):
+            if k is not None and re.fullmatch(pattern, self.raw[k]):
+                column = len(self.raw[k]) - len(self.raw[k].lstrip())
+                return Place(where.file, k + 1, column + 1, self.raw[k], len(self.raw[k].split()[0]))
+        return None
+
+    def _node(self, event: yaml.Event) -> Node:
+        self._refuse_hidden(event)
+        if isinstance(event, yaml.MappingStartEvent):
+            return self._mapping(event)
+        if isinstance(event, yaml.SequenceStartEvent):
+            items = []
+            while not isinstance(inner := next(self.events), yaml.SequenceEndEvent):
+                items.append(self._node(inner))
+            return Sequence(tuple(items), self.place(event.start_mark))
+        if isinstance(event, yaml.ScalarEvent):
+            return self._scalar(event)
+        return Scalar("*", self.place(event.start_mark))  # an alias, which is refused already
+
+    def _refuse_hidden(self, event: yaml.Event) -> None:
+        """Anchors, aliases and tags give a value a second meaning that the reader of the file does not see."""
+        mark = event.start_mark
+        anchor = getattr(event, "anchor", None)
+        if isinstance(event, yaml.AliasEvent):
+            self.problems.add("yaml-alias", f"`*{anchor}` refers to another place of the file",
+                              self.place(mark, 1 + len(anchor or "")),
+                              hint="Write the value out, or put the text in quotes.")
+        elif anchor:
+            self.problems.add("yaml-anchor", f"`&{anchor}` is a YAML anchor", self.place(mark, 1 + len(anchor)),
+                              hint="Remove it, or put the text in quotes.")
+        if getattr(event, "tag", None):
+            where = self.place(mark)
+            begin = max(0, where.text.find("!", where.column - 1))
+            written = where.text[begin:].split(" ")[0]
+            self.problems.add("yaml-tag", f"`{written}` is a YAML tag; heavebond follows none",
+                              Place(where.file, where.line, begin + 1, where.text, len(written)),
+                              hint="Remove it, or put the text in quotes.")
+
+    def _mapping(self, event: yaml.MappingStartEvent) -> Mapping:
+        items: dict[str, Node] = {}
+        keys: dict[str, Scalar] = {}
+        bare: list[str] = []
+        while not isinstance(inner := next(self.events), yaml.MappingEndEvent):
+            key = self._node(inner)
+            value = self._node(next(self.events))
+            if not isinstance(key, Scalar):
+                self.problems.add("key-not-text", "a key must be a plain word", key.place,
+                                  hint="Put a value that begins with `[` or `{` in quotes.")
+                continue
+            if key.text in items:
+                first = keys[key.text].place.line
+                self.problems.add("duplicate-key", f"'{key.text}' stands twice, first in line {first}", key.place,
+                                  hint="Keep one of the two, or join them.")
+                continue
+            if isinstance(value, Scalar) and not value.text and not value.quoted and not value.block:
+                bare.append(key.text)
+            items[key.text], keys[key.text] = value, key
+        self._refuse_bare(items, keys, bare)
+        return Mapping(items, keys, self.place(event.start_mark), frozenset(bare))
+
+    def _refuse_bare(self, items: dict[str, Node], keys: dict[str, Scalar], bare: list[str]) -> None:
+        """A key without value; most often a value that a comma, or a missing space behind `:`, has cut off."""
+        order = list(keys)
+        for name in bare:
+            if name in FLAGS:
+                continue
+            key = keys[name]
+            at = order.index(name)
+            before = items[order[at - 1]] if at else None
+            cut = before if isinstance(before, Scalar) and not before.quoted and before.text and \
+                before.place.line == key.place.line else None
+            if cut and cut.text[-1].isdigit() and name[:1].isdigit():
+                both = cut.place.moved(0, key.place.column + len(name) - cut.place.column)
+                self.problems.add("decimal-comma", f"'{cut.text},{name}' has a decimal comma", both,
+                                  hint=f"Write '{cut.text}.{name}'.")
+            elif cut and cut.text.count("(") > cut.text.count(")"):
+                self.problems.add("key-without-value", f"the comma in '{cut.text}, {name}' ends the value", cut.place,
+                                  hint=f'Put the formula in quotes: "{cut.text}, {name}".')
+            elif re.match(r"\w+:\S", name):
+                self.problems.add("key-without-value", f"a space is missing behind the colon of '{name}'", key.place,
+                                  hint=f"Write `{name.replace(':', ': ', 1)}`.")
+            elif found := re.fullmatch(r"(\w+)\s+(\S.*)", name):
+                self.problems.add("key-without-value", f"a colon is missing behind '{found.group(1)}'", key.place,
+                                  hint=f"Write `{found.group(1)}: {found.group(2)}`.")
+            else:
+                self.problems.add("key-without-value", f"'{name}' has no value", key.place,
+                                  hint=f"Write `{name}: ...` with a value, or remove it.")
+
+    def _scalar(self, event: yaml.ScalarEvent) -> Scalar:
+        start, end = event.start_mark, event.end_mark
+        if event.style in ("|", ">"):
+            return self._block(event)
+        quoted = event.style in ("'", '"')
+        if start is None or end is None or end.line == start.line:
+            length = end.column - start.column if start and end else 1
+            return Scalar(event.value, self.place(start, length), quoted=quoted)
+        rows = self._rows(start.line, end.line + 1, start.column)
+        where = self._spread(self.place(start), event.value, rows, 1 if quoted else 0)
+        return Scalar(event.value, where, quoted=quoted)
+
+    def _block(self, event: yaml.ScalarEvent) -> Scalar:
+        start, end = event.start_mark, event.end_mark
+        first, last = (start.line, end.line) if start and end else (0, 0)
+        stop = last if end is not None and end.column == 0 else last + 1
+        rows = self._rows(first + 1, min(stop, len(self.raw)))
+        lines = tuple(Scalar(row.text[row.column - 1:].rstrip(), row) for row in rows)
+        return Scalar(event.value, self._spread(self.place(start), event.value, rows), block=True, _block_lines=lines)
+
+    def _rows(self, first: int, stop: int, column: int = 0) -> list[Place]:
+        """The lines first .. stop - 1 (from 0) that are not empty, each from its first sign on."""
+        rows = []
+        for number in range(first, min(stop, len(self.raw))):
+            raw = self.raw[number]
+            begin = column if number == first and column else len(raw) - len(raw.lstrip())
+            if raw[begin:].strip():
+                rows.append(Place(self.name, number + 1, begin + 1, raw, len(raw[begin:].rstrip())))
+        return rows
+
+    @staticmethod
+    def _spread(place: Place, value: str, rows: list[Place], quote: int = 0) -> Place:
+        """The place of a text that YAML joined from several lines: where in it (behind its quote) each line begins."""
+        continued, at = [], 0
+        for row in rows:
+            inner = row.text[row.column - 1:].strip().strip("'\"")
+            found = value.find(inner, at) if inner else -1
+            if found > 0:
+                continued.append((found + quote, row))
+            at = max(at, found + len(inner))
+        first = rows[0] if rows else place
+        return Place(first.file, first.line, first.column, first.text, first.length, tuple(continued))
