@@ -62,6 +62,24 @@ def test_a_mount_on_the_ground_is_one_junction() -> None:
     assert not graph.derivative and not graph.choices and told(graph) == []
 
 
+def test_a_component_with_both_ports_on_one_node_can_be_drawn() -> None:
+    """Two bonds join its junction and that of the node; a bond from a junction to itself has no direction."""
+    model = hb.loads("""
+model: short_circuit
+components:
+  oil:  {is: Volume, V: 10 L, beta: 1.4 GPa}
+  gap:  {is: LaminarLeakage, C: 2e-11 m**3/(s*Pa)}
+  tank: {is: Tank}
+nodes:
+  vessel: [gap.b, gap.a]
+  return: [oil.a, tank.a]
+""")
+    graph = bond_graph(model)
+    assert graph.bonds
+    assert all(bond.tail != bond.head for bond in graph.bonds)
+    assert draw_bond_graph(model).startswith("<svg")
+
+
 def test_power_counts_into_elements_and_out_of_sources() -> None:
     graph = bond_graph(hb.loads(MOUNT))
     heads = {b.head for b in graph.bonds}

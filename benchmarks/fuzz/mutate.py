@@ -14,12 +14,13 @@ import resource
 import time
 from collections import Counter
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 from benchmarks.fuzz.__main__ import code
-from benchmarks.fuzz.campaign import Judge
+from benchmarks.fuzz.campaign import BRIEF, Judge
 from benchmarks.fuzz.mutants import files_of, mutant
-from benchmarks.fuzz.trying import FAULTS, tried, unfinished
+from benchmarks.fuzz.trying import FAULTS, Tried, tried, unfinished
 
 HERE = Path(__file__).parent
 WARM = 10  # mutants tried before the first process is copied
@@ -63,7 +64,7 @@ def _campaign(results: Path, seeds: Iterable[int], limit: float, end: float) -> 
     judged, state = Judge(limit, tried, unfinished), code()
     with results.open("a", encoding="utf-8") as out:
         for seed in seeds:
-            found = judged(seed)
+            found = patiently(judged, seed)
             out.write(json.dumps({**found.as_dict(), "code": state}) + "\n")
             out.flush()
             if found.outcome in FAULTS:
@@ -73,6 +74,17 @@ def _campaign(results: Path, seeds: Iterable[int], limit: float, end: float) -> 
     judged.close()
     counted = summary(results)
     print(f"{counted['mutants']} mutants: {counted['outcomes']}\nfaults: {counted['faults'] or 'none'}")
+
+
+def patiently(judged: Judge, seed: int) -> Tried:
+    """What becomes of a mutant. One that takes longer than it may is tried over a thousandth of its time: a machine may be
+    so fast that its time has millions of steps or events, which is no fault. Then it is `long`, unless it ends badly in
+    this time too."""
+    found: Tried = judged(seed)
+    if found.outcome != "hang":
+        return found
+    brief: Tried = judged(seed, BRIEF)
+    return brief if brief.outcome in FAULTS else replace(brief, outcome="long", what=brief.outcome, seconds=found.seconds)
 
 
 def difference(seed: int) -> str:

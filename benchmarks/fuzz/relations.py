@@ -168,7 +168,8 @@ def _movable(name: str, given: Sheet, assembly: Assembly) -> bool:
         return False
     wired = {e for ends in given.nodes.values() for e in ends}
     reached = {n: ends for n, ends in given.nodes.items() if "." in n}
-    if name in map(head, [*reached, *(e for ends in reached.values() for e in ends), *given.initial.get("solve", [])]):
+    ends_there = (e.removeprefix("+") for ends in reached.values() for e in ends)  # `+` adds an end to a node of a block
+    if name in map(head, [*reached, *ends_there, *given.initial.get("solve", [])]):
         return False
     return not any(f"{name}.{signal}" in wired for signal in component.signals)
 

@@ -64,13 +64,14 @@ def unfinished(task: tuple[int, ...], outcome: str, what: str, seconds: float) -
     return Tried(task[0], f"{given.folder.name}/{given.root}", given.changed, given.mutations, outcome, what, {}, seconds)
 
 
-def tried(seed: int) -> Tried:
-    """Write the mutant of a seed into a folder of its own, and put it through what a user would."""
+def tried(seed: int, share: float = 1.0) -> Tried:
+    """Write the mutant of a seed into a folder of its own, and put it through what a user would, over a share of the time
+    that is run otherwise."""
     given, began = mutant(seed), time.process_time()
     with sandbox(given) as path:
-        attempts = _Attempts(path, everything=seed % EVERY == 0, opened=seed % OPENED == 0)
+        attempts = _Attempts(path, everything=seed % EVERY == 0, opened=seed % OPENED == 0, share=share)
         attempts.go()
-        if attempts.everything and attempts.ended_well:
+        if attempts.everything and attempts.ended_well and share == 1.0:
             attempts.written_differently(seed)
     steps = attempts.steps
     worst = min(steps.values(), key=lambda s: _rank(s[0]), default=("refused", ""))
@@ -99,8 +100,8 @@ def sandbox(given: Mutant) -> Iterator[Path]:
 class _Attempts:
     """Steps and what came of each: (outcome, what)."""
 
-    def __init__(self, path: Path, everything: bool, opened: bool):
-        self.path, self.everything, self.opened = path, everything, opened
+    def __init__(self, path: Path, everything: bool, opened: bool, share: float = 1.0):
+        self.path, self.everything, self.opened, self.share = path, everything, opened, share
         self.steps: dict[str, tuple[str, str]] = {}
         self.ended_well = False  # a run of a plain diagram, with a clean verdict
 
@@ -111,7 +112,7 @@ class _Attempts:
             return
         assembly = self._try("check", lambda: _checked(model))
         if isinstance(assembly, Assembly):
-            result = self._try("run", lambda: _run(assembly))
+            result = self._try("run", lambda: _run(assembly, self.share))
             if isinstance(result, Result):
                 self._judged(result)
                 self.ended_well = head == "model" and not result.verdict.findings
@@ -120,11 +121,11 @@ class _Attempts:
         self._try("draw", lambda: (hb.draw(model, open_all=self.opened, values=True), draw_bond_graph(model)))
         if isinstance(assembly, Assembly):
             self._try("modes", lambda: _modes(model))
-            self._try("energy", lambda: table(hb.audit(assembly, **_short(assembly))))
+            self._try("energy", lambda: table(hb.audit(assembly, **_short(assembly, self.share))))
         if head == "experiment":
             self._try("compare", lambda: hb.compare(self.path).as_dict())
         elif isinstance(assembly, Assembly):
-            self._try("compare", lambda: _compared(self.path, assembly))
+            self._try("compare", lambda: _compared(self.path, assembly, self.share))
 
     def _try(self, name: str, step: Callable[[], object]) -> object:
         try:
@@ -184,21 +185,22 @@ def hb_start(assembly: Assembly, u: Array) -> object:
     return start(assembly, 0.0, u)
 
 
-def output_times(assembly: Assembly) -> Array:
-    """The first output points of a run, or as many over the whole of it where the diagram does not say how dense."""
-    times = grid(assembly.model, None, None)
+def output_times(assembly: Assembly, share: float = 1.0) -> Array:
+    """The first output points of a run, or as many over the whole of it where the diagram does not say how dense; over a
+    share of that time."""
+    times = share * grid(assembly.model, None, None)
     return times[:POINTS + 1] if assembly.model.every is not None else times[::max(1, (len(times) - 1) // POINTS)]
 
 
-def _short(assembly: Assembly) -> dict[str, float]:
-    times = output_times(assembly)
+def _short(assembly: Assembly, share: float) -> dict[str, float]:
+    times = output_times(assembly, share)
     return {"until": float(times[-1]), "every": float(times[1])} if len(times) > 1 else {}
 
 
-def _run(assembly: Assembly) -> Result:
+def _run(assembly: Assembly, share: float) -> Result:
     """As `heavebond run` does."""
     solver = assembly.model.solver
-    result = Simulator(assembly, times=output_times(assembly), solver=solver.text if solver else None).run()
+    result = Simulator(assembly, times=output_times(assembly, share), solver=solver.text if solver else None).run()
     for values in result.signals(_listed(assembly)).values():
         with np.errstate(over="ignore"):
             values.min(), values.max(), np.mean(values**2)
@@ -218,9 +220,9 @@ def _modes(model: Model) -> None:
     stuck(operating.assembly, point)
 
 
-def _compared(path: Path, assembly: Assembly) -> None:
+def _compared(path: Path, assembly: Assembly, share: float) -> None:
     """The diagram beside a record of noise: what it is laid over is not what counts here."""
-    times = output_times(assembly)
+    times = output_times(assembly, share)
     shown = {f"c{k}": name for k, name in enumerate(_listed(assembly)[:3])}
     noise = np.random.default_rng(1).standard_normal((len(times), len(shown)))
     rows = [",".join(f"{v:.17g}" for v in (t, *row)) for t, row in zip(times, noise, strict=True)]

@@ -279,14 +279,16 @@ def _right_side(component: Component, port: str, through: str) -> str:
 
 
 def _collapsed(graph: BondGraph) -> BondGraph:
-    """Without junctions that only pass a bond on."""
+    """Without junctions that only pass a bond on; one between two ends of the same junction stays, as both ports of a
+    component may be on one node, and a bond joins two vertices."""
     vertices, bonds = dict(graph.vertices), list(graph.bonds)
     for key in [k for k, v in graph.vertices.items() if v.letter in (ZERO, ONE_JUNCTION)]:
         ends = [b for b in bonds if key in (b.tail, b.head)]
         inwards, outwards = [b for b in ends if b.head == key], [b for b in ends if b.tail == key]
         if not ends:
             del vertices[key]
-        elif len(inwards) == len(outwards) == 1 and not any(b.modulated for b in ends):
+        elif len(inwards) == len(outwards) == 1 and inwards[0].tail != outwards[0].head \
+                and not any(b.modulated for b in ends):
             del vertices[key]
             bonds = [b for b in bonds if b not in ends]
             bonds.append(replace(inwards[0], head=outwards[0].head))
