@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -520,3 +521,34 @@ def test_runs_from_midway_and_exports_go_with_conditions_of_the_time(folder: Pat
     exported = portable(assembly.model)
     rates = [float(exported.equations(t, [0.0], [], exported.assembly.p, [])[0]) for t in (0.32, 0.34)]
     assert rates == [0.0, 2.5]
+
+
+LATCH = """component: Latch
+summary: A switch that closes as its signal exceeds a level.
+ports: {u: {signal: in, unit: V}, y: {signal: out, unit: 1}}
+parameters: {level: {unit: V, default: 1 V}}
+variables: {on: {unit: 1, held: 0, min: 0, max: 1}}
+equations: |
+  y = on
+when:
+  rise: {condition: u > level, then: {on: 1}}
+"""
+
+
+@pytest.mark.parametrize(("start", "said"), [("", True), ("initial: {latch.on: 1}", False)])
+def test_a_condition_that_is_true_at_the_start_is_named_by_the_verdict(tmp_path: Path, start: str, said: bool) -> None:
+    """It does not become true, and nothing happens; where the diagram states what holds there, nothing is missing."""
+    (tmp_path / "components").mkdir()
+    (tmp_path / "components" / "latch.yaml").write_text(LATCH)
+    (tmp_path / "rig.yaml").write_text(f"model: rig\ncomponents:\n  latch: {{is: Latch, u: 2 V}}\n{start}\n"
+                                       "simulate: {until: 1 s}\n")
+    with warnings.catch_warnings(record=True) as heard:
+        warnings.simplefilter("always")
+        result = hb.simulate(hb.load(tmp_path / "rig.yaml"))
+    assert result["latch.y"][-1] == (0 if said else 1)
+    kinds = [f.kind for f in result.verdict.findings]
+    assert kinds == (["true-at-start"] if said else [])
+    assert bool(heard) == said
+    if said:
+        assert "latch.rise" in str(heard[0].message) and "initial: {switch.on: 1}" in str(heard[0].message)
+        assert result.verdict.as_dict()["exit"] == 0

@@ -368,3 +368,8 @@ def test_switched_slope() -> None:
     text = str(caught.value)
     assert "the integration stopped at t = 0.5" in text
     assert "let it happen as an event" in text
+
+
+def test_a_pendulum_alone_is_not_said_to_lose_energy() -> None:
+    """Let go flat, its energy is zero all the time: what it exchanges between height and speed tells what is little."""
+    assert not run("pendulum_let_go_flat").verdict.findings

@@ -120,10 +120,14 @@ class Switching:
         self.solver, self.failed_at, self.failures = self.first_solver, -np.inf, Failures(0)
         record = Record(now, self.stops, self.same)
         self._write(now, record)
-        equations = self.home.equations
+        equations, begin = self.home.equations, now.t
         instants = equations.instants(now.p, now.dp)
         for time, events, delays in timetable(equations.events, instants, now.t, float(self.stops[-1])):
+            if record.true_at_start is None and time > begin + self.same:  # those at the start may set it
+                record.true_at_start = self._true_at_start(now)
             now = self._happen(self._until(now, self._stop(time), record), events, delays, record)
+        if record.true_at_start is None:
+            record.true_at_start = self._true_at_start(now)
         self._until(now, float(self.stops[-1]), record)
         return record.trace(self.integrals, self.inputs(self.stops)[: self.n_u])
 
@@ -138,6 +142,14 @@ class Switching:
         y = np.append(x, np.zeros(frame.made.dae["x"].numel() - len(x)))
         now = Now(frame, first.t, y, z, first.p, dp, frame.made.hoist(first.p, dp), np.zeros(0, bool))
         return replace(now, true=self._indicators(now)[0] > 0)
+
+    def _true_at_start(self, now: Now) -> list[str]:
+        """The events whose condition is true at the start, which is no change and lets nothing happen, and which would have
+        set something to another value."""
+        if not now.true.any():
+            return []
+        events, point = [self.conditions[c] for c in np.flatnonzero(now.true)], self._point(now)
+        return [now.frame.equations.events[i].name for i in events if now.frame.equations.would_change(point, i)]
 
     def _stop(self, time: float) -> float:
         """The stop that is meant by a time, or the time itself."""

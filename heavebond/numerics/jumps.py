@@ -230,6 +230,13 @@ class EventEquations:
             before = after
         return now, Moved(x, q, p)
 
+    def would_change(self, point: Point, event: int) -> bool:
+        """Whether the event would set anything at a point to another value than it has there."""
+        values = np.array(self._values(*point.values())[1]).ravel()
+        after, sizes = self._set(point, values, event), self.assembly.x_nominal
+        moved = np.any(np.abs(after.x - point.x) > CONTINUOUS * sizes)
+        return bool(moved or not np.allclose(after.p, point.p, CONTINUOUS, 0.0))
+
     def _set(self, point: Point, values: Array, event: int) -> Point:
         x, p = point.x.copy(), point.p.copy()
         for row in self.rows[event]:

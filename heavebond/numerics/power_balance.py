@@ -7,7 +7,7 @@ no error of a quadrature between output points enters, only rounding. What it fi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -56,17 +56,36 @@ def balance(assembly: Assembly, columns: Sequence[Array], values: Array, more: S
     # a pendulum alone has no port and keeps its energy: only what it holds tells what is little
     sizes = [_size(np.sum(np.abs(list(ports.values())), axis=0)) if ports else 0.0, _size(rate), _size(dissipated),
              _size(held) / duration if duration else 0.0]
-    limit = tolerance * max(sizes)
-    found = []
+    found = _missing(parts, through, (rate, dissipated, unbalanced), tolerance * max(sizes), columns[0][0])
+    if found:  # in a machine that turns energy it holds into other energy it holds, these powers are the size of things
+        turned = _turnover(assembly, parts, columns)
+        found = _missing(parts, through, (rate, dissipated, unbalanced), tolerance * max(*sizes, turned), columns[0][0])
+    return found, others
+
+
+def _missing(parts: Sequence[Energetics], through: Mapping[str, Array], powers: tuple[Array, Array, Array], limit: float,
+             time: Array) -> list[Imbalance]:
+    """The parts that miss more than the limit, from the power into each over its ports and what it stores, dissipates and
+    leaves unbalanced, each (n_parts, N)."""
+    (rate, dissipated, unbalanced), found = powers, []
     for k, part in enumerate(parts):
         missing = through[part.owner] - rate[k] - dissipated[k] - unbalanced[k]
         for lost, made in ((missing, False), (dissipated[k], True)):
             at = np.flatnonzero(lost < -limit if made else np.abs(lost) > limit)
-            if len(at) >= min(LEAST_POINTS, values.shape[1]):
-                worst, first = at[int(np.argmax(np.abs(lost[at])))], float(columns[0][0, at[0]])
+            if len(at) >= min(LEAST_POINTS, len(time)):
+                worst, first = at[int(np.argmax(np.abs(lost[at])))], float(time[at[0]])
                 found.append(Imbalance(part.owner, float(lost[worst]), first, limit, made))
                 break
-    return found, others
+    return found
+
+
+def _turnover(assembly: Assembly, parts: Sequence[Energetics], columns: Sequence[Array]) -> float:
+    """The largest power that a store exchanges with itself: the sum of |dS/dx_i x'_i|, W, where a pendulum's dS/dt is 0."""
+    t, x, _, _, _, rate = assembly.arguments
+    gradient = ca.jacobian(assembly.express(stack(e.energy for e in parts)), stack([t, x]))
+    terms = ca.sum2(ca.fabs(ca.mtimes(gradient, ca.diag(stack([rate, assembly.ode])))))
+    function = ca.Function("turnover", list(assembly.arguments), [ca.densify(terms)])
+    return _size(evaluated(assembly, function, columns))
 
 
 def _size(values: Array) -> float:

@@ -19,7 +19,7 @@ from heavebond.equations.buffered import Buffered
 from heavebond.language.symbols import split, stack
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.initialise import Start
-from heavebond.numerics.run_verdict import Verdict
+from heavebond.numerics.run_verdict import NOT_BECOME, Finding, Verdict
 from heavebond.numerics.validity import Stretch, judged
 from heavebond.records.saved_runs import SavedRun, write_run
 from heavebond.text.expression import ExpressionProblem, parse_formula
@@ -75,7 +75,15 @@ class Result:
     @cached_property
     def verdict(self) -> Verdict:
         """Whether the values of this run mean something: `print(result.verdict)` tells it in a line."""
-        return judged(list(_stretches(self)))
+        return judged(list(_stretches(self)), self._true_at_start())
+
+    def _true_at_start(self) -> list[Finding]:
+        """Events that would have happened if their conditions had become true at the start instead of being so."""
+        names = self.statistics.get("true_at_start", ())
+        assert isinstance(names, (list, tuple))
+        texts = {event.name: event.text for event in self.assembly.flat.events}
+        return [Finding("true-at-start", name, name.rpartition(".")[0], float(self.time[0]), 1.0, None, "",
+                        NOT_BECOME.format(texts[name])) for name in names]
 
     @property
     def events(self) -> list[tuple[float, str]]:

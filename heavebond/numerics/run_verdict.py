@@ -18,6 +18,8 @@ from heavebond.core.errors import Problem, RunWarning, SimulationError, listing
 from heavebond.core.presentation import count, readable
 
 MOST_NAMED = 3
+NOT_BECOME = ("`{}` acts as it becomes true. State what holds at the start, `initial: {{switch.on: 1}}`, or begin the run "
+              "before it is true")
 RUNAWAY = 1e6  # typical sizes from which on a value is no result: a machine of metres does not go a thousand kilometres
 
 
@@ -52,6 +54,8 @@ class Finding:
                 f"{'appear' if self.value < 0 else 'disappear'}, from {t} on"
         if self.kind == "growth":
             return f"{self.name} grows exponentially, to {value} at the end"
+        if self.kind == "true-at-start":
+            return f"the condition of {self.name} is true at the start, which lets nothing happen"
         limit = readable(self.limit or 0.0, self.unit)
         if self.kind == "runaway":
             return f"{self.name} goes to {value}, beyond {limit} (a million typical sizes) from {t} on"
@@ -63,7 +67,8 @@ class Finding:
 
 
 # whether a run with such a finding is worthless
-KINDS = {"not-finite": True, "runaway": True, "energy": True, "range": False, "larger": False, "growth": False}
+KINDS = {"not-finite": True, "runaway": True, "energy": True, "range": False, "larger": False, "growth": False,
+         "true-at-start": False}
 
 
 @dataclass(frozen=True)
@@ -104,7 +109,7 @@ class Verdict:
         """Where something left its range before, as the cause may be there."""
         earliest = min(self.findings, key=lambda f: f.time)
         return f"{earliest.name} was the first to leave its range, at {earliest.time:.4g} s. " \
-            if first.failed and earliest.time < first.time and earliest.kind != "growth" else ""
+            if first.failed and earliest.time < first.time and earliest.kind not in ("growth", "true-at-start") else ""
 
     @property
     def problem(self) -> Problem:

@@ -153,6 +153,7 @@ class Record:
         self.changes: list[ChartChange] = []
         self.solver_changes: list[SolverChange] = []
         self.passed: list[tuple[float, tuple[int, ...]]] = []
+        self.true_at_start: list[str] | None = None  # events that did not happen there; None before it is known
         self.steps = 0
 
     def write(self, now: Now, times: Array, y: Array, z: Array) -> None:
@@ -192,6 +193,8 @@ class Record:
             statistics["state_changes"] = [vars(change) for change in self.changes]
         if self.solver_changes:
             statistics["solver_changes"] = [vars(change) for change in self.solver_changes]
+        if self.true_at_start:
+            statistics["true_at_start"] = self.true_at_start
         return Trace(x, z, self.y[n_y - integrals:], self.p[held], self.dp[held].transpose(1, 0, 2), tuple(self.instants),
                      statistics, tuple(stays[1:]))
 

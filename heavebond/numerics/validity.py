@@ -66,8 +66,8 @@ class Stretch:
     columns: Callable[[Points], tuple[Array, ...]]
 
 
-def judged(stretches: Sequence[Stretch]) -> Verdict:
-    """The verdict on a run of one stretch or several."""
+def judged(stretches: Sequence[Stretch], also: Sequence[Finding] = ()) -> Verdict:
+    """The verdict on a run of one stretch or several; `also` was found during the run."""
     duration = max((float(s.time[-1]) for s in stretches), default=0.0) - min((float(s.time[0]) for s in stretches),
                                                                               default=0.0)
     with np.errstate(over="ignore", invalid="ignore"):  # what has run away may overflow
@@ -75,7 +75,7 @@ def judged(stretches: Sequence[Stretch]) -> Verdict:
         found = [f for s in stretches for f in _of_stretch(s, duration, len(s.time) == longest)]
         if len(stretches) == 1:
             found += _growing(stretches[0])
-    return verdict(found)
+    return verdict([*found, *also])
 
 
 def at_point(assembly: Assembly, point: Point) -> Verdict:
