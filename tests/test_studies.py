@@ -5,6 +5,8 @@ from __future__ import annotations
 import csv
 import json
 import math
+import os
+import signal
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -19,7 +21,7 @@ import heavebond as hb
 from heavebond.cli import main
 from heavebond.optimise.objective import Objective
 from heavebond.optimise.sampled_values import sampled_value
-from heavebond.studies import campaign
+from heavebond.studies import calibration, campaign
 from heavebond.studies.calibration import Point, at_point
 from heavebond.studies.run_case import Outcome, assembled
 
@@ -243,6 +245,24 @@ def test_values_are_calibrated_to_numbers_of_a_known_machine(folder: Path) -> No
     assert result.value(result.of("stiff", "2 Hz"), "transmission") == pytest.approx(stiff, rel=1e-3)
     again = hb.run_study(study, processes=1, folder=folder / "out")
     assert again.calibrated == result.calibrated
+
+
+def _ends(study: hb.Study, number: int, gains: object) -> Point:
+    """The second case ends its process, for ever; the third once."""
+    if number == 1 or (number == 2 and not Path("died").exists()):
+        Path("died" if number == 2 else "dead").touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return at_point(study, number, None)
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="processes are killed otherwise here")
+def test_a_calibration_whose_process_is_killed_says_which_case(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that dies once is worked again; one that dies alone, too, is named, and no answer is given without it."""
+    monkeypatch.setattr(calibration, "at_point", _ends)
+    study = _study(CALIBRATION.replace("NUMBERS", "1.2, 1.1, 1"))
+    with pytest.raises(hb.SimulationError, match=r"the case '.*' of the calibration was ended"):
+        hb.run_study(study, processes=2, folder=folder / "out")
+    assert Path("died").exists() and Path("dead").exists()
 
 
 def test_gains_that_move_along_stand_in_the_derivatives(folder: Path) -> None:

@@ -161,7 +161,7 @@ class _Problem:
     def _worked(self, values: Mapping[str, float]) -> dict[int, Point]:
         study = replace(self.study, calibrated={name: (self.before[name], value) for name, value in values.items()})
         jobs = [(k, (study, k, self.gains.get(k))) for k in self.cases]
-        pairs = as_done(self.executor, at_point, jobs, self.ahead) if self.executor is not None else \
+        pairs = as_done(self.executor, at_point, jobs, self.ahead, instead=self._died) if self.executor is not None else \
             ((k, at_point(*given)) for k, given in jobs)
         found: dict[int, Point] = {}
         for k, point in pairs:
@@ -173,6 +173,13 @@ class _Problem:
             if not found[k].broken:
                 self.gains[k] = found[k].gains
         return found
+
+    def _died(self, k: int, _: BaseException) -> Point:
+        """A case that takes its process with it, also alone: the sum of squares without it would be another problem's."""
+        case = ", ".join(level.name for level in self.study.case(k).levels)
+        raise SimulationError([Problem("worker-died", f"the process that worked the case '{case}' of the calibration was ended "
+                                       "from outside, also when nothing else ran: there may be too little memory", None,
+                                       "Run fewer cases at a time (--processes 1), or use a machine with more memory.")])
 
     def _together(self, y: Array, values: Mapping[str, float], points: Mapping[int, Point]) -> _Seen:
         slopes = np.array([_slope(wanted, values[name]) for name, wanted in zip(self.names, self.ranges, strict=True)])
