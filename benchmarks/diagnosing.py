@@ -11,7 +11,7 @@ from benchmarks.diagnosis.rigs import RIGS
 from benchmarks.measuring import Figure, duration, paired, spoken
 from heavebond.diagnosis.diagnosis import Diagnosis, diagnose
 from heavebond.diagnosis.scoring import SEARCH
-from heavebond.fit.residuals import Run
+from heavebond.estimation.residuals import Run
 from heavebond.numerics.quick_simulation import QuickSimulator
 from heavebond.numerics.simulator import Simulator
 

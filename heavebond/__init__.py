@@ -32,9 +32,9 @@ if TYPE_CHECKING:
     from heavebond.diagnosis.ladder import ladder
     from heavebond.energy.audit import audit
     from heavebond.energy.simplification import simplify
-    from heavebond.fit.comparison import Comparison, compare
-    from heavebond.fit.experiment import Experiment, load_experiment
-    from heavebond.fit.fitting import Fit, fit
+    from heavebond.estimation.comparison import Comparison, compare
+    from heavebond.estimation.experiment import Experiment, load_experiment
+    from heavebond.estimation.fitting import Fit, fit
     from heavebond.language.model import Model, load, loads
     from heavebond.linear.linear_system import StateSpace, state_space
     from heavebond.linear.margins import loop_crossings, loop_margins
@@ -63,11 +63,11 @@ _EXPORTS = {
                      "UsageError"),
     "records.saved_runs": ("read_run", "SavedRun"),
     "diagnosis.catalogue": ("candidates",),
-    "fit.comparison": ("compare", "Comparison"),
+    "estimation.comparison": ("compare", "Comparison"),
     "diagnosis.diagnosis": ("attempt", "diagnose", "Diagnosis"),
-    "fit.experiment": ("Experiment", "load_experiment"),
+    "estimation.experiment": ("Experiment", "load_experiment"),
     "diagnosis.ladder": ("ladder",),
-    "fit.fitting": ("Fit", "fit"),
+    "estimation.fitting": ("Fit", "fit"),
     "localise.misfit": ("Where", "where"),
     "language.model": ("load", "loads", "Model"),
     "numerics.dae": ("assemble", "Assembly"),

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from heavebond.diagnosis.catalogue import Candidate, candidates
-from heavebond.fit.comparison import assemble_for
-from heavebond.fit.experiment import load_experiment
+from heavebond.estimation.comparison import assemble_for
+from heavebond.estimation.experiment import load_experiment
 from heavebond.language.model import loads
 from heavebond.numerics.simulation import simulate
 

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from heavebond.core.errors import HeavebondError
-from heavebond.fit.comparison import compare
+from heavebond.estimation.comparison import compare
 from heavebond.records.clock_times import ClockProblem, read_clock
 
 RIG = """

@@ -21,9 +21,9 @@ from heavebond.diagnosis.experiment_design import Extra
 from heavebond.diagnosis.fixed_values import fixed_values
 from heavebond.diagnosis.ladder import rung as rung_of
 from heavebond.diagnosis.refit import Trial
-from heavebond.fit.comparison import compare
-from heavebond.fit.experiment import Experiment, load_experiment
-from heavebond.fit.fitting import Fitted, fit
+from heavebond.estimation.comparison import compare
+from heavebond.estimation.experiment import Experiment, load_experiment
+from heavebond.estimation.fitting import Fitted, fit
 from heavebond.language.model import load, loads
 from heavebond.numerics.simulation import simulate
 

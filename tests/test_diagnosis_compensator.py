@@ -12,7 +12,7 @@ from heavebond.diagnosis.catalogue import candidates
 from heavebond.diagnosis.diagnosis import Diagnosis, attempt, diagnose
 from heavebond.diagnosis.scoring import scored
 from heavebond.diagnosis.stage import fitted_base, step
-from heavebond.fit.fitting import fit
+from heavebond.estimation.fitting import fit
 
 CYLINDER = ("ahc.cylinder",)
 

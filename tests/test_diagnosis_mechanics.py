@@ -13,8 +13,8 @@ from heavebond.diagnosis.refit import Trial, begun, followed
 from heavebond.diagnosis.refit_schedule import planned
 from heavebond.diagnosis.scoring import Base, scored, searched
 from heavebond.diagnosis.stage import fitted_base
-from heavebond.fit.comparison import compare
-from heavebond.fit.experiment import load_experiment
+from heavebond.estimation.comparison import compare
+from heavebond.estimation.experiment import load_experiment
 from heavebond.numerics.dae import Array
 
 STEP, SAMPLES = 0.02, 800

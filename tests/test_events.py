@@ -11,9 +11,9 @@ from diagrams import BALL, FLOOR
 
 import heavebond as hb
 from heavebond.energy.audit import audit
+from heavebond.estimation.experiment import load_experiment
+from heavebond.estimation.fitting import fit
 from heavebond.exchange.portable import portable
-from heavebond.fit.experiment import load_experiment
-from heavebond.fit.fitting import fit
 from heavebond.numerics.dae import Assembly
 from heavebond.numerics.simulator import Simulator, Tolerances
 from heavebond.optimise.adjoint import Adjoint

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import heavebond as hb
-from heavebond.fit import excerpts
-from heavebond.fit.comparison import Comparison
+from heavebond.estimation import excerpts
+from heavebond.estimation.comparison import Comparison
 
 EXPERIMENT = hb.load_experiment("receiver_rig/choked")
 

@@ -11,10 +11,10 @@ import pytest
 import heavebond as hb
 from heavebond.core.errors import Place
 from heavebond.core.units import parse_range
-from heavebond.fit.comparison import compare
-from heavebond.fit.diagram_files import fitted_diagram, write
-from heavebond.fit.experiment import Experiment, Free, load_experiment
-from heavebond.fit.fitting import Fit, fit, profile
+from heavebond.estimation.comparison import compare
+from heavebond.estimation.diagram_files import fitted_diagram, write
+from heavebond.estimation.experiment import Experiment, Free, load_experiment
+from heavebond.estimation.fitting import Fit, fit, profile
 
 DRIVE = Path(__file__).parents[2] / "shared" / "data" / "real" / "emps"
 

@@ -17,7 +17,7 @@ from click.testing import CliRunner
 import heavebond as hb
 from heavebond.cli import main
 from heavebond.core.cancellation import check, finishing, is_interrupt, listening, obeyed
-from heavebond.fit.residuals import Residuals
+from heavebond.estimation.residuals import Residuals
 from heavebond.optimise.objective import Objective
 
 MODEL = """

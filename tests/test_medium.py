@@ -11,7 +11,7 @@ import heavebond as hb
 from heavebond.cli import main
 from heavebond.core.errors import ModelError
 from heavebond.diagnosis.catalogue import candidates
-from heavebond.fit.experiment import load_experiment
+from heavebond.estimation.experiment import load_experiment
 from heavebond.language.library import library
 from heavebond.reports.summary import summary
 

@@ -16,7 +16,7 @@ from matplotlib.transforms import Bbox
 
 import heavebond as hb
 from heavebond.diagnosis.ladder import Rung
-from heavebond.fit.comparison import Comparison
+from heavebond.estimation.comparison import Comparison
 from heavebond.pictures.plot import COLOURS, DENSE, plot_comparison, plot_ladder, plot_runs, plot_signals, save
 
 SLIDER = """

@@ -11,6 +11,13 @@ import heavebond as hb
 LINES, WIDTH = 24, 160  # of a screen
 
 
+def test_no_public_name_is_that_of_a_module() -> None:
+    """Importing the module would put it in the place of the function."""
+    modules = {path.stem for path in Path(hb.__file__).parent.glob("*.py")} | {
+        path.parent.name for path in Path(hb.__file__).parent.glob("*/__init__.py")}
+    assert not modules & set(hb.__all__)
+
+
 def test_the_public_names_are_listed() -> None:
     assert dir(hb) == sorted([*hb.__all__, "__version__"])
     assert all(getattr(hb, name) is not None for name in hb.__all__)

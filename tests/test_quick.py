@@ -11,8 +11,8 @@ import pytest
 from heavebond.core.errors import SimulationError
 from heavebond.diagnosis.catalogue import candidates
 from heavebond.diagnosis.scoring import SEARCH
-from heavebond.fit.experiment import Experiment, load_experiment
-from heavebond.fit.residuals import Run
+from heavebond.estimation.experiment import Experiment, load_experiment
+from heavebond.estimation.residuals import Run
 from heavebond.language.library import bundled
 from heavebond.numerics import quick_simulation
 from heavebond.numerics.dae import Array

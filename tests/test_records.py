@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 import heavebond as hb
-from heavebond.fit.comparison import Comparison, compare
-from heavebond.fit.experiment import load_experiment
+from heavebond.estimation.comparison import Comparison, compare
+from heavebond.estimation.experiment import load_experiment
 
 DRIVE = Path(__file__).parents[2] / "shared" / "data" / "real" / "emps"
 HIDDEN = ("passive_rig/friction", "passive_rig/nothing", "cylinder_rig/leakage", "receiver_rig/choked")

@@ -15,10 +15,10 @@ from click.testing import CliRunner
 
 import heavebond as hb
 from heavebond.cli import main
-from heavebond.fit.comparison import compare
-from heavebond.fit.experiment import Experiment, load_experiment
-from heavebond.fit.fitting import fit
-from heavebond.fit.records import held_out, measure, merged
+from heavebond.estimation.comparison import compare
+from heavebond.estimation.experiment import Experiment, load_experiment
+from heavebond.estimation.fitting import fit
+from heavebond.estimation.records import held_out, measure, merged
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 MODEL = """

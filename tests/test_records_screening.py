@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from heavebond.fit.records import merged
+from heavebond.estimation.records import merged
 from heavebond.records.metrics import estimate_noise
 from heavebond.records.outliers import outliers, step_of
 from heavebond.records.time_delay import lateness

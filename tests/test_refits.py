@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from heavebond.diagnosis.refit_schedule import Refits
-from heavebond.fit.residuals import Descent
+from heavebond.estimation.residuals import Descent
 
 SAMPLES = 1000
 

@@ -11,9 +11,9 @@ import pytest
 from heavebond.diagnosis import refit_schedule, scoring
 from heavebond.diagnosis.catalogue import Candidate, candidates
 from heavebond.diagnosis.scoring import Base, Score, scored, searched
-from heavebond.fit.comparison import assemble_for, driven_by
-from heavebond.fit.experiment import load_experiment
-from heavebond.fit.residuals import Residuals, Run
+from heavebond.estimation.comparison import assemble_for, driven_by
+from heavebond.estimation.experiment import load_experiment
+from heavebond.estimation.residuals import Residuals, Run
 from heavebond.language.model import Setting
 from heavebond.numerics.dae import Array
 from heavebond.numerics.simulator import Simulator, Tolerances

@@ -14,9 +14,9 @@ from heavebond.diagnosis.diagnosis import diagnose
 from heavebond.diagnosis.diagnosis_files import write_proposal
 from heavebond.diagnosis.experiment_design import Separation, separate
 from heavebond.diagnosis.proposals import Limits, Recorded, family
-from heavebond.fit.comparison import assemble_for
-from heavebond.fit.experiment import Experiment, load_experiment
-from heavebond.fit.fitting import fit
+from heavebond.estimation.comparison import assemble_for
+from heavebond.estimation.experiment import Experiment, load_experiment
+from heavebond.estimation.fitting import fit
 from heavebond.numerics.dae import Array
 from heavebond.numerics.simulator import Simulator
 

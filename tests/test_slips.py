@@ -9,10 +9,10 @@ import pytest
 from heavebond.core.errors import DataError, HeavebondError, ModelError
 from heavebond.diagnosis import verdict
 from heavebond.diagnosis.ladder import Rung
-from heavebond.fit.comparison import compare
-from heavebond.fit.experiment import load_experiment
-from heavebond.fit.fitting import fit
-from heavebond.fit.unit_and_sign_checks import (
+from heavebond.estimation.comparison import compare
+from heavebond.estimation.experiment import load_experiment
+from heavebond.estimation.fitting import fit
+from heavebond.estimation.unit_and_sign_checks import (
     declared_otherwise,
     seems_in_another_unit,
     seems_turned,

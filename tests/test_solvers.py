@@ -276,6 +276,31 @@ def test_a_node_between_shut_valves_is_filled_and_the_run_begins_anew() -> None:
         hb.simulate(hb.loads(SHUT), solver="idas")
 
 
+def test_energy_and_compare_run_what_run_runs_and_fit_says_why_not(tmp_path: Path) -> None:
+    """They begin anew with the same nodes filled, and say so."""
+    (tmp_path / "shut.yaml").write_text(SHUT)
+    run = hb.simulate(hb.load(tmp_path / "shut.yaml"))
+    found = hb.audit(hb.load(tmp_path / "shut.yaml"))
+    fills = found.result.statistics["fills"]
+    assert isinstance(fills, dict) and fills["nodes"] == ["middle"]
+    assert found.closes() and "fill_1" in {line.component for line in found.lines}
+    rows = [f"{t:.9g},{p / 1e5:.9g}" for t, p in zip(run.time, run["middle.p"], strict=True)]
+    (tmp_path / "shut.csv").write_text("\n".join(["time,p", *rows, ""]))
+    (tmp_path / "rig.yaml").write_text("""experiment: rig
+model: shut.yaml
+records: {bench: {file: shut.csv, use: fit}}
+time: {column: time, unit: s}
+outputs: {p: {is: middle.p, column: p, unit: bar}}
+""")
+    compared = hb.compare(tmp_path / "rig.yaml").records["bench"]
+    assert compared.channels["p"].error < 1e-3
+    assert any("short bore of oil or gas on middle" in note for note in compared.notes)
+    with (tmp_path / "rig.yaml").open("a") as rig:
+        rig.write("free: {inlet.q_r: 40 .. 80 L/min}\n")
+    with pytest.raises(hb.HeavebondError, match="add Volume on middle"):
+        hb.fit(tmp_path / "rig.yaml")
+
+
 def test_another_solver_goes_on_from_the_last_accepted_point(monkeypatch: pytest.MonkeyPatch) -> None:
     from heavebond.numerics import event_integration
     from heavebond.numerics.idas import Idas

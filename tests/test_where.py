@@ -13,8 +13,8 @@ from click.testing import CliRunner
 from heavebond.cli import main
 from heavebond.core.errors import UsageError
 from heavebond.equations.places import nodes_of, places_of
-from heavebond.fit.comparison import compare_record
-from heavebond.fit.experiment import Experiment, load_experiment
+from heavebond.estimation.comparison import compare_record
+from heavebond.estimation.experiment import Experiment, load_experiment
 from heavebond.language.model import load, loads
 from heavebond.localise.curves import Samples, Variable, best_curve
 from heavebond.localise.kalman_smoother import Unknown

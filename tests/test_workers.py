@@ -19,7 +19,7 @@ from heavebond.diagnosis.diagnosis import diagnose
 from heavebond.diagnosis.refit import Trial
 from heavebond.diagnosis.scoring import Base, Score, scored
 from heavebond.diagnosis.stage import fitted_base, step
-from heavebond.fit.experiment import load_experiment
+from heavebond.estimation.experiment import load_experiment
 
 CHOSEN = ("PneumaticValve in inlet (b_cr)", "SensorGain in the channel receiver.p", "DeadBand before inlet.u")
 

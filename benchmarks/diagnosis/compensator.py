@@ -31,7 +31,7 @@ from benchmarks.diagnosis.rigs import HERE, Rig, sea
 from benchmarks.diagnosis.truths import Truth
 from heavebond.core.errors import listing
 from heavebond.diagnosis.diagnosis import Diagnosis
-from heavebond.fit.experiment import Experiment
+from heavebond.estimation.experiment import Experiment
 from heavebond.localise.misfit import where
 from heavebond.reports.report import report as page
 

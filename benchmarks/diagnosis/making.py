@@ -16,9 +16,9 @@ from benchmarks.diagnosis.truths import Draw, Truth
 from heavebond.core.errors import HeavebondError, SimulationError
 from heavebond.diagnosis.catalogue import Candidate, candidates
 from heavebond.diagnosis.scoring import Base
-from heavebond.fit.change import Change
-from heavebond.fit.experiment import Experiment
-from heavebond.fit.residuals import Run
+from heavebond.estimation.change import Change
+from heavebond.estimation.experiment import Experiment
+from heavebond.estimation.residuals import Run
 from heavebond.numerics.dae import Array
 from heavebond.numerics.simulator import Tolerances
 
@@ -157,7 +157,7 @@ class Hidden:
 
     def reference(self) -> tuple[Array, Base]:
         """The channels (channels, N) of the base machine with the drawn values, and its derivatives there."""
-        from heavebond.fit.residuals import Residuals
+        from heavebond.estimation.residuals import Residuals
 
         model = self.base.model.with_parameters(self.values)
         problem = Residuals(replace(self.plain, model=model), tolerances=QUICK)

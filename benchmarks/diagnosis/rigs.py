@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 import heavebond as hb
-from heavebond.fit.experiment import Experiment
+from heavebond.estimation.experiment import Experiment
 from heavebond.numerics.dae import Array
 
 HERE = Path(__file__).parent

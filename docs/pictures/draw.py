@@ -9,7 +9,7 @@ from pathlib import Path
 import heavebond as hb
 from heavebond.core.units import parse_range
 from heavebond.energy.power_flow import energy_flow
-from heavebond.fit.starter_folder import start_folder
+from heavebond.estimation.starter_folder import start_folder
 from heavebond.language.model import find
 from heavebond.optimise.objective import Objective
 from heavebond.optimise.tuning import sweep, tune

@@ -24,7 +24,7 @@ def candidates(experiment: str) -> dict[str, object]:
     """
     from heavebond.commands import terminal
     from heavebond.diagnosis.catalogue import candidates as found_in
-    from heavebond.fit.experiment import load_experiment
+    from heavebond.estimation.experiment import load_experiment
 
     found = found_in(load_experiment(experiment))
     ordered = sorted(found, key=lambda c: c.kind)

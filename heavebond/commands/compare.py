@@ -19,8 +19,8 @@ from heavebond.commands.arguments import (
 )
 
 if TYPE_CHECKING:
-    from heavebond.fit.comparison import Channel, Comparison
-    from heavebond.fit.experiment import Experiment
+    from heavebond.estimation.comparison import Channel, Comparison
+    from heavebond.estimation.experiment import Experiment
 
 HEAD = ("record", "channel", "rms error", "fit", "bias", "noise", "error/noise")
 
@@ -37,8 +37,8 @@ def compare(experiment: str, settings: tuple[str, ...], output: Path | None) -> 
     """
     from heavebond.commands import terminal
     from heavebond.core.presentation import number
-    from heavebond.fit.comparison import compare as compared
-    from heavebond.fit.experiment import load_experiment
+    from heavebond.estimation.comparison import compare as compared
+    from heavebond.estimation.experiment import load_experiment
 
     check_picture(output)
     with blamed_on_settings(settings), terminal.working("simulating the records"):

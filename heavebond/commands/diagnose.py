@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from heavebond.diagnosis.diagnosis import Diagnosis
     from heavebond.diagnosis.ladder import Finding
     from heavebond.diagnosis.stage import Step
-    from heavebond.fit.experiment import Experiment
+    from heavebond.estimation.experiment import Experiment
     from heavebond.localise.misfit import Where
 
 RANKED = 12  # candidates that are shown
@@ -46,7 +46,7 @@ def diagnose(experiment: str, auto: bool, classes: tuple[str, ...], seconds: flo
     from heavebond.core.writable import write_text
     from heavebond.diagnosis.diagnosis import diagnose as diagnosed
     from heavebond.diagnosis.diagnosis_files import Targets, write_findings, write_proposal
-    from heavebond.fit.experiment import load_experiment
+    from heavebond.estimation.experiment import load_experiment
     from heavebond.reports.report import report
 
     given = load_experiment(experiment)

@@ -55,6 +55,7 @@ def energy(model: str, until: str | None, every: str | None, audited: bool, sank
     from heavebond.commands import terminal
     from heavebond.energy.audit import audit, table, with_blocks
     from heavebond.language.model import load
+    from heavebond.numerics.simulation import changes_of
 
     for path in (sankey, activity):
         check_picture(path)
@@ -69,6 +70,8 @@ def energy(model: str, until: str | None, every: str | None, audited: bool, sank
     shown = with_blocks(found, found.result.assembly.flat.expanded.blocks if close_all else closed)
     console = terminal.output()
     console.print(table(shown))
+    for line in changes_of(found.result):
+        console.print(line)
     files = _pictures(shown, diagram.name, sankey, activity)
     told: dict[str, object] = {"model": diagram.name, **shown.as_dict()}
     if audited:

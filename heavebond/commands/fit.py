@@ -14,8 +14,8 @@ from heavebond.commands.arguments import Whole, check_new, check_picture, json_o
 from heavebond.core.cancellation import ENDED_EARLY, Interrupted, last_heard
 
 if TYPE_CHECKING:
-    from heavebond.fit.experiment import Experiment
-    from heavebond.fit.fitting import Fit
+    from heavebond.estimation.experiment import Experiment
+    from heavebond.estimation.fitting import Fit
 
 HEAD = ("parameter", "before", "fitted", "95 % interval", "range")
 
@@ -42,10 +42,10 @@ def fit(experiment: str, starts: int, segments: int, robust: bool, profiled: tup
     """
     from heavebond.commands import terminal
     from heavebond.commands.compare import noticed
-    from heavebond.fit.diagram_files import fitted_diagram, quantity, write
-    from heavebond.fit.experiment import load_experiment
-    from heavebond.fit.fitting import fit as fitted
-    from heavebond.fit.fitting import profile
+    from heavebond.estimation.diagram_files import fitted_diagram, quantity, write
+    from heavebond.estimation.experiment import load_experiment
+    from heavebond.estimation.fitting import fit as fitted
+    from heavebond.estimation.fitting import profile
 
     check_picture(output)
     if written is not None:

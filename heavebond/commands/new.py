@@ -19,7 +19,7 @@ def new(folder: Path, origin: str | None) -> dict[str, object]:
     Without --from it is a load on a spring, with records that hold one effect more than the diagram knows.
     """
     from heavebond.commands import terminal
-    from heavebond.fit.starter_folder import start_folder
+    from heavebond.estimation.starter_folder import start_folder
 
     with terminal.working("writing"):
         made = start_folder(folder, origin)

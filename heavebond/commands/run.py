@@ -60,7 +60,7 @@ def run(model: str, settings: tuple[str, ...], until: str | None, every: str | N
     from heavebond.commands import terminal
     from heavebond.language.model import load
     from heavebond.numerics.run_verdict import tell
-    from heavebond.numerics.simulation import simulate
+    from heavebond.numerics.simulation import changes_of, simulate
     from heavebond.numerics.simulator import Tolerances
     from heavebond.numerics.validity import without_value
     from heavebond.optimise.verification import verify
@@ -92,7 +92,7 @@ def run(model: str, settings: tuple[str, ...], until: str | None, every: str | N
     for path in files:
         console.print(f"wrote {path}", soft_wrap=True)
     console.print(_statistics(result), soft_wrap=True)
-    for line in _changes(result):
+    for line in changes_of(result):
         console.print(line, soft_wrap=True)
     statistics = {k: v for k, v in result.statistics.items() if k != "quadratures"}
     told: dict[str, object] = {"model": assembly.model.name, "until": float(result.time[-1]), "points": len(result.time),
@@ -117,26 +117,6 @@ def _tell(found: Verification, told: dict[str, object]) -> None:
     told["verify"] = {"allowed": found.allowed, "widths": list(found.widths), "moved": [m.name for m in found.moved],
                       "outputs": shares}
     raise_if_moved(found, told)
-
-
-def _changes(result: Result) -> list[str]:
-    """What a run changed on its way: its equations, its solver, its states."""
-    from heavebond.core.errors import listing
-    from heavebond.core.presentation import count
-
-    said, fills = [], result.statistics.get("fills")
-    if isinstance(fills, dict):
-        said.append(f"begun anew with a short bore of oil or gas on {listing(fills['nodes'])}, which store none: "
-                    f"before, {fills['why']}. A Volume or a Receiver there of the real size takes its place.")
-    for key, what in (("solver_changes", "solver"), ("state_changes", "states")):
-        changes = result.statistics.get(key, [])
-        assert isinstance(changes, list)
-        if changes:
-            first = changes[0]
-            before, after = (", ".join([first[k]] if isinstance(first[k], str) else first[k]) for k in ("before", "after"))
-            said.append(f"{count(len(changes), 'change')} of {what}, the first at {first['time']:.4g} s: "
-                        f"{before} -> {after}")
-    return said
 
 
 def _figures(result: Result, names: Sequence[str]) -> dict[str, dict[str, float | str]]:

@@ -43,8 +43,8 @@ def sweep(model: str, overs: tuple[str, ...], measures: tuple[str, ...], sample:
     The sweep is written as a study into the folder: `heavebond study FOLDER/study.yaml` goes on from there. Each case is
     kept when it is done; the same command goes on where it was stopped by Ctrl-C.
     """
-    from heavebond.fit.change import Change
-    from heavebond.fit.diagram_files import extended_from
+    from heavebond.estimation.change import Change
+    from heavebond.estimation.diagram_files import extended_from
     from heavebond.language.model import find
     from heavebond.studies.study import load_study
     from heavebond.studies.sweep import Sweep, read_measure, read_over, study_text

@@ -30,7 +30,7 @@ def try_effect(experiment: str, component: str, between: tuple[str, str] | None,
     from heavebond.core.presentation import number
     from heavebond.diagnosis.diagnosis import attempt
     from heavebond.diagnosis.diagnosis_files import Targets, write_findings
-    from heavebond.fit.experiment import load_experiment
+    from heavebond.estimation.experiment import load_experiment
 
     given = load_experiment(experiment)
     targets = Targets.beside(given, folder) if folder is not None else None

@@ -202,7 +202,7 @@ def _tell(name: str, assembly: Assembly, result: Tuned, robust: Robustness | Non
 
 def _table(name: str, assembly: Assembly, task: Task, result: Tuned) -> object:
     from heavebond.commands import terminal
-    from heavebond.fit.diagram_files import quantity
+    from heavebond.estimation.diagram_files import quantity
 
     rows = [(parameter, quantity(assembly.parameter_values[parameter], wanted.unit),
              quantity(result.values[parameter], wanted.unit),
@@ -213,7 +213,7 @@ def _table(name: str, assembly: Assembly, task: Task, result: Tuned) -> object:
 
 def _changes(assembly: Assembly, result: Tuned, robust: Robustness) -> object:
     from heavebond.commands import terminal
-    from heavebond.fit.diagram_files import quantity
+    from heavebond.estimation.diagram_files import quantity
 
     units = {q.name: q.unit for q in assembly.flat.parameters}
     rows = []
@@ -228,7 +228,7 @@ def _changes(assembly: Assembly, result: Tuned, robust: Robustness) -> object:
 
 
 def _words(result: Tuned, robust: Robustness) -> Iterator[str]:
-    from heavebond.fit.diagram_files import quantity
+    from heavebond.estimation.diagram_files import quantity
 
     if len(result.cost_of_cases) > 1:
         yield f"the worst case is {robust.worst[0]}, cost {robust.worst[1]:.5g}"
@@ -239,7 +239,7 @@ def _words(result: Tuned, robust: Robustness) -> Iterator[str]:
 
 
 def _end_words(result: Tuned) -> Iterator[str]:
-    from heavebond.fit.diagram_files import quantity
+    from heavebond.estimation.diagram_files import quantity
 
     for name, end in result.at_end.items():
         wanted = result.task.free[name]
@@ -266,7 +266,7 @@ def _files(asked: Asked, result: Tuned, robust: Robustness | None, swept: tuple[
 
         files.append(save(plot_surface(result.task, result, *swept, robust.ellipse if robust else None), output))
     if written is not None:
-        from heavebond.fit.diagram_files import write
+        from heavebond.estimation.diagram_files import write
         from heavebond.optimise.tuning import tuned_diagram
 
         write(written, tuned_diagram(asked.model, result.task, result, written, settings))

@@ -27,9 +27,9 @@ def where(experiment: str, fitted: bool, output: Path | None) -> dict[str, objec
     With --output name.png the pictures are name.png (the best place), name_2.png and so on, and name_misfit.png.
     """
     from heavebond.commands import terminal
-    from heavebond.fit.excerpts import cut
-    from heavebond.fit.experiment import load_experiment
-    from heavebond.fit.fitting import fit
+    from heavebond.estimation.excerpts import cut
+    from heavebond.estimation.experiment import load_experiment
+    from heavebond.estimation.fitting import fit
     from heavebond.localise.misfit import summary
     from heavebond.localise.misfit import where as found_where
 

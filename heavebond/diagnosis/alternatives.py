@@ -10,8 +10,8 @@ import numpy as np
 
 from heavebond.core.errors import SimulationError, StartError
 from heavebond.equations.flatten import KnownInput
-from heavebond.fit.comparison import assemble_for
-from heavebond.fit.experiment import Experiment, Record
+from heavebond.estimation.comparison import assemble_for
+from heavebond.estimation.experiment import Experiment, Record
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.inputs import Pieced, read_input
 from heavebond.numerics.quick_simulation import QuickSimulator

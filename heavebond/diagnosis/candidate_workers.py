@@ -11,7 +11,7 @@ from heavebond.core.parallel import Processes, as_done, forks, heed, processors
 from heavebond.diagnosis.catalogue import Candidate
 from heavebond.diagnosis.refit import Trial, begun, followed, polished
 from heavebond.diagnosis.scoring import Base, Score, scored, searched
-from heavebond.fit.experiment import Experiment
+from heavebond.estimation.experiment import Experiment
 from heavebond.numerics.dae import Array
 from heavebond.numerics.simulator import Tolerances
 

@@ -19,9 +19,9 @@ from heavebond.core.units import Dimension, Unit, dimension_text, is_generic, re
 from heavebond.equations.connect import Group, Network, connect
 from heavebond.equations.expand import Expanded, Leaf
 from heavebond.equations.parameters import formula_order
-from heavebond.fit.change import Change, Part
-from heavebond.fit.comparison import assemble_for
-from heavebond.fit.experiment import Experiment
+from heavebond.estimation.change import Change, Part
+from heavebond.estimation.comparison import assemble_for
+from heavebond.estimation.experiment import Experiment
 from heavebond.language.definition import Component, Effect, FileInput, Parameter, Sought
 from heavebond.language.effects import check_replacing
 from heavebond.language.lists import whole_number, written_out

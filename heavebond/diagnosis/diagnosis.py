@@ -28,10 +28,10 @@ from heavebond.diagnosis.refit import Trial
 from heavebond.diagnosis.stage import SECONDS, Step, following, learnt, merit, revalued, single, step
 from heavebond.diagnosis.stepwise_selection import DECISIVE, MOST, Added, Way, climb
 from heavebond.diagnosis.verdict import as_near, explained, near_noise, unexplained, verdict, words, worth_it
-from heavebond.fit.comparison import Comparison, compare
-from heavebond.fit.excerpts import as_long_as, cut, excerpt
-from heavebond.fit.experiment import Experiment, load_experiment
-from heavebond.fit.fitting import Fit, fit
+from heavebond.estimation.comparison import Comparison, compare
+from heavebond.estimation.excerpts import as_long_as, cut, excerpt
+from heavebond.estimation.experiment import Experiment, load_experiment
+from heavebond.estimation.fitting import Fit, fit
 
 SEVERAL = "More than one effect may be missing: --auto looks for several that explain it together."
 
@@ -98,7 +98,7 @@ def diagnose(experiment: Experiment | str | Path, *, auto: bool = False, number:
 
     One step, or with `auto` the ladder of several effects that leaves least (see `diagnosis.stepwise_selection`); `number`
     processes (by default as many as there are processors); a step begins no refit after `seconds` of them; `classes`
-    narrows the catalogue; the search looks at so many `samples` of long records (see `fit.excerpts`), and what it
+    narrows the catalogue; the search looks at so many `samples` of long records (see `estimation.excerpts`), and what it
     finds is fitted to all of them. Ctrl-C ends the search with what was found so far. Raises ModelError and DataError
     where the experiment is wrong, UsageError where no record is to be fitted.
     """

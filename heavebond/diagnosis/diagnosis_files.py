@@ -13,9 +13,9 @@ from heavebond.core.units import read_unit
 from heavebond.core.writable import why_unwritable
 from heavebond.diagnosis.experiment_design import Separation
 from heavebond.diagnosis.ladder import Finding
-from heavebond.fit.change import block, quoted
-from heavebond.fit.diagram_files import extended_from, fitted_values, quantity, span, write, write_new
-from heavebond.fit.experiment import FIXED, Experiment, load_experiment
+from heavebond.estimation.change import block, quoted
+from heavebond.estimation.diagram_files import extended_from, fitted_values, quantity, span, write, write_new
+from heavebond.estimation.experiment import FIXED, Experiment, load_experiment
 from heavebond.language.library import bundled
 
 

@@ -10,7 +10,7 @@ from itertools import accumulate
 
 import numpy as np
 
-from heavebond.fit.residuals import ARRIVED, GIVEN_UP
+from heavebond.estimation.residuals import ARRIVED, GIVEN_UP
 from heavebond.numerics.dae import Array
 
 # It has arrived where so many runs in a row have not lowered the sum of squares by this share, as far as the errors of its

@@ -29,9 +29,9 @@ from heavebond.core.units import read_unit
 from heavebond.diagnosis.alternatives import Alternative, Rival, Seen
 from heavebond.diagnosis.proposals import Limits, Proposal, Recorded, family, recorded
 from heavebond.equations.flatten import KnownInput
-from heavebond.fit.comparison import assemble_for
-from heavebond.fit.experiment import Experiment, Record
-from heavebond.fit.records import measure
+from heavebond.estimation.comparison import assemble_for
+from heavebond.estimation.experiment import Experiment, Record
+from heavebond.estimation.records import measure
 from heavebond.numerics.dae import Array
 from heavebond.numerics.result import Probe
 from heavebond.records.piecewise import evaluate, pieces

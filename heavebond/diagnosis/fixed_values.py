@@ -7,8 +7,8 @@ from math import isfinite
 
 from heavebond.diagnosis.catalogue import Candidate, Sized, within
 from heavebond.equations.expand import Leaf
-from heavebond.fit.comparison import assemble_for
-from heavebond.fit.experiment import Experiment
+from heavebond.estimation.comparison import assemble_for
+from heavebond.estimation.experiment import Experiment
 from heavebond.language.definition import Parameter
 
 VALUE = "value of a parameter"

@@ -14,9 +14,9 @@ from heavebond.core.presentation import readable
 from heavebond.core.progress import Progress
 from heavebond.diagnosis.catalogue import Candidate
 from heavebond.diagnosis.refit import Trial
-from heavebond.fit.comparison import Channel, Comparison, RecordComparison, compare
-from heavebond.fit.experiment import Experiment, load_experiment
-from heavebond.fit.fitting import Fit, Fitted
+from heavebond.estimation.comparison import Channel, Comparison, RecordComparison, compare
+from heavebond.estimation.experiment import Experiment, load_experiment
+from heavebond.estimation.fitting import Fit, Fitted
 from heavebond.language.definition import Component
 from heavebond.numerics.dae import Array
 from heavebond.numerics.result import Probe

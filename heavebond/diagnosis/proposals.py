@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from heavebond.equations.flatten import KnownInput
-from heavebond.fit.experiment import Experiment
+from heavebond.estimation.experiment import Experiment
 from heavebond.numerics.dae import Array
 from heavebond.numerics.inputs import read_input
 from heavebond.records.piecewise import Pieces, evaluate

@@ -19,9 +19,9 @@ from heavebond.core.units import Range
 from heavebond.diagnosis.catalogue import Candidate
 from heavebond.diagnosis.early_stopping import idle, race, steep
 from heavebond.diagnosis.scoring import BEYOND, Base, Score, below, between, exact_runs, shape_ranges, sides
-from heavebond.fit.experiment import Experiment, Free
-from heavebond.fit.fitting import own_start
-from heavebond.fit.residuals import AT_END, BROKEN, Descent, Residuals, Run
+from heavebond.estimation.experiment import Experiment, Free
+from heavebond.estimation.fitting import own_start
+from heavebond.estimation.residuals import AT_END, BROKEN, Descent, Residuals, Run
 from heavebond.numerics.dae import Array
 from heavebond.numerics.quick_simulation import QuickSimulator
 

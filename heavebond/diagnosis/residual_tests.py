@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from heavebond.diagnosis.scoring import Base, Score
-from heavebond.fit.residuals import Run
+from heavebond.estimation.residuals import Run
 from heavebond.numerics.dae import Array
 from heavebond.records import metrics
 

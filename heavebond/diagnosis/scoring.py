@@ -26,10 +26,10 @@ from numpy.typing import NDArray
 from heavebond.core.errors import HeavebondError
 from heavebond.core.units import Dimension
 from heavebond.diagnosis.catalogue import Candidate, Sized, quantity
-from heavebond.fit.change import Change
-from heavebond.fit.comparison import assemble_for, driven_by
-from heavebond.fit.experiment import Experiment, Record
-from heavebond.fit.residuals import Residuals, Run
+from heavebond.estimation.change import Change
+from heavebond.estimation.comparison import assemble_for, driven_by
+from heavebond.estimation.experiment import Experiment, Record
+from heavebond.estimation.residuals import Residuals, Run
 from heavebond.language.symbols import kinked
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.quick_simulation import QuickSimulator, Unexplained

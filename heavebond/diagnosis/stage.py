@@ -23,8 +23,8 @@ from heavebond.diagnosis.refit_schedule import Refits, planned
 from heavebond.diagnosis.residual_tests import Leftover, is_noise, leftover
 from heavebond.diagnosis.scoring import TIMES, Base, Score, finer, searched
 from heavebond.equations.places import nodes_of
-from heavebond.fit.experiment import Experiment
-from heavebond.fit.residuals import Residuals
+from heavebond.estimation.experiment import Experiment
+from heavebond.estimation.residuals import Residuals
 from heavebond.numerics.dae import Array
 
 UNKNOWN = "unknown law"  # the class of learnt curves: a shape, no name

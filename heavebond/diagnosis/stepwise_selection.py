@@ -24,7 +24,7 @@ from heavebond.diagnosis.refit import Trial
 from heavebond.diagnosis.residual_tests import is_noise
 from heavebond.diagnosis.stage import Step, choosing, following, leaders, merit, single
 from heavebond.diagnosis.verdict import worth_it
-from heavebond.fit.experiment import Experiment
+from heavebond.estimation.experiment import Experiment
 
 MOST = 5  # effects
 WAYS = 3  # ladders that are followed side by side,

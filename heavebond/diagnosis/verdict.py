@@ -19,7 +19,7 @@ from heavebond.diagnosis.ladder import Finding, Rung, misses
 from heavebond.diagnosis.refit import Trial
 from heavebond.diagnosis.residual_tests import NEAR, is_noise
 from heavebond.diagnosis.stage import Step
-from heavebond.fit.fitting import Fit
+from heavebond.estimation.fitting import Fit
 
 # Shares of chi-square above the noise that a name must take away where the noise is not reached: near it, and far from it.
 # Where the noise is given it is a yardstick, and flexible laws at a wrong place take away more than nine tenths of a large

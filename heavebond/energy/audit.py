@@ -36,6 +36,7 @@ from heavebond.language.symbols import split, stack
 from heavebond.numerics.dae import Array, Assembly, assemble
 from heavebond.numerics.result import Result
 from heavebond.numerics.run_verdict import tell, verdict
+from heavebond.numerics.simulation import run_by_auto
 from heavebond.numerics.simulator import Simulator, Time, Tolerances
 
 if TYPE_CHECKING:
@@ -182,20 +183,25 @@ def audit(model: Model | Assembly, until: Time | None = None, *, every: Time | N
     """
     assembly = model if isinstance(model, Assembly) else assemble(model)
     tolerances = Tolerances(rtol, atol)
+    before = run_by_auto(Simulator(assembly, until, every=every, tolerances=tolerances), parameters)
+    worthless = [f for f in before.verdict.findings if f.failed and f.kind != "energy"]  # which is what is asked here
+    verdict(worthless).raise_if_failed()
+    if before.assembly.flat is not assembly.flat:  # with nodes filled, which has the parameters
+        assembly, parameters = before.assembly, None
     leaves = assembly.flat.expanded.leaves
     parts = [e for e in assembly.flat.energetics if leaves[e.owner].component.ports or leaves[e.owner].component.stores]
     raw, energy = stack([stack([e.power, e.dissipated, e.unbalanced]) for e in parts]), stack([e.energy for e in parts])
-    before = Simulator(assembly, until, every=every, tolerances=tolerances).run(parameters)
-    worthless = [f for f in before.verdict.findings if f.failed and f.kind != "energy"]  # which is what is asked here
-    verdict(worthless).raise_if_failed()
     rates, held, powers = before.evaluate(raw), before.evaluate(energy), assembly.express(raw)
     # integrals in units of a common size, as the error control has one absolute tolerance for all that is integrated;
     # what is always zero would only dilute its norm
     duration = before.time[-1] - before.time[0]
     size = max(float(np.abs(held).max(initial=0.0)), float(np.abs(rates).max(initial=0.0) * duration)) or 1.0
     chosen = [k for k, power in enumerate(split(powers)) if not power.is_zero()]
-    result = Simulator(assembly, times=before.time, tolerances=tolerances,
-                       quadratures=powers[chosen] / size if chosen else None).run(parameters)
+    beside = Simulator(assembly, times=before.time, tolerances=tolerances,
+                       quadratures=powers[chosen] / size if chosen else None)
+    result = run_by_auto(beside, parameters)
+    if "fills" in before.statistics:
+        result = replace(result, statistics={**result.statistics, "fills": before.statistics["fills"]})
     integrals = np.zeros(rates.shape)
     if chosen:
         integrals[chosen] = size * result.quadratures

@@ -19,8 +19,8 @@ import numpy as np
 from heavebond.core.errors import HeavebondError
 from heavebond.energy.audit import EnergyAudit, EnergyLine, audit
 from heavebond.equations.flatten import Flat
-from heavebond.fit.change import Change
-from heavebond.fit.diagram_files import extended_from
+from heavebond.estimation.change import Change
+from heavebond.estimation.diagram_files import extended_from
 from heavebond.language.model import Model, extended
 from heavebond.language.symbols import stack
 from heavebond.numerics.dae import Array, assemble

@@ -25,9 +25,9 @@ from heavebond.core.units import Unit, read_unit
 from heavebond.equations.flatten import flatten
 from heavebond.equations.places import nodes_of, places_of, with_virtual_sources
 from heavebond.equations.reduce import reduce
-from heavebond.fit.comparison import TOLERANCES
-from heavebond.fit.experiment import Experiment, Free, Record
-from heavebond.fit.records import Mask, measure
+from heavebond.estimation.comparison import TOLERANCES
+from heavebond.estimation.experiment import Experiment, Free, Record
+from heavebond.estimation.records import Mask, measure
 from heavebond.language.symbols import stack
 from heavebond.numerics.dae import Array, Assembly, build
 from heavebond.numerics.initialise import tangent

@@ -14,11 +14,11 @@ from heavebond.core.presentation import brief, number, readable
 from heavebond.core.threads import single_threaded
 from heavebond.core.units import dimension_text, read_unit
 from heavebond.equations.places import Place
-from heavebond.fit.comparison import compare
-from heavebond.fit.excerpts import LONG, excerpt
-from heavebond.fit.experiment import Experiment, load_experiment
-from heavebond.fit.fitting import Fit
-from heavebond.fit.records import measure
+from heavebond.estimation.comparison import compare
+from heavebond.estimation.excerpts import LONG, excerpt
+from heavebond.estimation.experiment import Experiment, load_experiment
+from heavebond.estimation.fitting import Fit
+from heavebond.estimation.records import measure
 from heavebond.localise.curves import Curve, Mask, Samples, best_curve
 from heavebond.localise.error_states import State, Stretch, envelope, states, stretches, worst
 from heavebond.localise.input_estimation import CHANCE, Estimate, Ranked, Search, misfit
@@ -157,7 +157,7 @@ def where(experiment: Experiment | str | Path, *, values: Fit | Mapping[str, flo
 
     Begins with runs at the diagram's own parameters or at `values` (a fit, or values in SI by name); free parameters and
     the start are estimated together with what acts at each place, so that nothing need be fitted before. Of long records
-    the beginning is looked at (see `fit.excerpts`). Raises what `compare` raises.
+    the beginning is looked at (see `estimation.excerpts`). Raises what `compare` raises.
     """
     experiment = experiment if isinstance(experiment, Experiment) else load_experiment(experiment)
     say = progress or (lambda text: None)

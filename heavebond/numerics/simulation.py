@@ -17,7 +17,8 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 
-from heavebond.core.errors import HeavebondError, Problem, SimulationError, StartError
+from heavebond.core.errors import HeavebondError, Problem, SimulationError, StartError, listing
+from heavebond.core.presentation import count
 from heavebond.equations.connect import connect
 from heavebond.equations.parameters import formula_order
 from heavebond.language.definition import Value
@@ -61,7 +62,8 @@ def simulate(model: Model | Assembly, until: Time | None = None, *, every: Time 
     return result
 
 
-def run_by_auto(simulator: Simulator, parameters: Mapping[str, float | str] | None, allow_fmu: bool) -> Result:
+def run_by_auto(simulator: Simulator, parameters: Mapping[str, float | str] | None = None, allow_fmu: bool = False
+                ) -> Result:
     """A run that changes its equations or its solver where IDAS stops; where nothing helps, the error of the last attempt
     that got as far as integrating filled nodes, else the first."""
     try:
@@ -88,6 +90,23 @@ def run_by_auto(simulator: Simulator, parameters: Mapping[str, float | str] | No
         return _accepted(again.run(parameters), fills, first)
     except HeavebondError as error:
         raise (error if fills and error.problems[0].code == "integration-failed" else first) from None
+
+
+def changes_of(result: Result, states: bool = True) -> list[str]:
+    """What a run changed on its way, in sentences: its equations, its solver, its `states`."""
+    said, fills = [], result.statistics.get("fills")
+    if isinstance(fills, dict):
+        said.append(f"begun anew with a short bore of oil or gas on {listing(fills['nodes'])}, which store none: "
+                    f"before, {fills['why']}. A Volume or a Receiver there of the real size takes its place.")
+    for key, what in (("solver_changes", "solver"), *((("state_changes", "states"),) if states else ())):
+        changes = result.statistics.get(key, [])
+        assert isinstance(changes, list)
+        if changes:
+            first = changes[0]
+            before, after = (", ".join([first[k]] if isinstance(first[k], str) else first[k]) for k in ("before", "after"))
+            said.append(f"{count(len(changes), 'change')} of {what}, the first at {first['time']:.4g} s: "
+                        f"{before} -> {after}")
+    return said
 
 
 def _may_help(problem: Problem) -> bool:

@@ -13,8 +13,8 @@ from heavebond.core.cancellation import ENDED_EARLY, finishing
 from heavebond.core.errors import HeavebondError, Problem, UsageError, suggest
 from heavebond.core.presentation import brief
 from heavebond.core.progress import Progress, numbered
-from heavebond.fit.change import block, quoted
-from heavebond.fit.diagram_files import extended_from, quantity
+from heavebond.estimation.change import block, quoted
+from heavebond.estimation.diagram_files import extended_from, quantity
 from heavebond.language.model import Model
 from heavebond.linear.floquet import DECIDED, largest_multiplier
 from heavebond.linear.rest_stability import Stability, crossing, describe

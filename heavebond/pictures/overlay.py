@@ -14,7 +14,7 @@ from heavebond.core.units import UnitProblem, read_unit
 from heavebond.records.saved_runs import SUFFIXES, SavedRun, read_run
 
 if TYPE_CHECKING:
-    from heavebond.fit.experiment import Experiment
+    from heavebond.estimation.experiment import Experiment
 
 EXPERIMENT = (".yaml", ".yml", "")  # the last: the name of a bundled one
 SECONDS = ("time", "s")
@@ -78,7 +78,7 @@ def _label(path: Path, paths: list[Path]) -> str:
 def _read(path: Path, columns: list[Column], record: str) -> tuple[SavedRun, bool]:
     """The file as signals, and whether they were measured."""
     if path.suffix in EXPERIMENT:
-        from heavebond.fit.experiment import load_experiment
+        from heavebond.estimation.experiment import load_experiment
 
         return _of_experiment(load_experiment(path), record), True
     try:
@@ -115,7 +115,7 @@ def _of_table(path: Path, columns: list[Column]) -> SavedRun:
 
 def _of_experiment(experiment: Experiment, record: str) -> SavedRun:
     """The channels of one record, by their names and by the formulas that they should equal."""
-    from heavebond.fit.records import measure
+    from heavebond.estimation.records import measure
 
     if record and record not in experiment.records:
         raise UsageError([Problem("record-unknown", f"the experiment has no record '{record}'", None, suggest(

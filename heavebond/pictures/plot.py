@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from heavebond.diagnosis.ladder import Rung
-    from heavebond.fit.comparison import Channel, Comparison, RecordComparison
+    from heavebond.estimation.comparison import Channel, Comparison, RecordComparison
     from heavebond.numerics.dae import Array
     from heavebond.numerics.result import Result
     from heavebond.optimise.influence import Influence, Ranking, Rankings

@@ -18,9 +18,9 @@ from heavebond.core.presentation import count, number, path_text, readable, read
 from heavebond.core.units import read_unit
 from heavebond.diagnosis.diagnosis import Diagnosis
 from heavebond.diagnosis.ladder import Finding, Rung, meaning, misses, restrictions
-from heavebond.fit.comparison import RecordComparison
-from heavebond.fit.diagram_files import quantity
-from heavebond.fit.fitting import Fit
+from heavebond.estimation.comparison import RecordComparison
+from heavebond.estimation.diagram_files import quantity
+from heavebond.estimation.fitting import Fit
 from heavebond.language.library import bundled
 from heavebond.language.model import Model
 from heavebond.localise.misfit import Where

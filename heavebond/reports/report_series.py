@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from heavebond.core.presentation import number, readable, readable_unit, unit_label
 from heavebond.core.units import read_unit
 from heavebond.diagnosis.ladder import Rung
-from heavebond.fit.comparison import Channel, RecordComparison
+from heavebond.estimation.comparison import Channel, RecordComparison
 from heavebond.numerics.dae import Array
 from heavebond.pictures.markup import Html, element, joined
 from heavebond.records.measurements import gaps

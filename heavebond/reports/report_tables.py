@@ -15,7 +15,7 @@ from heavebond.diagnosis.refit import Trial
 from heavebond.diagnosis.residual_tests import LEVELS, Leftover
 from heavebond.diagnosis.scoring import Score
 from heavebond.diagnosis.stage import EARNED, Step, indistinct, merit
-from heavebond.fit.fitting import Fit, Fitted
+from heavebond.estimation.fitting import Fit, Fitted
 from heavebond.pictures.markup import Html, element, joined, table
 from heavebond.reports.report_charts import interval
 

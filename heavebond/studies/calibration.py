@@ -27,8 +27,8 @@ from heavebond.core.errors import HeavebondError, Problem, SimulationError
 from heavebond.core.parallel import as_done
 from heavebond.core.progress import Progress
 from heavebond.core.units import Range
-from heavebond.fit.change import block
-from heavebond.fit.diagram_files import extended_from
+from heavebond.estimation.change import block
+from heavebond.estimation.diagram_files import extended_from
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.simulator import Simulator
 from heavebond.optimise.costs import Evaluator, read_cost
@@ -175,10 +175,10 @@ class _Problem:
         return found
 
     def _died(self, k: int, _: BaseException) -> Point:
-        """A case that takes its process with it, also alone: the sum of squares without it would be another problem's."""
+        """Error for a case that ends its process, also alone: the sum of squares without it is that of another problem."""
         case = ", ".join(level.name for level in self.study.case(k).levels)
-        raise SimulationError([Problem("worker-died", f"the process that worked the case '{case}' of the calibration was ended "
-                                       "from outside, also when nothing else ran: there may be too little memory", None,
+        raise SimulationError([Problem("worker-died", f"the process that worked the case '{case}' of the calibration was "
+                                       "ended from outside, also alone: there may be too little memory", None,
                                        "Run fewer cases at a time (--processes 1), or use a machine with more memory.")])
 
     def _together(self, y: Array, values: Mapping[str, float], points: Mapping[int, Point]) -> _Seen:

@@ -12,7 +12,7 @@ import numpy as np
 
 from heavebond.core.errors import HeavebondError, Problem, UsageError, listing, suggest
 from heavebond.core.writable import new_file, write_text
-from heavebond.fit.experiment import load_experiment
+from heavebond.estimation.experiment import load_experiment
 from heavebond.language.library import bundled
 from heavebond.language.model import load
 from heavebond.numerics.simulation import simulate

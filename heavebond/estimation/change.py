@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from heavebond.core.quoting import file_stem
-from heavebond.fit.experiment import Experiment, Output, moved
+from heavebond.estimation.experiment import Experiment, Output, moved
 from heavebond.language.model import Model, extended
 from heavebond.text.expression import parse_formula
 from heavebond.text.yaml_source import parse

@@ -1,6 +1,6 @@
 """The least squares problem of a fit: residuals of all records with exact Jacobians, priors, bounds.
 
-See `heavebond.fit.fitting` for the sum that is minimised.
+See `heavebond.estimation.fitting` for the sum that is minimised.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from heavebond.core.cancellation import ENDED_EARLY, is_interrupt, obeyed
 from heavebond.core.errors import Problem, SimulationError, StartError, UsageError
 from heavebond.core.progress import Progress
 from heavebond.core.units import read_unit
-from heavebond.fit.comparison import TOLERANCES, assemble_for
-from heavebond.fit.experiment import Experiment, Free, Record
-from heavebond.fit.records import Measured, measure
+from heavebond.estimation.comparison import TOLERANCES, assemble_for
+from heavebond.estimation.experiment import Experiment, Free, Record
+from heavebond.estimation.records import Measured, measure
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.result import Probe
 from heavebond.numerics.simulator import Simulator, Tolerances

@@ -18,8 +18,8 @@ import numpy as np
 
 from heavebond.core.errors import SimulationError, StartError
 from heavebond.core.progress import Progress
-from heavebond.fit.comparison import TOLERANCES
-from heavebond.fit.residuals import BROKEN, Residuals, Run
+from heavebond.estimation.comparison import TOLERANCES
+from heavebond.estimation.residuals import BROKEN, Residuals, Run
 from heavebond.numerics.dae import Array
 from heavebond.numerics.simulator import Simulator
 

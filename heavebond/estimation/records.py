@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from heavebond.core.errors import DataError, HeavebondError, Place, Problem, Problems, listing
 from heavebond.core.presentation import count, number, readable
 from heavebond.core.units import read_unit
-from heavebond.fit.experiment import Experiment, Origin, Output, Record
-from heavebond.fit.unit_and_sign_checks import declared_otherwise, time_seems_in
+from heavebond.estimation.experiment import Experiment, Origin, Output, Record
+from heavebond.estimation.unit_and_sign_checks import declared_otherwise, time_seems_in
 from heavebond.numerics.inputs import input_samples
 from heavebond.records import metrics, outliers
 from heavebond.records.measurements import BRIDGED, Table, check_time, column, gaps, read_table, samples, timed

@@ -9,8 +9,8 @@ from pathlib import Path
 from heavebond.core.errors import UsageError
 from heavebond.core.units import Unit
 from heavebond.core.writable import write_text
-from heavebond.fit.change import Change, block
-from heavebond.fit.fitting import Fit, Fitted
+from heavebond.estimation.change import Change, block
+from heavebond.estimation.fitting import Fit, Fitted
 from heavebond.language.library import bundled
 
 

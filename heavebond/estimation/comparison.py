@@ -12,13 +12,14 @@ import numpy as np
 from heavebond.core.errors import NAMES_LISTED, DataError, ModelError, Place, Problems, listing, suggest
 from heavebond.core.presentation import brief, count, number, readable_time
 from heavebond.core.units import dimension_text, read_unit
-from heavebond.fit.experiment import Experiment, Output, Record, load_experiment
-from heavebond.fit.records import Mask, Measured, Samples, measure, moments
-from heavebond.fit.unit_and_sign_checks import seems_in_another_unit, seems_turned, seems_without_sign
+from heavebond.estimation.experiment import Experiment, Output, Record, load_experiment
+from heavebond.estimation.records import Mask, Measured, Samples, measure, moments
+from heavebond.estimation.unit_and_sign_checks import seems_in_another_unit, seems_turned, seems_without_sign
 from heavebond.language import reading
 from heavebond.numerics.dae import Array, Assembly, assemble
 from heavebond.numerics.result import Probe, Result
 from heavebond.numerics.run_verdict import tell
+from heavebond.numerics.simulation import changes_of, run_by_auto
 from heavebond.numerics.simulator import Simulator, Tolerances
 from heavebond.records import metrics
 from heavebond.records.outliers import outliers
@@ -158,9 +159,9 @@ def compare_record(experiment: Experiment, record: Record,
     assembly = assemble_for(experiment, record)
     if parameters:
         assembly = assembly.with_parameters(parameters)
-    result = Simulator(assembly, times=measured.grid, tolerances=TOLERANCES).run()
+    result = run_by_auto(Simulator(assembly, times=measured.grid, tolerances=TOLERANCES))
     texts = [o.shown.text for o in experiment.outputs.values()]
-    simulated = dict(zip(texts, Probe(assembly, texts, si=True).values(result), strict=True))
+    simulated = dict(zip(texts, Probe(result.assembly, texts, si=True).values(result), strict=True))
     fitted, checking = {}, {}
     for name, found in measured.channels.items():
         unit = read_unit(found.output.shown.unit)
@@ -173,8 +174,8 @@ def compare_record(experiment: Experiment, record: Record,
             checking[name] = _channel(name, found, model[found.index], found.checking, astray, late)
     held_out = RecordComparison(f"{record.name}, held out", "validate", record.file, checking, result) if checking else None
     held_inputs = [name for name, given in experiment.inputs_for(record).items() if given.between == "hold"]
-    return RecordComparison(record.name, record.use, record.file, fitted, result, held_out,
-                            (*_notes(measured, fitted), *_held_too_long(fitted, held_inputs)))
+    notes = (*_notes(measured, fitted), *_held_too_long(fitted, held_inputs), *changes_of(result, states=False))
+    return RecordComparison(record.name, record.use, record.file, fitted, result, held_out, notes)
 
 
 def _notes(measured: Measured, channels: Mapping[str, Channel]) -> tuple[str, ...]:

@@ -11,8 +11,8 @@ from dataclasses import replace
 import numpy as np
 
 from heavebond.core.presentation import number
-from heavebond.fit.comparison import Comparison, RecordComparison
-from heavebond.fit.experiment import Experiment
+from heavebond.estimation.comparison import Comparison, RecordComparison
+from heavebond.estimation.experiment import Experiment
 
 LONG = 30_000  # points in time of all fitted records together, from where on a search looks at a part of them,
 EXCERPT = 5_000  # and how many of them, at least, that part has

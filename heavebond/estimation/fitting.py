@@ -1,6 +1,6 @@
 """Parameters from records: weighted nonlinear least squares with exact sensitivities.
 
-With y_i the samples of all channels of all records used for fitting (but for blocks held out, see `fit.records`), s_i
+With y_i the samples of all channels of all records used for fitting (but for blocks held out, see `estimation.records`), s_i
 their noise and f_i the model,
 
     minimise  sum_i ((y_i - f_i(p)) / s_i)**2 + sum_k ((p_k - p0_k) / sigma_k)**2   within the bounds,
@@ -26,14 +26,15 @@ from heavebond.core.errors import HeavebondError, Problem, SimulationError, Usag
 from heavebond.core.presentation import brief
 from heavebond.core.progress import Progress, numbered
 from heavebond.core.threads import single_threaded
-from heavebond.fit.comparison import Comparison, RecordComparison, compare_record
-from heavebond.fit.experiment import Experiment, Free, Record, load_experiment
-from heavebond.fit.identifiability import Identifiability, identifiability
-from heavebond.fit.multiple_shooting import Shooting
-from heavebond.fit.records import measure
-from heavebond.fit.residuals import AT_END, BROKEN, Column, Descent, Residuals
+from heavebond.estimation.comparison import Comparison, RecordComparison, compare_record
+from heavebond.estimation.experiment import Experiment, Free, Record, load_experiment
+from heavebond.estimation.identifiability import Identifiability, identifiability
+from heavebond.estimation.multiple_shooting import Shooting
+from heavebond.estimation.records import measure
+from heavebond.estimation.residuals import AT_END, BROKEN, Column, Descent, Residuals
 from heavebond.numerics.dae import Array
 from heavebond.numerics.run_verdict import tell as hear
+from heavebond.numerics.simulation import unfilled
 
 NORMAL_95 = 1.959963984540054
 
@@ -141,7 +142,7 @@ def fit(experiment: Experiment | str | Path, *, starts: int = 1, segments: int =
     """Fit the free parameters of an experiment to its records with `use: fit`.
 
     `starts` tries that many starting points (the diagram's own, then a Latin hypercube within the ranges); `segments`
-    above 1 begins with multiple shooting (see `fit.multiple_shooting`), for records on which one run diverges; `robust`
+    above 1 begins with multiple shooting (see `multiple_shooting`), for records on which one run diverges; `robust`
     replaces squares by soft-L1 losses, which outliers pull less; `free` replaces the experiment's own list. With `partial`
     Ctrl-C ends it with the best so far (`message` is "interrupted"), once a first run is through. Raises UsageError where
     there is nothing to fit and ModelError or DataError where the experiment is wrong.
@@ -165,7 +166,8 @@ def fit(experiment: Experiment | str | Path, *, starts: int = 1, segments: int =
     best = runs[int(np.argmin(costs))]
     if 2 * best.cost / problem.samples >= 0.5 * BROKEN**2:
         raise SimulationError([Problem("fit-broken", "the model could not be simulated anywhere near the start of the "
-                                       "fit", None, f"`heavebond compare {experiment.path.name}` tells where it stops. What "
+                                       "fit", None, f"{_filled_by_compare(problem)}"
+                                       f"`heavebond compare {experiment.path.name}` tells where it stops. What "
                                        "adds up its input (a cylinder without a spring behind a valve) runs away from a "
                                        "record of that input: measure the reference and put the controller into the "
                                        "diagram, or the end stops. Else narrow the ranges under `free:`, or correct it.")])
@@ -175,6 +177,17 @@ def fit(experiment: Experiment | str | Path, *, starts: int = 1, segments: int =
     for record in found.after.records.values():
         hear(f"{experiment.name}, {record.name}", record.result.verdict)
     return found
+
+
+def _filled_by_compare(problem: Residuals) -> str:
+    """What to add where a plain run gets through only with nodes filled, which a run with sensitivities does not do."""
+    nodes = unfilled(problem.runs[0].assembly)
+    if not nodes:
+        return ""
+    domains = problem.experiment.model.library.domains
+    parts = {f"{fills[0]} on {node}" for node, domain in nodes.items() if (fills := domains[domain].fills) is not None}
+    return "`run` and `compare` fill nodes that store nothing with a short bore of oil or gas, `fit` does not: add " \
+        f"{listing(sorted(parts), 4)}, of the size of the real line. "
 
 
 def _shot(problem: Residuals, start: Array, segments: int, progress: Progress) -> Array:
