@@ -21,12 +21,11 @@ from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.initialise import Start
 from heavebond.numerics.run_verdict import NOT_BECOME, Finding, Verdict
 from heavebond.numerics.validity import Stretch, judged
-from heavebond.records.saved_runs import SavedRun, Signals, check_si, write_run
+from heavebond.records.saved_runs import SavedRun, write_run
 from heavebond.text.expression import ExpressionProblem, parse_formula
 
 if TYPE_CHECKING:
     import pandas as pd
-    import xarray as xr
 
     from heavebond.numerics.trace import Instant
 
@@ -55,8 +54,7 @@ class Result:
     the held variables, and `instants` what happened when; at an instant the values are those after it. `stays` are the
     parts of the run in which other states were integrated: which times (k,), and the same there in those states.
 
-    `result.si["pull"]` (N,) is in SI, `result.display["pull"]` (N,) in the unit declared under `show:`.
-    `result["crown.x"]` is in SI; for an output declared in another unit it raises UsageError that names the two.
+    `result["crown.x"]` is in SI; an output under `show:` (`result["pull"]`) is in the unit declared there.
     Any formula of names may be asked for: `result["crown.x - platform.x"]`.
     """
 
@@ -98,16 +96,10 @@ class Result:
         return [*self.assembly.model.show, *flat.names, *(h.name for h in flat.held)]
 
     def unit(self, name: str) -> str:
-        """The unit of `result.display[name]`: the one declared under `show:`, else SI."""
+        """The unit in which `result[name]` is given."""
         shown = self.assembly.model.show.get(name)
         if shown is not None:
             return shown.unit
-        return self._si_unit(name)
-
-    def _si_unit(self, name: str) -> str:
-        shown = self.assembly.model.show.get(name)
-        if shown is not None:
-            return dimension_text(read_unit(shown.unit).dimension)
         index = self.assembly.flat.names.get(name)
         if index is not None:
             return self.assembly.flat.unknowns[index].unit.text
@@ -117,26 +109,8 @@ class Result:
         except ExpressionProblem as problem:
             raise unknown_signal(self.assembly, name, problem) from None
 
-    @property
-    def display(self) -> Signals:
-        """Signals in the units declared under `show:`, all others in SI."""
-        return Signals(self.names, lambda name: self.signals([name])[name], self.unit)
-
-    @property
-    def si(self) -> Signals:
-        """All signals in SI."""
-        return Signals(self.names, self._in_si, self._si_unit)
-
     def __getitem__(self, name: str) -> Array:
-        if (shown := self.assembly.model.show.get(name)) is not None:
-            check_si(name, shown.unit)
-        return self.si[name]
-
-    def _in_si(self, name: str) -> Array:
-        shown = self.assembly.model.show.get(name)
-        if shown is None:
-            return self.signals([name])[name]
-        return np.asarray(Probe(self.assembly, [shown.text], si=True).values(self)[0])
+        return self.signals([name])[name]
 
     def __repr__(self) -> str:
         outputs = listing(list(self.assembly.model.show), 8)
@@ -144,12 +118,12 @@ class Result:
                      f"{count(len(self.time), 'point')}", f"outputs {outputs}" if outputs else "")
 
     def signals(self, names: Iterable[str]) -> dict[str, Array]:
-        """Several signals at once, each (N,) in `result.unit(name)`; UsageError for a name that is not there."""
+        """Several signals at once, each (N,); UsageError for a name that is not there."""
         names = list(names)
         return dict(zip(names, Probe(self.assembly, names).values(self), strict=True))
 
     def sensitivity(self, name: str, parameter: str) -> Array:
-        """d signal / d parameter (N,), the signal in `result.unit(name)`, the parameter in its base unit.
+        """d signal / d parameter (N,), the signal in the unit of `result[name]`, the parameter in its base unit.
 
         UsageError unless the run was made with `sensitivities=[parameter]`.
         """
@@ -195,10 +169,6 @@ class Result:
     def to_pandas(self, names: Iterable[str] | None = None) -> pd.DataFrame:
         """A table with time as index; by default the named outputs and all unknowns, columns `name [unit]`."""
         return self.saved(names).to_pandas()
-
-    def to_xarray(self, names: Iterable[str] | None = None) -> xr.Dataset:
-        """A dataset over `time` with `attrs["units"]` at each variable; UsageError where xarray is missing."""
-        return self.saved(names).to_xarray()
 
     def save(self, path: str | Path, names: Iterable[str] | None = None) -> None:
         """Write the signals as .csv, .parquet, .mat or .nc; UsageError for another suffix. `read_run` reads them back."""
