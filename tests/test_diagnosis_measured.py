@@ -1,4 +1,4 @@
-"""The ladder on measured records: what others reached there is reached by the diagnosis, on what was not fitted."""
+"""The ladder on measured records: what others reached there is reached by the diagnosis, on held-out data."""
 
 from __future__ import annotations
 

@@ -89,7 +89,7 @@ def test_a_stop_that_no_record_of_the_fit_reaches_stands_nowhere_else(tmp_path: 
 
     path = recorded(tmp_path, OSCILLATOR, PULLED, truth, 2, {"train": 55.0, "check": 75.0}, 0.2, 1e3)
     found = refitted(path, "EndStop between wall and load")
-    # 800 samples: chi-square a sample is 1 +- 0.05
+    # 800 samples: reduced chi-square is 1 +- 0.05
     assert found.chi2_fit < 1.2 and found.chi2_held_out < 1.2
     assert np.isclose(found.values["end_stop.x_min"], -0.06, atol=1e-3)
 

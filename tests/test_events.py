@@ -430,7 +430,7 @@ components:
 nodes: {high: [pump.a, valve.a], low: [valve.b, tank.a], open: [step.y, valve.u]}
 simulate: {until: 2 s}
 """, folder)
-    with pytest.raises(hb.SimulationError, match=r"nothing decides high\.p after 'step\.switch' at t = 1 s: open is 0"):
+    with pytest.raises(hb.SimulationError, match=r"determines high\.p after 'step\.switch' at t = 1 s: open is 0"):
         hb.simulate(assembly)
 
 

@@ -133,7 +133,7 @@ def test_every_model_says_what_it_stands_for() -> None:
 
 
 # -- sensitivities through the start -------------------------------------------------------------------------------------
-# (model, signal, parameter): the parameter moves the place of rest, what is solved for, an algebraic loop or a guess
+# (model, signal, parameter): the parameter moves the equilibrium, what is solved for, an algebraic loop or a guess
 MOVED = (
     ("load_hangs_still_at_a_pressure", "A.p", "weight.m"), ("load_hangs_still_at_a_pressure", "supply.p", "press.A_A"),
     ("load_hangs_still_at_a_pressure", "supply.p", "initial.load.x"),

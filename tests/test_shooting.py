@@ -10,7 +10,7 @@ import pytest
 import heavebond as hb
 from heavebond.numerics.simulator import Simulator, Tolerances
 
-# A loop that is left to the solver (no volume between two turbulent orifices), beside a state.
+# A loop that the integrator iterates (no volume between two turbulent orifices), beside a state.
 LOOP = """
 model: loop
 components:

@@ -108,7 +108,7 @@ def test_a_loop_that_is_left_to_the_solver(tmp_path: Path) -> None:
     found = _summary(ORIFICES, tmp_path)
     assert found.algebraic == ("middle.p",)
     assert found.loops[0].components == ("first", "second")
-    assert "middle.p left to the solver" in found.text()
+    assert "tearing variables middle.p, iterated by the integrator" in found.text()
     assert "1 algebraic unknown: middle.p" in found.text()
 
 
@@ -117,7 +117,7 @@ def test_start_table_tells_asked_used_and_why(tmp_path: Path) -> None:
     line = next(s for s in found.start if s.name == "load.x")
     assert (line.asked, line.used, line.why) == ("50 mm", pytest.approx(0.05), "asked for")
     text = found.text()
-    assert "50 mm" in text.split("Start")[1]
+    assert "50 mm" in text.split("Initial conditions")[1]
 
 
 def test_parameters_solved_for_stand_apart() -> None:
@@ -143,7 +143,7 @@ def test_without_a_start_the_structure_is_told_all_the_same(tmp_path: Path) -> N
     found = summary(hb.assemble(hb.loads(SLIDER, tmp_path)), None)
     assert found.start == ()
     assert "States" in found.text()
-    assert "Start" not in found.text()
+    assert "Initial conditions" not in found.text()
 
 
 def test_data_is_json(tmp_path: Path) -> None:

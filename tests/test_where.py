@@ -116,7 +116,7 @@ def test_leakage_is_found_between_the_chambers_by_their_pressure_difference() ->
 
 
 def test_choked_flow_is_found_at_the_receiver() -> None:
-    """One volume only: what enters through the inlet or the outlet cannot be told apart by its effect, and this is said."""
+    """One volume only: what enters through the inlet or the outlet cannot be distinguished, which is said."""
     found = where("receiver_rig/choked")
     assert found.missing
     best = found.suspects[0]

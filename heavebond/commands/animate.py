@@ -9,7 +9,7 @@ import click
 from heavebond.commands.arguments import Number, blamed_on_settings, check_writable, json_option, set_option, with_settings
 
 
-@click.command(short_help="Make a moving picture of a run.")
+@click.command(short_help="Animate a run.")
 @click.argument("model")
 @click.option("-o", "--output", metavar="FILE", type=click.Path(path_type=Path),
               help="A page (.html) or a film (.gif, .mp4); without it MODEL.html in the current folder.")

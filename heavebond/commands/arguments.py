@@ -48,7 +48,7 @@ class Whole(click.IntRange):
 def json_option(command: Command) -> Command:
     """--json FILE; the file is written by the command line's own `main`, where failures end too."""
     return click.option("--json", metavar="FILE", expose_value=False,
-                        help="Write the figures to FILE as JSON, problems too.")(command)
+                        help="Write the results to FILE as JSON, problems included.")(command)
 
 
 def scheduler_option(command: Command) -> Command:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from heavebond.numerics.start_equations import Point
 
 
-@click.command(short_help="Check a diagram; tell its states, loops, index and start.")
+@click.command(short_help="Check a diagram; show its states, loops, index and initial conditions.")
 @click.argument("model", metavar="FILE")
 @click.option("--names", "listed", is_flag=True, help="List every variable and parameter by its name.")
 @set_option

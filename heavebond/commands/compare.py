@@ -25,10 +25,10 @@ if TYPE_CHECKING:
 HEAD = ("record", "channel", "rms error", "fit", "bias", "noise", "error/noise")
 
 
-@click.command(short_help="Lay a diagram over its measured records.")
+@click.command(short_help="Compare a model with its measured records.")
 @click.argument("experiment")
 @set_option
-@picture_option("Draw records, model and what is left")
+@picture_option("Draw records, model and residual")
 @json_option
 def compare(experiment: str, settings: tuple[str, ...], output: Path | None) -> dict[str, object]:
     """Simulate EXPERIMENT with its measured inputs and tell how far the model is from each record.

@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 RANKED = 12  # candidates that are shown
 
 
-@click.command(short_help="Find out which physical effect a diagram lacks.")
+@click.command(short_help="Identify the physical effect that is missing in a model.")
 @click.argument("experiment")
-@click.option("--auto", is_flag=True, help="Add effect after effect until nothing more earns its place.")
+@click.option("--auto", is_flag=True, help="Add effect after effect until no further effect is statistically justified.")
 @click.option("--only", "classes", metavar="CLASS", multiple=True, help="Try effects of this class only. May be repeated.")
 @click.option("--seconds", type=Number(0, min_open=True), default=600.0, show_default=True,
               help="Begin no refit after so long in a step.")
@@ -133,9 +133,9 @@ def _ranking(step: Step, which: str) -> object:
     rows = [("*" if t.candidate.label in cluster else "", t.candidate.kind, typed(t.candidate), t.candidate.place,
              number(t.chi2_fit, 3), number(t.chi2_held_out, 3), number(t.bic - step.bic, 4)) for t in step.trials[:RANKED]]
     more = f", the {RANKED} best shown" if len(step.trials) > RANKED else ""
-    alike = {0: "none is better than by chance", 1: "* chosen"}.get(len(cluster), "* cannot be told apart")
+    alike = {0: "none is better than by chance", 1: "* chosen"}.get(len(cluster), "* cannot be distinguished")
     title = f"{which}{count(len(step.scores), 'candidate')} scored, {len(step.trials)} fitted{more} ({alike})"
-    head = ("", "class", "effect", "place", "chi-square, fitted", "not fitted", "BIC change")
+    head = ("", "class", "effect", "place", "chi-square, fitted", "held out", "BIC change")
     return terminal.table(title, head, rows, text=4)
 
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from heavebond.energy.simplification import Simplified
 
 
-@click.command(short_help="Where the energy of a run goes; which components matter.")
+@click.command(short_help="Audit the energy of a run; rank components by activity.")
 @click.argument("model")
 @click.option("--until", metavar="TIME", help="How long to simulate, e.g. --until '2 min'.")
 @click.option("--every", metavar="TIME", help="Time between output points, e.g. --every '10 ms'.")

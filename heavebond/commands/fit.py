@@ -31,7 +31,7 @@ HEAD = ("parameter", "before", "fitted", "95 % interval", "range")
               help="Interval of a parameter by profile likelihood. May be repeated.")
 @click.option("--write", "written", metavar="DIAGRAM", type=click.Path(path_type=Path),
               help="Write a diagram that extends the model with the fitted values (.yaml, must be new).")
-@picture_option("Draw records, fitted model and what is left")
+@picture_option("Draw records, fitted model and residual")
 @json_option
 def fit(experiment: str, starts: int, segments: int, robust: bool, profiled: tuple[str, ...], written: Path | None,
         output: Path | None) -> dict[str, object]:
@@ -129,5 +129,5 @@ def _records(found: Fit) -> object:
             rows.append((f"{part.name} ({part.use})" if k == 0 else "", channel.name,
                          readable(before.error, channel.unit, 3), readable(channel.error, channel.unit, 3),
                          readable(channel.noise, channel.unit, 3), number(channel.chi2, 3)))
-    return terminal.table("", ("record", "channel", "error before", "after", "noise", "chi-square a sample"), rows,
+    return terminal.table("", ("record", "channel", "error before", "after", "noise", "reduced chi-square"), rows,
                           text=2)

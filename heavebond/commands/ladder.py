@@ -13,12 +13,12 @@ from heavebond.commands.arguments import check_picture, json_option, picture_opt
 if TYPE_CHECKING:
     from heavebond.diagnosis.ladder import Rung
 
-HEAD = ("error, fitted", "not fitted", "chi-square, fitted", "not fitted")
+HEAD = ("error, fitted", "held out", "chi-square, fitted", "held out")
 
 
-@click.command(short_help="Show the falling error of a chain of experiments.")
+@click.command(short_help="Show the errors of a sequence of experiments.")
 @click.argument("experiments", nargs=-1, required=True)
-@picture_option("Draw the errors, fitted and not fitted, beside the noise")
+@picture_option("Draw the errors on fitted and held-out data, and the noise level")
 @json_option
 def ladder(experiments: tuple[str, ...], output: Path | None) -> dict[str, object]:
     """Compare several EXPERIMENTS on the same records, each model with the values of its diagram.
@@ -49,5 +49,5 @@ def table(rungs: Sequence[Rung], first: str) -> object:
 
     rows = [(r.name, *(f"{number(100 * e, 3)} %" for e in (r.error_fit, r.error_held_out)),
              *(number(c, 3) for c in (r.chi2_fit, r.chi2_held_out))) for r in rungs]
-    return terminal.table("Error in % of what was measured; chi-square a sample (1 is noise)",
+    return terminal.table("Error in % of what was measured; reduced chi-square (1 = noise level)",
                           (first, *HEAD), rows)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 OWN = "this folder"
 
 
-@click.command(short_help="List the components, or tell all about one.")
+@click.command(short_help="List the components, or describe one.")
 @click.argument("name", required=False)
 @click.option("--pages", metavar="FOLDER", type=click.Path(path_type=Path, file_okay=False),
               help="Write a page (Markdown, SVG) about each component of the library into FOLDER.")

@@ -42,7 +42,7 @@ MATRICES = (".npz", ".mat")
               help="A signal, what enters a node (crown.f), or a parameter. May be repeated.")
 @click.option("--to", "outputs", metavar="OUTPUT[,...]", multiple=True,
               help="A variable, an output or a formula of these. May be repeated.")
-@click.option("--loop", metavar="SIGNAL", help="Cut the loop at this signal, and tell its margins.")
+@click.option("--loop", metavar="SIGNAL", help="Cut the loop at this signal and show its stability margins.")
 @click.option("--over", metavar="PARAMETER='LOW .. HIGH'", help="Draw how the poles move while a parameter does.")
 @click.option("--picture", type=click.Choice(PICTURES), default="bode", show_default=True, help="What to draw.")
 @at_options
@@ -161,7 +161,7 @@ def _print_channels(channels: Sequence[StateSpace], span: Array) -> list[dict[st
     for base in channels:
         channel, scale = base.displayed(), read_unit(base.shown[0]).scale
         gains = np.abs(channel.response(2j * np.pi * span)[:, 0, 0])
-        # the gain at rest, at a frequency so low that nothing but a free body moves on
+        # the DC gain, at a frequency so low that nothing but a free body moves on
         static = float(channel.response(np.array([1e-9j * span[0]]))[0, 0, 0].real)
         peak = int(np.argmax(gains))
         rows.append((channel_name(channel), ratio(channel), number(static, 4), number(float(gains[peak]), 4),
@@ -170,7 +170,7 @@ def _print_channels(channels: Sequence[StateSpace], span: Array) -> list[dict[st
                      "static_gain": static * scale, "peak_gain": float(gains[peak]) * scale,
                      "peak_frequency": float(span[peak]), "proper": channel.proper,
                      "zeros": [] if channel.higher[1].any() else [[z.real, z.imag] for z in channel.zeros()]})
-    terminal.output().print(terminal.table("", ("channel", "unit", "gain at rest", "largest gain", "at"), rows, text=2))
+    terminal.output().print(terminal.table("", ("channel", "unit", "DC gain", "largest gain", "at"), rows, text=2))
     return told
 
 

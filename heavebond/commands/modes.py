@@ -25,7 +25,7 @@ LEAST = 0.05  # what takes part by less is not named
 MOST = 4
 
 
-@click.command(short_help="Frequencies and damping of a diagram, and which components swing.")
+@click.command(short_help="Frequencies and damping of the modes, and the components that take part.")
 @click.argument("model")
 @at_options
 @set_option
@@ -86,7 +86,7 @@ def _point_told(assembly: Assembly, point: Point) -> dict[str, object]:
 def _frequency(mode: Mode) -> str:
     if not mode.value:
         return "free"
-    return f"{mode.frequency:.4g} Hz" if mode.swings else "does not swing"
+    return f"{mode.frequency:.4g} Hz" if mode.swings else "non-oscillatory"
 
 
 def _named(shares: dict[str, float]) -> str:

@@ -10,7 +10,7 @@ from heavebond.commands.arguments import check_picture, json_option
 from heavebond.core.errors import Problem, UsageError
 
 
-@click.command(short_help="Lay saved runs and records over each other.")
+@click.command(short_help="Plot saved runs and records in the same axes.")
 @click.argument("files", nargs=-1, required=True, metavar="FILE...")
 @click.option("--signal", "signals", metavar="SIGNAL", multiple=True,
               help="What to draw, e.g. --signal crown.x. May be repeated; without it the first that all files hold.")

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from heavebond.optimise.verification import Verification
 
 
-@click.command(short_help="Simulate a diagram; draw and save what comes of it.")
+@click.command(short_help="Simulate a diagram; plot and save the results.")
 @click.argument("model")
 @set_option
 @click.option("--until", metavar="TIME", help="How long to simulate, e.g. --until '2 min'.")

@@ -22,7 +22,7 @@ LISTED = 12  # rows of a sample that are shown
 TOLD = 3  # cases that leave a range that are told one by one
 
 
-@click.command(short_help="Work out a study: cases tuned, measured and laid beside published numbers.")
+@click.command(short_help="Run a study: many cases tuned, evaluated and compared with published numbers.")
 @click.argument("file", metavar="STUDY")
 @click.option("--output", metavar="FOLDER", type=click.Path(path_type=Path, file_okay=False),
               help="Where tables and pictures go [default: a folder of the study's name].")
@@ -81,7 +81,7 @@ def _tell(result: StudyResult) -> None:
     _tell_sample(result)
     modes = list(mode_rows(result))
     if modes:
-        console.print(terminal.table("modes that swing", ("case", "frequency", "damping", "components"), modes, text=4))
+        console.print(terminal.table("oscillatory modes", ("case", "frequency", "damping", "components"), modes, text=4))
     outside = [o for o in result.outcomes if o.outside]
     for outcome in outside[:TOLD]:
         terminal.warn(f"warning: {result.case_of(outcome).name or result.study.name}: {outcome.outside}")

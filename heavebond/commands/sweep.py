@@ -12,7 +12,7 @@ from heavebond.core.errors import Problem, UsageError
 from heavebond.core.writable import write_text
 
 
-@click.command(short_help="Run a diagram many times: grids, samples, the worst case, what matters.")
+@click.command(short_help="Run a diagram many times: grids, samples, worst case, sensitivity indices.")
 @click.argument("model")
 @click.option("--over", "overs", metavar="PATH=VALUES", multiple=True, required=True,
               help="What is varied: 'controller.K_p=1 .. 4 1/m; 9' (nine steps), 'wave.T=8 s, 10 s' (a list), or a range "

@@ -54,7 +54,7 @@ TIMES = 3  # a free parameter without a range may grow to so many times its valu
 @click.option("--starts", type=Whole(1), default=1, show_default=True,
               help="Search from so many of the best of these.")
 @click.option("--robustness/--no-robustness", default=True, show_default=True,
-              help="Tell what moves the cost around the best, and how far the limit of stability is.")
+              help="Show the sensitivities of the cost at the optimum and the distance to the stability boundary.")
 @click.option("--sweep", "grid", metavar="N", type=Whole(2), help="Compare with a sweep of N x N points.")
 @click.option("--write", "written", metavar="DIAGRAM", type=click.Path(path_type=Path),
               help="Write a diagram that extends the model with the tuned values (.yaml, must be new).")
@@ -177,7 +177,7 @@ def _tell(name: str, assembly: Assembly, result: Tuned, robust: Robustness | Non
 
     console = terminal.output()
     console.print(_table(name, assembly, result.task, result))
-    before = f"before {result.before:.5g}" if math.isfinite(result.before) else "before: beyond the limit of stability"
+    before = f"before {result.before:.5g}" if math.isfinite(result.before) else "before: beyond the stability boundary"
     console.print(f"cost {result.cost:.5g} ({before}), {result.runs} runs that cost {result.simulations:.0f} simulations: "
                   f"{result.message}", soft_wrap=True)
     for text, value in ((t, v) for t, v in result.limits.items() if t != STABLE):

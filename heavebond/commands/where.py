@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 HEAD = ("place", "explains", "behind", "rms", "follows", "R2", "shape")
 
 
-@click.command(short_help="Find where in its diagram a model fails its records.")
+@click.command(short_help="Locate where in its diagram a model fails its records.")
 @click.argument("experiment")
 @click.option("--fitted", is_flag=True, help="Begin with a fit of the free parameters instead of the diagram's values.")
 @picture_option("Draw what acts at the best place of each kind, and the misfit over time")

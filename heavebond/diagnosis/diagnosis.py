@@ -215,7 +215,7 @@ def _separation(findings: Sequence[Finding], say: Progress) -> Separation | None
 @dataclass(frozen=True)
 class Attempt:
     """One effect tried by hand: the ladder without and with it, the finding, how far BIC falls, and whether it earns its
-    place on what was not fitted."""
+    place on held-out data."""
 
     ladder: tuple[Rung, ...]
     finding: Finding

@@ -426,7 +426,7 @@ class _Refit:
 
 
 def held_out(problem: Residuals, inner: Array, runs: Mapping[str, Run]) -> tuple[float, int]:
-    """Chi-square per sample on what was not fitted, and its samples; NaN where there is nothing of the kind."""
+    """Chi-square per sample on held-out data, and its samples; NaN where there is nothing of the kind."""
     experiment = problem.experiment
     parts = [np.zeros(0)]
     for record in experiment.records.values():

@@ -23,7 +23,7 @@ LEVELS = {"score": 0.01, "size": 0.005, "memory": 0.005}
 DRAWS = 20_000  # of the largest chance score: p values down to a few in ten thousand
 LAGS = 20
 NEAR = 1.5  # chi-square per sample up to which what is left is near the noise
-SIGMAS = 3.0  # standard deviations of that figure on what was not fitted, up to which what is left is noise
+SIGMAS = 3.0  # standard deviations of that figure on held-out data, up to which what is left is noise
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """One rung of the ladder from a misfit to what is missing.
 
 Fit what is free; ask whether more than noise is left; score every candidate of the catalogue; refit those that can matter;
-take the one that leaves least on what was not fitted, if it earns its place there.
+take the one that leaves least on held-out data, if it earns its place there.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ CLOSE = 0.05  # those within this share of the logarithm of chi-square of the be
 AS_ONE = 1e-6  # nodes move as one that differ by less than this share of the largest value
 STEADY = 0.01  # what varies by less than this share of its size is steady
 SECONDS = 600.0  # of refits, after which none is begun
-# A candidate earns its place where chi-square on what was not fitted falls by this, in units of what is left: normal
+# A candidate earns its place where chi-square on held-out data falls by this, in units of what is left: normal
 # deviations of some 3 squared would come by chance once in a thousand tries.
 EARNED = 12.0
 
@@ -297,7 +297,7 @@ def _merit(cost: float, samples: int, unknowns: int, chi2: float, held: int) -> 
 
 
 def _earned(made: Step) -> list[Trial]:
-    """The trials whose merit and chi-square on what was not fitted both fall by more than chance allows, best first."""
+    """The trials whose merit and chi-square on held-out data both fall by more than chance allows, best first."""
     return [t for t in made.trials if merit(t) < made.merit - EARNED
             and (not made.samples_held_out or _fallen(made.chi2_held_out, t) > EARNED)]
 

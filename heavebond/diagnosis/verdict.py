@@ -69,7 +69,7 @@ def _gone(first: float, last: float) -> float:
 
 
 def _above_noise(rung: Rung) -> float:
-    """The error on what was not fitted as a share of what was measured, both as root mean squares over all channels, without
+    """The error on held-out data as a share of what was measured, both as root mean squares over all channels, without
     what noise alone would leave: a channel that hardly moves is all noise, and no model could be nearer to it."""
     channels = [c for part in rung.comparison.parts if part.use != "fit" for c in part.channels.values()]
     shares = [c.normalised**2 * max(0.0, 1 - 1 / c.chi2) if c.chi2 else 0.0 for c in channels if math.isfinite(c.normalised)]
@@ -147,8 +147,9 @@ def words(said: str, ladder: Sequence[Rung], findings: Sequence[Finding], steps:
                      "look for more of its kind.")
     if said in ("effect", "one_of") and len(steps) == len(findings):
         left = _held(findings[-1].rung)
-        lines.append("What is left on records that were not fitted is near the noise." if left <= NEAR else
-                     f"What is left there is still {number(left**0.5, 3)} times the noise: diagnose the new experiment too.")
+        lines.append("The residual on held-out records is near the noise level." if left <= NEAR else
+                     f"The residual there is still {number(left**0.5, 3)} times the noise: diagnose the new experiment "
+                     "as well.")
     if said in ("effect", "one_of", "undetermined") and steps[0].left.significant:
         lines += _of_estimates(min(ladder, key=_held))
     if said != "undetermined" and any(step.partial for step in steps):
@@ -162,7 +163,7 @@ def _of_estimates(best: Rung) -> list[str]:
     own = [m for m in misses(best) if outputs[m.channel].noise is None]
     more = [f"`noise: {m.words}` at {m.channel}" for m in own if math.sqrt(NEAR) < m.error / m.noise < FILTERED]
     less = [m.channel for m in own if m.error < LESS * m.noise]
-    return [*([f"The noise is estimated, and an estimate sees only what is white. If what is left is the sensor's own (a "
+    return [*([f"The noise is estimated, and an estimate sees only what is white. If the residual is the sensor's own (a "
                f"filter, a slow swaying), write {listing(more, 3)}: then no more is sought in it."] if more else []),
             *([f"Less than the estimated noise is left in {listing(less, 3)}, which moves too much from one sample to the "
                "next for an estimate: give its `noise:` to have more sought."] if less else [])]
@@ -178,18 +179,18 @@ def _fall(first: Rung, last: Rung) -> str:
     (error, chi2), (error_last, chi2_last) = pairs
     return f"The error on what was {'not ' if held else ''}fitted falls: {channels}. That is {number(100 * error, 3)} % " \
            f"to {number(100 * error_last, 3)} % of what was measured, chi-square per sample {number(chi2, 3)} to " \
-           f"{number(chi2_last, 3)}; 1 is noise."
+           f"{number(chi2_last, 3)}; 1 = noise level."
 
 
 def _nothing(*_: object) -> str:
-    return "Nothing is missing: what is left is noise."
+    return "No effect is missing: the residual is noise."
 
 
 def _parameters(ladder: Sequence[Rung], findings: Sequence[Finding], *_: object) -> str:
     if not findings:
-        return "Parameters, not physics: with fitted values what is left is noise."
+        return "Parameters, not physics: with fitted values the residual is noise."
     first, *others = map(_revalued, findings[0].alternatives)
-    return f"Parameters, not physics: with {first}, what is left is near the noise." + \
+    return f"Parameters, not physics: with {first}, the residual is near the noise level." + \
         (f" The records do not tell it from {listing(others, 5)}." if others else "") + \
         " It is held fixed in this experiment: check it, or put it under `free:`."
 
@@ -242,7 +243,7 @@ def _undetermined(ladder: Sequence[Rung], findings: Sequence[Finding], steps: Se
         return "Not told yet: the search was ended before every candidate was refitted." + (f" Best so far: {near}." if near
                                                                                            else "")
     if not steps[0].left.significant and not _still(ladder[0]):
-        return "Not to be told from these records: what is left of those that are fitted is noise, but on those that are " \
+        return "Not decided by these records: the residual of the fitted records is noise, but on those that are " \
             f"not chi-square is {number(min(map(_held, ladder[:2])), 3)} a sample. What is missing does not show where " \
             "the model is fitted; give a longer or livelier record `use: fit`."
     if not steps[0].left.significant:

@@ -21,8 +21,8 @@ from heavebond.language.symbols import split, stack
 @dataclass(frozen=True)
 class Circuit:
     """Nodes of one domain that parts join. `held`: parts that feel the level itself (a tank, a fixed point, a spring to one
-    of another circuit), `carried`: parts that feel its rate (a volume, a mass). With neither nothing decides the level; with
-    `carried` alone it is a matter of the start."""
+    of another circuit), `carried`: parts that feel its rate (a volume, a mass). With neither no equation determines the
+    level; with `carried` alone it is a matter of the start."""
 
     domain: str
     nodes: tuple[str, ...]

@@ -42,7 +42,7 @@ LARGE = 1500
 
 @dataclass(frozen=True)
 class Loss:
-    """Equations `rows` that say the same, unknowns `columns` that nothing decides, and what is to blame.
+    """Equations `rows` that say the same, unknowns `columns` that no equation determines, and what is to blame.
 
     `parameters` and `variables` (with their values in SI) are those of which each, if it had another value, would let the
     equations decide; those that are zero stand alone where there are any. With neither it is the equations' own form,

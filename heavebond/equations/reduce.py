@@ -33,7 +33,7 @@ WEAK = 1e-7
 
 @dataclass(frozen=True)
 class Loop:
-    """A block of simultaneous equations: its size, what was torn, and how many unknowns were left to the solver."""
+    """A block of simultaneous equations: its size, what was torn, and how many of these the integrator iterates."""
 
     equations: tuple[str, ...]
     torn: tuple[str, ...]

@@ -1,4 +1,4 @@
-"""Structural mistakes in the words of the diagram: which parts fix the same thing, and what nothing decides."""
+"""Structural mistakes in the words of the diagram: which parts fix the same thing, and what no equation determines."""
 
 from __future__ import annotations
 
@@ -62,8 +62,8 @@ def singular(flat: Flat, rows: Sequence[Sequence[int]], matching: Sequence[int])
         if block not in told and block.core_columns and (block.core_rows or not parts.overdetermined):
             problems.append(_undecided(flat, [flat.unknowns[j] for j in block.core_columns], None))
     return ModelError(problems or [Problem(
-        "singular", "some of these equations say the same in another form, so that nothing decides some unknowns", None,
-        "Look for two parts that hold the same position, or for a circuit without a Tank or a Volume.")])
+        "singular", "some of these equations say the same in another form, so that no equation determines some unknowns",
+        None, "Look for two parts that hold the same position, or for a circuit without a Tank or a Volume.")])
 
 
 class _Part:
@@ -108,7 +108,7 @@ def _undecided(flat: Flat, loose: Sequence[Unknown], part: _Part | None) -> Prob
     shared = _without_rates([u for u in loose if u.role in SHARED])
     shown = shared or list(loose)
     names = listing((u.name for u in shown), 6)
-    message = f"nothing decides {names}" + ("; one of them must be known" if len(shown) > 1 else "")
+    message = f"no equation determines {names}" + ("; one of them must be known" if len(shown) > 1 else "")
     domains = dict.fromkeys(d.name for u in shared if (d := _domain(flat, u)) is not None)
     advice = "Add " + ", or ".join(DECIDES.get(d, "what decides it") for d in domains) + "." if domains else \
         "An equation is missing there, or a component."
@@ -137,10 +137,10 @@ def lost(flat: Flat, found: Sequence[Loss], when: str = "") -> list[Problem]:
 
 
 def undecided(flat: Flat, found: Sequence[Loss], names: Sequence[str], when: str) -> SimulationError:
-    """The error for a run where (`at t = 2 s`) nothing decides its algebraic unknowns `names` any more, by what lost its
-    rank."""
+    """The error for a run where (`at t = 2 s`) no equation determines its algebraic unknowns `names` any more, by what
+    lost its rank."""
     return SimulationError(lost(flat, found, when) or [Problem(
-        "loop-singular", f"nothing decides {listing(names, 4)} {when}", None,
+        "loop-singular", f"no equation determines {listing(names, 4)} {when}", None,
         "A closed valve, a dead centre or an open contact does this. Add what decides it there.")])
 
 
@@ -180,7 +180,7 @@ class _Lost:
         places |= {e.label.removesuffix(" as given"): e.place for e in self.flat.equations if e.label.endswith(" as given")}
         place = next((places[name] for name in self.blamed if self.loss.zero and name in places),
                      self.shown[0].place if self.shown else self.said[0].place if self.said else None)
-        return Problem("rank-lost", " ".join(f"nothing decides {self._names()} {when}".split()) + cause, place,
+        return Problem("rank-lost", " ".join(f"no equation determines {self._names()} {when}".split()) + cause, place,
                        self._remedy(), tuple(notes))
 
     def _names(self) -> str:
@@ -243,7 +243,7 @@ def _without_rates(unknowns: Sequence[Unknown]) -> list[Unknown]:
 
 
 def _sharing(flat: Flat, loose: Sequence[Unknown], owners: Iterable[str]) -> str:
-    """`and nothing decides how wall.a.f and drive.a.f share the force at node 'ground'.`"""
+    """`and no equation determines how wall.a.f and drive.a.f share the force at node 'ground'.`"""
     through = [u for u in loose if u.role == "through" and any(u.name.startswith(f"{o}.") for o in owners)]
     if not through:
         return ""
@@ -253,7 +253,7 @@ def _sharing(flat: Flat, loose: Sequence[Unknown], owners: Iterable[str]) -> str
     names = " and ".join(u.name for u in through[:2]) if len(through) <= 2 else listing((u.name for u in through), 4)
     mechanical = all(u.unit.text in ("N", "N*m") for u in through)
     what = _noun(through[0].doc) if len(members) == 1 else "the forces" if mechanical else "what flows"
-    return f"and nothing decides how {names} share {what} at node{'s' * (len(nodes) > 1)} {either(nodes[:3])}."
+    return f"and no equation determines how {names} share {what} at node{'s' * (len(nodes) > 1)} {either(nodes[:3])}."
 
 
 def _noun(doc: str) -> str:

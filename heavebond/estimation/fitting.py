@@ -79,7 +79,7 @@ class Fitted:
         low, high = (None if end is None else written(end) for end in self.told)
         said = f"{low} {dots} {high}{unit}" if low is not None and high is not None else \
             f"above {low}{unit}" if low is not None else f"below {high}{unit}" if high is not None else \
-            "-" if self.at_bound else "not seen"
+            "-" if self.at_bound else "not identifiable"
         return said if self.unreached is None else f"{said}, not reached"
 
     def as_dict(self) -> dict[str, object]:

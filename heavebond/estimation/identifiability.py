@@ -55,7 +55,7 @@ def _words(direction: Array, deviation: float, names: Sequence[str], logarithmic
     chosen = [k for k in np.argsort(-share) if share[k] > SMALL * share.max()]
     involved = [names[k] for k in sorted(chosen)]
     relative = all(logarithmic[k] for k in chosen)
-    seen = "not seen at all" if deviation > (BLIND if relative else 1e3) else \
+    seen = "not identifiable" if deviation > (BLIND if relative else 1e3) else \
         f"seen to a factor of {np.exp(deviation):.2g} only" if relative else \
         f"seen to {100 * deviation:.2g} % of the range only"
     if len(chosen) == 1:
@@ -69,5 +69,5 @@ def _words(direction: Array, deviation: float, names: Sequence[str], logarithmic
         return f"Only the product {involved[0]} * {involved[1]} is determined: one up and the other down by the same " \
                f"factor, the records look the same (their ratio is {seen})."
     parts = ", ".join(f"{names[k]} by {10 * direction[k] / share.max():+.2g} %" for k in sorted(chosen))
-    return f"{listing(involved)} are not seen apart: moved together ({parts}), the records look the same (that " \
+    return f"{listing(involved)} are strongly correlated: moved together ({parts}), the records look the same (that " \
            f"combination is {seen})."

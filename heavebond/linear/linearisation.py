@@ -50,7 +50,7 @@ class Mode:
 
     @property
     def damping(self) -> float:
-        """-Re(s) / |s|: 0 at the limit of stability, 1 where nothing swings, below 0 where the mode grows."""
+        """-Re(s) / |s|: 0 at the stability boundary, 1 where nothing swings, below 0 where the mode grows."""
         return float(-self.value.real / abs(self.value)) if self.value else 0.0
 
     @property

@@ -6,7 +6,7 @@ In a mode all efforts and flows move as e exp(s t), f exp(s t) with s = sigma + 
 
 with V, T the energies of its springs and masses and D what it dissipates, in one measure. |Im S| / omega is therefore the
 energy of a component that holds one kind, and Re S - sigma |Im S| / omega what it dissipates; below zero it feeds the mode.
-As no power is lost at the nodes, the sum of S over all components is 0. In a mode that does not swing, |S / s| stands for
+As no power is lost at the nodes, the sum of S over all components is 0. In a non-oscillatory mode |S / s| stands for
 the energy.
 
 A port whose power is an enthalpy flow has no effort and flow that would tell the energy of a small motion: components with

@@ -33,7 +33,7 @@ def chosen_mode(modes: Sequence[Mode], number: str, which: str) -> Mode | None:
 
 
 def modal_number(number: str, mode: Mode | None) -> float:
-    """Its damping ratio, -Re(s) in 1/s or |s|/2 pi in Hz; a machine without such a mode does not swing."""
+    """Its damping ratio, -Re(s) in 1/s or |s|/2 pi in Hz; a machine without such a mode does not oscillate."""
     if mode is None:
         return 1.0 if number == "damping" else 0.0
     return {"damping": mode.damping, "decay": -mode.value.real, "frequency": mode.frequency}[number]

@@ -381,5 +381,5 @@ def _loop_words(loop: Loop) -> str:
     ends = " and ".join(f"{factor:.3g}" for factor in (loop.gain_down, loop.gain_up) if factor is not None)
     gain = f"gain margin times {ends}" if ends else "no gain margin within a factor of 100"
     phase = f"phase margin {loop.phase:.3g} deg at {loop.frequency:.3g} Hz" if loop.phase is not None else \
-        "phase without limit"
+        "infinite phase margin"
     return f"loop through {', '.join(loop.through)}: {gain}, {phase}"

@@ -118,7 +118,7 @@ class Where:
         """What was found, in sentences."""
         if not self.missing:
             return ("Nothing is missing at any place: what the parameters leave is noise.",) if self.chi2 < 1.5 else (
-                "What is left is no force or flow at any place of this diagram.",)
+                "The residual is no force or flow at any place of this diagram.",)
         best = self.suspects[0]
         found = [best.words]
         same = [s for s in self.suspects if s.place.name in best.alike]

@@ -49,8 +49,8 @@ def start(assembly: Assembly, t: float = 0.0, u: Array | None = None, equations:
     """Solve for x, z and the parameters under `solve:`; StartError with the reason where that cannot be.
 
     Unknowns that no condition decides keep their guess (smallest change in scaled variables); after `start: steady`
-    a direction that nothing decides is an error. `equations` are those of the assembly where they are compiled already.
-    """
+    a direction that no equation determines is an error. `equations` are those of the assembly where they are
+    compiled already."""
     u = np.zeros(assembly.arguments[4].numel()) if u is None else u
     problem = _Search(equations or StartEquations(assembly), assembly, t, u)
     return problem.finished(problem.solve())
@@ -69,8 +69,8 @@ def tangent(equations: StartEquations, first: Start, u: Array, directions: Array
     """The derivative of the start along `directions` (n_p, m), by the implicit function theorem.
 
     With F(y, p) = 0 the equations of the start and dy_0 the change of the guess, dy = dy_0 - F_y^+ (F_p dp + F_y dy_0): the
-    least change in scaled unknowns, as `start` takes it, so that what nothing decides follows its guess. Parameters under
-    `solve:` follow the others.
+    least change in scaled unknowns, as `start` takes it, so that what no equation determines follows its guess. Parameters
+    under `solve:` follow the others.
     """
     n_x, n_z = len(first.x), len(first.z)
     sizes = equations.sizes(first.p)

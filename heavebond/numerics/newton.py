@@ -16,7 +16,7 @@ MOST_STEPS = 100
 # residuals are scaled so that a change of every unknown by its usual size changes each by about one
 CONVERGED = 1e-9
 GOOD = 1e-6
-# singular values below this share of the largest are directions that nothing decides; nominal values may be off by
+# singular values below this share of the largest are directions that no equation determines; nominal values may be off by
 # some powers of ten without making a decided direction look like one of these
 RANK = 1e-11
 # unknowns from which on equations are solved by sparse elimination where their rank is beyond doubt: smallest singular value
@@ -138,7 +138,7 @@ def newton(system: System, y: Array, frame: Frame, most: int = MOST_STEPS) -> Fo
 
 def settled(system: System, slowed: Callable[[Array, float], System], y: Array, frame: Frame) -> Found:
     """Where a machine comes to rest from y by itself: implicit Euler steps, short at first and then ever longer, until
-    Newton's method finds the place of rest. `slowed(y, step)` are the equations of one step.
+    Newton's method finds the equilibrium. `slowed(y, step)` are the equations of one step.
 
     Pseudo-transient continuation; C. T. Kelley, D. E. Keyes, Convergence analysis of pseudo-transient continuation, SIAM J.
     Numer. Anal. 35 (1998) 508-523, doi:10.1137/S0036142996304796.

@@ -21,7 +21,7 @@ AT = "at the start"
 DEPENDENT, DISAGREE = 1e-8, 1e-6
 JUST_AFTER = 1e-3  # s
 # what a hint names at most
-SHARE = 1e-3  # of an unknown in a direction that nothing decides, from which on it takes part
+SHARE = 1e-3  # of an unknown in a direction that no equation determines, from which on it takes part
 MOST_NAMED = 6
 
 # what brings a state to rest, by its unit
@@ -200,7 +200,7 @@ def _no_rest(equations: StartEquations, point: Point, conflict: Sequence[StartRo
                   for row in conflict)
     return Problem("start-unsteady", "this machine has no steady state, or none that can be reached from the guess",
                    conflict[0].place, f"Something must hold or balance what moves there{_balances(equations, conflict)}."
-                   "\nOr begin without `start: steady`, or give guesses (`~`) near the place of rest.", notes)
+                   "\nOr begin without `start: steady`, or give guesses (`~`) near the equilibrium.", notes)
 
 
 def _balances(equations: StartEquations, conflict: Sequence[StartRow]) -> str:
@@ -285,7 +285,7 @@ def _pressures(assembly: Assembly) -> set[str]:
 def _solve_open(equations: StartEquations, names: list[str]) -> Problem:
     parameter = equations.assembly.flat.parameters[equations.assembly.parameter_names.index(names[0])]
     steady = "" if equations.steady else "`start: steady`, or "
-    return Problem("solve-undetermined", f"nothing decides {listing(names)} under `solve:`", parameter.place,
+    return Problem("solve-undetermined", f"no equation determines {listing(names)} under `solve:`", parameter.place,
                    f"Each parameter that is solved for needs one condition more under `initial:`: {steady}a value of a "
                    "variable that it brings about.\nOr take it out of `solve:`.")
 
@@ -309,7 +309,7 @@ def singular_loop(assembly: Assembly, point: Point, direction: Array) -> StartEr
     share = np.abs(direction)
     names = [assembly.algebraic_names[k] for k in np.argsort(-share) if share[k] > 0.1 * share.max()]
     return StartError([Problem(
-        "loop-singular", f"nothing decides {listing(names, MOST_NAMED)} {AT}", None,
+        "loop-singular", f"no equation determines {listing(names, MOST_NAMED)} {AT}", None,
         f"The equations hardly change with {listing(names, MOST_NAMED)} there. Give a guess away from that place,\nfor "
         f"example `initial: {{{names[0]}: ~ 1}}`, or a condition that decides it.",
         tuple(f"{e.owner}: {e.text}" for e in assembly.reduced.alg_equations[:6]))])

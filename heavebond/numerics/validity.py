@@ -44,7 +44,7 @@ GROWN, GROWN_UNKNOWN = 10.0, 1e3
 CAUSES = "an instability, a wrong sign, a stop that does not hold, or a source that nothing bounds"
 LARGER = f"larger than in any machine. Look for {CAUSES}"
 RAN_AWAY = f"Look for {CAUSES}"
-GROWING = f"Look for {CAUSES}; `heavebond modes` shows which components swing or run away"
+GROWING = f"Look for {CAUSES}; `heavebond modes` shows which components oscillate or run away"
 NO_VALUE = ("{} has no value there: a root, a power or a logarithm of what is below zero, or a division by 0. Bound its "
             "argument (max(x, 0)), or look at what drives it there")
 OPEN = ("Its equations are at odds with what it states under `stores` and `dissipates`: check their signs. "

@@ -31,7 +31,7 @@ FEW = 5
 POINTS_FOR_SIZES = 400
 POINTS_FOR_CURVATURE = 200
 POINTS_FOR_SLOPES = 2000
-# Where the diagram's own values are beyond the limit of stability, so many points are asked for one that is not.
+# Where the diagram's own values are beyond the stability boundary, so many points are asked for one that is not.
 DRAWN = 20
 # A signal that has become so many times larger or smaller than what it is divided by gets a new size.
 RESIZE = 3.0
@@ -40,7 +40,7 @@ RESIZE = 3.0
 GROWN = 3.0
 # A limit counts as kept where it is exceeded by less than this share of its right side.
 KEPT = 1e-4
-# Within so much of it (a damping ratio), the limit of stability is what holds a search.
+# Within so much of it (a damping ratio), the stability boundary is what holds a search.
 AT_BOUNDARY = 5e-4
 
 
@@ -217,7 +217,7 @@ class Objective:
             return None
 
     def _stable(self, values: Mapping[str, float], named: Sequence[str]) -> list[tuple[float, Array]]:
-        """The limit of stability with its slope by the named parameters, the worst of the cases; none where it is off."""
+        """The stability boundary with its slope by the named parameters, the worst of the cases; none where it is off."""
         if not self.task.stable:
             return []
         try:
@@ -262,11 +262,11 @@ class Objective:
         return self.growth(y) < GROWN
 
     def instability(self, y: Array) -> float:
-        """The limit of stability, above zero where it is not kept; -1 where it is off."""
+        """The stability boundary, above zero where it is not kept; -1 where it is off."""
         return max((value for value, _ in self._stable(self.values(y), ())), default=-1.0)
 
     def boundary(self, named: Sequence[str], values: Mapping[str, float]) -> Array | None:
-        """The slope of the limit of stability by named parameters (m,), None where values (SI) are not at that limit."""
+        """The slope of the stability boundary by named parameters (m,), None where values (SI) are not at that limit."""
         found = self._stable(values, named)
         return found[0][1] if found and found[0][0] > -AT_BOUNDARY else None
 

@@ -23,9 +23,9 @@ from heavebond.optimise.objective import KEPT, Evaluation, Objective, Task
 from heavebond.optimise.search import APART, METHODS, Found, search
 
 # Points of the hypercube are drawn so many times more often than they are run, where the linearised machine tells which
-# of them are beyond the limit of stability.
+# of them are beyond the stability boundary.
 DRAWN = 4
-# From a point at the limit of stability that lies apart from what was found, and costs at most so much more (of the cost),
+# From a point at the stability boundary that lies apart from what was found, and costs at most so much more (of the cost),
 # another search begins.
 PROMISING = 0.15
 # Such an edge is looked at from so far inside (of the range), and a value nearer than this to an end of its range is at it.
@@ -71,7 +71,7 @@ def tune(model: Model | Assembly | Objective, task: Task, *, explore: int = 5, s
     """Minimise the cost over the free parameters within their ranges and limits.
 
     First the diagram's own values and `explore` points of a Latin hypercube are run without gradients: a gain beyond the
-    limit of stability has a cost whose slope leads nowhere. From the best `starts` of these a search goes on with gradients
+    stability boundary has a cost whose slope leads nowhere. From the best `starts` of these a search goes on with gradients
     (see `heavebond.optimise.search` for the methods). An Objective that is built already is used as it is. With
     `partial` Ctrl-C ends it with the best so far (`message` is "interrupted"), once a first run is through.
     UsageError for what is wrong in the task.
@@ -187,7 +187,7 @@ def _rank(found: Found) -> tuple[bool, float]:
 
 
 def _edges(problem: Objective, found: Found, say: Progress) -> list[Array]:
-    """Points at the limit of stability along each free parameter that cost little more than what was found: there a cost
+    """Points at the stability boundary along each free parameter that cost little more than what was found: there a cost
     often has another valley, when friction holds a machine still that would not stand still without it."""
     points = []
     for k, name in enumerate(problem.names):
@@ -197,7 +197,7 @@ def _edges(problem: Objective, found: Found, say: Progress) -> list[Array]:
                 continue
             point = found.best.at.copy()
             point[k] = at - INSIDE * np.sign(at - point[k]) if problem.task.stable else at
-            say(f"looking at the limit of stability of {name}")
+            say(f"looking at the stability boundary of {name}")
             if problem.plain(point).kept and problem.cost(point) < found.best.cost + PROMISING * abs(found.best.cost):
                 points.append(point)
     return points
@@ -220,7 +220,7 @@ def limit_of_stability(problem: Objective, y: Array, k: int, end: float) -> floa
 
 
 def _before(problem: Objective) -> float:
-    """The cost of the diagram's own values, infinite beyond the limit of stability (where runs are long)."""
+    """The cost of the diagram's own values, infinite beyond the stability boundary (where runs are long)."""
     return problem.cost(problem.start) if problem.calm(problem.start) else np.inf
 
 

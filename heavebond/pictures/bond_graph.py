@@ -44,7 +44,7 @@ class Vertex:
 @dataclass(frozen=True)
 class Bond:
     """A bond between two vertices, its half arrow at `head`; `stroke` is the end that effort is imposed on (the tail or the
-    head's key, empty where nothing decides). `modulated`: a port through which no power goes."""
+    head's key, empty where no equation determines). `modulated`: a port through which no power goes."""
 
     tail: str
     head: str

@@ -171,7 +171,7 @@ def plot_surface(task: Task, tuned: Tuned, axes: Sequence[Array], costs: Array, 
     """The cost over two free parameters from a sweep, with the ways of the search, the best point, and where the cost rises
     by less than 1 %.
 
-    The colours are logarithmic where the costs span more than a factor of ten: beyond the limit of stability they do.
+    The colours are logarithmic where the costs span more than a factor of ten: beyond the stability boundary they do.
     """
     from matplotlib.colors import LogNorm
 
@@ -235,7 +235,7 @@ def plot_ladder(rungs: Sequence[Rung], *, title: str = "The error on the ladder"
     drawn: list[float] = []
     for offset, colour, mark, label, errors, chi2 in (
             (0.15, COLOURS[0], "o", "fitted", [r.error_fit for r in rungs], last.chi2_fit),
-            (-0.15, COLOURS[1], "s", "not fitted", [r.error_held_out for r in rungs], last.chi2_held_out)):
+            (-0.15, COLOURS[1], "s", "held out", [r.error_held_out for r in rungs], last.chi2_held_out)):
         values = 100 * np.array(errors)
         if not np.isfinite(values).any():
             continue
@@ -407,7 +407,7 @@ def _channel(upper: Axes, lower: Axes, channel: Channel) -> None:
         lower.axhspan(-BAND_WIDTH * channel.noise * scale, BAND_WIDTH * channel.noise * scale, color=BAND, linewidth=0,
                       label=f"± {BAND_WIDTH} × noise")
     lower.plot(channel.time, left * scale, color="#333333", label="record − model", **_style(dense, 0.7))
-    _finish(lower, "rest", unit, [left * scale])
+    _finish(lower, "residual", unit, [left * scale])
     reach = max(_size(left), (BAND_WIDTH + 1) * channel.noise if channel.noise > 0 else 0.0) * scale
     if math.isfinite(reach) and reach > 0:
         lower.set_ylim(-1.08 * reach, 1.08 * reach)

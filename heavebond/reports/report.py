@@ -83,7 +83,7 @@ def _sections(diagnosis: Diagnosis, shown: Sequence[Shown], where: Where | None,
         ("separation", "What to record next", separating(apart) if apart is not None else Html("")),
         ("candidates", "Candidates and their evidence", _candidates(diagnosis)),
         ("parameters", "Parameters", parameters(fit, diagnosis.fitted) if fit is not None else Html("")),
-        ("left", "What is left", _left(diagnosis)),
+        ("left", "Residual", _left(diagnosis)),
         ("tried", "What was tried", _tried(diagnosis)),
         ("next", "How to go on", _next(diagnosis, written)),
     ]
@@ -122,7 +122,7 @@ def _figures(diagnosis: Diagnosis) -> Html:
     channels = [_figure(f"{a.channel}: rms error, on records {on}", f"{a.words} → {b.words}",
                         f" noise {readable(b.noise, b.unit, 3)}") for a, b in worst]
     cards = [*channels, _figure(f"error over noise, on records {on}", " → ".join(number(math.sqrt(c), 3) for c in chi2),
-                                f" chi-square {' → '.join(number(c, 3) for c in chi2)} a sample; 1 is noise"),
+                                f" chi-square {' → '.join(number(c, 3) for c in chi2)} per sample; 1 = noise level"),
              _figure("error as a share of what was measured", " → ".join(f"{number(100 * e, 3)} %" for e in errors),
                      f" {on}"),
              _figure("effects tried", str(tried_), f" of which fitted {fitted_}; {diagnosis.seconds:.0f} s")]
@@ -181,7 +181,7 @@ def _found(diagnosis: Diagnosis) -> Html:
     shape = diagnosis.shape
     if shape is not None:
         parts += [element("h3", f"A curve without a name: {shape.candidate.says} {shape.candidate.place}"),
-                  element("p", "With it the chi-square per sample on what was not fitted is "
+                  element("p", "With it the chi-square per sample on held-out data is "
                           f"{number(shape.rung.chi2_held_out, 4)}."), learnt(shape)]
     return joined(parts)
 
@@ -257,7 +257,7 @@ def _noise_share(record: RecordComparison) -> float:
 def _candidates(diagnosis: Diagnosis) -> Html:
     words = element("p", "Every effect of the catalogue was set at every place where it fits. Its score is the chi-square "
                     "that it could take away as far as a straight line holds; what decides is the refit of all that is free "
-                    "together with it, and what that leaves on what was not fitted.", class_="small")
+                    "together with it, and what that leaves on held-out data.", class_="small")
     steps = [joined([element("h3", f"Step {k}"), ranking(step)]) for k, step in enumerate(diagnosis.steps, 1)]
     if diagnosis.verdict == "parameters" and diagnosis.findings:
         steps.insert(1, element("p", "In the next step other values of what the diagram holds fixed were tried, without an "
@@ -318,7 +318,7 @@ def _next(diagnosis: Diagnosis, written: Sequence[Path]) -> Html:
 
 
 def _tries(diagnosis: Diagnosis, name: str) -> list[str]:
-    """Each of the effects that cannot be told apart, as it is tried by hand."""
+    """Each of the effects that cannot be distinguished, as it is tried by hand."""
     lines = []
     for finding in diagnosis.findings:
         for candidate in (t.candidate for t in finding.alternatives[:6]):

@@ -67,6 +67,6 @@ def _pairs(best: Tried) -> Html:
 def _tried(found: Separation) -> Html:
     rows = [(t.proposal.input, t.proposal.shape, f"{number(t.proposal.frequency, 3)} Hz" if t.proposal.frequency else "–",
              str(t.decided), number(t.smallest, 4)) for t in found.tried[:SHOWN]]
-    head = ("input", "shape", "frequency", "pairs told apart", "smallest rise of χ²")
+    head = ("input", "shape", "frequency", "pairs distinguished", "smallest rise of χ²")
     caption = f"Inputs that were simulated, {len(found.tried)} in all, the best first"
     return table(head, rows, numbers=(2, 3, 4), caption=caption)

@@ -48,7 +48,7 @@ def ranking(step: Step) -> Html:
     marks = ["chosen" if step.chosen is t else "alike" if t.candidate.label in cluster else "" for t in step.trials]
     head = ("", "class", "component", "place", "score", "χ² fit", "χ² held out", "Δ BIC", "parameters at an end", "verdict")
     if not rows:
-        return joined([element("p", "No candidate was refitted: what is left is noise." if not step.left.significant else
+        return joined([element("p", "No candidate was refitted: the residual is noise." if not step.left.significant else
                                "No candidate could be refitted."), _others(step)])
     caption = f"Before: χ² per sample {number(step.chi2_fit, 4)} fitted, {number(step.chi2_held_out, 4)} held out; 1 is " \
               "noise. Δ BIC is against that: below zero a candidate is worth its numbers."
@@ -76,9 +76,9 @@ def _judgement(trial: Trial, step: Step) -> Html:
         return element("span", "not told from it", class_="tag bad")
     fall = (step.chi2_held_out - trial.chi2_held_out) * step.samples_held_out / max(1.0, trial.chi2_held_out)
     if step.samples_held_out and fall <= 0:
-        return joined(["worse on what was not fitted"])
+        return joined(["worse on held-out data"])
     if step.samples_held_out and fall <= EARNED:
-        return joined(["no gain beyond chance on what was not fitted"])
+        return joined(["no gain beyond chance on held-out data"])
     if step.chosen is not None and merit(trial) - merit(step.chosen) >= indistinct(step.chosen, step.merit):
         return joined(["leaves more than the chosen one"])
     return joined(["earns no place"])
@@ -218,7 +218,7 @@ def tried(diagnosis: Diagnosis) -> Html:
     rows = []
     for k, step in enumerate(diagnosis.steps, 1):
         labels = {s.candidate.label for s in step.scores}
-        found = step.chosen.candidate.label if step.chosen is not None else "nothing that earns its place"
+        found = step.chosen.candidate.label if step.chosen is not None else "nothing that is statistically justified"
         rows.append([f"step {k}", str(len(labels)), str(len(step.trials)), str(len(step.unseen)), str(step.samples),
                      str(step.samples_held_out), f"{step.seconds:.0f} s",
                      found + (" (ended early)" if step.partial else "")])

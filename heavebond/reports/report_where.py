@@ -55,7 +55,7 @@ def _over_time(found: Where) -> list[Html]:
         edges = np.array([*(s.begin for s in parts), parts[-1].end])
         series = [(name, edges, np.array([s.chi2[name] for s in parts])) for name in parts[0].chi2]
         made.append(element("figure", steps(series, title=f"record {record}", across="time [s]", up="χ² a sample",
-                                            label=f"Misfit over time in record {record}; 1 is noise")))
+                                            label=f"Misfit over time in record {record}; 1 = noise level")))
     return made
 
 

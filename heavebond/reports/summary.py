@@ -114,7 +114,7 @@ class Summary:
 
     def _circuits(self, width: int) -> list[str]:
         rows = [(c.domain, f"{listing(c.nodes, MOST_OF_A_CIRCUIT)}: {_tie(c)}") for c in self.circuits]
-        return ["Circuits, and what ties each to a reference", *columns(rows, width), ""] if rows else []
+        return ["Circuits, and what grounds each", *columns(rows, width), ""] if rows else []
 
     def _equations(self, width: int) -> list[str]:
         left = f"{count(len(self.states), 'differential equation')}, " \
@@ -139,14 +139,14 @@ class Summary:
         lines = ["States, and the equation in which the rate of each stands",
                  *columns([(s.name, s.unit, s.why) for s in self.states], width)]
         if self.charts:
-            lines += ["", "States that may give way to others during the run, as constraints move", *columns([
+            lines += ["", "Dynamic state selection: states that may be exchanged during the run", *columns([
                 (listing(c.states, 6), f"to {listing(c.others, 6)}", "; ".join(c.equations[:3]))
                 for c in self.charts], width)]
         return lines
 
     def _start(self, width: int) -> list[str]:
-        head = "Start" + (f" ({self.start_mode})" if self.start_mode else "")
-        rows = [("variable", "asked", "used", "why"), *(_start_row(line) for line in self.start)]
+        head = "Initial conditions" + (f" ({self.start_mode})" if self.start_mode else "")
+        rows = [("variable", "specified", "computed", "why"), *(_start_row(line) for line in self.start)]
         lines = [head, *columns(rows, width)]
         if self.solved:
             lines += ["", "Parameters solved for", *columns([
@@ -261,8 +261,8 @@ def _loop_words(loop: AlgebraicLoop) -> str:
     if loop.left == 0:
         return f"solved explicitly, starting from {torn}"
     if loop.left == len(loop.torn):
-        return f"{torn} left to the solver"
-    return f"torn at {torn}; {loop.left} of these left to the solver"
+        return f"tearing variables {torn}, iterated by the integrator"
+    return f"torn at {torn}; {loop.left} of these iterated by the integrator"
 
 
 def _why(assembly: Assembly, state: Column) -> str:
