@@ -215,7 +215,7 @@ def test_noise_where_it_is_fitted_and_misfit_where_not_is_not_nothing() -> None:
         assert verdict.verdict(None, ladder, [], [step], None) == said  # type: ignore[list-item]
     (told,) = verdict.words("undetermined", [Rung("rig", 1.1, 0.4, 1.1, 5687.0, comparison)],  # type: ignore[arg-type]
                             [], [step], None)  # type: ignore[list-item]
-    assert "chi-square is 5687 a sample" in told and "`use: fit`" in told
+    assert "reduced chi-square is 5687" in told and "`use: fit`" in told
 
 
 def test_an_estimated_noise_that_cannot_be_right_is_told() -> None:

@@ -47,7 +47,7 @@ def compare(experiment: str, settings: tuple[str, ...], output: Path | None) -> 
     console.print(_table(comparison))
     for part in comparison.parts:
         console.print(f"{part.name} ({part.use}): normalised error {_percent(100 * part.normalised)}, "
-                      f"chi-square {number(part.chi2, 3)} a sample", soft_wrap=True)
+                      f"reduced chi-square {number(part.chi2, 3)}", soft_wrap=True)
     for line in noticed(comparison, console.width):
         console.print(line)
     files = []

@@ -114,7 +114,7 @@ def parameters(found: Fit) -> object:
         of = "" if unit.text in ("1", "") else f" {unit.text}"
         rows.append((name, f"{before}{of}", f"{value}{of}", p.known(partial(in_unit, unit=unit, digits=p.digits), of),
                      f"{least} .. {most}{of}" + (f", at its {p.at_bound} end" if p.at_bound else "")))
-    return terminal.table(f"{found.experiment.name}: {found.samples} samples, chi-square {found.chi2:.4g} a sample",
+    return terminal.table(f"{found.experiment.name}: {found.samples} samples, reduced chi-square {found.chi2:.4g}",
                           HEAD, rows)
 
 

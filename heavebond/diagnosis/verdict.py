@@ -240,16 +240,16 @@ def _shape(ladder: Sequence[Rung], findings: Sequence[Finding], steps: Sequence[
 def _undetermined(ladder: Sequence[Rung], findings: Sequence[Finding], steps: Sequence[Step], shape: Finding | None) -> str:
     if steps[-1].partial:
         near = " and ".join(f"{f.candidate.kind} {f.candidate.place}" for f in findings)
-        return "Not told yet: the search was ended before every candidate was refitted." + (f" Best so far: {near}." if near
-                                                                                           else "")
+        return "No conclusion yet: the search was ended before every candidate was refitted." + (
+            f" Best so far: {near}." if near else "")
     if not steps[0].left.significant and not _still(ladder[0]):
-        return "Not decided by these records: the residual of the fitted records is noise, but on those that are " \
-            f"not chi-square is {number(min(map(_held, ladder[:2])), 3)} a sample. What is missing does not show where " \
-            "the model is fitted; give a longer or livelier record `use: fit`."
+        return "Not decided by these records: the residual of the fitted records is noise, but on held-out " \
+            f"data the reduced chi-square is {number(min(map(_held, ladder[:2])), 3)}. The missing effect does not show " \
+            "where the model is fitted; give a longer or more exciting record `use: fit`."
     if not steps[0].left.significant:
-        return "Not to be told from these records: no channel moves by more than a few times its noise."
-    return "More than noise is left, but nothing in the catalogue takes a noticeable part of it away where nothing was " \
-        "fitted. The noise of a measured input, or parameters that change with time or temperature, leave such."
+        return "Not decided by these records: no channel moves by more than a few times its noise."
+    return "The residual exceeds the noise, but no effect of the catalogue reduces it noticeably on held-out data. Noise of " \
+        "a measured input, or parameters that change with time or temperature, leave such a residual."
 
 
 _WORDS: dict[str, Callable[..., str]] = {

@@ -117,7 +117,7 @@ class Where:
     def words(self) -> tuple[str, ...]:
         """What was found, in sentences."""
         if not self.missing:
-            return ("Nothing is missing at any place: what the parameters leave is noise.",) if self.chi2 < 1.5 else (
+            return ("No effect is missing at any place: what the parameters leave is noise.",) if self.chi2 < 1.5 else (
                 "The residual is no force or flow at any place of this diagram.",)
         best = self.suspects[0]
         found = [best.words]
@@ -326,7 +326,7 @@ def summary(found: Where) -> list[str]:
         part = worst(found.stretches)
         channel = max(part.chi2, key=lambda n: part.chi2[n])
         lines.append(f"The model misses most in {part.record} from {part.begin:.4g} s to {part.end:.4g} s, in {channel} "
-                     f"(chi-square {number(part.chi2[channel], 3)} a sample).")
+                     f"(reduced chi-square {number(part.chi2[channel], 3)}).")
     for channel in dict.fromkeys(s.channel for s in found.states):
         own = [s for s in found.states if s.channel == channel]
         lines.append(f"The error of {channel} follows " + ", ".join(f"{s.variable} (R2 {s.r2:.2f})" for s in own) + ".")

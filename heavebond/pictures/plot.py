@@ -428,7 +428,7 @@ def _style(dense: bool, linewidth: float) -> dict[str, Any]:
 
 def _figures(channel: Channel) -> str:
     error = written(channel.error, channel.unit, 3)
-    return f"rms error {error}, fit {number(channel.fit, 4)} %, χ² {number(channel.chi2, 3)} a sample"
+    return f"rms error {error}, fit {number(channel.fit, 4)} %, reduced χ² {number(channel.chi2, 3)}"
 
 
 def _record_title(record: RecordComparison) -> str:

@@ -60,7 +60,7 @@ def plot_misfit(found: Where) -> Figure:
                        where="post", color=COLOURS[c % len(COLOURS)], label=name, linewidth=1.4)
         panel.set_yscale("log")
         panel.axhline(1.0, color=RECORD, linewidth=1)
-        _dress(panel, "time [s]", "χ² a sample" if k == 0 else "")
+        _dress(panel, "time [s]", "reduced χ²" if k == 0 else "")
         panel.set_title(record, loc="left", fontsize=10, fontweight="bold")
     if best:
         lower = grid[1].subgridspec(1, len(best))

@@ -43,10 +43,10 @@ from heavebond.reports.report_where import failing, learnt
 
 # What stands over the verdict, and whether it is good news, bad news or an open question.
 KINDS = {
-    "nothing": ("Nothing is missing", "fine"), "parameters": ("Parameters, not physics", "fine"),
+    "nothing": ("No effect is missing", "fine"), "parameters": ("Parameters, not physics", "fine"),
     "effect": ("Missing effect found", "found"), "one_of": ("One of these is missing", "found"),
     "shape": ("Something is missing that has no name here", "open"),
-    "undetermined": ("Not to be told from these records", "open"),
+    "undetermined": ("Not decided by these records", "open"),
 }
 FITTED, HELD_OUT = "#8fa3b5", BLUE
 HEADLINE = 3  # channels whose error stands at the top, those that are furthest above their noise
@@ -100,7 +100,7 @@ def _head(diagnosis: Diagnosis, title: str) -> Html:
 def _verdict(diagnosis: Diagnosis) -> Html:
     kind, mood = KINDS[diagnosis.verdict]
     if diagnosis.verdict == "undetermined" and diagnosis.steps[-1].partial:
-        kind = "Not told yet: the search was ended early"
+        kind = "No conclusion yet: the search was ended early"
     first, *rest = diagnosis.words
     box = element("section", element("p", kind, class_="kind"), element("p", first, class_="said"),
                   *(element("p", line) for line in rest), class_=f"verdict {mood}", aria_label="verdict")
@@ -230,7 +230,7 @@ def _ladder(rungs: Sequence[Rung]) -> Html:
              for r in rungs]
     rows = [(r.name, *(f"{number(100 * e, 4)} %" if math.isfinite(e) else "–" for e in (r.error_fit, r.error_held_out)),
              *(number(c, 4) for c in (r.chi2_fit, r.chi2_held_out))) for r in rungs]
-    head = ("model", "error, fitted", "error, held out", "χ² a sample, fitted", "χ² a sample, held out")
+    head = ("model", "error, fitted", "error, held out", "reduced χ², fitted", "reduced χ², held out")
     label = "Error of each model of the ladder on fitted and on held-out records"
     alone = ", ".join(f"{number(level, 3)} % {on}" for level, on in zip(levels, ("fitted", "held out"), strict=True)
                       if math.isfinite(level))

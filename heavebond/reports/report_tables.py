@@ -204,7 +204,7 @@ def noise(diagnosis: Diagnosis) -> Html:
             values = (channel.noise, before.error, channel.error)
             sizes = [readable(v, channel.unit, 3, beside=max(values)) for v in values]
             rows.append([name, record.name, *sizes, number(channel.chi2, 3), _white(channel.white), known])
-    head = ("channel", "record", "noise", "rms left before", "rms left after", "χ² a sample", "white after?", "the noise is")
+    head = ("channel", "record", "noise", "rms left before", "rms left after", "reduced χ²", "white after?", "the noise is")
     return table(head, rows, numbers=(2, 3, 4, 5))
 
 

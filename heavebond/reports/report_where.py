@@ -54,7 +54,7 @@ def _over_time(found: Where) -> list[Html]:
         parts = [s for s in found.stretches if s.record == record]
         edges = np.array([*(s.begin for s in parts), parts[-1].end])
         series = [(name, edges, np.array([s.chi2[name] for s in parts])) for name in parts[0].chi2]
-        made.append(element("figure", steps(series, title=f"record {record}", across="time [s]", up="χ² a sample",
+        made.append(element("figure", steps(series, title=f"record {record}", across="time [s]", up="reduced χ²",
                                             label=f"Misfit over time in record {record}; 1 = noise level")))
     return made
 
