@@ -46,3 +46,22 @@ def test_objects_say_of_themselves_what_fits_on_a_screen(tmp_path: Path) -> None
 
 def test_the_package_says_that_it_has_types() -> None:
     assert (Path(hb.__file__).parent / "py.typed").exists()
+
+
+def test_signals_in_si_and_in_the_units_of_the_diagram() -> None:
+    model = hb.loads("""
+model: slider
+components: {wall: {is: Fixed}, spring: {is: Spring, c: 1.2 kN/m}, cart: {is: Mass, m: 2.5 kg}}
+nodes: {ground: [wall.a, spring.a], load: [spring.b, cart.a]}
+initial: {load.x: 50 mm}
+show: {place: {is: load.x, unit: mm}, warmth: {is: "20 degC + 1 K/m*load.x", unit: degC}}
+simulate: {until: 1 s, every: 0.1 s}
+""")
+    result = hb.simulate(model)
+    assert result.si["place"] == pytest.approx(result["load.x"], abs=0) and result.si.unit("place") == "m"
+    assert result.display["place"] == pytest.approx(1000 * result["load.x"], rel=1e-14)
+    assert (result.display.unit("place"), result.display.unit("load.x"), result.si.unit("load.x")) == ("mm", "m", "m")
+    assert result.si["load.x"] == pytest.approx(result["load.x"], abs=0)
+    assert result.si["warmth"] == pytest.approx(result.display["warmth"] + 273.15)
+    with pytest.raises(hb.UsageError):
+        result.si["plaice"]

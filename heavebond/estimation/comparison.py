@@ -6,9 +6,11 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from heavebond.core import facade
 from heavebond.core.errors import NAMES_LISTED, DataError, ModelError, Place, Problems, listing, suggest
 from heavebond.core.presentation import brief, count, number, readable_time
 from heavebond.core.units import dimension_text, read_unit
@@ -25,6 +27,9 @@ from heavebond.records import metrics
 from heavebond.records.outliers import outliers
 from heavebond.records.time_delay import Lateness, lateness
 from heavebond.text.expression import ExpressionProblem, names
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # Share of a sample interval from which on channels are early enough to blame that an input is held.
 _SOONER = 0.15
@@ -118,6 +123,11 @@ class Comparison:
         return brief(self, self.experiment.name, *(
             f"{name} ({r.use}): normalised error {100 * r.normalised:.3g} %, chi-square {r.chi2:.4g} per sample"
             for name, r in list(self.records.items())[:12]), "..." if len(self.records) > 12 else "")
+
+    def plot(self) -> Figure:
+        """A matplotlib figure: a column per record, a row per channel, the residual beneath each."""
+        figure: Figure = facade.call("Comparison.plot", self)
+        return figure
 
     @property
     def parts(self) -> list[RecordComparison]:

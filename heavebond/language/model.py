@@ -6,8 +6,10 @@ from __future__ import annotations
 from collections.abc import Mapping as Dictionary
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from heavebond.core.errors import ModelError, Place, Problem, Problems, UsageError, listing, suggest
+from heavebond.core import facade
+from heavebond.core.errors import HeavebondError, ModelError, Place, Problem, Problems, UsageError, listing, suggest
 from heavebond.core.presentation import brief, count
 from heavebond.language import reading
 from heavebond.language.definition import Body, End, FileInput, Instance, Value, Wire
@@ -25,6 +27,9 @@ from heavebond.language.sections import (
 from heavebond.language.view import Seen, read_view
 from heavebond.text.expression import Number
 from heavebond.text.yaml_source import Node, Scalar, Source, parse, read
+
+if TYPE_CHECKING:
+    import networkx as nx
 
 MODEL_KEYS = ("model", "summary", "extends", "parameters", "components", "nodes", "set", "remove", "initial", "show",
               "simulate", "view", "source", "notes")
@@ -53,6 +58,18 @@ class Model:
     def __repr__(self) -> str:
         sizes = count(len(self.body.instances), "part"), count(len(self.body.wires), "node"), count(len(self.show), "output")
         return brief(self, self.name, ", ".join(sizes), self.summary)
+
+    def graph(self, open_blocks: bool = True) -> nx.Graph[tuple[str, str]]:
+        """The diagram as a networkx graph of parts, ports and nodes: see `heavebond.equations.diagram_graph`."""
+        found: nx.Graph[tuple[str, str]] = facade.call("Model.graph", self, open_blocks)
+        return found
+
+    def _repr_svg_(self) -> str | None:
+        """The drawing, for notebooks; None for a diagram that cannot be drawn."""
+        try:
+            return str(facade.call("Model._repr_svg_", self))
+        except HeavebondError:
+            return None
 
     @property
     def sources(self) -> tuple[Path, ...]:

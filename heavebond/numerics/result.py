@@ -12,6 +12,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from heavebond.core import facade
 from heavebond.core.errors import Problem, UsageError, listing, suggest
 from heavebond.core.presentation import brief, count, number
 from heavebond.core.units import dimension_text, read_unit
@@ -26,6 +27,7 @@ from heavebond.text.expression import ExpressionProblem, parse_formula
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
 
     from heavebond.numerics.trace import Instant
 
@@ -85,6 +87,12 @@ class Result:
         return [Finding("true-at-start", name, name.rpartition(".")[0], float(self.time[0]), 1.0, None, "",
                         NOT_BECOME.format(texts[name])) for name in names]
 
+    def plot(self, *names: str) -> Figure:
+        """A matplotlib figure of signals over time, of the outputs under `show:` where none is named: one axes per unit."""
+        chosen = names or tuple(self.assembly.model.show) or tuple(self.assembly.state_names)
+        figure: Figure = facade.call("Result.plot", self, chosen)
+        return figure
+
     @property
     def events(self) -> list[tuple[float, str]]:
         """What happened: time in s and the name of the event, in order."""
@@ -111,6 +119,16 @@ class Result:
 
     def __getitem__(self, name: str) -> Array:
         return self.signals([name])[name]
+
+    @property
+    def si(self) -> Signals:
+        """Signals in SI, outputs of the diagram too: `result.si["error"]` in m where `show:` declares mm."""
+        return Signals(self, True)
+
+    @property
+    def display(self) -> Signals:
+        """Signals in the units that `show:` declares, other variables in SI: what the tables and plots print."""
+        return Signals(self, False)
 
     def __repr__(self) -> str:
         outputs = listing(list(self.assembly.model.show), 8)
@@ -173,6 +191,28 @@ class Result:
     def save(self, path: str | Path, names: Iterable[str] | None = None) -> None:
         """Write the signals as .csv, .parquet, .mat or .nc; UsageError for another suffix. `read_run` reads them back."""
         write_run(self.saved(names), path)
+
+
+@dataclass(frozen=True)
+class Signals:
+    """The signals of a run by name, (N,) each, in SI or in the units of the diagram; UsageError for an unknown name."""
+
+    result: Result
+    in_si: bool
+
+    def __getitem__(self, name: str) -> Array:
+        show = self.result.assembly.model.show
+        if not self.in_si or name not in show:
+            return self.result[name]
+        found: Array = Probe(self.result.assembly, [show[name].text], si=True).values(self.result)[0]
+        return found
+
+    def unit(self, name: str) -> str:
+        """The unit of `self[name]`."""
+        given = self.result.unit(name)
+        if not self.in_si or name not in self.result.assembly.model.show:
+            return given
+        return dimension_text(read_unit(given).dimension)
 
 
 class Probe:
