@@ -23,10 +23,9 @@ from heavebond.commands.arguments import Number, blamed_on_settings, check_writa
 @json_option
 def animate(model: str, output: Path | None, signals: tuple[str, ...], until: str | None, every: str | None, speed: float,
             settings: tuple[str, ...]) -> dict[str, object]:
-    """Run the diagram MODEL and show it move.
+    """Simulate the diagram MODEL and write an animation.
 
-    What is seen is said under `view:` in the diagram. A page needs no network: it plays, stops, goes to any instant, slower
-    or faster.
+    The shapes are declared under `view:` in the diagram. A page plays without a network, at any speed and from any instant.
     """
     from heavebond.commands import terminal
     from heavebond.language.model import load

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 @set_option
 @json_option
 def check(model: str, listed: bool, settings: tuple[str, ...]) -> dict[str, object]:
-    """Check the diagram FILE: what it contains, its states, loops and index, where its start comes from; and whether the
-    components of your own that it uses create power.
+    """Check the diagram FILE: what it contains, its states, loops, index and initial conditions; and whether
+    your own components in it create power.
 
     FILE is a YAML file or the name of a bundled diagram (cmc_ahc, cmc_ahc/passive). A file that begins with `component:` is
     checked as a component: its units, equations and power.

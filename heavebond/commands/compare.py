@@ -31,7 +31,7 @@ HEAD = ("record", "channel", "rms error", "fit", "bias", "noise", "error/noise")
 @picture_option("Draw records, model and residual")
 @json_option
 def compare(experiment: str, settings: tuple[str, ...], output: Path | None) -> dict[str, object]:
-    """Simulate EXPERIMENT with its measured inputs and tell how far the model is from each record.
+    """Simulate EXPERIMENT with its measured inputs and show the error on each record.
 
     EXPERIMENT is a YAML file or a bundled one (passive_rig/friction).
     """

@@ -36,11 +36,11 @@ RANKED = 12  # candidates that are shown
 @json_option
 def diagnose(experiment: str, auto: bool, classes: tuple[str, ...], seconds: float, processes: int | None,
              samples: int | None, folder: Path | None, report_file: Path | None) -> dict[str, object]:
-    """Find out which physical effect the diagram of EXPERIMENT lacks, where, and how sure that is.
+    """Identify the physical effect that is missing in the model of EXPERIMENT, its place, and the confidence of the result.
 
-    Writes a diagram that extends the model with what was found, the experiment on it (NAME_2.yaml) and a report
-    (NAME_report.html). Figures count on records that were not fitted; where there are none, on stretches that are held
-    out. Ctrl-C ends the search with what was found so far.
+    Writes a diagram that extends the model with the effect, the experiment on it (NAME_2.yaml) and a report
+    (NAME_report.html). Held-out records decide; where there are none, sections of the records are held out. Ctrl-C ends the
+    search with the best result so far.
     """
     from heavebond.commands import terminal
     from heavebond.core.writable import write_text

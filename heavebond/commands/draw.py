@@ -40,7 +40,7 @@ def draw(model: str, output: Path | None, opened: tuple[str, ...], open_all: boo
     """Draw the diagram MODEL as an SVG picture.
 
     MODEL is a YAML file or the name of a bundled diagram (cmc_ahc, cmc_ahc/passive). Parts stand where `at: [column, row]`
-    puts them, the others beside what they are joined to. Blocks are drawn as boxes unless they are opened.
+    puts them, the others near the parts to which they are connected. Blocks are drawn as boxes unless they are opened.
     """
     from heavebond.language.model import load
     from heavebond.pictures import bond_picture, drawing

@@ -47,10 +47,10 @@ if TYPE_CHECKING:
 def energy(model: str, until: str | None, every: str | None, audited: bool, sankey: Path | None, activity: Path | None,
            closed: tuple[str, ...], close_all: bool, share: float | None, limit: float, written: Path | None,
            settings: tuple[str, ...]) -> dict[str, object]:
-    """Run the diagram MODEL with the power of every component integrated beside its states, and tell where energy goes.
+    """Simulate the diagram MODEL, integrate the power of every component, and show the energy balance.
 
-    `activity` is the share of a component in all the power that goes in or out anywhere: what has little, matters little.
-    The power at any port is a signal too: heavebond run MODEL --plot spring.a.power
+    `activity` is the share of a component in the integrated absolute power of all components; a component with a low share has
+    little influence. The power at any port is a signal as well: heavebond run MODEL --plot spring.a.power
     """
     from heavebond.commands import terminal
     from heavebond.energy.audit import audit, table, with_blocks

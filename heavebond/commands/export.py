@@ -25,9 +25,9 @@ SUFFIXES = (".fmu", ".c")
 @set_option
 @json_option
 def export(model: str, output: Path, inputs: tuple[str, ...], settings: tuple[str, ...]) -> dict[str, object]:
-    """Write the diagram MODEL as an FMU or as C: its states, parameters, inputs, and as outputs what it has under `show:`.
+    """Write the diagram MODEL as an FMU or as C: its states, parameters, inputs, and the outputs under `show:`.
 
-    It starts as the diagram says. Measured inputs become inputs, and those named by --input.
+    Initial conditions are those of the diagram. Measured inputs and those named by --input become inputs.
     """
     from heavebond.commands import terminal
     from heavebond.exchange.c_code import export_c

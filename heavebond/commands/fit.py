@@ -35,10 +35,10 @@ HEAD = ("parameter", "before", "fitted", "95 % interval", "range")
 @json_option
 def fit(experiment: str, starts: int, segments: int, robust: bool, profiled: tuple[str, ...], written: Path | None,
         output: Path | None) -> dict[str, object]:
-    """Find the values of the parameters under `free:` of EXPERIMENT that fit its records best.
+    """Estimate the parameters under `free:` of EXPERIMENT by least squares.
 
-    Records with `use: fit` are fitted; the others are compared with what comes out. Where there are no others, every
-    third stretch of the records is held out of the fit to check it.
+    Records with `use: fit` are fitted; the others are held out as validation data. Without other records every third section
+    of the records is held out.
     """
     from heavebond.commands import terminal
     from heavebond.commands.compare import noticed

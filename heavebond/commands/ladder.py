@@ -23,7 +23,7 @@ HEAD = ("error, fitted", "held out", "chi-square, fitted", "held out")
 def ladder(experiments: tuple[str, ...], output: Path | None) -> dict[str, object]:
     """Compare several EXPERIMENTS on the same records, each model with the values of its diagram.
 
-    The error is that of the model over the size of what was measured; chi-square per sample is 1 where only noise is left.
+    The error is relative to the size of the measured signals; the reduced chi-square is 1 at the noise level.
     """
     from heavebond.commands import terminal
     from heavebond.diagnosis.ladder import ladder as climbed

@@ -23,7 +23,7 @@ OWN = "this folder"
               help="Write a page (Markdown, SVG) about each component of the library into FOLDER.")
 @json_option
 def library(name: str | None, pages: Path | None) -> dict[str, object]:
-    """List the components by domain, those of the current folder first; with NAME tell all about one."""
+    """List the components by domain, those of the current folder first; with NAME describe one component."""
     from heavebond.language.library import library as load_library
 
     if pages is not None:

@@ -56,7 +56,7 @@ MATRICES = (".npz", ".mat")
 def linear(model: str, inputs: tuple[str, ...], outputs: tuple[str, ...], loop: str | None, over: str | None, picture: str,
            at: str | None, steady: bool, frequencies: str | None, until: str | None, settings: tuple[str, ...],
            output: Path | None, saved: Path | None) -> dict[str, object]:
-    """Linearise the diagram MODEL and look at it between an input and an output, by exact derivatives.
+    """Linearise the diagram MODEL between an input and an output, with exact derivatives.
 
     heavebond linear cmc_ahc --from heave --to crown.x --output bode.png
 
@@ -64,8 +64,8 @@ def linear(model: str, inputs: tuple[str, ...], outputs: tuple[str, ...], loop: 
 
     heavebond linear cmc_ahc --over controller.K_p='0 .. 5 1/m' --output locus.png
 
-    A friction law is linearised as it is at rest, where it holds everything: --set its forces to 0 for the machine in
-    motion, or take a moment of motion by --at.
+    A friction law is linearised at rest, where it locks its parts: --set its forces to 0 for the machine in motion, or
+    linearise at an instant of the motion with --at.
     """
     from heavebond.commands import terminal
     from heavebond.language.model import load

@@ -31,11 +31,11 @@ MOST = 4
 @set_option
 @json_option
 def modes(model: str, at: str | None, steady: bool, settings: tuple[str, ...]) -> dict[str, object]:
-    """Linearise MODEL at its start, and list its modes: how fast, how damped, which components swing (their share of the
-    energy), and which damp it. A mode in which no component stores energy is told by its states.
+    """Linearise MODEL at its initial conditions and list its modes: frequency, damping, the components that take part (their
+    share of the energy), and those that damp it. A mode in which no component stores energy is described by its states.
 
-    A friction law is linearised as it is at rest, where it holds everything: --set its forces to 0 for the modes in motion,
-    or take a moment of motion by --at.
+    A friction law is linearised at rest, where it locks its parts: --set its forces to 0 for the modes in motion, or
+    linearise at an instant of the motion with --at.
     """
     from heavebond.commands import terminal
     from heavebond.core.presentation import count

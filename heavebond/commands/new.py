@@ -14,9 +14,9 @@ from heavebond.commands.arguments import json_option
 @click.option("--from", "origin", metavar="MACHINE", help="Copy a bundled machine, e.g. --from passive_rig.")
 @json_option
 def new(folder: Path, origin: str | None) -> dict[str, object]:
-    """Make FOLDER with a diagram, an experiment, records and a README that says what to type.
+    """Create FOLDER with a diagram, an experiment, records and a README with the commands to type.
 
-    Without --from it is a load on a spring, with records that hold one effect more than the diagram knows.
+    Without --from it is a load on a spring, with records that contain one effect which the diagram lacks.
     """
     from heavebond.commands import terminal
     from heavebond.estimation.starter_folder import start_folder

@@ -53,7 +53,7 @@ if TYPE_CHECKING:
 def run(model: str, settings: tuple[str, ...], until: str | None, every: str | None, plotted: tuple[str, ...],
         saved: tuple[Path, ...], output: Path | None, rtol: float, solver: str | None, allow_fmu: bool,
         verified: bool, within: float) -> dict[str, object]:
-    """Simulate the diagram MODEL and tell the range of each of its outputs.
+    """Simulate the diagram MODEL and show minimum, maximum, RMS and final value of each output.
 
     MODEL is a YAML file or the name of a bundled diagram (cmc_ahc, cmc_ahc/passive).
     """

@@ -43,11 +43,11 @@ HEAD = ("parameter", "value", "influence", "1 % more moves it by", "at")
 @json_option
 def sensitivity(model: str, of: tuple[str, ...], to: tuple[str, ...], settings: tuple[str, ...], until: str | None,
                 every: str | None, most: int, rows: int, output: Path | None) -> dict[str, object]:
-    """Tell which parameters of the diagram MODEL move a signal most, by exact sensitivities.
+    """Rank the parameters of the diagram MODEL by their influence on a signal, with exact sensitivities.
 
-    The influence of a parameter is what the signal would do if the parameter were doubled, to first order: as rms over
-    time, in proportion to the rms of the signal about its mean. `initial.X` and `scale.X` (of a measured input) are
-    parameters too.
+    The influence of a parameter is the first-order change of the signal if the parameter were doubled: its RMS over time,
+    relative to the RMS of the signal about its mean. `initial.X` and `scale.X` (of a measured input) are parameters as
+    well.
     """
     from heavebond.commands import terminal
     from heavebond.language.model import load

@@ -31,9 +31,9 @@ TOLD = 3  # cases that leave a range that are told one by one
 @scheduler_option
 @json_option
 def study(file: str, output: Path | None, processes: int | None, fresh: bool, scheduler: str | None) -> dict[str, object]:
-    """Work out every case of STUDY, a YAML file or a bundled one (cmc_ahc/quality_index).
+    """Run every case of STUDY, a YAML file or a bundled one (cmc_ahc/quality_index).
 
-    Each case is kept in the folder when it is done: the same command goes on where it was stopped by Ctrl-C.
+    Each completed case is kept in the folder: after Ctrl-C the same command continues.
     """
     from heavebond.studies.study import load_study
 

@@ -40,8 +40,8 @@ def sweep(model: str, overs: tuple[str, ...], measures: tuple[str, ...], sample:
           scheduler: str | None, settings: tuple[str, ...]) -> dict[str, object]:
     """Run the diagram MODEL with every combination of values, or at points sampled within ranges.
 
-    The sweep is written as a study into the folder: `heavebond study FOLDER/study.yaml` goes on from there. Each case is
-    kept when it is done; the same command goes on where it was stopped by Ctrl-C.
+    The sweep is written as a study into the folder: `heavebond study FOLDER/study.yaml` goes on from there. Each completed
+    case is kept: after Ctrl-C the same command continues.
     """
     from heavebond.estimation.change import Change
     from heavebond.estimation.diagram_files import extended_from

@@ -19,7 +19,7 @@ from heavebond.commands.arguments import json_option
 @json_option
 def try_effect(experiment: str, component: str, between: tuple[str, str] | None, at: tuple[str, ...], folder: Path | None
                ) -> dict[str, object]:
-    """Add COMPONENT to the diagram of EXPERIMENT, fit it with everything that is free, and show what it makes of the error.
+    """Add COMPONENT to the diagram of EXPERIMENT, estimate all free parameters with it, and show the errors.
 
     COMPONENT has an `effect:` entry (`heavebond candidates EXPERIMENT` lists those that fit), or is a dormant parameter
     such as cylinder.leakage, or a number that the diagram holds fixed such as crown.m.

@@ -21,8 +21,8 @@ HEAD = ("place", "explains", "behind", "rms", "follows", "R2", "shape")
 @picture_option("Draw what acts at the best place of each kind, and the misfit over time")
 @json_option
 def where(experiment: str, fitted: bool, output: Path | None) -> dict[str, object]:
-    """Tell when and in what state of motion the diagram of EXPERIMENT misses its records, and where in it a force or a flow
-    is missing.
+    """Locate the error of the model of EXPERIMENT: when and in which state of motion it occurs, and at which place of the
+    diagram a force or a flow is missing.
 
     With --output name.png the pictures are name.png (the best place), name_2.png and so on, and name_misfit.png.
     """
