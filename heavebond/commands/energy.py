@@ -49,7 +49,7 @@ def energy(model: str, until: str | None, every: str | None, audited: bool, sank
            settings: tuple[str, ...]) -> dict[str, object]:
     """Simulate the diagram MODEL, integrate the power of every component, and show the energy balance.
 
-    `activity` is the share of a component in the integrated absolute power of all components; a component with a low share has
+    `activity` is the share of a component in the integrated absolute power of all components; one with a low share has
     little influence. The power at any port is a signal as well: heavebond run MODEL --plot spring.a.power
     """
     from heavebond.commands import terminal
