@@ -44,7 +44,7 @@ DIAGRAMS = (".yaml", ".yml", "")
 def signal(file: str, signals: tuple[str, ...], begin: str | None, end: str | None, segment: str | None, slope: float,
            time: str | None, settings: tuple[str, ...], until: str | None, every: str | None, output: Path | None
            ) -> dict[str, object]:
-    """Analyse an oscillating signal of a saved RUN (.csv, .parquet, .mat, .nc), of a record, or of a simulation of a diagram.
+    """Analyse an oscillating signal of a saved RUN (.csv, .parquet, .mat, .nc), of a record, or of a simulation.
 
     The significant height is 4 sqrt(m_0) of the spectrum; waves go from one upward crossing of the mean to the next; cycles
     are counted by the rainflow method (ASTM E1049-85), the equivalent range is that of one cycle a second.
