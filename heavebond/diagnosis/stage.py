@@ -186,7 +186,7 @@ def _courses(base: Base) -> dict[str, tuple[str, Array]]:
     """Each node of the base model with its domain and the course of its across variable on the fitted records."""
     runs = [base.exact[run.record.name] for run in base.problem.runs]
     results = [run.simulator.run(base.problem.values_of(base.inner, run.record.name)) for run in runs]
-    return {node.name: (node.domain.name, np.concatenate([result[f"{node.name}.{node.across}"] for result in results]))
+    return {node.name: (node.domain.name, np.concatenate([result.si[f"{node.name}.{node.across}"] for result in results]))
             for node in nodes_of(runs[0].assembly.flat).values()}
 
 

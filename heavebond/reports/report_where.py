@@ -162,7 +162,7 @@ def _through(finding: Finding, suspect: Suspect, result: Result, name: str) -> t
             continue
         try:
             # what enters the node is what leaves the component there
-            return result[name], -result[f"{port}.{nodes[node].through}"] / weight
+            return result.si[name], -result.si[f"{port}.{nodes[node].through}"] / weight
         except HeavebondError:
             return None
     return None
@@ -188,10 +188,10 @@ def learnt(finding: Finding) -> Html:
     names = _curve_names(finding, runs[0])
     if names is None:
         return Html("")
-    x, y = (np.concatenate([run[name] for run in runs]) for name in names)
+    x, y = (np.concatenate([run.si[name] for run in runs]) for name in names)
     order = np.argsort(x)
     kept = order[np.unique(np.linspace(0, len(order) - 1, 400).astype(int))]
-    units = [runs[0].unit(name) for name in names]
+    units = [runs[0].si.unit(name) for name in names]
     (across, per_x), (up, per_y) = _shown(units[0], x), _shown(units[1], y)
     axes = [name.replace(f"{finding.candidate.name}.", "") for name in names]  # whose variables they are the heading says
     drawn = over([], [Line(x[kept] * per_x, y[kept] * per_y, LAW)], title="learnt curve", size=(518.0, 300.0),
