@@ -235,7 +235,7 @@ def test_a_stop_that_is_not_reached_is_told_so(tmp_path: Path, monkeypatch: pyte
 
 @pytest.mark.parametrize(("interval", "at_bound", "unreached", "said"), [
     ((1.0, 2.0), "", None, "1 .. 2 m"), ((0.0, 2.0), "", None, "below 2 m"), ((1.0, 5.0), "", None, "above 1 m"),
-    ((0.0, 5.0), "", None, "not seen"), ((4.0, 5.0), "high", None, "-"),
+    ((0.0, 5.0), "", None, "not identifiable"), ((4.0, 5.0), "high", None, "-"),
     ((0.0, 5.0), "high", 1.2, "above 1.2 m, not reached"), ((0.0, 5.0), "", 1.8, "below 1.8 m, not reached"),
 ])
 def test_an_end_of_an_interval_is_told_where_the_record_tells_it(

@@ -161,7 +161,7 @@ def test_comparison_has_a_column_per_record_and_a_residual_under_each_channel(co
     labels = _labels(figure)[: 2 * len(channels)]
     assert labels[0] == "extension [m]"
     assert labels[2] == "string.F [kN]"
-    assert all(label.startswith("rest [") for label in labels[1::2])
+    assert all(label.startswith("residual [") for label in labels[1::2])
     titles = [axes.get_title(loc="left") for axes in figure.axes]
     for record in comparison.records.values():
         assert any(record.name in title and f"{100 * record.normalised:.3g} %" in title for title in titles)
@@ -221,8 +221,8 @@ def test_the_ladder_shows_each_error_beside_the_noise_of_its_own_samples(least: 
     rungs = [Rung("before", 0.5, 0.4, 100.0, 90.0, comparison), Rung("after", least, 0.5 * least, 4.0, 16.0, comparison)]
     axes = plot_ladder(rungs).axes[0]
     lines = {str(line.get_label()): np.asarray(line.get_xdata(), dtype=float) for line in axes.lines}
-    assert lines["fitted"] == pytest.approx([50, 100 * least]) and lines["not fitted"] == pytest.approx([40, 50 * least])
+    assert lines["fitted"] == pytest.approx([50, 100 * least]) and lines["held out"] == pytest.approx([40, 50 * least])
     assert lines["noise alone, fitted"] == pytest.approx([50 * least] * 2)
-    assert lines["noise alone, not fitted"] == pytest.approx([12.5 * least] * 2)
+    assert lines["noise alone, held out"] == pytest.approx([12.5 * least] * 2)
     assert axes.get_xscale() == scale
     assert {text.get_text() for text in axes.texts} == {"50 %", "40 %", f"{100 * least:.3g} %", f"{50 * least:.3g} %"}

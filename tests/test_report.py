@@ -98,7 +98,7 @@ def test_verdict_ladder_and_ranking_are_told(found: Diagnosis, page: str) -> Non
         assert f"{trial.candidate.kind} {trial.candidate.component} {trial.candidate.place}" in text
         assert f"{trial.chi2_held_out:.4g}"[:5] in text
     for title in ("The machine", "Records and models", "The falling error", "Where the diagram fails", "Parameters",
-                  "What is left", "What was tried", "How to go on"):
+                  "Residual", "What was tried", "How to go on"):
         assert title in text
 
 

@@ -39,9 +39,9 @@ def try_effect(experiment: str, component: str, between: tuple[str, str] | None,
     console = terminal.output()
     console.print(table(found.ladder, "model"))
     console.print(parameters(found.finding))
-    console.print(f"BIC changes by {number(found.bic_difference, 4)} (below -10 is strong evidence for the effect); on what "
-                  + ("was held out the error falls by more than chance." if found.earned else
-                     "was held out the effect does not lower the error by more than chance."), soft_wrap=True)
+    console.print(f"BIC changes by {number(found.bic_difference, 4)} (below -10 is strong evidence for the effect); on "
+                  + ("held-out data the error falls by more than chance." if found.earned else
+                     "held-out data the effect does not lower the error by more than chance."), soft_wrap=True)
     files = [] if targets is None else write_findings(given, [found.finding], targets)
     for path in files:
         console.print(f"wrote {path}", soft_wrap=True)

@@ -177,8 +177,8 @@ def _fall(first: Rung, last: Rung) -> str:
     held = math.isfinite(last.chi2_held_out)
     pairs = [(r.error_held_out, r.chi2_held_out) if held else (r.error_fit, r.chi2_fit) for r in (first, last)]
     (error, chi2), (error_last, chi2_last) = pairs
-    return f"The error on what was {'not ' if held else ''}fitted falls: {channels}. That is {number(100 * error, 3)} % " \
-           f"to {number(100 * error_last, 3)} % of what was measured, chi-square per sample {number(chi2, 3)} to " \
+    return f"The error on {'held-out' if held else 'fitted'} data falls: {channels}. That is {number(100 * error, 3)} % " \
+           f"to {number(100 * error_last, 3)} % of what was measured, reduced chi-square {number(chi2, 3)} to " \
            f"{number(chi2_last, 3)}; 1 = noise level."
 
 
