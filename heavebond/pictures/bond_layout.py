@@ -25,18 +25,18 @@ ROOM = 60.0  # px between pieces that no bond joins
 def places(lengths: Mapping[tuple[str, str], float], room: Mapping[str, float]) -> dict[str, Point]:
     """x to the right and y downwards of each vertex in px, wider than high; `lengths` are those wanted of the bonds, `room`
     is what each vertex wants around it."""
+    import networkx as nx
+
     vertices, around = list(room), np.array(list(room.values()))
     number = {name: k for k, name in enumerate(vertices)}
-    wanted = np.full((len(vertices), len(vertices)), np.inf)
-    np.fill_diagonal(wanted, 0.0)
-    for (one, two), length in lengths.items():
-        if one != two:
-            wanted[number[one], number[two]] = wanted[number[two], number[one]] = length
     links = [(number[one], number[two]) for one, two in lengths if one != two]
-    for k in range(len(vertices)):  # the shortest way along bonds (Floyd and Warshall)
-        wanted = np.minimum(wanted, wanted[:, k:k + 1] + wanted[k:k + 1, :])
+    graph: nx.Graph[int] = nx.Graph()
+    graph.add_nodes_from(range(len(vertices)))
+    graph.add_weighted_edges_from((number[one], number[two], length) for (one, two), length in lengths.items() if one != two)
+    wanted = np.asarray(nx.floyd_warshall_numpy(graph))  # the shortest way along bonds
     found, top = {}, 0.0
-    for piece in _pieces(wanted):
+    # the vertices that are joined, the largest piece first
+    for piece in sorted(map(sorted, nx.connected_components(graph)), key=lambda piece: (-len(piece), piece)):
         inside = {k: n for n, k in enumerate(piece)}
         own = [(inside[one], inside[two]) for one, two in links if one in inside]
         points = _laid(wanted[np.ix_(piece, piece)], around[piece], own)
@@ -44,12 +44,6 @@ def places(lengths: Mapping[tuple[str, str], float], room: Mapping[str, float]) 
         top = float(points[:, 1].max()) + ROOM
         found.update({vertices[k]: (float(x), float(y)) for k, (x, y) in zip(piece, points.tolist(), strict=True)})
     return found
-
-
-def _pieces(wanted: Array) -> list[list[int]]:
-    """The vertices that are joined, piece by piece, the largest first."""
-    pieces = {tuple(np.flatnonzero(np.isfinite(row)).tolist()) for row in wanted}
-    return sorted((list(piece) for piece in pieces), key=lambda piece: (-len(piece), piece))
 
 
 def _laid(wanted: Array, around: Array, links: Sequence[tuple[int, int]]) -> Array:
