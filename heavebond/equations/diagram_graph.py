@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from heavebond.equations.connect import Group, Network, connect
+from heavebond.equations.connect import Group, Network, connect, signal_unit
 from heavebond.equations.expand import Expanded, expand
 from heavebond.equations.medium import with_media
 from heavebond.equations.parameters import formula_order
@@ -20,12 +20,15 @@ def diagram_graph(model: Model, open_blocks: bool = True) -> nx.Graph[tuple[str,
     """The undirected graph part - port - node of a diagram.
 
     The vertices are ("part", "spring"), ("port", "spring.a") and ("node", "load"); a part and a node may have one name. An
-    edge joins a part with each of its ports, and a port with the node on which it is. Attributes:
+    edge joins a part with each of its ports, and a port with the node to which it is connected. Attributes:
 
-    part: `component` (its kind), `block` (whether it is made of others), `file`, `line`;
-    port: `domain` ("signal" for a signal), `direction` ("in" or "out" for a signal, else "power");
-    node: `domain`, `across`, `through` (names of its variables, empty for a signal), `file`, `line`, `aliases` (nodes inside
-    blocks that are the same).
+    part: `kind` ("part"), `component`, `block` (whether it is made of others), `file`, `line`;
+    port: `kind` ("port"), `domain` ("signal" for a signal), `direction` ("in" or "out" for a signal, else "power"), `file`,
+    `line` (of the connection; of the part for a port without one);
+    node: `kind` ("node"), `domain`, `across`, `through` (names of its variables), `effort`, `flow` (the two whose product is
+    the power; empty where the domain has none), `units` (unit by variable, SI; of a signal under the node's name), `file`,
+    `line`, `aliases` (nodes inside blocks that are the same);
+    edge: `domain`, and for a signal `source` and `target`, the vertices in the direction of the signal.
 
     With `open_blocks` blocks are replaced by their parts, else they are parts themselves. Formulas that read a signal by its
     name are no edges. Raises ModelError for a diagram that cannot be assembled.
@@ -34,21 +37,25 @@ def diagram_graph(model: Model, open_blocks: bool = True) -> nx.Graph[tuple[str,
 
     expanded = with_media(expand(model))
     network = connect(expanded, formula_order(expanded))
-    parts = [path for path in expanded.leaves if _shown(expanded, path, open_blocks)]
     graph: nx.Graph[tuple[str, str]] = nx.Graph(name=model.name)
-    for path in parts:
-        leaf = expanded.leaves[path]
-        graph.add_node((PART, path), component=leaf.component.name, block=leaf.component.composite, file=leaf.place.file,
-                       line=leaf.place.line)
+    for path, leaf in expanded.leaves.items():
+        if _shown(expanded, path, open_blocks):
+            graph.add_node((PART, path), kind=PART, component=leaf.component.name, block=leaf.component.composite,
+                           file=leaf.place.file, line=leaf.place.line)
+    connections = {end.name: end.place for junction in expanded.junctions.values() for end in junction.ends if end.sign > 0}
     for group in network.groups:
-        ends = [port for port in group.ports if port.rpartition(".")[0] in parts]
-        if not ends:
-            continue
+        ends = [port for port in group.ports if (PART, port.rpartition(".")[0]) in graph]
+        joined = group.name not in group.ports  # a port without a connection is on no node
+        if ends and joined:
+            graph.add_node((NODE, group.name), **_node_attributes(expanded, group, network))
         for port in ends:
-            graph.add_node((PORT, port), domain=group.domain, direction=_direction(expanded, port))
-            graph.add_edge((PART, port.rpartition(".")[0]), (PORT, port))
-        if group.name not in group.ports:  # an output that nobody reads is on no node
-            _add_node(graph, model, group, ends, network)
+            part = port.rpartition(".")[0]
+            place, direction = connections.get(port, expanded.leaves[part].place), _direction(expanded, port)
+            graph.add_node((PORT, port), kind=PORT, domain=group.domain, direction=direction, file=place.file,
+                           line=place.line)
+            _add_edge(graph, (PART, part), (PORT, port), group.domain, direction)
+            if joined:
+                _add_edge(graph, (PORT, port), (NODE, group.name), group.domain, direction)
     return graph
 
 
@@ -66,9 +73,22 @@ def _direction(expanded: Expanded, port: str) -> str:
     return signal.direction if signal is not None else "power"
 
 
-def _add_node(graph: nx.Graph[tuple[str, str]], model: Model, group: Group, ends: list[str], network: Network) -> None:
-    domain = model.library.domains.get(group.domain)
-    graph.add_node((NODE, group.name), domain=group.domain, across=() if domain is None else domain.across,
-                   through=() if domain is None else domain.through, file=group.place.file, line=group.place.line,
-                   aliases=tuple(a for a in group.aliases if a not in group.ports and a != group.name))
-    graph.add_edges_from(((PORT, port), (NODE, group.name)) for port in ends)
+def _add_edge(graph: nx.Graph[tuple[str, str]], inner: tuple[str, str], outer: tuple[str, str], domain: str,
+              direction: str) -> None:
+    """An edge of the chain part - port - node, `inner` nearer to the part; a signal runs outwards at an output."""
+    if direction == "power":
+        graph.add_edge(inner, outer, domain=domain)
+    else:
+        source, target = (inner, outer) if direction == "out" else (outer, inner)
+        graph.add_edge(inner, outer, domain=domain, source=source, target=target)
+
+
+def _node_attributes(expanded: Expanded, group: Group, network: Network) -> dict[str, object]:
+    domain = expanded.model.library.domains.get(group.domain)
+    aliases = tuple(a for a in group.aliases if a not in group.ports and a != group.name)
+    place = {"kind": NODE, "domain": group.domain, "file": group.place.file, "line": group.place.line, "aliases": aliases}
+    if domain is None:
+        unit = signal_unit(expanded, group.ports[0], network.units)
+        return {**place, "across": (), "through": (), "effort": "", "flow": "", "units": {group.name: unit.text}}
+    return {**place, "across": domain.across, "through": domain.through, "effort": domain.effort or "",
+            "flow": domain.flow or "", "units": {name: member.unit.text for name, member in domain.members.items()}}
