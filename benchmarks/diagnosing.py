@@ -76,7 +76,7 @@ def searches() -> list[Figure]:
 def run(kind: type[Simulator], between: str = "spline") -> Callable[[], object]:
     """One run of the record that is fitted."""
     experiment = hb.load_experiment(RIGS[HELD].experiment)
-    inputs = {name: replace(given, between=between) for name, given in experiment.inputs.items()}
+    inputs = {name: replace(given, interpolation=between) for name, given in experiment.inputs.items()}
     record = next(r for r in experiment.records.values() if r.use == "fit")
     ready = Run(replace(experiment, inputs=inputs), record, list(experiment.free), SEARCH, kind=kind)
     return lambda: ready.residuals({})

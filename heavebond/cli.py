@@ -29,11 +29,12 @@ from heavebond.commands.demo import demo
 from heavebond.commands.diagnose import diagnose
 from heavebond.commands.draw import draw
 from heavebond.commands.energy import energy
+from heavebond.commands.errors import errors
 from heavebond.commands.export import export
 from heavebond.commands.fit import fit
-from heavebond.commands.ladder import ladder
 from heavebond.commands.library import library
 from heavebond.commands.linear import linear
+from heavebond.commands.localize import localize
 from heavebond.commands.modes import modes
 from heavebond.commands.new import new
 from heavebond.commands.plot import plot
@@ -46,7 +47,6 @@ from heavebond.commands.sweep import sweep
 from heavebond.commands.terminal import PIPE_CLOSED, print_problems, warn
 from heavebond.commands.try_effect import try_effect
 from heavebond.commands.tune import tune
-from heavebond.commands.where import where
 from heavebond.core.cancellation import WORDS, is_interrupt, last_heard, obeyed
 from heavebond.core.cancellation import listening as signals_heard
 from heavebond.core.errors import HeavebondError, Problem, UsageError, suggest
@@ -55,15 +55,22 @@ from heavebond.core.writable import write_text
 if TYPE_CHECKING:
     from heavebond.numerics.run_verdict import Verdict
 
+# other names of commands, and former names of their options, which warn
+ALIASES = {"where": "localize", "ladder": "errors"}
+FORMER_OPTIONS = {"plot": {"--to": "--until"}, "sweep": {"--to": "--until"}, "signal": {"--to": "--until"},
+                  "sensitivity": {"--to": "--parameter"}, "check-gradient": {"--to": "--parameter"}}
 FINE, AT_FAULT, WRONG_USAGE, OWN_FAULT, SIGNALLED = 0, 1, 2, 70, 128
 
 
 class Commands(click.Group):
     """A group that ends every run itself: problems printed without a traceback, an exit code, the JSON file."""
 
+    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
+        return super().get_command(ctx, ALIASES.get(name, name))
+
     def resolve_command(self, ctx: click.Context, args: list[str]
                         ) -> tuple[str | None, click.Command | None, list[str]]:
-        if args and not args[0].startswith("-") and args[0] not in self.commands:
+        if args and not args[0].startswith("-") and args[0] not in self.commands and args[0] not in ALIASES:
             raise UsageError([Problem("command-unknown", f"there is no command '{args[0]}'", None, suggest(
                 args[0], self.commands) or f"Commands: {', '.join(self.commands)}.")])
         return super().resolve_command(ctx, args)
@@ -73,18 +80,20 @@ class Commands(click.Group):
             self._main(args, prog_name)
 
     def _main(self, args: Sequence[str] | None, prog_name: str | None) -> NoReturn:
+        from heavebond.core.renamed import RenamedKey, collecting, message
         from heavebond.numerics.run_verdict import listening
 
         given = list(sys.argv[1:] if args is None else args)
-        command = next((word for word in given if word in self.commands), "")
+        command = next((word for word in given if word in self.commands or word in ALIASES), "")
         problems: list[Problem] = []
         figures: dict[str, object] = {}
         heard: list[tuple[str, Verdict]] = []
+        renamed: list[RenamedKey] = []
         try:
             if path := json_path(given):
                 check_writable(Path(path))
-            with listening() as heard:
-                code, figures = self._run(given, prog_name)
+            with listening() as heard, collecting() as renamed:
+                code, figures = self._run(present_options(command, given), prog_name)
         except HeavebondError as error:
             problems, figures = list(error.problems), error.figures
             code = WRONG_USAGE if isinstance(error, UsageError) else AT_FAULT
@@ -101,6 +110,8 @@ class Commands(click.Group):
         except Exception as error:
             problems, code = _interrupted() if is_interrupt(error) else ([own_fault(error, given)], OWN_FAULT)
         try:
+            if renamed:
+                warn(f"warning: {message(renamed)}")
             if heard:
                 code, problems, figures = _judged(heard, code, problems, figures)
             code = _end(given, command, code, problems, figures)
@@ -203,6 +214,22 @@ def _write(given: list[str], command: str, code: int, problems: list[Problem], f
     return None
 
 
+def present_options(command: str, given: Sequence[str]) -> list[str]:
+    """The words of a command with its options under their present names; UsageError where an option has both names."""
+    former, found = FORMER_OPTIONS.get(command, {}), list(given)
+    for k, word in enumerate(given[:given.index("--")] if "--" in given else given):
+        old, sign, value = word.partition("=")
+        if old not in former:
+            continue
+        new = former[old]
+        if any(other == new or other.startswith(f"{new}=") for other in given):
+            raise UsageError([Problem("option-renamed", f"{old} is the former name of {new}, which is given too", None,
+                                      f"Leave {old} out.")])
+        warn(f"warning: {old} is now {new}. The next release reads only the new name.")
+        found[k] = new + sign + value
+    return found
+
+
 def json_path(given: Sequence[str]) -> str:
     """The FILE of --json, read from the words as they stand: also wrong usage is to be reported there."""
     for k, word in enumerate(given):
@@ -245,7 +272,7 @@ def main() -> None:
     """
 
 
-for _command in (check, draw, run, plot, animate, compare, fit, where, candidates, try_effect, diagnose, ladder, tune, study,
-                 sweep, signal, modes, linear, energy, sensitivity, check_gradient, library, demo, export, schema,
+for _command in (check, draw, run, plot, animate, compare, fit, localize, candidates, try_effect, diagnose, errors, tune,
+                 study, sweep, signal, modes, linear, energy, sensitivity, check_gradient, library, demo, export, schema,
                  new):
     main.add_command(_command)

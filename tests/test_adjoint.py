@@ -21,7 +21,8 @@ from heavebond.optimise.tuning import tune
 TIGHT = Tolerances(1e-10, 1e-12, along=0.1)
 
 # A record that jumps from sample to sample pushes a cart: its scale is a parameter, and every jump a stop.
-PUSHED = MEASURED.replace("PositionSource", "ForceSource").replace("unit: m, between: spline", "unit: kN, between: hold") \
+PUSHED = MEASURED.replace("PositionSource", "ForceSource")\
+    .replace("unit: m, interpolation: spline", "unit: kN, interpolation: hold") \
     .replace("components:", "components:\n  wall:   {is: Fixed}") \
     .replace("table: [table.a, spring.a, damper.a]", "ground: [wall.a, spring.a, damper.a]") \
     .replace("load:  [spring.b", "load:  [table.a, spring.b")

@@ -37,7 +37,7 @@ effect:
   class: drag of our own
   attaches: across
   amplitude: [k]
-  says: what our own drag does
+  description: what our own drag does
 """
 
 
@@ -115,7 +115,7 @@ experiment: motor
 model: motor.yaml
 records: {run: {file: run.csv, use: fit}}
 time: {column: t, unit: s}
-inputs: {supply.u: {column: u, unit: V, between: hold}}
+inputs: {supply.u: {column: u, unit: V, interpolation: hold}}
 outputs: {shaft.w: {column: w, unit: rad/s, noise: 1 rad/s}}
 """, encoding="utf-8")
     experiment = load_experiment(tmp_path / "run.yaml")

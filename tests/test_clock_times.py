@@ -27,7 +27,7 @@ experiment: clocks
 model: rig.yaml
 records: {one: {file: log.csv, use: fit}}
 time: {column: when, unit: %s}
-inputs: {foot.u: {column: foot, unit: mm, between: spline%s}}
+inputs: {foot.u: {column: foot, unit: mm, interpolation: spline%s}}
 outputs: {load.x: {column: cart, unit: mm, noise: 1 mm%s}}
 """
 

@@ -45,7 +45,7 @@ experiment: the cart on its rail
 model: rig.yaml
 records: {monday: {file: monday.csv, use: fit}}
 time: {column: "time [s]", unit: s}
-inputs: {foot.u: {column: "foot.u [m]", unit: m, between: spline}}
+inputs: {foot.u: {column: "foot.u [m]", unit: m, interpolation: spline}}
 outputs: {load.x: {column: "load.x [m]", unit: m, noise: 0.5 mm}}
 free: {spring.c: 60 N/m +- 10 %}
 """

@@ -32,7 +32,7 @@ equations: |
 stores: c * s**2/2 + k * s**4/4
 effect:
   class: nonlinear stiffness
-  says: a spring that stiffens
+  description: a spring that stiffens
   amplitude: [k]
   replaces: %s
   start: {c: %s}

@@ -40,7 +40,7 @@ records:
   train: {file: train.csv, use: fit}
   check: {file: check.csv, use: validate}
 time: {column: t, unit: s}
-inputs: {force.u: {column: u, unit: N, between: spline}}
+inputs: {force.u: {column: u, unit: N, interpolation: spline}}
 outputs: {load.x: {column: y, unit: mm, noise: 0.2 mm}}
 free: {spring.c: 600 N/m +- 10 %, damper.d: 22 N*s/m +- 20 %}
 """
@@ -123,7 +123,7 @@ records:
   train: {file: train.csv, use: fit}
   check: {file: check.csv, use: validate}
 time: {column: t, unit: s}
-inputs: {torque.u: {column: u, unit: N*m, between: spline}}
+inputs: {torque.u: {column: u, unit: N*m, interpolation: spline}}
 outputs: {shaft.phi: {column: y, unit: deg, noise: 0.3 deg}}
 free: {drum.J: 0.9 kg*m**2 +- 10 %, bearing.d: 1.1 N*m*s/rad +- 20 %}
 """

@@ -82,7 +82,7 @@ experiment: a tachometer without sign
 model: rig.yaml
 records: {one: {file: one.csv, use: fit}}
 time: {column: t, unit: s}
-inputs: {push.u: {column: push, unit: N, between: spline}}
+inputs: {push.u: {column: push, unit: N, interpolation: spline}}
 outputs: {load.v: {column: speed, unit: mm/s, noise: 2 mm/s}}
 free: {damper.d: 4 N*s/m +- 50 %}
 """

@@ -164,7 +164,7 @@ def test_measured_inputs_become_inputs(tmp_path: Path) -> None:
     np.savetxt(tmp_path / "heave.csv", np.column_stack([times, 0.1 + 0.2 * times + times**2]), delimiter=",", header="t,z",
                comments="")
     text = DRIVEN.replace("{is: PositionSource}", "{is: PositionSource, u: {file: heave.csv, column: z, unit: m, "
-                          "between: spline}}").replace("[heave.y, deck.u]", "[heave.y]")
+                          "interpolation: spline}}").replace("[heave.y, deck.u]", "[heave.y]")
     made = portable(hb.loads(text, tmp_path))
     assert {q.name: q.start for q in made.inputs} == pytest.approx({"deck.u": 0.1, "der(deck.u)": 0.2})
     assert not any(shown for q, shown in zip(made.parameters, made.tunable, strict=True) if q.name == "scale.deck.u")

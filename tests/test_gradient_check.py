@@ -273,7 +273,7 @@ def _call(folder: Path, *words: str) -> tuple[int, str]:
 
 def test_the_command_on_a_diagram(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    code, said = _call(tmp_path, "slider.yaml", "--of", "load.x", "--to", "spring.c,cart.m", "--rtol", "1e-2",
+    code, said = _call(tmp_path, "slider.yaml", "--of", "load.x", "--parameter", "spring.c,cart.m", "--rtol", "1e-2",
                        "--json", "g.json")
     assert code == 0, said
     assert "tolerance too loose" in said
@@ -284,7 +284,7 @@ def test_the_command_on_a_diagram(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
 
 def test_the_command_on_a_bundled_diagram(tmp_path: Path) -> None:
-    code, said = _call(tmp_path, "passive_rig", "--of", "crown.x", "--to", "gas.c")
+    code, said = _call(tmp_path, "passive_rig", "--of", "crown.x", "--parameter", "gas.c")
     assert code == 0, said
     assert "agrees" in said
 
@@ -301,10 +301,10 @@ def test_the_command_on_a_study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
 
 @pytest.mark.parametrize(("words", "message"), [
-    (["slider.yaml", "--to", "spring.c"], "no signal is named"),
+    (["slider.yaml", "--parameter", "spring.c"], "no signal is named"),
     (["slider.yaml", "--of", "load.x"], "no parameter is named"),
-    (["slider.yaml", "--of", "load.x", "--to", "spring.c", "--backwards"], "only the costs of a study"),
-    (["slidr.yaml", "--of", "load.x", "--to", "spring.c"], "there is no diagram or study")])
+    (["slider.yaml", "--of", "load.x", "--parameter", "spring.c", "--backwards"], "only the costs of a study"),
+    (["slidr.yaml", "--of", "load.x", "--parameter", "spring.c"], "there is no diagram or study")])
 def test_wrong_usage(words: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     code, said = _call(tmp_path, *words)

@@ -152,8 +152,8 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "slider.yaml").write_text(SLIDER)
     answer = CliRunner().invoke(cli.main, [
-        "sensitivity", "slider.yaml", "--of", "load.x", "--of", "spring.F - damper.F", "--to", "spring.c,cart.m",
-        "--to", "initial.load.x", "--output", "i.png", "--json", "i.json"])
+        "sensitivity", "slider.yaml", "--of", "load.x", "--of", "spring.F - damper.F", "--parameter", "spring.c,cart.m",
+        "--parameter", "initial.load.x", "--output", "i.png", "--json", "i.json"])
     assert answer.exit_code == 0, answer.output
     for words in ("load.x: rms", "about its mean", "spring.c", "1.2 kN/m", "1 % more moves it by", "wrote i.png"):
         assert words in answer.output
@@ -165,7 +165,7 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize(("words", "message"), [
-    (["--of", "load.y"], "--of load.y"), (["--of", "load.x", "--to", "spring.k"], "'spring.k' cannot be set"),
+    (["--of", "load.y"], "--of load.y"), (["--of", "load.x", "--parameter", "spring.k"], "'spring.k' cannot be set"),
     ([], "Missing option '--of'".lower()), (["--of", "load.x", "--output", "i.gif"], "does not end in .png")])
 def test_wrong_usage(words: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)

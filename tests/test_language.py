@@ -231,7 +231,7 @@ experiment: moved
 model: rig.yaml
 records: {one: {file: r.csv, use: fit}}
 time: {column: t_s, unit: s}
-inputs: {table.u: {column: x_m, unit: m, between: spline}}
+inputs: {table.u: {column: x_m, unit: m, interpolation: spline}}
 outputs: {one.x: {column: x_m, unit: m, noise: 1 mm}}
 """, encoding="utf-8")
     record = hb.compare(tmp_path / "e.yaml").records["one"]

@@ -312,7 +312,7 @@ def test_record(tmp_path: Path) -> None:
     model = hb.loads("""\
 model: record
 components:
-  part: {is: Record, u: {file: r.csv, column: heave, unit: mm, between: linear, time: {column: time, unit: s}}}
+  part: {is: Record, u: {file: r.csv, column: heave, unit: mm, interpolation: linear, time: {column: time, unit: s}}}
 simulate: {until: 1 s, every: 50 ms}
 """, tmp_path)
     result = hb.simulate(model)

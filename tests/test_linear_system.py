@@ -238,7 +238,7 @@ def test_other_states_are_not_linearised() -> None:
 def test_a_measured_input_at_a_time(tmp_path: Path) -> None:
     """A record between whose samples the machine is linearised: pieces are expanded about that time."""
     (tmp_path / "road.csv").write_text("t,x\n" + "".join(f"{t / 10},{np.sin(t / 10)}\n" for t in range(41)))
-    record = "u: {file: road.csv, column: x, unit: m, between: spline}"
+    record = "u: {file: road.csv, column: x, unit: m, interpolation: spline}"
     (tmp_path / "car.yaml").write_text(QUARTER_CAR.replace("u: 0 m", record))
     for at in (None, "1.234 s"):
         system = hb.state_space(hb.load(tmp_path / "car.yaml"), ["road.u"], ["body.x", "tyre.F"], at=at)

@@ -85,7 +85,7 @@ def test_what_cannot_be_laid_over_each_other_is_said(folder: Path) -> None:
 def test_the_command_draws_in_each_format(folder: Path, suffix: str) -> None:
     picture = folder / f"both{suffix}"
     said = CliRunner().invoke(main, ["plot", str(folder / "a.csv"), str(folder / "b.parquet"), "--signal", "crown.x",
-                                     "--from", "500 ms", "--to", "1 s", "-o", str(picture)])
+                                     "--from", "500 ms", "--until", "1 s", "-o", str(picture)])
     assert said.exit_code == 0, said.output
     assert picture.stat().st_size > 1000
 
@@ -94,7 +94,7 @@ def test_without_signals_the_common_ones_are_drawn_and_an_empty_window_is_refuse
     given = ["plot", str(folder / "a.csv"), str(folder / "b.parquet"), "-o", str(folder / "x.png")]
     said = CliRunner().invoke(main, given)
     assert said.exit_code == 0 and "crown.x, pull of a, b" in said.output
-    assert CliRunner().invoke(main, [*given, "--from", "2 s", "--to", "1 s"]).exit_code == 2
+    assert CliRunner().invoke(main, [*given, "--from", "2 s", "--until", "1 s"]).exit_code == 2
 
 
 def test_the_same_files_give_the_same_picture(folder: Path) -> None:

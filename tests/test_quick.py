@@ -32,7 +32,7 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for record in (folder / "data").rglob("*.csv"):
         record.write_text("\n".join(record.read_text().splitlines()[:252]) + "\n")
     (folder / "spline.yaml").write_text(text)
-    (folder / "hold.yaml").write_text(text.replace("between: spline", "between: hold"))
+    (folder / "hold.yaml").write_text(text.replace("interpolation: spline", "interpolation: hold"))
     return folder
 
 
@@ -105,7 +105,7 @@ experiment: motor
 model: motor.yaml
 records: {train: {file: train.csv, use: fit}}
 time: {column: t, unit: s}
-inputs: {supply.u: {column: u, unit: V, between: hold}}
+inputs: {supply.u: {column: u, unit: V, interpolation: hold}}
 outputs: {shaft.w: {column: w, unit: rad/s, noise: 1 rad/s}}
 """
 

@@ -110,7 +110,7 @@ initial: {load.x: 0 m, load.v: 0 m/s}
 model: bare.yaml
 records: {one: {file: record.csv, use: validate}}
 time: {column: time_s, unit: s}
-inputs: {vessel.u: {column: heave_m, unit: m, between: spline}}
+inputs: {vessel.u: {column: heave_m, unit: m, interpolation: spline}}
 outputs: {load.x: {column: x_m, unit: m, noise: 1 mm}}
 """, encoding="utf-8")
     assert compare(tmp_path / "rig.yaml").records["one"].channels["load.x"].chi2 == pytest.approx(1.0, abs=1e-6)

@@ -41,7 +41,7 @@ records:
   one: {file: one.csv, use: fit%(record)s}
 time: {column: t, unit: s}
 inputs:
-  foot.u: {column: u, unit: m, between: spline%(input)s}
+  foot.u: {column: u, unit: m, interpolation: spline%(input)s}
 outputs:
   load.x:   {column: x, unit: m%(x)s}
   spring.F: {column: F, unit: N, noise: 0.3 N%(F)s}

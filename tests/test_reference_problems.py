@@ -422,7 +422,7 @@ def shaken(records: Path, source: str, between: str, mass: bool = True) -> hb.Mo
     return hb.loads(f"""
 model: shaken
 components:
-  shaker: {{is: {source}, u: {{file: heave.csv, column: heave_mm, unit: {unit}, between: {between}}}}}
+  shaker: {{is: {source}, u: {{file: heave.csv, column: heave_mm, unit: {unit}, interpolation: {between}}}}}
   {"mass: {is: Mass, m: 5 kg}" if mass else ""}
   wall:   {{is: Fixed}}
   damper: {{is: Damper, d: 10 N*s/m}}

@@ -20,6 +20,7 @@ from heavebond.exchange.json_schema import study as study_file
 from heavebond.exchange.json_schema_values import written_units
 from heavebond.language import component_file as component_files
 from heavebond.language import effects, library, model
+from heavebond.language.renamed_keys import RENAMED
 from heavebond.studies import study
 
 jsonschema = pytest.importorskip("jsonschema", reason="jsonschema is not installed")
@@ -77,7 +78,20 @@ def test_every_file_of_the_documentation_is_valid(page: Path, tmp_path: Path) ->
     (component_file(library.library())["properties"]["effect"], effects.KEYS),
 ])
 def test_it_has_the_keys_of_the_language(made: dict, keys: tuple[str, ...]) -> None:
-    assert set(made["properties"]) == set(keys)
+    former = {old for names in RENAMED.values() for old in names}
+    assert set(made["properties"]) - former == set(keys)
+
+
+def test_an_editor_takes_former_keys_and_says_their_present_names(known: object) -> None:
+    text = """
+model: old
+components:
+  deck: {is: PositionSource, u: {file: heave.csv, column: z, unit: m, between: spline}}
+"""
+    assert complaints(known, text) == []
+    assert complaints(known, text.replace("between", "betwixt")) != []
+    column = component_file(library.library())["properties"]["effect"]["properties"]
+    assert column["says"]["deprecationMessage"] == "now `description:`"
 
 
 RIGHT = """
@@ -85,7 +99,7 @@ model: rig
 components:
   spring: {is: Spring, c: 40 kN/m, l0: 0}
   load:   {is: Mass, m: =m_load, at: [1, 2]}
-  deck:   {is: PositionSource, u: {file: heave.csv, column: z, unit: m, between: spline}}
+  deck:   {is: PositionSource, u: {file: heave.csv, column: z, unit: m, interpolation: spline}}
 nodes: {deck: [deck.a, spring.a], load: [spring.b, load.a]}
 parameters: {m_load: 2 * 3 t}
 initial: {start: steady, load.x: ~ -1e-3 m, solve: [spring.l0]}
@@ -99,7 +113,7 @@ simulate: {until: 60 s}
     ("c: 40 kN/m", "k: 40 kN/m", "'k'"), ("c: 40 kN/m", "c: 40", "40"), ("c: 40 kN/m", "c: 40kN/m", "40kN/m"),
     ("c: 40 kN/m", "c: '1,2 kN/m'", "1,2 kN/m"), ("c: 40 kN/m", "c: .5e3 kN/m", ""), ("c: 40 kN/m", "c: 50 mN/m", ""),
     ("unit: mm}", "units: mm}", "units"), ("start: steady", "start: steadi", "steadi"),
-    ("between: spline", "between: cubic", "cubic"),
+    ("interpolation: spline", "interpolation: cubic", "cubic"),
     ("60 s}", "60 s, solver: cvodes}", ""), ("60 s}", "60 s, solver: cvode}", "cvode"),
     ("column: z, ", "", "column"), ("until: 60 s", "until: 60", "60"), ("model: rig", "modle: rig", "model"),
     ("c: 40 kN/m", "c: 40 kN m", "40 kN m"),

@@ -111,7 +111,7 @@ experiment: shut
 model: shut.yaml
 records: {train: {file: train.csv, use: fit}}
 time: {column: t, unit: s}
-inputs: {valve.u: {column: u, unit: 1, between: spline}}
+inputs: {valve.u: {column: u, unit: 1, interpolation: spline}}
 outputs: {left.a.p: {column: p, unit: bar, noise: 0.1 bar}}
 free: {left.beta: 1e9 Pa +- 10 %}
 """

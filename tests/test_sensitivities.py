@@ -77,7 +77,7 @@ simulate: {until: 1 s, every: 100 ms}
 MEASURED = """
 model: measured
 components:
-  table:  {is: PositionSource, u: {file: table.csv, column: x_m, unit: m, between: spline}}
+  table:  {is: PositionSource, u: {file: table.csv, column: x_m, unit: m, interpolation: spline}}
   spring: {is: Spring, c: 1.2 kN/m}
   damper: {is: Damper, d: 4 N*s/m}
   cart:   {is: Mass, m: 2.5 kg}

@@ -44,7 +44,7 @@ records:
   sine: {{file: sine.csv, use: fit}}
 time: {{column: t, unit: s}}
 inputs:
-  base.u: {{column: deck, unit: mm, between: spline}}
+  base.u: {{column: deck, unit: mm, interpolation: spline}}
 outputs:
   load.x: {{column: x, unit: m, noise: 2 mm}}
 free:

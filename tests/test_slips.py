@@ -60,7 +60,7 @@ records:
   two: {file: two.csv, use: validate}
 time: {column: t, unit: s}
 inputs:
-  foot.u: {column: foot, unit: mm, between: spline}
+  foot.u: {column: foot, unit: mm, interpolation: spline}
 outputs:
   load.x: {column: load, unit: mm, noise: 0.1 mm}
 """
@@ -180,7 +180,7 @@ def test_an_input_that_drives_nothing(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("change", "said"), [
     (("unit: mm, noise: 0.1 mm", "unit: mmm, noise: 0.1 mm"), "'mmm' is not a known unit"),
     (("time: {column: t, unit: s}\n", ""), "Write for example `time: {column: time_s, unit: s}`."),
-    ((", between: spline", ""), "Add `between: spline` (what moves smoothly), `linear`, or `hold`"),
+    ((", interpolation: spline", ""), "Add `interpolation: spline` (what moves smoothly), `linear`, or `hold`"),
     (("outputs:", "free: {spring.c: 1 kN/m +/- 10 %}\noutputs:"), "Write `1 kN/m +- 10 %`."),
     (("outputs:", "free: {spring.c: 1 kN/m}\noutputs:"), "Write `1 kN/m +- 20 %`."),
     (("outputs:", "free: {spring.c: 1 kN +- 10 %}\noutputs:"), "Write it in N/m or in a multiple of it."),
@@ -258,7 +258,7 @@ experiment: pushed
 model: rig.yaml
 records: {{one: {{file: one.csv, use: fit}}}}
 time: {{column: t, unit: s}}
-inputs: {{push.u: {{column: push, unit: N, between: {between}}}}}
+inputs: {{push.u: {{column: push, unit: N, interpolation: {between}}}}}
 outputs: {{load.x: {{column: load, unit: mm}}}}
 """)
-    assert any("`between: linear`" in note for note in compare(path).records["one"].notes) == told
+    assert any("`interpolation: linear`" in note for note in compare(path).records["one"].notes) == told

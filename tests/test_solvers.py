@@ -32,7 +32,7 @@ model: shaken
 components:
   deck:
     is: PositionSource
-    u: {file: heave.csv, column: "z [mm]", time: {column: "time [s]", unit: s}, unit: mm, between: spline}
+    u: {file: heave.csv, column: "z [mm]", time: {column: "time [s]", unit: s}, unit: mm, interpolation: spline}
   spring: {is: SpringDamper, c: 2 kN/m, d: 40 N*s/m}
   load:   {is: Mass, m: 10 kg}
 nodes: {deck: [deck.a, spring.a], load: [spring.b, load.a]}

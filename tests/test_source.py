@@ -212,7 +212,7 @@ PIECES = [
 ATTACKS = [
     "__import__('os').system('touch pwned')", "=open('pwned', 'w')", "!!python/object/apply:os.system [touch pwned]",
     "=().__class__.__base__.__subclasses__()", "${HOME}", "=exec('1')", "../../etc/passwd", "/etc/passwd", "*alias",
-    "&anchor 1", "{file: /etc/passwd, column: a, unit: m, between: spline}"]
+    "&anchor 1", "{file: /etc/passwd, column: a, unit: m, interpolation: spline}"]
 
 
 @st.composite

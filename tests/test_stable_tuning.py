@@ -221,7 +221,7 @@ def test_unstable_gains_meet_no_published_number(tmp_path: Path, monkeypatch: py
 model: servo.yaml
 tune: {{free: {{gain: -20 .. -1 kN/m}}, stable: {stable}, cost: "{GREEDY}"}}
 measure: {{way: largest(load.x)}}
-beside: {{somebody: {{gain: -6 kN/m}}}}
+compare_with: {{somebody: {{gain: -6 kN/m}}}}
 """, encoding="utf-8")
         result = hb.run_study("gains.yaml", processes=1)
         outcome = result.outcomes[0]

@@ -35,7 +35,7 @@ evaluate: {from: 4 s, to: 5 s}
 measure:
   transmission: largest(motion)/largest(floor.x)
   travel: {is: rms(machine.x - floor.x), unit: mm}
-beside:
+compare_with:
   textbook:
     transmission: {soft: [1.2, -, 0.6], 2 Hz: 1.5}
 pictures:
@@ -179,7 +179,7 @@ tune:
         spring.c: [20 kN/m, 40 kN/m, 60 kN/m]
     gradients: {explore: 3}
 measure: {motion: {is: largest(motion), unit: mm}}
-beside: {us: {damper.d: {4 Hz: 2 kN*s/m}}}
+compare_with: {us: {damper.d: {4 Hz: 2 kN*s/m}}}
 """
 
 
@@ -202,7 +202,7 @@ model: isolator.yaml
 cases: {machine.m: [100 kg, 400 kg]}
 modes: {damper.d: 0 N*s/m}
 measure: {own: {is: frequency(machine), unit: Hz}, damping: damping(slowest)}
-beside: {formula: {own: [3.183 Hz, 1.592 Hz]}}
+compare_with: {formula: {own: [3.183 Hz, 1.592 Hz]}}
 """)
     code, told = _called("study", "study.yaml", "--processes", "1")
     assert code == 0
@@ -222,7 +222,7 @@ model: isolator.yaml
 cases: {f: [2 Hz, 3 Hz, 4 Hz], mount: {own: {}, stiff: {spring.c: 60 kN/m}}}
 evaluate: {from: 4 s, to: 5 s}
 measure: {transmission: peak(motion)/peak(floor.x)}
-beside:
+compare_with:
   measured: {transmission: {own: [NUMBERS], stiff: {2 Hz: 1.3}}}
 calibrate:
   free: {spring.c: 20 .. 60 kN/m, damper.d: 0.1 .. 4 kN*s/m}
@@ -289,7 +289,7 @@ model: isolator.yaml
 evaluate: {from: 3 s, to: 5 s}
 tune: {free: {damper.d: 0.1 .. 20 kN*s/m}, cost: rms(machine.v)*1 s/1 m + (damper.d/20 kN*s/m)**2/10}
 measure: {motion: {is: peak(motion), unit: mm}}
-beside: {wanted: {motion: 10 mm, damper.d: 5 kN*s/m}}
+compare_with: {wanted: {motion: 10 mm, damper.d: 5 kN*s/m}}
 calibrate: {free: {machine.m: 50 .. 200 kg}, targets: {motion: 10 %, damper.d: 10 %}}
 """)
 
@@ -378,10 +378,11 @@ def test_wrong_studies_are_refused_with_a_place(folder: Path, old: str, new: str
     ("explore: 3", "method: genetic", "method-unknown"), ("number: 21}", "number: 1}", "number-wrong"),
     ("{damper.d: {4 Hz: 2 kN*s/m}}", "{damper.d: {4 Hz: 2 mm}}", "unit-wrong"), ("{motion: {is", "{cost: {is", "name-twice"),
     ("20 .. 60 kN/m}", "50 .. 60 kN/m}", "free-start-outside"),
-    ("beside:", "calibrate: {free: {machine.m: 1 .. 2 t}, targets: {motion: 5 %}}\nbeside:", "target-unknown"),
-    ("beside: {us", "calibrate: {free: {machine.m: 1 .. 2 t}, targets: {damper.d: 5 %}, to: them}\nbeside: {us",
+    ("compare_with:", "calibrate: {free: {machine.m: 1 .. 2 t}, targets: {motion: 5 %}}\ncompare_with:", "target-unknown"),
+    ("compare_with: {us", "calibrate: {free: {machine.m: 1 .. 2 t}, targets: {damper.d: 5 %}, to: them}\ncompare_with: {us",
      "source-unknown"),
-    ("beside: {us", "calibrate: {free: {machine.n: 1 .. 2 t}, targets: {damper.d: 5 %}}\nbeside: {us", "free-unknown"),
+    ("compare_with: {us", "calibrate: {free: {machine.n: 1 .. 2 t}, targets: {damper.d: 5 %}}\ncompare_with: {us",
+     "free-unknown"),
     ("cases: {f:", "cases: {g:", "setting-unknown")])
 def test_wrong_tunings_are_refused_before_any_run(folder: Path, old: str, new: str, code: str) -> None:
     assert old in TUNING

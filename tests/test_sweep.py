@@ -214,7 +214,7 @@ def test_other_values_of_a_sweep_stand_in_a_diagram_of_its_own(folder: Path) -> 
 
 def test_many_lines_are_told_by_colours_and_what_breaks_out_does_not_hide_the_rest(folder: Path) -> None:
     _called("sweep", "isolator.yaml", "--over", "f=1 .. 6 Hz; 3", "--over", "damper.d=0.05 .. 20 kN*s/m; 11", "--measure",
-            "rms(motion) in mm", "--to", "1 s", "--processes", "1", "--plot", "motion")
+            "rms(motion) in mm", "--until", "1 s", "--processes", "1", "--plot", "motion")
     result = hb.run_study(folder / "isolator_sweep" / "study.yaml", processes=1)
     for picture in result.study.pictures:
         if picture.kind != "map":
@@ -233,7 +233,7 @@ def test_many_lines_are_told_by_colours_and_what_breaks_out_does_not_hide_the_re
     ("sobol_indices:8", {"histogram", "indices"}), ("local", {"indices", "tornado"}), ("one_at_a_time", {"tornado"})])
 def test_pictures_of_samples(folder: Path, kind: str, pictures: set[str]) -> None:
     code, told = _called("sweep", "isolator.yaml", "--over", "spring.c=40 kN/m +- 20 %", "--over", "f=1 Hz, 2 Hz",
-                         "--measure", "rms(motion)", "--sample", kind, "--to", "1 s", "--processes", "1")
+                         "--measure", "rms(motion)", "--sample", kind, "--until", "1 s", "--processes", "1")
     assert code == 0
     files = [Path(str(path)) for path in told["files"]]  # type: ignore[attr-defined]
     assert {path.stem for path in files if path.suffix == ".png"} == pictures

@@ -89,9 +89,9 @@ def of_option(required: bool) -> Callable[[Command], Command]:
                         help="A variable, an output or a formula of these. May be repeated.")
 
 
-def to_option(more: str) -> Callable[[Command], Command]:
-    """--to PARAMETER[,PARAMETER...]; see `listed`."""
-    return click.option("--to", metavar="PARAMETER[,...]", multiple=True,
+def parameter_option(more: str) -> Callable[[Command], Command]:
+    """--parameter PARAMETER[,PARAMETER...]; see `listed`."""
+    return click.option("--parameter", "parameters", metavar="PARAMETER[,...]", multiple=True,
                         help=f"Parameters, separated by commas. {more} May be repeated.")
 
 

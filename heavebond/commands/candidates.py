@@ -35,7 +35,9 @@ def candidates(experiment: str) -> dict[str, object]:
     console.print(f"{len(found)} candidates of {len({c.kind for c in found})} classes. Try one by hand: heavebond try "
                   f"{experiment} EFFECT, with --at PLACE or --between NODE NODE where it fits at several places.",
                   soft_wrap=True)
-    return {"candidates": [{**c.as_dict(), "says": c.says, "numbers": [n.name for n in c.numbers]} for c in found]}
+    # `says` is the former name of `description`
+    return {"candidates": [{**c.as_dict(), "description": c.description, "says": c.description,
+                            "numbers": [n.name for n in c.numbers]} for c in found]}
 
 
 def typed(candidate: Candidate) -> str:

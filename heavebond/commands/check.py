@@ -1,4 +1,4 @@
-"""`heavebond check`: read, assemble and start a diagram; say what became of it, or all that is wrong."""
+"""`heavebond check`: check a diagram, a component, an experiment or a study without running it."""
 
 from __future__ import annotations
 
@@ -8,26 +8,53 @@ from typing import TYPE_CHECKING
 import click
 
 from heavebond.commands.arguments import blamed_on_settings, json_option, set_option, with_settings
+from heavebond.core.errors import HeavebondError, Problem, UsageError
 
 if TYPE_CHECKING:
-    from heavebond.core.errors import Problem
+    from heavebond.core.renamed import RenamedKey
     from heavebond.numerics.dae import Assembly
     from heavebond.numerics.initialise import Start
     from heavebond.numerics.start_equations import Point
 
 
-@click.command(short_help="Check a diagram; show its states, loops, index and initial conditions.")
+@click.command(short_help="Check a diagram, component, experiment or study file.")
 @click.argument("model", metavar="FILE")
 @click.option("--names", "listed", is_flag=True, help="List every variable and parameter by its name.")
+@click.option("--fix", is_flag=True, help="Write the present names of renamed keys into FILE and the files that it reads.")
 @set_option
 @json_option
-def check(model: str, listed: bool, settings: tuple[str, ...]) -> dict[str, object]:
-    """Check the diagram FILE: what it contains, its states, loops, index and initial conditions; and whether
-    your own components in it create power.
+def check(model: str, listed: bool, fix: bool, settings: tuple[str, ...]) -> dict[str, object]:
+    """Check FILE and show what it contains, or all problems that are found.
 
-    FILE is a YAML file or the name of a bundled diagram (cmc_ahc, cmc_ahc/passive). A file that begins with `component:` is
-    checked as a component: its units, equations and power.
+    FILE is a YAML file or a bundled name (cmc_ahc, cmc_ahc/passive). Its first key tells what is checked. Diagram: states,
+    algebraic loops, index, initial conditions, and whether your own components in it create power. Component: units,
+    equations and power. Experiment: the records, their columns, times and units, and that the diagram has the inputs,
+    outputs and free parameters. Study: that every case assembles and every quantity exists.
     """
+    from heavebond.core.renamed import collecting
+    from heavebond.language.model import find
+    from heavebond.text.yaml_source import read
+
+    path = find(model)
+    kind = next(iter(read(path).root.items), "")
+    others = {"component": _check_component, "experiment": _check_experiment, "study": _check_study}
+    if kind in others and (listed or settings):
+        option = "--names" if listed else "--set"
+        raise UsageError([Problem("option-unsuited", f"{option} is for diagrams; {model} is a file of the kind `{kind}:`",
+                                  None, f"Leave {option} out, or check the diagram itself.")])
+    if not fix:
+        return others[kind](path) if kind in others else _check_diagram(model, listed, settings)
+    with collecting() as renamed:
+        try:
+            found = others[kind](path) if kind in others else _check_diagram(model, listed, settings)
+        except HeavebondError:
+            _rewrite(renamed)  # other mistakes in the files do not stand in the way
+            raise
+    return {**found, "rewritten": _rewrite(renamed)}
+
+
+def _check_diagram(model: str, listed: bool, settings: tuple[str, ...]) -> dict[str, object]:
+    """Structure, initial conditions and power of a diagram."""
     from heavebond.commands.terminal import output, working
     from heavebond.core.errors import StartError
     from heavebond.language.model import load
@@ -36,9 +63,6 @@ def check(model: str, listed: bool, settings: tuple[str, ...]) -> dict[str, obje
     from heavebond.numerics.validity import at_point
     from heavebond.reports.summary import summary
 
-    path = _component_file(model)
-    if path is not None:
-        return _check_component(path)
     with blamed_on_settings(settings):
         with working("assembling"):
             assembly = assemble(with_settings(load(model), settings))
@@ -81,18 +105,83 @@ def _check_powers(assembly: Assembly) -> list[Problem]:
     return found
 
 
-def _component_file(name: str) -> Path | None:
-    """The path of a file whose first key is `component:`."""
-    from heavebond.core.errors import HeavebondError
-    from heavebond.text.yaml_source import read
+def _rewrite(renamed: list[RenamedKey]) -> dict[str, int]:
+    """Write the present names of keys into the user's files; how many keys of each."""
+    from heavebond.commands.terminal import output
+    from heavebond.core.presentation import count
+    from heavebond.language.renamed_keys import rewrite
 
-    path = Path(name)
-    if not (path.is_file() and path.suffix in (".yaml", ".yml")):
-        return None
-    try:
-        return path if next(iter(read(path).root.items), "") == "component" else None
-    except HeavebondError:
-        return None  # told when it is read as a diagram
+    console = output()
+    done = {str(path): number for path, number in rewrite(renamed).items()}
+    for name, number in done.items():
+        console.print(f"{name}: {count(number, 'key')} renamed", soft_wrap=True)
+    if not done:
+        console.print("no renamed keys")
+    return done
+
+
+def _check_experiment(path: Path) -> dict[str, object]:
+    """Each record read and its diagram assembled; nothing is simulated."""
+    from heavebond.commands.terminal import output, table, working
+    from heavebond.core.errors import ModelError, Problems
+    from heavebond.core.presentation import number, readable
+    from heavebond.estimation.comparison import assemble_for
+    from heavebond.estimation.experiment import load_experiment
+    from heavebond.estimation.records import Measured, measure
+
+    experiment, problems, found = load_experiment(path), Problems(), dict[str, Measured]()
+    with working("reading the records"):
+        for name, record in experiment.records.items():
+            try:
+                assemble_for(experiment, record)
+                found[name] = measure(experiment, record)
+            except HeavebondError as error:
+                problems.extend(error)
+    problems.raise_as(ModelError)
+    rows, figures = [], {}
+    for name, measured in found.items():
+        use, span = measured.record.use, f"{number(measured.grid[0], 5)} .. {number(measured.grid[-1], 5)} s"
+        channels = {}
+        for channel, c in measured.channels.items():
+            unit = c.output.shown.unit
+            rows.append((name, use, span, channel, f"{len(c.time)}", readable(c.noise, unit, 3),
+                         "given" if c.noise_given else "estimated"))
+            channels[channel] = {"unit": unit, "samples": len(c.time), "noise": c.noise, "noise_given": c.noise_given}
+        figures[name] = {"use": use, "file": str(measured.record.file), "begin": float(measured.grid[0]),
+                         "end": float(measured.grid[-1]), "channels": channels, "notes": list(measured.notes)}
+    console = output()
+    console.print(table(f"Experiment {experiment.name}", ("record", "use", "time", "channel", "samples", "noise", ""), rows,
+                        text=4))
+    for name, measured in found.items():
+        for note in measured.notes:
+            console.print(f"{name}: {note}", soft_wrap=True)
+    free = ", ".join(experiment.free)
+    console.print(f"free: {free}" if free else "no free parameters", soft_wrap=True)
+    return {"experiment": experiment.name, "free": list(experiment.free), "records": figures}
+
+
+def _check_study(path: Path) -> dict[str, object]:
+    """Every level of every axis assembled, every quantity with its unit; nothing is run."""
+    from heavebond.commands.terminal import output, working
+    from heavebond.core.presentation import count
+    from heavebond.studies.run_case import checked
+    from heavebond.studies.study import load_study
+
+    study = load_study(path)
+    with working("assembling"):
+        units = checked(study)
+    console = output()
+    console.print(f"Study {study.name}", style="bold", soft_wrap=True)
+    cases = study.cases
+    lines = [("cases", f"{len(cases)}: " + " x ".join(f"{axis.name} ({len(axis.levels)})" for axis in study.axes)
+              if study.axes else "1"),
+             ("tunes", ", ".join(study.task.free) + f" by {', '.join(p.name for p in study.procedures)}"
+              if study.task is not None else "nothing"),
+             ("measures", ", ".join(f"{name} [{unit.text}]" for name, unit in units.items()) or "nothing"),
+             ("draws", count(len(study.pictures), "picture"))]
+    for name, text in lines:
+        console.print(f"  {name:<9} {text}", soft_wrap=True, markup=False, highlight=False)
+    return {"study": study.name, "cases": len(cases), "units": {name: unit.text for name, unit in units.items()}}
 
 
 def _check_component(path: Path) -> dict[str, object]:

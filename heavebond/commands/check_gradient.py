@@ -13,9 +13,9 @@ from heavebond.commands.arguments import (
     json_option,
     listed,
     of_option,
+    parameter_option,
     read_signals,
     set_option,
-    to_option,
     with_settings,
 )
 from heavebond.core.errors import Problem, UsageError
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from heavebond.optimise.gradient_check import Subject, Verdict
     from heavebond.studies.study import Study
 
-HEAD = ("of", "to", "error", "at tight rtol", "step", "verdict")
+HEAD = ("of", "parameter", "error", "at tight rtol", "step", "verdict")
 WORDS = {"agrees": "agrees", "tolerance": "tolerance too loose", "kink": "kink", "disagrees": "DISAGREES",
          "unsettled": "unsettled"}
 
@@ -33,14 +33,14 @@ WORDS = {"agrees": "agrees", "tolerance": "tolerance too loose", "kink": "kink",
 @click.command("check-gradient", short_help="Compare sensitivities with differences of runs, and say why they differ.")
 @click.argument("file")
 @of_option(required=False)
-@to_option("By default what is free in a study.")
+@parameter_option("By default what is free in a study.")
 @set_option
 @click.option("--until", metavar="TIME", help="How long to simulate, e.g. --until '2 min'.")
 @click.option("--rtol", metavar="NUMBER", type=Number(0, 0.1, min_open=True),
               help="Relative tolerance of the sensitivities that are checked [default: as they are computed].")
 @click.option("--backwards", is_flag=True, help="Check the gradients of a study by runs backwards.")
 @json_option
-def check_gradient(file: str, of: tuple[str, ...], to: tuple[str, ...], settings: tuple[str, ...], until: str | None,
+def check_gradient(file: str, of: tuple[str, ...], parameters: tuple[str, ...], settings: tuple[str, ...], until: str | None,
                    rtol: float | None, backwards: bool) -> dict[str, object]:
     """Compare sensitivities with differences of runs at steps of 1e-2 to 1e-5 of each parameter.
 
@@ -53,12 +53,13 @@ def check_gradient(file: str, of: tuple[str, ...], to: tuple[str, ...], settings
 
     study = _study(file)
     tolerances = Tolerances(rtol, rtol / 100) if rtol else None
-    parameters = listed(to) or (list(study.tuning.free) if study else [])
-    if not parameters:
-        raise UsageError([Problem("nothing-to-check", "no parameter is named", None, "Add --to crown.m,controller.K_p.")])
+    sought = listed(parameters) or (list(study.tuning.free) if study else [])
+    if not sought:
+        raise UsageError([Problem("nothing-to-check", "no parameter is named", None,
+                                  "Add --parameter crown.m,controller.K_p.")])
     with blamed_on_settings(settings), terminal.working("running") as progress:
         subject = _subject(file, study, of, settings, until, tolerances, backwards)
-        verdicts = check_gradients(subject, parameters, progress=progress)
+        verdicts = check_gradients(subject, sought, progress=progress)
     console = terminal.output()
     console.print(_table(subject, verdicts))
     for verdict in verdicts:

@@ -109,7 +109,7 @@ def check_classes(experiment: Experiment, classes: tuple[str, ...]) -> None:
 
 def _show(found: Diagnosis) -> None:
     from heavebond.commands import fit, terminal
-    from heavebond.commands.ladder import table
+    from heavebond.commands.errors import table
 
     console = terminal.output()
     console.print(table(found.ladder, "model"))

@@ -18,7 +18,7 @@ from heavebond.core.errors import Problem, UsageError
               help="What a column of a record is, e.g. --column crown.x='crown_m m'. May be repeated.")
 @click.option("--record", metavar="NAME", default="", help="Which record of an experiment; without it the first.")
 @click.option("--from", "begin", metavar="TIME", help="Where to begin, e.g. --from '72 s'.")
-@click.option("--to", "end", metavar="TIME", help="Where to end.")
+@click.option("--until", "end", metavar="TIME", help="Where to end.")
 @click.option("--title", metavar="TEXT", default="", help="A line above.")
 @click.option("-o", "--output", metavar="PICTURE", type=click.Path(path_type=Path), default=Path("plot.png"),
               show_default=True, help="Where to draw (.png, .svg or .pdf).")
@@ -38,7 +38,7 @@ def plot(files: tuple[str, ...], signals: tuple[str, ...], columns: tuple[str, .
     overlay = read_overlay(files, [read_column(text) for text in columns], record)
     chosen = list(dict.fromkeys(signals)) or common_signals(overlay)
     window = (seconds(begin, "--from") if begin else float(min(run.time[0] for run in overlay.runs.values())),
-              seconds(end, "--to") if end else float(max(run.time[-1] for run in overlay.runs.values())))
+              seconds(end, "--until") if end else float(max(run.time[-1] for run in overlay.runs.values())))
     if window[0] >= window[1]:
         raise UsageError([Problem("window-empty", f"there is nothing to draw from {window[0]:g} s to {window[1]:g} s", None,
                                   "Give --from before --to.")])

@@ -15,10 +15,10 @@ from heavebond.commands.arguments import (
     json_option,
     listed,
     of_option,
+    parameter_option,
     picture_option,
     read_signals,
     set_option,
-    to_option,
     with_settings,
 )
 
@@ -31,7 +31,7 @@ HEAD = ("parameter", "value", "influence", "1 % more moves it by", "at")
 @click.command(short_help="Rank parameters by their influence on signals.")
 @click.argument("model")
 @of_option(required=True)
-@to_option("By default all that are not zero.")
+@parameter_option("By default all that are not zero.")
 @set_option
 @click.option("--until", metavar="TIME", help="How long to simulate, e.g. --until '2 min'.")
 @click.option("--every", metavar="TIME", help="Time between output points, e.g. --every '10 ms'.")
@@ -41,7 +41,7 @@ HEAD = ("parameter", "value", "influence", "1 % more moves it by", "at")
               help="Parameters to list for each signal.")
 @picture_option("Draw bars, and what the strongest do over time")
 @json_option
-def sensitivity(model: str, of: tuple[str, ...], to: tuple[str, ...], settings: tuple[str, ...], until: str | None,
+def sensitivity(model: str, of: tuple[str, ...], parameters: tuple[str, ...], settings: tuple[str, ...], until: str | None,
                 every: str | None, most: int, rows: int, output: Path | None) -> dict[str, object]:
     """Rank the parameters of the diagram MODEL by their influence on a signal, with exact sensitivities.
 
@@ -59,7 +59,7 @@ def sensitivity(model: str, of: tuple[str, ...], to: tuple[str, ...], settings: 
         with terminal.working("assembling"):
             assembly = assembled(with_settings(load(model), settings), "--of", formulas)
         with terminal.working("sensitivities") as progress:
-            found = rank(assembly, list(formulas), listed(to), until, every=every, most=most, progress=progress)
+            found = rank(assembly, list(formulas), listed(parameters), until, every=every, most=most, progress=progress)
     console = terminal.output()
     for ranking in found.rankings:
         console.print(_table(ranking, rows))

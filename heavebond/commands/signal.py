@@ -31,18 +31,17 @@ DIAGRAMS = (".yaml", ".yml", "")
 @click.option("--signal", "signals", metavar="SIGNAL", multiple=True, required=True,
               help="A signal of the run, or a column of the record. May be repeated.")
 @click.option("--from", "begin", metavar="TIME", help="From when on it counts, e.g. --from '60 s'.")
-@click.option("--to", "end", metavar="TIME", help="Until when it counts.")
+@click.option("--until", metavar="TIME", help="Until when it counts; of a diagram: how long to simulate.")
 @click.option("--segment", metavar="TIME", help="How long the pieces are that the spectrum is averaged from.")
 @click.option("--slope", metavar="NUMBER", type=Number(1, 20), default=3.0, show_default=True,
               help="Exponent of the S-N curve, for the equivalent range.")
 @click.option("--time", metavar="COLUMN", help="Of a record: the column of the times in s [default: the first].")
 @set_option
-@click.option("--until", metavar="TIME", help="Of a diagram: how long to simulate.")
 @click.option("--every", metavar="TIME", help="Of a diagram: time between output points.")
 @picture_option("Draw the signal, its spectrum and its cycles")
 @json_option
-def signal(file: str, signals: tuple[str, ...], begin: str | None, end: str | None, segment: str | None, slope: float,
-           time: str | None, settings: tuple[str, ...], until: str | None, every: str | None, output: Path | None
+def signal(file: str, signals: tuple[str, ...], begin: str | None, until: str | None, segment: str | None,
+           slope: float, time: str | None, settings: tuple[str, ...], every: str | None, output: Path | None
            ) -> dict[str, object]:
     """Analyse an oscillating signal of a saved RUN (.csv, .parquet, .mat, .nc), of a record, or of a simulation.
 
@@ -55,7 +54,7 @@ def signal(file: str, signals: tuple[str, ...], begin: str | None, end: str | No
     from heavebond.records.spectra import Swinging
 
     check_picture(output)
-    window = seconds(begin or 0.0, "--from"), seconds(end or float("inf"), "--to")
+    window = seconds(begin or 0.0, "--from"), seconds(until or float("inf"), "--until")
     length = None if segment is None else seconds(segment, "--segment")
     if Path(file).suffix.lower() in DIAGRAMS:
         courses = _run(file, signals, settings, until, every, window)

@@ -26,7 +26,7 @@ from heavebond.core.writable import write_text
               help="Seek the worst within the ranges by exact gradients instead.")
 @click.option("--seed", type=Whole(0), default=1, show_default=True, help="Which sample is drawn.")
 @click.option("--from", "begin", metavar="TIME", default="", help="From when on a run counts, e.g. --from '72 s'.")
-@click.option("--to", "end", metavar="TIME", default="", help="Until when it is run.")
+@click.option("--until", "end", metavar="TIME", default="", help="How long each case is simulated.")
 @click.option("--plot", "plotted", metavar="SIGNAL", multiple=True, help="Draw a signal of all cases. May be repeated.")
 @click.option("--output", metavar="FOLDER", type=click.Path(path_type=Path, file_okay=False),
               help="Where study, tables and pictures go [default: a folder MODEL_sweep].")

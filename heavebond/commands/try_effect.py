@@ -26,7 +26,7 @@ def try_effect(experiment: str, component: str, between: tuple[str, str] | None,
     """
     from heavebond.commands import terminal
     from heavebond.commands.diagnose import parameters
-    from heavebond.commands.ladder import table
+    from heavebond.commands.errors import table
     from heavebond.core.presentation import number
     from heavebond.diagnosis.diagnosis import attempt
     from heavebond.diagnosis.diagnosis_files import Targets, write_findings

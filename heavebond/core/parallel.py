@@ -9,6 +9,7 @@ import signal
 import sys
 import threading
 import time as clock
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
 from multiprocessing.synchronize import Event
@@ -109,6 +110,7 @@ def _begun(parent: int, stop: Event, begin: Callable[..., None] | None, given: t
         signal.signal(number, signal.SIG_DFL)
     _die_with(parent)
     single()
+    warnings.simplefilter("ignore", FutureWarning)  # the process that began this one has read the same files
     if begin is not None:
         begin(*given)
 

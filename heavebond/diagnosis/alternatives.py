@@ -68,7 +68,7 @@ class Rival:
         """Inputs by column, (N,) in SI at the times of the run, as pieces between those."""
         inputs = self.assembly.flat.inputs
         found = [pieces(self.time, known[k.source.column] if k.source.column in known else self._elsewhere(k),
-                        k.source.between) for k in inputs]
+                        k.source.interpolation) for k in inputs]
         breaks, coefficients = align(found, float(self.time[0]), float(self.time[-1]), names=[k.name for k in inputs])
         return Pieced(breaks, np.vstack([breaks[:-1], coefficients.reshape(len(breaks) - 1, -1).T]))
 

@@ -59,7 +59,7 @@ class Candidate:
     name: str
     component: str
     kind: str
-    says: str
+    description: str
     place: str
     where: tuple[str, ...]
     change: Change
@@ -246,7 +246,8 @@ def _across(site: Site, component: Component, effect: Effect) -> Iterator[Candid
                     ends[node] = (*ends.get(node, ()), f"+{name}.{port}")
                 far = second.name if second is not None else "the surroundings"
                 seen = "".join(f", pressed by {node}" for node in also.values())
-                yield Candidate(name, component.name, effect.kind, effect.says, f"between {first.name} and {far}{seen}",
+                yield Candidate(name, component.name, effect.kind, effect.description,
+                                f"between {first.name} and {far}{seen}",
                                 (first.name, *([second.name] if second is not None else [])),
                                 Change(parts, ends, initial=_settled(component, effect, name)), numbers, "across",
                                 _full(component, name))
@@ -293,7 +294,7 @@ def _at(site: Site, component: Component, effect: Effect) -> Iterator[Candidate]
             ends: dict[str, tuple[str, ...]] = {node.name: (f"+{name}.{port.name}",)}
             for further, other in also.items():
                 ends[other] = (*ends.get(other, ()), f"+{name}.{further}")
-            yield Candidate(name, component.name, effect.kind, effect.says, f"on {node.name}", (node.name,),
+            yield Candidate(name, component.name, effect.kind, effect.description, f"on {node.name}", (node.name,),
                             Change({name: _part(component, numbers)}, ends, initial=_settled(component, effect, name)),
                             numbers, "at", _full(component, name))
 
@@ -326,7 +327,7 @@ def _in_series(site: Site, component: Component, effect: Effect) -> Iterator[Can
             between = _fresh(site, f"{leaf.path}_{port.name}")
             ends = {wire: (f"-{path}", f"+{name}.{first.name}"), between: (path, f"{name}.{second.name}")}
             place = f"between {group.name} and {path}"
-            yield Candidate(name, component.name, effect.kind, effect.says, place, (group.name, leaf.path),
+            yield Candidate(name, component.name, effect.kind, effect.description, place, (group.name, leaf.path),
                             Change({name: _part(component, numbers)}, ends, initial=_settled(component, effect, name)),
                             numbers, "in series", _full(component, name))
 
@@ -358,8 +359,8 @@ def _before_input(site: Site, component: Component, effect: Effect) -> Iterator[
             numbers = _numbers(component, effect, name, solved(signal.unit.dimension, unit))
             change = _series_signal(name, _part(component, numbers), into, out, path, wire, leaf)
             change = replace(change, initial=_at_rest(component, name))
-            yield Candidate(name, component.name, effect.kind, effect.says, f"before {path}", (leaf.path,), change, numbers,
-                            "input", _full(component, name))
+            yield Candidate(name, component.name, effect.kind, effect.description, f"before {path}", (leaf.path,), change,
+                            numbers, "input", _full(component, name))
 
 
 def _at_rest(component: Component, name: str) -> dict[str, str]:
@@ -393,7 +394,7 @@ def _behind_channel(site: Site, component: Component, effect: Effect) -> Iterato
         numbers = _numbers(component, effect, name, read_unit(output.shown.unit).dimension)
         formula = f"={output.shown.text}"
         part = _part(component, numbers, {into: formula})
-        yield Candidate(name, component.name, effect.kind, effect.says, f"in the channel {channel}", (channel,),
+        yield Candidate(name, component.name, effect.kind, effect.description, f"in the channel {channel}", (channel,),
                         Change({name: part}, initial=_at_rest(component, name), channels={channel: f"{name}.{out}"}),
                         numbers, "channel", _full(component, name))
 
@@ -408,7 +409,7 @@ def _replacing(site: Site, component: Component, effect: Effect) -> Iterator[Can
         numbers = _numbers(component, effect, leaf.path)
         part = _part(component, numbers, values)
         part = Part(part.kind, {**part.values, **values})
-        yield Candidate(leaf.path, component.name, effect.kind, effect.says, f"in place of {leaf.path}", (leaf.path,),
+        yield Candidate(leaf.path, component.name, effect.kind, effect.description, f"in place of {leaf.path}", (leaf.path,),
                         Change({leaf.path: part}), numbers, "replaces", _full(component, leaf.path))
 
 

@@ -356,7 +356,7 @@ def _columns(experiment: Experiment, frame: _Frame, known: Mapping[str, Array]) 
     time = np.linspace(0.0, float(frame.time[-1]), count + 1)
     found = {experiment.time_column: _in(experiment.time_unit, time)}
     for k in frame.known:
-        signal = pieces(frame.time, known[k.source.column], k.source.between)
+        signal = pieces(frame.time, known[k.source.column], k.source.interpolation)
         found[k.source.column] = _in(k.source.unit, evaluate(signal, time))
     return found
 

@@ -1,7 +1,7 @@
 """Inputs that could be tried next: shapes that stay inside what the records did already.
 
-Limits of an input are the values between which the records move it and, where it is position-like (`between: spline`), the
-largest rate at which they do. Every shape begins at the value at which the records begin, at rest, and is drawn together
+Limits of an input are the values between which the records move it and, where it is position-like (`interpolation: spline`),
+the largest rate at which they do. Every shape begins at the value at which the records begin, at rest, and is drawn together
 about that value until value and rate are inside.
 """
 
@@ -104,7 +104,7 @@ def recorded(experiment: Experiment, known: KnownInput, time: Array) -> Recorded
         starts.append(float(values[-1][0]))
         courses[record.name] = evaluate(signal, np.minimum(time + begin, end))
     every = np.concatenate(values)
-    fastest = max(rates) if known.source.between == "spline" else np.inf
+    fastest = max(rates) if known.source.interpolation == "spline" else np.inf
     return Recorded(Limits(float(every.min()), float(every.max()), fastest, starts[0], float(values[0].mean())),
                     courses)
 

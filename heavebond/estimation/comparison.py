@@ -183,7 +183,7 @@ def compare_record(experiment: Experiment, record: Record,
         if found.checking.any():
             checking[name] = _channel(name, found, model[found.index], found.checking, astray, late)
     held_out = RecordComparison(f"{record.name}, held out", "validate", record.file, checking, result) if checking else None
-    held_inputs = [name for name, given in experiment.inputs_for(record).items() if given.between == "hold"]
+    held_inputs = [name for name, given in experiment.inputs_for(record).items() if given.interpolation == "hold"]
     notes = (*_notes(measured, fitted), *_held_too_long(fitted, held_inputs), *changes_of(result, states=False))
     return RecordComparison(record.name, record.use, record.file, fitted, result, held_out, notes)
 
@@ -210,7 +210,8 @@ def _held_too_long(channels: Mapping[str, Channel], inputs: Sequence[str]) -> li
     if not inputs or not late or not all(lag.noticeable and _SOONER < -lag.seconds / lag.interval < 1 for lag in late):
         return []
     return [f"all channels are early by a part of a sample: so they would look where {listing(inputs, 3)} did not stay from "
-            "sample to sample (`between: hold`) but moved on; if it was measured and not commanded, try `between: linear`"]
+            "sample to sample (`interpolation: hold`) but moved on; if it was measured and not commanded, "
+            "try `interpolation: linear`"]
 
 
 def _slips(channel: Channel, output: Output) -> tuple[str | None, ...]:
@@ -256,7 +257,7 @@ def driven_by(assembly: Assembly, experiment: Experiment, own: Record, other: Re
     flat = assembly.flat
     alike = own.settings == other.settings and own.conditions == other.conditions and \
         given.keys() == before.keys() == {k.name for k in flat.inputs} and \
-        all((g.unit, g.between) == (before[name].unit, before[name].between) for name, g in given.items())
+        all((g.unit, g.interpolation) == (before[name].unit, before[name].interpolation) for name, g in given.items())
     if not alike:
         return None
     inputs = tuple(replace(known, source=given[known.name]) for known in flat.inputs)

@@ -202,7 +202,7 @@ def _window(experiment: Experiment, record: Record, files: _Files, problems: Pro
             continue
         inputs.append(sampled)
         usual = float(np.median(np.diff(sampled)))
-        first, last = float(sampled[0]), float(sampled[-1]) + (usual if given.between == "hold" else 0.0)
+        first, last = float(sampled[0]), float(sampled[-1]) + (usual if given.interpolation == "hold" else 0.0)
         # an input may begin or end a few of its own samples inside: so much of the record is left out
         slack = (BRIDGED + 1) * usual
         cut = [f"`{word}: {at:.10g} s`" for word, at, beyond in (

@@ -23,6 +23,7 @@ from heavebond.exchange.json_schema_values import (
     instance_of,
     quantity,
     units,
+    with_former_keys,
 )
 from heavebond.language.definition import ATTACHES, Component
 from heavebond.language.library import Library
@@ -129,16 +130,16 @@ def study() -> Schema:
     drawn = _object(dict.fromkeys((*DRAWN, "seed"), whole), description="how points are drawn")
     sample = _object({"sample": {"anyOf": [{"enum": list(NAMED)}, drawn]}, "over": ranges}, ["sample", "over"])
     cases = {"anyOf": [{"type": "array"}, steps, sample, _each({"anyOf": [values, {"type": "null"}]})]}
-    return _object({
+    return with_former_keys("study", _object({
         "study": _said("a name"), "summary": _said("a sentence"), "model": _said("the diagram"),
         "cases": _each(cases, "what is varied: `f: [1 Hz, 2 Hz]`, or named sets of values"), "evaluate": window,
         "reference": _said("values of a run that others are compared with", values),
         "modes": _said("values where modes are computed", values), "tune": tune,
         "measure": _each({"anyOf": [TEXT, _object({"is": {}, "unit": UNIT}, ["is"])]}, "numbers told of each case"),
-        "beside": _said("what others say of the same", {"type": "object"}), "calibrate": _object(
+        "compare_with": _said("what others say of the same", {"type": "object"}), "calibrate": _object(
             {"free": ranges, "targets": {}, "to": {}}, ["free", "targets"]),
         "pictures": _each(_object({"title": TEXT, **dict.fromkeys(PICTURES, WORDS), "from": TIME, "to": TIME})),
-        "notes": _said("text for readers", {})}, ["study", "model"])
+        "notes": _said("text for readers", {})}, ["study", "model"]))
 
 
 def component_file(known: Library) -> Schema:
@@ -148,11 +149,12 @@ def component_file(known: Library) -> Schema:
     port = _object({"domain": domain, "doc": TEXT, "count": COUNT,
                     "prescribed": _said("its motion must not depend on what acts on it here; written without a value", {})},
                    ["domain"])
-    parameter = _object({
+    parameter = with_former_keys("parameter", _object({
         "unit": UNIT, "doc": TEXT, "min": QUANTITY, "max": QUANTITY, "default": QUANTITY, "neutral": QUANTITY,
-        "integer": _said("a whole number; written without a value", {}), "class": TEXT, "try": TEXT, "wakes_with": WORDS,
-        "count": COUNT, "medium": _said("the property of the medium in its circuit that it is taken from"),
-        "width": _said("the width of a transition that makes a law smooth; written without a value", {})})
+        "integer": _said("a whole number; written without a value", {}), "class": TEXT, "search_range": TEXT,
+        "wakes_with": WORDS, "count": COUNT,
+        "medium": _said("the property of the medium in its circuit that it is taken from"),
+        "width": _said("the width of a transition that makes a law smooth; written without a value", {})}))
     variable = _object({"unit": UNIT, "doc": TEXT, "min": QUANTITY, "max": QUANTITY, "start": QUANTITY, "held": QUANTITY,
                         "nominal": QUANTITY, "count": COUNT}, ["unit"])
     event = _object({**dict.fromkeys((*KINDS, "from"), FORMULA), "then": _each(FORMULA)}, ["then"])
@@ -172,10 +174,10 @@ def component_file(known: Library) -> Schema:
 
 def _effect(domain: Schema) -> Schema:
     attaches = {"enum": list(ATTACHES)}
-    return _object({
-        "class": TEXT, "says": TEXT, "attaches": {"anyOf": [attaches, {"type": "array", "items": attaches}]},
-        "amplitude": {"anyOf": [WORDS, _each(TEXT)]}, "try": _each(TEXT), "also": _each(domain), "replaces": TEXT,
-        "start": _each(FORMULA), "settled": WORDS}, ["class", "says"], "that it may be what another diagram lacks")
+    return with_former_keys("effect", _object({
+        "class": TEXT, "description": TEXT, "attaches": {"anyOf": [attaches, {"type": "array", "items": attaches}]},
+        "amplitude": {"anyOf": [WORDS, _each(TEXT)]}, "search_range": _each(TEXT), "also": _each(domain), "replaces": TEXT,
+        "start": _each(FORMULA), "settled": WORDS}, ["class", "description"], "that it may be what another diagram lacks"))
 
 
 # -- parts of them ---------------------------------------------------------------------------------------------------
@@ -184,9 +186,9 @@ def parts() -> dict[str, Schema]:
     any_value = {"anyOf": [QUANTITY, *LISTS, {"$ref": "#/definitions/column"}]}
     return {
         "quantity": quantity(), "time": quantity(unit("s"), "a time"), "unit": units(),
-        "column": column(["file", "column", "unit", "between"]),
+        "column": column(["file", "column", "unit", "interpolation"]),
         "inputs": _each({"anyOf": [_said("the input whose record it takes over", {"type": "string"}),
-                                   column(["column", "unit", "between"])]}, "signal inputs that records drive"),
+                                   column(["column", "unit", "interpolation"])]}, "signal inputs that records drive"),
         "settings": _each(any_value, "values on dotted paths: `gas.c: 40 kN/m`"),
         "nodes": _each({"anyOf": [{"type": "array", "items": {"type": "string"}}, {"type": "string"}]},
                        "the wires: a name each, and the list of ports: `load: [spring.b, load.a]`"),

@@ -24,6 +24,7 @@ from heavebond.language.definition import (
     Variable,
 )
 from heavebond.language.effects import EffectReader, sought
+from heavebond.language.renamed_keys import present
 from heavebond.language.when import when_entries
 from heavebond.text.expression import Expr, Number, constant, parse_equation, parse_formula
 from heavebond.text.yaml_source import Mapping, Node, Scalar, Source
@@ -177,7 +178,8 @@ class _Parser:
                           reading.text(node.items.get("doc"), "doc", self.problems))
 
     def _parameter(self, key: Scalar, node: Mapping, variables: Dictionary[str, Variable]) -> Parameter:
-        keys = ("unit", "doc", "min", "max", "default", "neutral", "integer", "class", "try", "wakes_with", "count",
+        node = present(node, "parameter", self.problems)
+        keys = ("unit", "doc", "min", "max", "default", "neutral", "integer", "class", "search_range", "wakes_with", "count",
                 "medium", "width")
         integer = "integer" in node.items
         reading.known_keys(node, keys, f"parameter '{key.text}'", self.problems, () if integer else ("unit",))
@@ -192,7 +194,7 @@ class _Parser:
         return Parameter(key.text, unit or DIMENSIONLESS, key.place,
                          reading.text(node.items.get("doc"), "doc", self.problems), bounds["min"], bounds["max"],
                          default, bounds["neutral"], integer, reading.text(node.items.get("class"), "class", self.problems),
-                         sought(node.items.get("try"), unit or DIMENSIONLESS, variables, key.text, self.problems),
+                         sought(node.items.get("search_range"), unit or DIMENSIONLESS, variables, key.text, self.problems),
                          tuple(w.text for w in reading.words(node.items.get("wakes_with"), "wakes_with", self.problems)),
                          self._count(node), reading.text(node.items.get("medium"), "medium", self.problems),
                          "width" in node.items)

@@ -94,7 +94,7 @@ class Value:
 
 @dataclass(frozen=True)
 class FileInput:
-    """A signal given by a column of a measured file; `between` is spline, linear or hold.
+    """A signal given by a column of a measured file; `interpolation` is spline, linear or hold.
 
     `file` is `Path()` where the experiment's record is meant. `bridge`: gaps may be gone across. `zero` is the file and its
     column of times from whose first row times of a clock count, where that is another one's.
@@ -103,7 +103,7 @@ class FileInput:
     file: Path
     column: str
     unit: str
-    between: str
+    interpolation: str
     place: Place
     time_column: str | None = None
     time_unit: str = "s"
@@ -138,7 +138,7 @@ class Effect:
     """
 
     kind: str
-    says: str
+    description: str
     attaches: tuple[str, ...]
     amplitude: dict[str, Sought | None]
     shapes: dict[str, Sought]

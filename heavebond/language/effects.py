@@ -20,10 +20,11 @@ from heavebond.language.definition import (
     Sought,
     Variable,
 )
+from heavebond.language.renamed_keys import present
 from heavebond.text.expression import names
 from heavebond.text.yaml_source import Mapping, Node, Scalar
 
-KEYS = ("class", "says", "attaches", "amplitude", "try", "also", "replaces", "start", "settled")
+KEYS = ("class", "description", "attaches", "amplitude", "search_range", "also", "replaces", "start", "settled")
 
 
 def sought(node: Node | None, unit: Unit, variables: Dictionary[str, Variable], what: str, problems: Problems
@@ -74,13 +75,14 @@ class EffectReader:
         entry = reading.mapping(node, "effect", self.problems)
         if entry is None:
             return None
-        reading.known_keys(entry, KEYS, "effect", self.problems, ("class", "says"))
+        entry = present(entry, "effect", self.problems)
+        reading.known_keys(entry, KEYS, "effect", self.problems, ("class", "description"))
         also = self._also(entry.items.get("also"))
         attaches = self._attaches(entry, also)
         found = Effect(
             reading.text(entry.items.get("class"), "class", self.problems),
-            reading.text(entry.items.get("says"), "says", self.problems), attaches,
-            self._amplitude(entry.items.get("amplitude")), self._shapes(entry.items.get("try"), "try"),
+            reading.text(entry.items.get("description"), "description", self.problems), attaches,
+            self._amplitude(entry.items.get("amplitude")), self._shapes(entry.items.get("search_range"), "search_range"),
             also, reading.text(entry.items.get("replaces"), "replaces", self.problems),
             self._start(entry.items.get("start")), self._settled(entry.items.get("settled")), entry.place)
         self._check(entry)
@@ -195,12 +197,12 @@ class EffectReader:
         if "attaches" in entry.items and "amplitude" not in entry.items:
             problems.add("effect-amplitude", "the effect does not say which parameters make it", place,
                          hint="Write `amplitude: [...]` with those that are 0 where it is absent.")
-        said = {word for key in ("amplitude", "try", "start") for word in _named(entry.items.get(key))}
+        said = {word for key in ("amplitude", "search_range", "start") for word in _named(entry.items.get(key))}
         for parameter in self.parameters.values():
             if parameter.name not in said and parameter.default is None and parameter.neutral is None \
                     and not parameter.medium:
                 problems.add("effect-parameter", f"the effect says nothing of '{parameter.name}', which has no default",
-                             place, hint="List it under `try:` with a range, or give it a default.")
+                             place, hint="List it under `search_range:` with a range, or give it a default.")
 
     def dormant(self) -> None:
         """Notes what parameters say of effects that could wake, where that is not so."""
@@ -213,7 +215,7 @@ class EffectReader:
                 if self._parameter(name, parameter.place) is not None and self.parameters[name].sought is None:
                     self.problems.add("effect-parameter", f"'{name}' wakes with '{parameter.name}', but no range says "
                                       "where it is sought", self.parameters[name].place,
-                                      hint=f"Add `try: low .. high` to '{name}'.")
+                                      hint=f"Add `search_range: low .. high` to '{name}'.")
 
 
 def _named(node: Node | None) -> list[str]:

@@ -11,6 +11,7 @@ from typing import TypeVar
 from heavebond.core.errors import HeavebondError, Place, Problems, nearest, suggest
 from heavebond.core.units import Unit, UnitProblem, check_unit, generic_unit, parse_quantity, read_unit
 from heavebond.language.definition import Body, End, FileInput, Formula, Instance, Value, Wire
+from heavebond.language.renamed_keys import present
 from heavebond.text.expression import KEYWORDS, Equation, Expr, ExpressionProblem, Number, constant, names, parse_formula
 from heavebond.text.yaml_source import Mapping, Node, Scalar, Sequence, Source
 
@@ -20,11 +21,11 @@ CAMEL_CASE = re.compile(r"[A-Z][A-Za-z0-9]*[a-z][A-Za-z0-9]*")
 RESERVED = {*KEYWORDS, "time", "pi"}
 SWITCHES = {"on": 1, "yes": 1, "true": 1, "off": 0, "no": 0, "false": 0}
 FARTHEST = 100  # of a place in a drawing, which is laid out on a grid
-BETWEEN = ("spline", "linear", "hold")
+INTERPOLATIONS = ("spline", "linear", "hold")
 
 
 # what a missing entry may be, where there is more to say than its name
-EXAMPLES = {"between": "`between: spline` (what moves smoothly), `linear`, or `hold` (what is switched)",
+EXAMPLES = {"interpolation": "`interpolation: spline` (what moves smoothly), `linear`, or `hold` (what is switched)",
             "use": "`use: fit` or `use: validate`", "file": "`file: name.csv`",
             "unit": "`unit: ...` with its unit (mm, kN, bar; 1 for a plain number)",
             "column": "`column: name_in_the_file`"}
@@ -184,24 +185,25 @@ def _unmarked(content: str, what: str) -> tuple[str, str, str]:
 
 
 def file_input(node: Mapping, source: Source, problems: Problems, *, file: bool = True) -> FileInput | None:
-    """`{file: heave.csv, column: z, unit: m, between: spline}`; the file is beside the file that names it."""
-    known_keys(node, ["file", "column", "unit", "between", "time", "gaps"], "an input from a record", problems,
-               required=[*(["file"] if file else []), "column", "unit", "between"])
-    between = node.items.get("between")
-    if isinstance(between, Scalar) and between.text not in BETWEEN:
-        problems.add("between-unknown", f"'{between.text}' is no way to go between samples", between.place,
-                     hint=suggest(between.text, BETWEEN) or "Write spline, linear or hold.")
+    """`{file: heave.csv, column: z, unit: m, interpolation: spline}`; the file is beside the file that names it."""
+    node = present(node, "input", problems)
+    known_keys(node, ["file", "column", "unit", "interpolation", "time", "gaps"], "an input from a record", problems,
+               required=[*(["file"] if file else []), "column", "unit", "interpolation"])
+    between = node.items.get("interpolation")
+    if isinstance(between, Scalar) and between.text not in INTERPOLATIONS:
+        problems.add("between-unknown", f"there is no interpolation '{between.text}'", between.place,
+                     hint=suggest(between.text, INTERPOLATIONS) or "Write spline, linear or hold.")
         return None
     unit = node.items.get("unit")
     if isinstance(unit, Scalar):
         unit_text(unit, problems)
-    if any(name not in node.items for name in ("column", "unit", "between")):
+    if any(name not in node.items for name in ("column", "unit", "interpolation")):
         return None
     entry = {name: text(item, name, problems) for name, item in node.items.items() if name != "time"}
     time_node = node.items.get("time")
     time_column, time_unit = time_axis(time_node, problems) if time_node is not None else (None, "s")
     return FileInput(source.path.parent / entry["file"] if "file" in entry else Path(), entry["column"], entry["unit"],
-                     entry["between"], node.place, time_column, time_unit,
+                     entry["interpolation"], node.place, time_column, time_unit,
                      choice(node.items.get("gaps"), "gaps", ("bridge",), problems) == "bridge")
 
 

@@ -256,11 +256,11 @@ def _check_smoothness(reduced: Reduced, expressions: list[ca.SX]) -> None:
     problems = Problems()
     for known in reduced.flat.inputs:
         needed = max((k for k, s in enumerate(split(known.symbols)) if s.element_hash() in used), default=0)
-        if needed > DERIVATIVES[known.source.between]:
+        if needed > DERIVATIVES[known.source.interpolation]:
             times = ("", "once", "twice", "three times")[needed]
             problems.add("input-not-smooth", f"{known.name} must be differentiated {times} in time, which "
-                         f"`between: {known.source.between}` does not allow", known.source.place,
-                         hint="Write `between: spline`.")
+                         f"`interpolation: {known.source.interpolation}` does not allow", known.source.place,
+                         hint="Write `interpolation: spline`.")
     problems.raise_as(ModelError)
 
 

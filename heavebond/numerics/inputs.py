@@ -60,7 +60,7 @@ def read_input(known: KnownInput, begin: float = -np.inf, end: float = np.inf) -
         raise DataError([Problem("unit-wrong", f"{known.name} is in {known.unit.text}; the record gives it in "
                                  f"{given.unit}", given.place)])
     time, values = input_samples(given, begin, end)
-    return pieces(time, np.asarray(unit.to_si(values)), given.between)  # type: ignore[arg-type]
+    return pieces(time, np.asarray(unit.to_si(values)), given.interpolation)  # type: ignore[arg-type]
 
 
 def input_samples(given: FileInput, begin: float = -np.inf, end: float = np.inf, *, table: Table | None = None

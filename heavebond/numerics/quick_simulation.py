@@ -5,9 +5,9 @@ its steps: three to six times as many as the motion asks for. Here the pieces st
 and the integrator (CVODES where there are no algebraic unknowns, which takes fewer evaluations a step than IDAS) steps over
 the samples under its error control. What a search finds is reported from runs of `Simulator`.
 
-An input that jumps at its samples (`between: hold`) has to be stopped at. Methods of several steps begin each stretch with
-their lowest order and their shortest steps; where that takes many evaluations a sample, a one-step method takes over, which
-needs a step or two.
+An input that jumps at its samples (`interpolation: hold`) has to be stopped at. Methods of several steps begin each stretch
+with their lowest order and their shortest steps; where that takes many evaluations a sample, a one-step method takes over,
+which needs a step or two.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class QuickSimulator(Unexplained):
     def looks_up(self) -> bool:
         """Whether inputs are looked up in the equations."""
         inputs = self.assembly.flat.inputs
-        return bool(inputs) and self.factors is None and all(k.source.between == "spline" for k in inputs)
+        return bool(inputs) and self.factors is None and all(k.source.interpolation == "spline" for k in inputs)
 
     def _driven(self, times: Array) -> dict[str, Array]:
         return {} if self.looks_up else super()._driven(times)

@@ -29,19 +29,19 @@ class Pieces:
     smoothness: int
 
 
-def pieces(time: ArrayLike, values: ArrayLike, between: str = "spline") -> Pieces:
+def pieces(time: ArrayLike, values: ArrayLike, interpolation: str = "spline") -> Pieces:
     """The samples `values` (n,) at the increasing times `time` (n,) as a function of time, n >= 2.
 
-    between: `spline` is the cubic spline with not-a-knot ends (a parabola through 3 samples, a line through
+    interpolation: `spline` is the cubic spline with not-a-knot ends (a parabola through 3 samples, a line through
     2); `linear` joins the samples; `hold` keeps each sample until the next, the last for one further median
     step.
     Raises DataError for a record that is too short or not in order, UsageError for another word.
 
     C. de Boor, A Practical Guide to Splines, Springer, 1978, chapter IV (not-a-knot).
     """
-    if between not in SMOOTHNESS:
-        raise UsageError(f"`between: {between}` is not known",
-                         hint=suggest(between, SMOOTHNESS) or "Write spline, linear or hold.")
+    if interpolation not in SMOOTHNESS:
+        raise UsageError(f"`interpolation: {interpolation}` is not known",
+                         hint=suggest(interpolation, SMOOTHNESS) or "Write spline, linear or hold.")
     t, y = np.asarray(time, dtype=np.float64), np.asarray(values, dtype=np.float64)
     if len(t) < 2:
         number = "1 sample" if len(t) == 1 else f"{len(t)} samples"
@@ -49,14 +49,14 @@ def pieces(time: ArrayLike, values: ArrayLike, between: str = "spline") -> Piece
     steps = np.diff(t)
     if not (np.all(steps > 0) and np.isfinite(y).all()):
         raise DataError([Problem("record-time", "a record needs increasing times and a number in every row")])
-    if between == "hold":
-        return Pieces(np.append(t, t[-1] + np.median(steps)), _padded(y[:, None]), SMOOTHNESS[between])
-    if between == "linear":
-        return Pieces(t, _padded(np.stack([y[:-1], np.diff(y) / steps], axis=1)), SMOOTHNESS[between])
+    if interpolation == "hold":
+        return Pieces(np.append(t, t[-1] + np.median(steps)), _padded(y[:, None]), SMOOTHNESS[interpolation])
+    if interpolation == "linear":
+        return Pieces(t, _padded(np.stack([y[:-1], np.diff(y) / steps], axis=1)), SMOOTHNESS[interpolation])
     from scipy.interpolate import CubicSpline
 
     descending = CubicSpline(t, y, bc_type="not-a-knot").c
-    return Pieces(t, _padded(descending[::-1].T), SMOOTHNESS[between])
+    return Pieces(t, _padded(descending[::-1].T), SMOOTHNESS[interpolation])
 
 
 def _piece(signal: Pieces, t: Array) -> NDArray[np.intp]:

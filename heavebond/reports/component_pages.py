@@ -207,7 +207,7 @@ def _effects(component: Component) -> list[str]:
     if (effect := component.effect) is not None:
         where = f"in the place of a {effect.replaces}" if effect.replaces else " or ".join(
             PLACES[word] for word in effect.attaches)
-        lines.append(f"* Missing as a whole: **{effect.kind}**, {_prose(effect.says)}. It is tried {where}.")
+        lines.append(f"* Missing as a whole: **{effect.kind}**, {_prose(effect.description)}. It is tried {where}.")
         sizes = [f"`{name}`" + (f" {_sought(s)}" if s is not None else "") for name, s in effect.amplitude.items()]
         lines += [f"* Its size: {', '.join(sizes)}."] if sizes else []
         shapes = [f"`{name}` {_sought(s)}" for name, s in effect.shapes.items()]

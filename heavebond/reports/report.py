@@ -180,7 +180,7 @@ def _found(diagnosis: Diagnosis) -> Html:
     parts = [_finding(k, f) for k, f in enumerate(diagnosis.findings, 1)]
     shape = diagnosis.shape
     if shape is not None:
-        parts += [element("h3", f"A curve without a name: {shape.candidate.says} {shape.candidate.place}"),
+        parts += [element("h3", f"A curve without a name: {shape.candidate.description} {shape.candidate.place}"),
                   element("p", "With it the chi-square per sample on held-out data is "
                           f"{number(shape.rung.chi2_held_out, 4)}."), learnt(shape)]
     return joined(parts)
@@ -193,7 +193,7 @@ def _finding(k: int, finding: Finding) -> Html:
     rows = [(explained(p.name, meaning(finding.fit, p.name)), *valued(p),
              f"at the {p.ended} end of its range" if p.ended else "") for p in finding.parameters]
     parts = [element("h3", f"{k}. {candidate.kind[:1].upper()}{candidate.kind[1:]} {candidate.place}"),
-             element("p", f"{candidate.says[:1].upper()}{candidate.says[1:]}; {what} ",
+             element("p", f"{candidate.description[:1].upper()}{candidate.description[1:]}; {what} ",
                      element("code", candidate.name), ".")]
     if rows:
         parts.append(table(("number", "value", "95 % interval", ""), rows))
@@ -307,9 +307,9 @@ def _next(diagnosis: Diagnosis, written: Sequence[Path]) -> Html:
         "effect": ("Add the effect, and ask again whether anything is left:", [f"heavebond diagnose {name}"]),
         "one_of": ("A further record can tell them apart. Each can be put in by hand:", _tries(diagnosis, name)),
         "shape": ("Look at what the places ask for, and give it a name as a component with an entry `effect:`:",
-                  [f"heavebond where {name} --fitted --output where.png", f"heavebond candidates {name}"]),
+                  [f"heavebond localize {name} --fitted --output where.png", f"heavebond candidates {name}"]),
         "undetermined": ("Record again with a larger or a longer motion, or look where the misfit sits:",
-                         [f"heavebond where {name} --fitted --output where.png"])}[diagnosis.verdict]
+                         [f"heavebond localize {name} --fitted --output where.png"])}[diagnosis.verdict]
     if written:
         files = [path_text(path) for path in written]
         lines = [*(f"heavebond compare {file}" for file in files), f"heavebond diagnose {files[-1]}"]

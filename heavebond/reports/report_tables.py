@@ -126,8 +126,8 @@ def parameters(fit: Fit, base: Fit | None) -> Html:
     return joined([made, element("ul", *(element("li", w) for w in words))])
 
 
-def _parameter(p: Fitted, alone: Fitted | None, both: bool, says: str) -> list[str]:
-    """A row, `says` what the parameter is; of a number of the effect itself there is no value on a data sheet."""
+def _parameter(p: Fitted, alone: Fitted | None, both: bool, description: str) -> list[str]:
+    """A row, `description` what the parameter is; of a number of the effect itself there is no value on a data sheet."""
     sheet = alone.before if alone is not None else p.before
     value, inside = valued(p)
     least, most, before = in_one_unit(p.unit, p.value, (p.low, p.high, sheet))
@@ -135,7 +135,7 @@ def _parameter(p: Fitted, alone: Fitted | None, both: bool, says: str) -> list[s
     picture = interval(p.low, p.high, p.interval, p.value, sheet if known else None, p.low > 0,
                        f"{p.name}: {value}, 95 %: {inside}, range {least} to {most}")
     earlier = [_ended(in_one_unit(p.unit, p.value, (alone.value,))[0], alone) if alone is not None else "–"] if both else []
-    name = explained(p.name + (f" ({p.record})" if p.record else ""), says)
+    name = explained(p.name + (f" ({p.record})" if p.record else ""), description)
     return [name, before if known else "–", *earlier, _ended(value, p), inside, _span(least, most), picture]
 
 
@@ -151,9 +151,9 @@ def valued(p: Fitted) -> tuple[str, str]:
     return written(p.value) + label, p.known(written, label, "…")
 
 
-def explained(name: str, says: str) -> Html:
+def explained(name: str, description: str) -> Html:
     """A name with what it stands for below it."""
-    return joined([name, *([element("br"), element("span", says, class_="quiet small")] if says else [])])
+    return joined([name, *([element("br"), element("span", description, class_="quiet small")] if description else [])])
 
 
 def _ended(value: str, p: Fitted) -> Html:

@@ -198,7 +198,7 @@ def learnt(finding: Finding) -> Html:
                  across=f"{axes[0]} [{unit_label(across)}]", up=f"{axes[1]} [{unit_label(up)}]",
                  label=f"The learnt curve of {names[1]} over {names[0]}")
     return element("figure", drawn, element("figcaption", "The learnt law, as far as the records went: "
-                                            f"{finding.candidate.says} {finding.candidate.place}."))
+                                            f"{finding.candidate.description} {finding.candidate.place}."))
 
 
 def _curve_names(finding: Finding, result: Result) -> Sequence[str] | None:

@@ -1,6 +1,6 @@
 """Numbers that others give, beside those of a study: per source, quantity and case.
 
-    beside:
+    compare_with:
       published:
         WOB variation: {with: [15 kN, 6.2 kN, 2.1 kN], without: [15 kN, 7.1 kN, 1.1 kN]}
         controller.K_p: {0.75 Hz: {with: 3.02 1/m, without: 6.15 1/m}}
@@ -51,8 +51,8 @@ class Beside:
 
 def read_beside(node: Node | None, axes: Sequence[Axis], quantities: Sequence[str], problems: Problems
                 ) -> tuple[Beside, ...]:
-    """The sources under `beside:`; `quantities` are the names that they may give numbers for."""
-    sources = reading.mapping(node, "beside", problems, "Write `published: {QUANTITY: NUMBER}`.")
+    """The sources under `compare_with:`; `quantities` are the names that they may give numbers for."""
+    sources = reading.mapping(node, "compare_with", problems, "Write `published: {QUANTITY: NUMBER}`.")
     found = []
     for source, item in (sources.items if sources else {}).items():
         entries = reading.mapping(item, f"'{source}'", problems,

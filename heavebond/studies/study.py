@@ -20,6 +20,7 @@ from heavebond.core.units import Range, UnitProblem, parse_quantity
 from heavebond.language import reading
 from heavebond.language.definition import FileInput
 from heavebond.language.model import Model, find, load_beside
+from heavebond.language.renamed_keys import present
 from heavebond.language.sections import read_settings
 from heavebond.linear.rest_stability import STABLE
 from heavebond.optimise.objective import Case, Task
@@ -30,7 +31,7 @@ from heavebond.studies.sampling import read_ranges
 from heavebond.text.expression import constant
 from heavebond.text.yaml_source import Mapping, Node, Scalar, Source, read
 
-STUDY_KEYS = ("study", "summary", "model", "cases", "evaluate", "reference", "modes", "tune", "measure", "beside",
+STUDY_KEYS = ("study", "summary", "model", "cases", "evaluate", "reference", "modes", "tune", "measure", "compare_with",
               "calibrate", "pictures", "notes")
 TUNE_KEYS = ("free", "cost", "limits", "stable", "over", "uncertain", "by")
 ASKED = {"on": True, "off": False}
@@ -83,8 +84,8 @@ class Picture:
 
 @dataclass(frozen=True)
 class Calibration:
-    """What is sought so that measured or tuned quantities come near the numbers of a source (its index under `beside:`):
-    parameters and ranges, and how near each quantity should come, relative to the number given."""
+    """What is sought so that measured or tuned quantities come near the numbers of a source (its index under
+    `compare_with:`): parameters and ranges, and how near each quantity should come, relative to the number given."""
 
     free: Dictionary[str, Range]
     targets: Dictionary[str, float]
@@ -185,9 +186,9 @@ def _unpacked(shared: bytes) -> Study:
 
 def load_study(name: str | Path) -> Study:
     """Load a study: the path of a file, or a bundled one (`cmc_ahc/quality_index`)."""
-    source = read(find(name, "study"))
+    source, problems = read(find(name, "study")), Problems()
+    source = replace(source, root=present(source.root, "study", problems))
     root = source.root
-    problems = Problems()
     if "study" not in root.items:
         raise ModelError([Problem("not-a-study", f"{source.name} is no study: it has no `study:`", root.place,
                                   suggest("study", root.items) or "A study begins with `study: name`.")])
@@ -232,7 +233,7 @@ def _study(source: Source, model: Model, problems: Problems) -> Study:
         problems.add("name-twice", f"'{name}' is told by the tuning already", measures[name].place,
                      hint="Take another name.")
     places = {key: item.place for key, item in (entry.items if entry else {}).items()}
-    beside = read_beside(items.get("beside"), axes, [*measures, *tuned], problems)
+    beside = read_beside(items.get("compare_with"), axes, [*measures, *tuned], problems)
     return Study(reading.text(items["study"], "study", problems), reading.text(items.get("summary"), "summary", problems),
                  source.path, model, axes, begin or 0.0, end, reference, modes, task, procedures, measures,
                  beside, _pictures(items.get("pictures"), axes, [*measures, *tuned], problems),
@@ -378,9 +379,9 @@ def _calibration(node: Node | None, beside: Many[Beside], problems: Problems) ->
     sources = [b.source for b in beside]
     wanted = reading.text(entry.items.get("to"), "to", problems, sources[0] if len(sources) == 1 else "")
     if wanted not in sources:
-        problems.add("source-unknown", f"'{wanted}' gives no numbers under `beside:`" if wanted else
-                     "it is not said whose numbers under `beside:` are the targets", entry.place,
-                     hint=suggest(wanted, sources) or (f"Write `to: {sources[0]}`." if sources else "Add `beside:`."))
+        problems.add("source-unknown", f"'{wanted}' gives no numbers under `compare_with:`" if wanted else
+                     "it is not said whose numbers under `compare_with:` are the targets", entry.place,
+                     hint=suggest(wanted, sources) or (f"Write `to: {sources[0]}`." if sources else "Add `compare_with:`."))
         return None
     source = sources.index(wanted)
     targets = _widths(entry.items.get("targets"), problems)

@@ -1,4 +1,4 @@
-"""`heavebond ladder`: the falling error of models with more and more in them."""
+"""`heavebond errors`: the errors of a sequence of experiments, each with one effect more than the one before."""
 
 from __future__ import annotations
 
@@ -20,17 +20,18 @@ HEAD = ("error, fitted", "held out", "chi-square, fitted", "held out")
 @click.argument("experiments", nargs=-1, required=True)
 @picture_option("Draw the errors on fitted and held-out data, and the noise level")
 @json_option
-def ladder(experiments: tuple[str, ...], output: Path | None) -> dict[str, object]:
+def errors(experiments: tuple[str, ...], output: Path | None) -> dict[str, object]:
     """Compare several EXPERIMENTS on the same records, each model with the values of its diagram.
 
     The error is relative to the size of the measured signals; the reduced chi-square is 1 at the noise level.
+    `heavebond ladder` is the same command.
     """
     from heavebond.commands import terminal
-    from heavebond.diagnosis.ladder import ladder as climbed
+    from heavebond.diagnosis.ladder import ladder
 
     check_picture(output)
     with terminal.working("comparing") as progress:
-        rungs = climbed(experiments, progress=progress)
+        rungs = ladder(experiments, progress=progress)
     console = terminal.output()
     console.print(table(rungs, "experiment"))
     files = []

@@ -1,4 +1,4 @@
-"""`heavebond where`: when, in what state of motion and at which place of its diagram a model fails its records."""
+"""`heavebond localize`: when, in what state of motion and at which place of its diagram a model fails its records."""
 
 from __future__ import annotations
 
@@ -20,24 +20,24 @@ HEAD = ("place", "explains", "behind", "rms", "follows", "R2", "shape")
 @click.option("--fitted", is_flag=True, help="Begin with a fit of the free parameters instead of the diagram's values.")
 @picture_option("Draw what acts at the best place of each kind, and the misfit over time")
 @json_option
-def where(experiment: str, fitted: bool, output: Path | None) -> dict[str, object]:
+def localize(experiment: str, fitted: bool, output: Path | None) -> dict[str, object]:
     """Locate the error of the model of EXPERIMENT: when and in which state of motion it occurs, and at which place of the
     diagram a force or a flow is missing.
 
-    With --output name.png the pictures are name.png (the best place), name_2.png and so on, and name_misfit.png.
+    `heavebond where` is the same command. With --output name.png the pictures are name.png (the best place), name_2.png and
+    so on, and name_misfit.png.
     """
     from heavebond.commands import terminal
     from heavebond.estimation.excerpts import cut
     from heavebond.estimation.experiment import load_experiment
     from heavebond.estimation.fitting import fit
-    from heavebond.localise.misfit import summary
-    from heavebond.localise.misfit import where as found_where
+    from heavebond.localise.misfit import summary, where
 
     check_picture(output)
     loaded = load_experiment(experiment)
-    with terminal.working("looking where it fails") as progress:
+    with terminal.working("localizing model errors") as progress:
         values = fit(loaded, progress=progress) if fitted else None
-        found = found_where(loaded, values=values, progress=progress)
+        found = where(loaded, values=values, progress=progress)
     console = terminal.output()
     for line in summary(found):
         console.print(line, soft_wrap=True)
