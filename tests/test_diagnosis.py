@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -20,6 +21,7 @@ from heavebond.diagnosis.diagnosis import Diagnosis, attempt, diagnose
 from heavebond.diagnosis.experiment_design import Extra
 from heavebond.diagnosis.fixed_values import fixed_values
 from heavebond.diagnosis.ladder import rung as rung_of
+from heavebond.diagnosis.ranking import BY_KEY, COLUMNS, JUDGEMENTS, as_dicts, entries
 from heavebond.diagnosis.refit import Trial
 from heavebond.estimation.comparison import compare
 from heavebond.estimation.experiment import Experiment, load_experiment
@@ -257,7 +259,27 @@ def documented() -> set[str]:
     rows = PAGE.read_text(encoding="utf-8").partition("| key | stands in |")[2].partition("\n\n")[0].splitlines()[2:]
     listed = [row.split("`")[1] for row in rows]
     assert len(set(listed)) == len(listed)
-    return set(listed)
+    return set(listed) | set(BY_KEY)
+
+
+def test_the_page_has_the_columns_of_the_ranking() -> None:
+    rows = PAGE.read_text(encoding="utf-8").partition("| key | heading |")[2].partition("\n\n")[0].splitlines()[2:]
+    cells = [(f"`{c.key}`", c.title, c.unit, c.meaning) for c in COLUMNS]
+    assert rows == [" ".join("|" if not cell else f"| {cell}" for cell in row) + " |" for row in cells]
+
+
+def test_every_candidate_is_ranked_once_with_the_reason_for_its_judgement(tmp_path: Path) -> None:
+    said = found(tmp_path, "receiver", [("leak in", 4e-10)], ["leakage", "sensor offset"])
+    ranked = entries(said.steps[0])
+    assert {e.candidate.label for e in ranked} == {s.candidate.label for s in said.steps[0].scores}
+    assert [e.judgement for e in ranked].count("chosen") == 1 and ranked[0]["cluster"] is True
+    for e in ranked:
+        assert e.judgement in JUDGEMENTS and (e["chi2_fit"] is None) == (e.trial is None)
+        assert (e.judgement in ("same_direction", "not_identifiable", "low_score", "not_reached", "not_simulated")) == \
+            (e.trial is None)
+    best = ranked[0]
+    assert best.trial is not None and best["bic_difference"] == best.trial.bic - said.steps[0].bic < -10
+    assert as_dicts(ranked)[0]["error_over_noise_held_out"] == pytest.approx(math.sqrt(best.trial.chi2_held_out))
 
 
 def test_the_page_lists_the_keys_of_every_verdict(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

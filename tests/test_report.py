@@ -17,6 +17,7 @@ from heavebond.core.presentation import number, readable
 from heavebond.diagnosis.diagnosis import Diagnosis, diagnose
 from heavebond.diagnosis.experiment_design import Alternative, separate
 from heavebond.diagnosis.ladder import meaning, misses, restrictions
+from heavebond.diagnosis.ranking import BY_KEY, entries
 from heavebond.localise.misfit import Where, where
 from heavebond.pictures.markup import data_block, element, escaped
 from heavebond.reports.report import report
@@ -94,9 +95,9 @@ def test_verdict_ladder_and_ranking_are_told(found: Diagnosis, page: str) -> Non
     assert all(" ".join(line.split()) in text for line in found.words)
     for rung in found.ladder:
         assert f"{100 * rung.error_held_out:.3g} %" in text
-    for trial in found.steps[0].trials:
-        assert f"{trial.candidate.kind} {trial.candidate.component} {trial.candidate.place}" in text
-        assert f"{trial.chi2_held_out:.4g}"[:5] in text
+    for entry in entries(found.steps[0])[:len(found.steps[0].trials)]:
+        assert f"{entry['class']} {entry['effect']} {entry['place']}" in text
+        assert BY_KEY["chi2_held_out"].text(entry) in text
     for title in ("The machine", "Records and models", "The falling error", "Where the diagram fails", "Parameters",
                   "Residual", "What was tried", "How to go on"):
         assert title in text

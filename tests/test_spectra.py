@@ -121,7 +121,7 @@ def test_runs_saved_runs_and_records_say_the_same(tmp_path: Path, monkeypatch: p
     record = _called("car.csv", "--signal", "travel", *options)[1]["signals"]["travel"]
     assert Path("car.png").stat().st_size > 10_000
     assert saved.keys() == direct.keys()
-    for key in direct.keys() - {"spectrum", "ranges", "unit", "note"}:  # a run that ends earlier rounds its last steps otherwise
+    for key in direct.keys() - {"spectrum", "ranges", "unit", "note"}:  # rounding of other last steps
         assert saved[key] == pytest.approx(direct[key], rel=1e-9)
     assert record["unit"] == "mm" and "even steps" in str(record["note"])
     for key in ("deviation", "largest_range", "significant"):

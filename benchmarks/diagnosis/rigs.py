@@ -20,7 +20,7 @@ TRAIN, VALIDATE = 0, 1
 @dataclass(frozen=True)
 class Rig:
     """`experiment` is the bundled base; records of `seconds` at `rate` Hz, driven by `excitation(generator, use)` through
-    `input`. `interpolation` tells the nodes between which a part stands, so that places can be compared."""
+    `input`. `between` tells the nodes between which a part stands, so that places can be compared."""
 
     name: str
     experiment: Path
@@ -47,7 +47,7 @@ class Rig:
 
     def place(self, where: tuple[str, ...]) -> frozenset[str]:
         """Nodes for parts: `gas` is between platform and crown."""
-        return frozenset(node for name in where for node in self.interpolation.get(name, (name,)))
+        return frozenset(node for name in where for node in self.between.get(name, (name,)))
 
 
 def sea(generator: np.random.Generator, use: int) -> Signal:

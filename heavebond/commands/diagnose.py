@@ -126,17 +126,15 @@ def _show(found: Diagnosis) -> None:
 
 def _ranking(step: Step, which: str) -> object:
     from heavebond.commands import terminal
-    from heavebond.commands.candidates import typed
-    from heavebond.core.presentation import count, number
+    from heavebond.core.presentation import count
+    from heavebond.diagnosis.ranking import entries, shown_in
 
-    cluster = {t.candidate.label for t in step.cluster}
-    rows = [("*" if t.candidate.label in cluster else "", t.candidate.kind, typed(t.candidate), t.candidate.place,
-             number(t.chi2_fit, 3), number(t.chi2_held_out, 3), number(t.bic - step.bic, 4)) for t in step.trials[:RANKED]]
+    columns = shown_in("terminal")
+    rows = [[column.text(entry) for column in columns] for entry in entries(step)[:min(RANKED, len(step.trials))]]
     more = f", the {RANKED} best shown" if len(step.trials) > RANKED else ""
-    alike = {0: "none is better than by chance", 1: "* chosen"}.get(len(cluster), "* cannot be distinguished")
+    alike = {0: "none is better than by chance", 1: "* chosen"}.get(len(step.cluster), "* cannot be distinguished")
     title = f"{which}{count(len(step.scores), 'candidate')} scored, {len(step.trials)} fitted{more} ({alike})"
-    head = ("", "class", "effect", "place", "chi-square, fitted", "held out", "BIC change")
-    return terminal.table(title, head, rows, text=4)
+    return terminal.table(title, [column.title for column in columns], rows, text=sum(not c.numeric for c in columns))
 
 
 def parameters(finding: Finding) -> object:

@@ -12,8 +12,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
 from heavebond.core.cancellation import finishing, obeyed
 from heavebond.core.errors import HeavebondError, Problem, UsageError, listing, suggest
 from heavebond.core.presentation import brief
@@ -24,6 +22,7 @@ from heavebond.diagnosis.catalogue import Candidate, candidates
 from heavebond.diagnosis.experiment_design import Separation, separate
 from heavebond.diagnosis.fixed_values import VALUE, fixed_values
 from heavebond.diagnosis.ladder import Finding, Rung, rung, with_limits
+from heavebond.diagnosis.ranking import as_dicts, entries
 from heavebond.diagnosis.refit import Trial
 from heavebond.diagnosis.stage import SECONDS, Step, following, learnt, merit, revalued, single, step
 from heavebond.diagnosis.stepwise_selection import DECISIVE, MOST, Added, Way, climb
@@ -73,22 +72,10 @@ class Diagnosis:
             "lost": sorted({label for step in self.steps for label in step.lost}),
             "steps": [f.as_dict() for f in self.findings],
             "shape": self.shape and self.shape.as_dict(), "ladder": [r.as_dict() for r in self.ladder],
-            "ranking": [_ranked(s) for s in self.steps],
+            "ranking": [as_dicts(entries(s)) for s in self.steps],
             "noise": {name: {"value": value, "unit": unit, "given": given}
                       for name, (value, unit, given) in self.noise.items()},
             "separation": self.separation and self.separation.as_dict(), "seconds": self.seconds}
-
-
-def _ranked(step: Step) -> list[dict[str, object]]:
-    """All candidates of a step, the refitted ones first, in the order of their rank."""
-    cluster = {t.candidate.label for t in step.cluster}
-    rows = [{**t.candidate.as_dict(), "score": t.score, "chi2_fit": t.chi2_fit, "chi2_held_out": t.chi2_held_out,
-             "error_over_noise_held_out": float(np.sqrt(t.chi2_held_out)), "bic_difference": t.bic - step.bic,
-             "cluster": t.candidate.label in cluster, "at_end": list(t.at_end),
-             "same_as": list(step.twins.get(t.candidate.label, ()))} for t in step.trials]
-    others = [s for s in step.scores if all(t.candidate.label != s.candidate.label for t in step.trials)]
-    return [*rows, *({**s.candidate.as_dict(), "score": s.gain, "cluster": s.candidate.label in cluster,
-                      "seen": s.told_apart} for s in others)]
 
 
 @single_threaded

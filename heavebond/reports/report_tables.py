@@ -11,15 +11,16 @@ from heavebond.core.presentation import count, in_unit, number, readable, readab
 from heavebond.core.units import Unit, read_unit
 from heavebond.diagnosis.diagnosis import Diagnosis
 from heavebond.diagnosis.ladder import meaning
-from heavebond.diagnosis.refit import Trial
+from heavebond.diagnosis.ranking import BY_KEY, JUDGEMENTS, Column, Entry, entries, shown_in
 from heavebond.diagnosis.residual_tests import LEVELS, Leftover
-from heavebond.diagnosis.scoring import Score
-from heavebond.diagnosis.stage import EARNED, Step, indistinct, merit
+from heavebond.diagnosis.stage import Step
 from heavebond.estimation.fitting import Fit, Fitted
 from heavebond.pictures.markup import Html, element, joined, table
 from heavebond.reports.report_charts import interval
 
-FIRST_ROWS = 12  # refitted candidates that stand open; the others are folded away
+FIRST_ROWS = 12  # fitted candidates that are shown; the others are folded
+# how the page marks the row and the label of a judgement
+MARKS = {"chosen": ("chosen", "good"), "indistinguishable": ("alike", "bad")}
 TESTS = {
     "score": "Does any effect of the catalogue explain more of it than chance would?",
     "size": "Is it larger than the noise?",
@@ -42,71 +43,53 @@ def chance(p: float) -> str:
 
 # -- candidates --------------------------------------------------------------------------------------------------------
 def ranking(step: Step) -> Html:
-    """All candidates of one step: those refitted with what they leave, then the others and why they were not."""
-    rows = [_row(k, t, step) for k, t in enumerate(step.trials, 1)]
-    cluster = [t.candidate.label for t in step.cluster]
-    marks = ["chosen" if step.chosen is t else "alike" if t.candidate.label in cluster else "" for t in step.trials]
-    head = ("", "class", "component", "place", "score", "χ² fit", "χ² held out", "Δ BIC", "parameters at an end", "verdict")
-    if not rows:
-        return joined([element("p", "No candidate was refitted: the residual is noise." if not step.left.significant else
-                               "No candidate could be refitted."), _others(step)])
-    caption = f"Before: χ² per sample {number(step.chi2_fit, 4)} fitted, {number(step.chi2_held_out, 4)} held out; 1 is " \
-              "noise. Δ BIC is against that: below zero a candidate is worth its numbers."
-    parts = [table(head, rows[:FIRST_ROWS], caption=caption, numbers=(0, 4, 5, 6, 7), marks=marks[:FIRST_ROWS], wide=True)]
-    if len(rows) > FIRST_ROWS:
-        rest = table(head, rows[FIRST_ROWS:], numbers=(0, 4, 5, 6, 7), marks=marks[FIRST_ROWS:], wide=True)
-        parts.append(_folded(f"{count(len(rows) - FIRST_ROWS, 'more refitted candidate')}, ranked below these", rest, None))
-    return joined([*parts, _others(step)])
+    """All candidates of one step: those that were fitted with their statistics, then the others by reason."""
+    ranked = entries(step)
+    fitted = [e for e in ranked if e.trial is not None]
+    others = _others(ranked[len(fitted):])
+    if not fitted:
+        return joined([element("p", "No candidate was fitted: the residual is noise." if not step.left.significant else
+                               "No candidate could be fitted."), others])
+    caption = f"Before: reduced chi-square {number(step.chi2_fit, 4)} fitted, {number(step.chi2_held_out, 4)} held out; " \
+              "1 is the noise level. BIC change is relative to that model: below zero a candidate is worth its parameters."
+    parts = [_ranked(fitted[:FIRST_ROWS], 1, caption)]
+    if len(fitted) > FIRST_ROWS:
+        parts.append(_folded(f"{count(len(fitted) - FIRST_ROWS, 'more fitted candidate')}, ranked below these",
+                             _ranked(fitted[FIRST_ROWS:], FIRST_ROWS + 1), None))
+    return joined([*parts, others])
 
 
-def _row(k: int, trial: Trial, step: Step) -> list[str]:
-    twins = step.twins.get(trial.candidate.label, ())
-    place = joined([trial.candidate.place, *([element("br"), element("span", f"acts the same as {listing(list(twins))}",
-                                                                    class_="quiet small")] if twins else [])])
-    return [str(k), trial.candidate.kind, trial.candidate.component, place, number(trial.score, 3),
-            number(trial.chi2_fit, 4), number(trial.chi2_held_out, 4), number(trial.bic - step.bic, 4),
-            ", ".join(trial.at_end) or "none", _judgement(trial, step)]
+def _ranked(ranked: Sequence[Entry], first: int, caption: str = "") -> Html:
+    columns = shown_in("report")
+    rows = [[str(k), *(_cell(column, entry) for column in columns)] for k, entry in enumerate(ranked, first)]
+    marks = [MARKS.get(entry.judgement, ("", ""))[0] for entry in ranked]
+    return table(["", *(c.title for c in columns)], rows, caption=caption, marks=marks, wide=True,
+                 numbers=(0, *(k for k, c in enumerate(columns, 1) if c.numeric)))
 
 
-def _judgement(trial: Trial, step: Step) -> Html:
-    """Why a refitted candidate is the answer, may be, or is not."""
-    if trial is step.chosen:
-        return element("span", "chosen", class_="tag good")
-    if any(t is trial for t in step.cluster):
-        return element("span", "not told from it", class_="tag bad")
-    fall = (step.chi2_held_out - trial.chi2_held_out) * step.samples_held_out / max(1.0, trial.chi2_held_out)
-    if step.samples_held_out and fall <= 0:
-        return joined(["worse on held-out data"])
-    if step.samples_held_out and fall <= EARNED:
-        return joined(["no gain beyond chance on held-out data"])
-    if step.chosen is not None and merit(trial) - merit(step.chosen) >= indistinct(step.chosen, step.merit):
-        return joined(["leaves more than the chosen one"])
-    return joined(["earns no place"])
+def _cell(column: Column, entry: Entry) -> Html | str:
+    """A cell of the ranking; the place names what acts the same there, the result is a label."""
+    if column.key == "place" and entry.same_as:
+        twins = f"acts the same as {listing(list(entry.same_as))}"
+        return joined([column.text(entry), element("br"), element("span", twins, class_="quiet small")])
+    if column.key == "judgement":
+        words = JUDGEMENTS[entry.judgement]
+        tag = MARKS.get(entry.judgement, ("", ""))[1]
+        return element("span", words, class_=f"tag {tag}") if tag else joined([words])
+    return column.text(entry)
 
 
-def _others(step: Step) -> Html:
-    """Candidates that were not refitted, by reason."""
-    refitted = {t.candidate.label for t in step.trials}
-    twins = {label for group in step.twins.values() for label in group}
-    unseen = {c.label for c in step.unseen}
-    left = [s for s in step.scores if s.candidate.label not in refitted | twins | unseen]
-    promised = [t.score for t in step.trials if math.isfinite(t.score)]
-    failed = [s for s in left if promised and s.gain >= min(promised)]
-    weak = [s for s in left if s not in failed]
-    reason = "were not reached before the search ended" if step.partial else "could not be simulated"
-    groups = [(f"{count(len(failed), 'candidate')} that {reason}", failed),
-              (f"{count(len(weak), 'candidate')} whose score promised too little to refit", weak)]
-    parts = [_folded(title, _scores(found)) for title, found in groups if found]
-    if step.unseen:
-        rows = [(c.kind, c.component, c.place) for c in step.unseen]
-        parts.append(_folded(f"{count(len(rows), 'candidate')} that these records do not see apart from what is free "
-                             "already", table(("class", "component", "place"), rows)))
+def _others(left: Sequence[Entry]) -> Html:
+    """Candidates that were not fitted, by reason."""
+    parts = []
+    for reason, words in JUDGEMENTS.items():
+        found = [e for e in left if e.judgement == reason and reason != "same_direction"]
+        if found:
+            columns = [BY_KEY[key] for key in ("class", "effect", "place", "score")]
+            rows = [[column.text(e) for column in columns] for e in found]
+            parts.append(_folded(f"{count(len(found), 'candidate')}: {words}",
+                                 table([c.title for c in columns], rows, numbers=(3,))))
     return joined(parts)
-
-
-def _scores(found: Sequence[Score]) -> Html:
-    rows = [(s.candidate.kind, s.candidate.component, s.candidate.place, number(s.gain, 3)) for s in found]
-    return table(("class", "component", "place", "score"), rows, numbers=(3,))
 
 
 def _folded(title: str, inside: Html, kind: str | None = "long") -> Html:
