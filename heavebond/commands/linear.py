@@ -187,9 +187,9 @@ def _print_crossings(found: Crossings) -> None:
     from heavebond.commands import terminal
     from heavebond.core.presentation import number, readable_time
 
-    def row(name: str, margin: Margin | None, words: str) -> tuple[str, str, str]:
+    def row(name: str, margin: Margin | None, words: str, without: str = "infinite") -> tuple[str, str, str]:
         if margin is None:
-            return name, "to zero" if name.endswith("downwards") else "infinite", ""
+            return name, without, ""
         at = "above all frequencies" if margin.frequency == float("inf") else f"{number(margin.frequency, 4)} Hz"
         return name, words, at
 
@@ -200,7 +200,7 @@ def _print_crossings(found: Crossings) -> None:
                       "Where the open loop crosses -1:", style="yellow", soft_wrap=True)
     console.print(terminal.table("", ("crossing" if found.unstable else "margin", "", "at"), [
         row("gain, upwards", up, f"times {number(up.value, 4)}" if up else ""),
-        row("gain, downwards", down, f"times {number(down.value, 4)}" if down else ""),
+        row("gain, downwards", down, f"times {number(down.value, 4)}" if down else "", "to zero"),
         row("phase", phase, f"{number(phase.value, 4)} deg" if phase else ""),
         row("delay", delay, readable_time(delay.value)[0] if delay else ""),
         row("modulus (1/Ms)", found.modulus, number(found.modulus.value, 4))], text=1))

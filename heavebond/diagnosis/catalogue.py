@@ -54,7 +54,7 @@ class Sized:
 class Candidate:
     """One effect at one place: its component, what it is called (`kind`), where it stands in words and by the names of
     nodes, ports or outputs (`where`), and the change to the diagram that puts it there at its neutral value. `orders` are
-    pairs of numbers of which the first must be above the second."""
+    pairs of numbers of which the first must be above the second; `signal` is the signal input before which it stands."""
 
     name: str
     component: str
@@ -66,6 +66,7 @@ class Candidate:
     numbers: tuple[Sized, ...]
     attaches: str
     orders: tuple[tuple[str, str], ...] = ()
+    signal: str = ""
 
     @property
     def label(self) -> str:
@@ -360,7 +361,7 @@ def _before_input(site: Site, component: Component, effect: Effect) -> Iterator[
             change = _series_signal(name, _part(component, numbers), into, out, path, wire, leaf)
             change = replace(change, initial=_at_rest(component, name))
             yield Candidate(name, component.name, effect.kind, effect.description, f"before {path}", (leaf.path,), change,
-                            numbers, "input", _full(component, name))
+                            numbers, "input", _full(component, name), path)
 
 
 def _at_rest(component: Component, name: str) -> dict[str, str]:

@@ -148,16 +148,16 @@ def _without(way: Way, k: int, say: Progress) -> Way | None:
     found = way[:k]
     for added in way[k + 1:]:
         step = way[0].step if not found else None  # the first has tried nearly everything already
-        label = _before(added.candidate.label, way[k].candidate)
-        if step is None or label not in {t.candidate.label for t in step.trials}:
+        wanted, gone = added.candidate, way[k].candidate
+        if step is None or not any(_is(t.candidate, wanted, gone) for t in step.trials):
             now = following(found[-1].step) if found else way[0].step.experiment
-            there = next((c for c in candidates(now) if c.label == label), None)
+            there = next((c for c in candidates(now) if _is(c, wanted, gone)), None)
             if there is None:
                 return None
             step = single(now, there, say)
         if step.partial and found:
             raise KeyboardInterrupt
-        trial = next((t for t in step.trials if t.candidate.label == label), None)
+        trial = next((t for t in step.trials if _is(t.candidate, wanted, gone)), None)
         if trial is None:
             return None
         step = choosing(step, trial)
@@ -165,9 +165,10 @@ def _without(way: Way, k: int, say: Progress) -> Way | None:
     return found
 
 
-def _before(label: str, gone: Candidate) -> str:
-    """What is called by the input of an effect that is taken out, by what drove that: `before lag_inlet.u`, `before
-    inlet.u`."""
-    for old, new in gone.change.moved.items():
-        label = label.replace(f"before {new}", f"before {old}")
-    return label
+def _is(candidate: Candidate, wanted: Candidate, gone: Candidate) -> bool:
+    """Whether a candidate is the one that is wanted, in a diagram without the effect that is gone: what stood before that
+    effect's input (lag_inlet.u) stands before the input that this one took over (inlet.u)."""
+    former = {new: old for old, new in gone.change.moved.items()}
+    place = (former.get(wanted.signal, wanted.signal), "") if wanted.signal else ("", wanted.place)
+    return (candidate.component, candidate.attaches, candidate.signal, "" if candidate.signal else candidate.place) == \
+        (wanted.component, wanted.attaches, *place)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from enum import Enum
 from math import inf
 
 import casadi as ca
@@ -40,9 +41,20 @@ SECOND = declared_unit("s").dimension
 Entries = list[tuple[int, int]]  # (column, kind); column = level * len(unknowns) + unknown
 
 
+class EquationRole(Enum):
+    """What an equation states."""
+
+    LAW = "law"  # of a component
+    BALANCE = "balance"  # the sum of a through variable at a node
+    RATE = "rate"  # the flow at a node is the derivative of its position
+    GIVEN = "given"  # the value or formula of an input
+    MEASURED = "measured"  # the record of an input
+
+
 @dataclass(frozen=True)
 class FlatEquation:
-    """Where an equation comes from: the component or node it belongs to, its name, its text, the kink in it."""
+    """Where an equation comes from: the component or node it belongs to, its name, its text, the kink in it; what it states,
+    and of which variable (the input that is given or measured, the through variable that is summed)."""
 
     owner: str
     label: str
@@ -50,6 +62,8 @@ class FlatEquation:
     place: Place
     kink: str | None = None
     notes: tuple[str, ...] = ()
+    role: EquationRole = EquationRole.LAW
+    subject: str = ""
 
 
 @dataclass(frozen=True)
@@ -337,7 +351,8 @@ class _Builder:
                 flow = self.domains[group.domain].flow
                 x, v = self.names[f"{group.name}.{position}"], self.names[f"{group.name}.{flow}"]
                 self._add(FlatEquation(group.name, f"{flow} is the rate of {position} at node '{group.name}'",
-                                       f"{group.name}.{flow} = der({group.name}.{position})", group.place),
+                                       f"{group.name}.{flow} = der({group.name}.{position})", group.place,
+                                       role=EquationRole.RATE, subject=f"{group.name}.{flow}"),
                           self.levels[0][v] - self.levels[1][x], [(v, 0), (self.n + x, 0)])
 
     def _sums(self) -> None:
@@ -353,7 +368,8 @@ class _Builder:
                 ends.append([(e.sign, self.names[f"{e.name}.{member}"]) for e in junction.ends])
                 equations.append(FlatEquation(
                     junction.path, f"sum of {member} at node '{junction.path}'",
-                    " + ".join(f"{e.name}.{member}" for e in junction.ends) + " = 0", junction.place))
+                    " + ".join(f"{e.name}.{member}" for e in junction.ends) + " = 0", junction.place,
+                    role=EquationRole.BALANCE, subject=f"{junction.path}.{member}"))
         if not ends:
             return
         rows, signs, columns = zip(*((i, sign, j) for i, row in enumerate(ends) for sign, j in row), strict=True)
@@ -409,7 +425,8 @@ class _Builder:
                 if isinstance(bound.value, FileInput):
                     known = self._known_input(group.name, path, bound.value)
                     self._add(FlatEquation(path.rpartition(".")[0], f"{path} as measured",
-                                           f"{path} = {bound.value.column}", bound.place),
+                                           f"{path} = {bound.value.column}", bound.place,
+                                           role=EquationRole.MEASURED, subject=path),
                               self.levels[0][column] - self.constants[f"scale.{path}"] * known.symbols[0],
                               [(column, 0)])
                 else:
@@ -443,7 +460,7 @@ class _Builder:
         row = classify(residual, occurring, parameters, {})[0]
         kink = nonsmooth(value.expr, lambda text: text == "pi" or bound.scope + text in self.constants)
         self._add(FlatEquation(path.rpartition(".")[0], f"{path} as given", f"{path} = {value.text.lstrip('= ')}",
-                               value.place, kink), residual,
+                               value.place, kink, role=EquationRole.GIVEN, subject=path), residual,
                   [(e.column // len(columns) * self.n + columns[e.column % len(columns)], e.kind) for e in row])
 
 

@@ -16,7 +16,7 @@ from pathlib import Path
 import casadi as ca
 
 from heavebond.core.units import Unit
-from heavebond.equations.flatten import Flat, KnownInput
+from heavebond.equations.flatten import EquationRole, Flat, KnownInput
 from heavebond.language.definition import Domain, FileInput
 
 
@@ -86,14 +86,14 @@ class Place:
 def nodes_of(flat: Flat) -> dict[str, Node]:
     """The nodes of a flat model by name, in the order of the diagram; signals are left out."""
     domains = sorted(flat.expanded.model.library.domains.values(), key=lambda d: -len(d.across))
-    balances = {equation.label for equation in flat.equations}
+    balances = {e.subject for e in flat.equations if e.role is EquationRole.BALANCE}
     aliases: dict[int, list[str]] = {}
     for name, index in flat.names.items():
         aliases.setdefault(index, []).append(name.rpartition(".")[0])
     found = {}
     for path in flat.expanded.junctions:
         domain = next((d for d in domains if all(f"{path}.{m}" in flat.names for m in d.across)
-                       and balance(d.through[0], path) in balances), None)
+                       and f"{path}.{d.through[0]}" in balances), None)
         if domain is None:
             continue
         index = flat.names[f"{path}.{domain.across[0]}"]
@@ -109,11 +109,6 @@ def _is_port(path: str, flat: Flat) -> bool:
     owner, _, port = path.rpartition(".")
     leaves = flat.expanded.leaves
     return owner in leaves and port.partition("[")[0] in leaves[owner].component.ports
-
-
-def balance(through: str, path: str) -> str:
-    """The label of the equation that sums a through variable at a node."""
-    return f"sum of {through} at node '{path}'"
 
 
 def places_of(flat: Flat, nodes: Mapping[str, Node]) -> list[Place]:
@@ -142,10 +137,10 @@ def places_of(flat: Flat, nodes: Mapping[str, Node]) -> list[Place]:
 def with_virtual_sources(flat: Flat, nodes: Mapping[str, Node], file: Path) -> Flat:
     """The flat model with a measured input `virtual.NODE` that enters each node, joined by lines between the rows of
     `file` (columns `time` in s, then one per node by its name, in SI)."""
-    row_of = {equation.label: k for k, equation in enumerate(flat.equations)}
+    row_of = {e.subject: k for k, e in enumerate(flat.equations) if e.role is EquationRole.BALANCE}
     residuals, inputs = list(flat.residuals), list(flat.inputs)
     for node in nodes.values():
-        row = row_of[balance(node.through, node.name)]
+        row = row_of[f"{node.name}.{node.through}"]
         place = flat.equations[row].place
         name = f"virtual.{node.name}"
         symbols = ca.vertcat(*(ca.SX.sym("d" * k + name) for k in range(4)))

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from heavebond.core.errors import ModelError, Place, Problem, SimulationError, either, listing
-from heavebond.equations.flatten import Flat, FlatEquation
+from heavebond.equations.flatten import EquationRole, Flat, FlatEquation
 from heavebond.equations.lost_rank import Loss
 from heavebond.equations.matching import Block, dulmage_mendelsohn, maximum_matching
 from heavebond.equations.resolver import Unknown
@@ -15,20 +15,6 @@ from heavebond.language.definition import Domain
 SHARED = ("across", "position")
 MOST_LINES = 8
 MOST_BLAMED = 4
-# what decides the shared variable of a node, by domain
-DECIDES = {
-    "translational": "a Fixed, a Mass or a PositionSource on one of these nodes, or a Spring from there to such a node",
-    "rotational": "a FixedShaft, an Inertia or an AngleSource on one of these nodes, or a TorsionSpring from there to one",
-    "hydraulic": "a Volume, a Tank or a PressureSource on one of these nodes, or an Orifice from there to such a node",
-    "electrical": "an ElectricalGround, a VoltageSource or a Capacitor on one of these nodes, or a Resistor from there to "
-                  "such a node",
-    "pneumatic": "a Receiver, an Atmosphere or a PneumaticSource on one of these nodes",
-    "thermal": "a HeatCapacity or an Ambient on one of these nodes, or a ThermalResistance from there to such a node",
-    "bond": "a C or an Se on one of these nodes, or an R",
-}
-# what ends a rigid loop, by domain
-ELASTIC = {"translational": "a Spring", "rotational": "a TorsionSpring", "hydraulic": "a LineResistance",
-           "pneumatic": "a PneumaticLine", "electrical": "a Resistor", "thermal": "a ThermalResistance"}
 
 
 def singular(flat: Flat, rows: Sequence[Sequence[int]], matching: Sequence[int]) -> ModelError:
@@ -92,7 +78,7 @@ class _Part:
         owners = self.owners[:4]
         nodes = {u.name.rpartition(".")[0] for u in self.shared}
         domain = _domain(self.flat, self.shared[0]) if self.shared else None
-        elastic = ELASTIC.get(domain.name if domain else "", "a part that gives way")
+        elastic = domain.compliance if domain else Domain.compliance
         what = self.shared[0].doc if self.shared else ""
         advice = f"Remove or change {either(owners)}." if len(self.owners) == 1 else \
             (f"{either(owners)} each hold the {what} of one node, which one part alone can do.\n" if what else "") + \
@@ -109,8 +95,8 @@ def _undecided(flat: Flat, loose: Sequence[Unknown], part: _Part | None) -> Prob
     shown = shared or list(loose)
     names = listing((u.name for u in shown), 6)
     message = f"no equation determines {names}" + ("; one of them must be known" if len(shown) > 1 else "")
-    domains = dict.fromkeys(d.name for u in shared if (d := _domain(flat, u)) is not None)
-    advice = "Add " + ", or ".join(DECIDES.get(d, "what decides it") for d in domains) + "." if domains else \
+    domains = _domains(flat, shared)
+    advice = "Add " + ", or ".join(d.determined_by for d in domains) + "." if domains else \
         "An equation is missing there, or a component."
     notes: list[str] = []
     if part is not None:
@@ -168,16 +154,16 @@ class _Lost:
         self.blamed = (given or [name for name, _ in loss.variables] or list(loss.parameters)) if loss.zero else \
             [name for name, _ in loss.variables] or list(loss.parameters)
         self.blamed = self.blamed[:MOST_BLAMED]
-        domains = dict.fromkeys(d.name for u in self.shared if (d := _domain(flat, u)) is not None)
-        self.decides = "add " + ", or ".join(DECIDES.get(d, "what decides it") for d in domains) if domains else ""
-        self.elastic = ELASTIC.get(next(iter(domains), ""), "a part that gives way")
+        domains = _domains(flat, self.shared)
+        self.decides = "add " + ", or ".join(d.determined_by for d in domains) if domains else ""
+        self.elastic = domains[0].compliance if domains else Domain.compliance
 
     def problem(self, when: str) -> Problem:
         cause = f": {listing(self.blamed)} {'is' if len(self.blamed) == 1 else 'are'} 0" if self.loss.zero else ""
         notes = [("of these equations one is then too many:" if len(self.said) > 1 else
                   "this equation then says nothing of it:"), *_table(self.said)] if self.said else []
         places = {q.name: q.place for q in self.flat.parameters}
-        places |= {e.label.removesuffix(" as given"): e.place for e in self.flat.equations if e.label.endswith(" as given")}
+        places |= {e.subject: e.place for e in self.flat.equations if e.role is EquationRole.GIVEN}
         place = next((places[name] for name in self.blamed if self.loss.zero and name in places),
                      self.shown[0].place if self.shown else self.said[0].place if self.said else None)
         return Problem("rank-lost", " ".join(f"no equation determines {self._names()} {when}".split()) + cause, place,
@@ -279,10 +265,14 @@ def domain_at(flat: Flat, path: str) -> Domain | None:
     return max(fitting, key=lambda domain: len(domain.across), default=None)
 
 
+def _domains(flat: Flat, unknowns: Iterable[Unknown]) -> list[Domain]:
+    """The domains of shared variables, each once."""
+    return list({d.name: d for u in unknowns if (d := _domain(flat, u)) is not None}.values())
+
+
 def bookkeeping(equation: FlatEquation) -> bool:
     """A node's own equation, which the assembler wrote and no user can remove, or the value of an input."""
-    return equation.label.startswith("sum of ") or " is the rate of " in equation.label \
-        or equation.label.endswith((" as given", " as measured"))
+    return equation.role is not EquationRole.LAW
 
 
 def _table(equations: Sequence[FlatEquation]) -> list[str]:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from heavebond.core import facade
-from heavebond.core.errors import NAMES_LISTED, DataError, ModelError, Place, Problems, listing, suggest
+from heavebond.core.errors import NAMES_LISTED, DataError, HeavebondError, ModelError, Place, Problems, listing, suggest
 from heavebond.core.presentation import brief, count, number, readable_time
 from heavebond.core.units import dimension_text, read_unit
 from heavebond.estimation.experiment import Experiment, Output, Record, load_experiment
@@ -147,7 +147,7 @@ def compare(experiment: Experiment | str | Path, *, parameters: Mapping[str, flo
     StartError or SimulationError with what is wrong.
     """
     experiment = experiment if isinstance(experiment, Experiment) else load_experiment(experiment)
-    problems = Problems()
+    problems, kinds = Problems(), set[type[HeavebondError]]()
     records = {}
     for record in experiment.records.values():
         if progress:
@@ -156,7 +156,8 @@ def compare(experiment: Experiment | str | Path, *, parameters: Mapping[str, flo
             records[record.name] = compare_record(experiment, record, parameters)
         except (ModelError, DataError) as error:
             problems.extend(error)
-    problems.raise_as(DataError if all(p.code.startswith("record") for p in problems.found) else ModelError)
+            kinds.add(type(error))
+    problems.raise_as(DataError if kinds == {DataError} else ModelError)
     for record_comparison in records.values():
         tell(f"{experiment.name}, {record_comparison.name}", record_comparison.result.verdict)
     return Comparison(experiment, records)

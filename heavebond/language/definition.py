@@ -15,7 +15,7 @@ class Member:
     """One variable of a port: its unit, the size that it commonly has (for scaling; `sized` tells whether the domain
     declares one), what it never falls below, and the guess where a start is searched and nothing else is known. Below
     `physical` its laws mean nothing; `beyond` says what that is and what to do. No machine has a value larger than
-    `largest`."""
+    `largest`. `noun` is what it is called in a sentence."""
 
     name: str
     unit: Unit
@@ -27,6 +27,7 @@ class Member:
     beyond: str = ""
     largest: float | None = None
     sized: bool = False
+    noun: str = ""
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,9 @@ class Domain:
     """What a wire of one kind carries: `across` is shared at a node, `through` sums to zero. `reference` is the component
     that stands for the surroundings: the ground, a tank; `medium` the one that sets what flows in a circuit; `fills` the
     component, with its settings, that a node without storage is given where a run stops without. Where the effort is
-    `relative`, a voltage, only its differences mean something: its zero is wherever ground was put."""
+    `relative`, a voltage, only its differences mean something: its zero is wherever ground was put. Lines are drawn in
+    `colour`, areas in `pale`. What is `determined_by` fixes the shared variable of a node; a `compliance` ends a rigid
+    loop."""
 
     name: str
     members: dict[str, Member]
@@ -48,6 +51,10 @@ class Domain:
     medium: str | None = None
     fills: tuple[str, tuple[tuple[str, str], ...]] | None = None
     relative: bool = False
+    colour: str = ""
+    pale: str = ""
+    determined_by: str = "what decides it"
+    compliance: str = "a part that gives way"
 
     def role(self, member: str) -> str:
         """The member's own name for `effort` and `flow` as generic ports write them."""

@@ -69,7 +69,7 @@ def library(folders: Iterable[Path] = ()) -> Library:
                 files[name] = path
     for name, path in _bundled_files().items():
         files.setdefault(name, path)
-    return Library(_domains(), files, twice)
+    return Library(domains(), files, twice)
 
 
 def is_bundled(path: Path) -> bool:
@@ -104,22 +104,23 @@ def _name_in(path: Path) -> str:
 
 
 @lru_cache(maxsize=1)
-def _domains() -> dict[str, Domain]:
+def domains() -> dict[str, Domain]:
+    """The domains of the library by name, from `components/domains.yaml`."""
     path = bundled("components") / "domains.yaml"
     source = read(path, shown_path(path), bundled=True)
     problems = Problems()
-    domains = {}
+    found = {}
     for name, node in source.root.items.items():
         entry = reading.mapping(node, name, problems)
         if entry is not None and name != "signal":
-            domains[name] = _domain(name, entry, problems)
+            found[name] = _domain(name, entry, problems)
     problems.raise_as(ModelError)
-    return domains
+    return found
 
 
 def _domain(name: str, node: Mapping, problems: Problems) -> Domain:
     keys = ("effort", "flow", "across", "through", "position", "power", "members", "doc", "reference", "medium",
-            "fills", "relative")
+            "fills", "relative", "colour", "pale", "determined_by", "compliance")
     reading.known_keys(node, keys, f"domain '{name}'", problems, required=("across", "through", "members"))
     members = {}
     entries = reading.mapping(node.items.get("members"), "members", problems)
@@ -130,8 +131,9 @@ def _domain(name: str, node: Mapping, problems: Problems) -> Domain:
         unit = reading.unit(entry.items.get("unit"), problems) or DIMENSIONLESS
         low, nominal, start, physical, largest = (_figure(entry, name, problems) for name in (
             "min", "nominal", "start", "physical", "largest"))
-        doc, beyond = (reading.text(entry.items.get(name), name, problems) for name in ("doc", "beyond"))
-        members[key] = Member(key, unit, nominal or 1.0, doc, low, start, physical, beyond, largest, nominal is not None)
+        doc, beyond, noun = (reading.text(entry.items.get(name), name, problems) for name in ("doc", "beyond", "noun"))
+        members[key] = Member(key, unit, nominal or 1.0, doc, low, start, physical, beyond, largest, nominal is not None,
+                              noun or doc)
 
     def listed(key: str) -> tuple[str, ...]:
         return tuple(s.text for s in reading.words(node.items.get(key), key, problems))
@@ -141,7 +143,8 @@ def _domain(name: str, node: Mapping, problems: Problems) -> Domain:
 
     return Domain(name, members, listed("across"), listed("through"), single("effort"), single("flow"),
                   single("position"), single("power"), single("reference"), single("medium"), _fills(node, problems),
-                  reading.choice(node.items.get("relative"), "relative", ("true", "false"), problems) == "true")
+                  reading.choice(node.items.get("relative"), "relative", ("true", "false"), problems) == "true",
+                  **{key: found for key in ("colour", "pale", "determined_by", "compliance") if (found := single(key))})
 
 
 def _fills(node: Mapping, problems: Problems) -> tuple[str, tuple[tuple[str, str], ...]] | None:
@@ -160,8 +163,8 @@ def _figure(entry: Mapping, key: str, problems: Problems) -> float | None:
 
 
 @lru_cache(maxsize=1024)
-def _load_cached(path: Path, shown: str, stamp: tuple[int, int], domains: tuple[str, ...]) -> Component:
-    return parse_component(read(path, shown, bundled=is_bundled(path)), _domains())
+def _load_cached(path: Path, shown: str, stamp: tuple[int, int], names: tuple[str, ...]) -> Component:
+    return parse_component(read(path, shown, bundled=is_bundled(path)), domains())
 
 
 def _load(path: Path, domains: tuple[Domain, ...]) -> Component:
@@ -182,7 +185,7 @@ def _foreign(path: Path, place: Place | None) -> Component:
 @lru_cache(maxsize=64)
 def _foreign_cached(path: Path, stamp: tuple[int, int]) -> Component:
     text, foreign = described(path)
-    return replace(parse_component(parse(text, path, path.name), _domains()), foreign=foreign)
+    return replace(parse_component(parse(text, path, path.name), domains()), foreign=foreign)
 
 
 def shown_path(path: Path) -> str:

@@ -16,8 +16,8 @@ import numpy as np
 
 from heavebond.core.errors import Problems, UsageError, listing, suggest
 from heavebond.core.units import Unit
-from heavebond.equations.flatten import Flat, KnownInput
-from heavebond.equations.places import Node, balance, nodes_of
+from heavebond.equations.flatten import EquationRole, Flat, KnownInput
+from heavebond.equations.places import Node, nodes_of
 from heavebond.language.definition import FileInput
 from heavebond.language.symbols import stack
 from heavebond.numerics.inputs import Pieced, pieced
@@ -69,8 +69,8 @@ def _source(flat: Flat, nodes: Mapping[str, Node], name: str, problems: Problems
     owner, _, member = name.rpartition(".")
     node, unknown = nodes.get(owner), flat.names.get(name)
     if node is not None and member == node.through:
-        label = balance(member, owner)
-        return _Source(node.unit, tuple(k for k, e in enumerate(flat.equations) if e.label == label))
+        return _Source(node.unit, tuple(k for k, e in enumerate(flat.equations)
+                                        if e.role is EquationRole.BALANCE and e.subject == name))
     if unknown is None or flat.unknowns[unknown].role != "signal":
         signals = [n for n, k in flat.names.items() if flat.unknowns[k].role == "signal"]
         forces = [f"{n.name}.{n.through}" for n in nodes.values()]
@@ -78,8 +78,9 @@ def _source(flat: Flat, nodes: Mapping[str, Node], name: str, problems: Problems
         problems.add("input-unknown", f"{what} '{name}'", hint=suggest(name, [*signals, *forces]) or
                      f"Signals: {listing(signals or ['none'], 12)}. What enters a node: {listing(forces or ['none'], 6)}.")
         return None
-    given = {f"{n} {how}" for n, k in flat.names.items() if k == unknown for how in ("as given", "as measured")}
-    rows = tuple(k for k, e in enumerate(flat.equations) if e.label in given)
+    aliases = {n for n, k in flat.names.items() if k == unknown}
+    rows = tuple(k for k, e in enumerate(flat.equations)
+                 if e.role in (EquationRole.GIVEN, EquationRole.MEASURED) and e.subject in aliases)
     return _Source(flat.unknowns[unknown].unit, rows or _driving_rows(flat, name, unknown, problems), unknown)
 
 

@@ -362,6 +362,11 @@ def words(found: Stability, *, asked: bool = True) -> Iterator[str]:
         yield _loop_words(found.loop)
 
 
+def summary_words(found: Stability, *, asked: bool = True) -> list[str]:
+    """Whether it is stable, and the margins of its loop."""
+    return [next(words(found, asked=asked)), *([_loop_words(found.loop)] if found.loop is not None else [])]
+
+
 def _dampings(found: Stability) -> str:
     said = f"least damping ratio {found.damping:.3g}"
     if found.sliding is None:

@@ -298,16 +298,18 @@ FLOWS = {("across", "line"): "laminar leakage", ("across", "root"): "an orifice"
          ("rate", "line"): "a compliance, a hose or entrained air", ("across", "one-sided above"): "a relief valve"}
 
 
-NOUNS = {"translational": "force", "rotational": "torque", "hydraulic": "volume flow", "pneumatic": "mass flow",
-         "electrical": "current"}
+def noun(suspect: Suspect) -> str:
+    """What is missing at a place in one word: force, volume flow, current."""
+    node = suspect.place.nodes[0]
+    return node.domain.members[node.through].noun
 
 
 def words_of(suspect: Suspect) -> str:
     """One place in sentences."""
     place, curve = suspect.place, suspect.curve
-    noun = NOUNS.get(place.nodes[0].domain.name, "flow")
+    what = noun(suspect)
     size = readable(suspect.rms, place.unit.text, 2)
-    first = f"{place.words[:1].upper()}{place.words[1:]} a {noun} is missing (rms {size}); "
+    first = f"{place.words[:1].upper()}{place.words[1:]} a {what} is missing (rms {size}); "
     if curve is None or curve.r2 < EXPLAINS:
         best = f" (at best {curve.variable.phrase}, R2 {max(curve.r2, 0):.2f})" if curve is not None else ""
         rest = "it is hardly larger than its uncertainty." if suspect.rms < 2 * suspect.deviation else \

@@ -15,8 +15,6 @@ from heavebond.numerics.dae import Array
 
 # A signal that moves by less than this share of its usual size stands still.
 STILL = 1e-9
-PHRASES = {"translational": "speed", "rotational": "angular speed", "hydraulic": "pressure", "pneumatic": "pressure",
-           "electrical": "voltage"}
 MOST = 14
 
 
@@ -51,7 +49,7 @@ class Surroundings:
         node = nodes[0]
         name, domain = node.across, node.domain
         values, formula = self._between(nodes, name)
-        word = PHRASES.get(domain.name, domain.members[name].doc)
+        word = domain.members[name].noun
         phrase = word if node.mechanical or len(nodes) == 1 else f"{word} drop"
         unit = domain.members[name].unit
         kind = "across" if own else "speed" if node.mechanical else "pressure"

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from heavebond.core.errors import Problem, SimulationError, listing
 from heavebond.equations import structural_messages
+from heavebond.equations.flatten import EquationRole
 from heavebond.equations.lost_rank import losses
 from heavebond.language.definition import Value
 from heavebond.language.library import is_bundled
@@ -200,6 +201,6 @@ def _owners(assembly: Assembly) -> dict[str, str]:
     n = len(flat.unknowns)
     for name, (j, _) in zip(assembly.state_names, assembly.reduced.states, strict=True):
         using = [flat.equations[i].owner for i, row in enumerate(flat.entries)
-                 if any(c % n == j for c, _ in row) and " is the rate of " not in flat.equations[i].label]
+                 if any(c % n == j for c, _ in row) and flat.equations[i].role is not EquationRole.RATE]
         found[name] = listing(dict.fromkeys(using), 4)
     return found

@@ -23,6 +23,7 @@ import numpy as np
 
 from heavebond.core.errors import Problem, SimulationError, listing
 from heavebond.core.presentation import readable
+from heavebond.equations.flatten import EquationRole
 from heavebond.equations.lost_rank import losses
 from heavebond.equations.structural_messages import undecided
 from heavebond.language.symbols import stack
@@ -253,7 +254,7 @@ def _differentiated(assembly: Assembly) -> list[int]:
     that is told of a node, and that nothing else asks for, does not count: a spring may be jerked at its end."""
     flat, states, n = assembly.flat, set(assembly.reduced.states), len(assembly.flat.unknowns)
     used = Counter(c % n for row in flat.entries for c, _ in row)
-    idle = [" is the rate of " in equation.label and any(c < n and used[c] == 1 for c, _ in row)
+    idle = [equation.role is EquationRole.RATE and any(c < n and used[c] == 1 for c, _ in row)
             for equation, row in zip(flat.equations, flat.entries, strict=True)]
     rated = sorted({c % n for row, told in zip(flat.entries, idle, strict=True) if not told for c, _ in row if c >= n})
     held = {assembly.arguments[3][h.index].element_hash() for h in flat.held} | {

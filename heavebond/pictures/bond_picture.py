@@ -9,7 +9,7 @@ from heavebond.core.quoting import xml
 from heavebond.language.model import Model
 from heavebond.pictures.bond_graph import WORD, Bond, BondGraph, Vertex, bond_graph, told
 from heavebond.pictures.bond_layout import Point, places
-from heavebond.pictures.drawing import COLOURS, EDGE, OTHER, QUIET, WARNING
+from heavebond.pictures.drawing import EDGE, QUIET, WARNING, domain_colour
 from heavebond.pictures.text_metrics import FONT, KIND, NAME, SUMMARY, TITLE, Box, Style, bounds, text_width, wrapped
 
 BARB, BAR = 9, 7  # px: the half arrow's length, half of a causal stroke
@@ -140,7 +140,7 @@ def _bond(graph: BondGraph, bond: Bond, ends: tuple[Point, Point]) -> list[str]:
     (x, y), (u, v) = ends
     length = ((u - x)**2 + (v - y)**2)**0.5 or 1.0
     along = ((u - x) / length, (v - y) / length)
-    colour = COLOURS.get(bond.domain, OTHER)
+    colour = domain_colour(bond.domain)
     late = any(graph.vertices[key].derivative for key in (bond.tail, bond.head))
     dashed = ' stroke-dasharray="4 3"' if bond.modulated else ""
     said = xml(f"{bond.domain}, power counts from {bond.tail} to {bond.head}")
@@ -160,7 +160,7 @@ def _bond(graph: BondGraph, bond: Bond, ends: tuple[Point, Point]) -> list[str]:
 def _legend(graph: BondGraph, x: float, y: float) -> list[str]:
     lines = []
     for domain in dict.fromkeys(b.domain for b in graph.bonds):
-        lines += [f'<path d="M{x:g} {y:g} h20" stroke="{COLOURS.get(domain, OTHER)}" stroke-width="1.6"/>',
+        lines += [f'<path d="M{x:g} {y:g} h20" stroke="{domain_colour(domain)}" stroke-width="1.6"/>',
                   _text(x + 25, y + 3, domain, KIND.size, QUIET, False, "start")]
         x += 43 + text_width(domain, KIND)
     return lines

@@ -10,6 +10,7 @@ from heavebond.core.quoting import xml
 from heavebond.equations.connect import connect
 from heavebond.equations.expand import expand
 from heavebond.language.definition import Component
+from heavebond.language.library import domains
 from heavebond.language.model import Model
 from heavebond.pictures.colour_map import FADED, Paint
 from heavebond.pictures.layout import Drawn, Item, Options, Strand, lay_out
@@ -33,9 +34,7 @@ from heavebond.pictures.text_metrics import (
 
 EDGE = 20  # px around the drawing
 NARROWEST = 420  # px, so that a title has room
-# told apart by every kind of colour vision (after Okabe and Ito), dark enough for thin lines
-COLOURS = {"translational": "#263238", "rotational": "#7a5200", "hydraulic": "#005a9c", "pneumatic": "#9c3d7e",
-           "electrical": "#9b1c1c", "thermal": "#5e35b1", "signal": "#00734f"}
+SIGNAL = "#00734f"  # distinct from the colours of the domains for every kind of colour vision (after Okabe and Ito)
 OTHER, QUIET, WARNING, HALO = "#444444", "#5f6368", "#c2410c", "#ffe3d1"
 WIDTHS = {"signal": 1.1}
 
@@ -74,7 +73,7 @@ class Look:
         if "" in item.marks:
             return WARNING
         if self.paint is None:
-            return _colour(domain)
+            return domain_colour(domain)
         value = self.paint.parts.get(item.part.path)
         return FADED if value is None else self.paint.colour(value)
 
@@ -83,7 +82,7 @@ class Look:
         if NODE + line.net.path in self.marks:
             return WARNING
         if self.paint is None:
-            return _colour(line.net.domain)
+            return domain_colour(line.net.domain)
         value = self.paint.nets.get(line.net.path)
         return FADED if value is None else self.paint.colour(value)
 
@@ -106,10 +105,10 @@ def symbol_picture(component: Component) -> str:
              f'viewBox="{left} {top} {width} {height}" font-family="{FONT}" fill="none" stroke-linejoin="round">',
              f"<title>{xml(component.name)}</title>",
              f'<rect x="{left}" y="{top}" width="{width}" height="{height}" fill="#ffffff"/>',
-             *_picture(shape, _colour(main), main, marked=False)]
+             *_picture(shape, domain_colour(main), main, marked=False)]
     for anchor in shape.anchors:
         if anchor.port in ports:
-            lines.append(f'<circle cx="{anchor.x}" cy="{anchor.y}" r="2" fill="{_colour(ports[anchor.port])}"/>')
+            lines.append(f'<circle cx="{anchor.x}" cy="{anchor.y}" r="2" fill="{domain_colour(ports[anchor.port])}"/>')
     for label in labels:
         lines += _lettered(label, QUIET, "port")
     return "\n".join([*lines, "</svg>"]) + "\n"
@@ -176,7 +175,7 @@ def _sheet(drawn: Drawn, look: Look) -> list[str]:
         lines += _item(item, look, reached)
     for line in drawn.lines:
         if line.caption is not None:
-            colour = _colour(line.net.domain) if look.paint is None else QUIET
+            colour = domain_colour(line.net.domain) if look.paint is None else QUIET
             lines += _lettered(line.caption, colour, "formula" if line.net.given else "node")
     return lines
 
@@ -210,7 +209,7 @@ def _picture(shape: Shape, colour: str, main: str, marked: bool) -> list[str]:
     lines.append("</g>")
     for mark in shape.marks:
         if mark.tag == "text":
-            lines.append(_writing(mark, turn, colour if marked else _colour(main)))
+            lines.append(_writing(mark, turn, colour if marked else domain_colour(main)))
     return lines
 
 
@@ -218,7 +217,7 @@ def _element(mark: Mark, marked: bool) -> str:
     given = dict(mark.attributes)
     domain = given.pop("data-domain", "")
     if domain and not marked:
-        given["color"] = _colour(domain)
+        given["color"] = domain_colour(domain)
         given.setdefault("stroke", "currentColor")
     return f"<{mark.tag} " + " ".join(f'{name}="{xml(value)}"' for name, value in given.items()) + "/>"
 
@@ -250,7 +249,7 @@ def _inside(item: Item, drawn: Drawn, colour: str, look: Look) -> list[str]:
         lines += _lettered(drawn.title, colour if colour == WARNING else "#000000", "part")
     lines += _sheet(drawn, look)
     lines.append("</g>")
-    lines += [f'<circle cx="{a.x}" cy="{a.y}" r="2.5" fill="#ffffff" stroke="{_colour(item.part.ports[a.port])}"/>'
+    lines += [f'<circle cx="{a.x}" cy="{a.y}" r="2.5" fill="#ffffff" stroke="{domain_colour(item.part.ports[a.port])}"/>'
               for a in shape.anchors]
     return lines
 
@@ -330,16 +329,19 @@ def _tag(line: Line, x: float, y: float, align: str) -> list[str]:
             f'font-weight="bold" fill="#ffffff" text-anchor="middle">{xml(line.text)}</text>']
 
 
-def _colour(domain: str) -> str:
-    return COLOURS.get(domain, OTHER)
+def domain_colour(name: str) -> str:
+    """The colour in which lines of a domain, or of signals, are drawn."""
+    domain = domains().get(name)
+    return SIGNAL if name == "signal" else domain.colour or OTHER if domain is not None else OTHER
 
 
 def _legend(drawn: Drawn, x: float, y: float) -> tuple[list[str], Box]:
     """What the colours mean, for those in use."""
     used = _domains(drawn)
     lines, right = [], x
-    for domain in [d for d in (*COLOURS, *sorted(used - set(COLOURS))) if d in used]:
-        lines += [f'<path d="M{right:g} {y:g} h20" stroke="{_colour(domain)}" stroke-width="{WIDTHS.get(domain, 1.6)}"/>',
+    for domain in [d for d in (*domains(), "signal") if d in used]:
+        width = WIDTHS.get(domain, 1.6)
+        lines += [f'<path d="M{right:g} {y:g} h20" stroke="{domain_colour(domain)}" stroke-width="{width}"/>',
                   f'<text x="{right + 25:g}" y="{y + 3:g}" font-size="{KIND.size}" fill="{QUIET}">{xml(domain)}</text>']
         right += 25 + text_width(domain, KIND) + 18
     return lines, Box(x, y - 6, max(right, x + 1), y + 6)

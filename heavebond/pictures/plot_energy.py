@@ -16,6 +16,7 @@ from matplotlib.path import Path
 from heavebond.core.presentation import number, readable
 from heavebond.energy.audit import BLOCK
 from heavebond.energy.power_flow import Box, EnergyFlow, Link
+from heavebond.language.library import domains
 from heavebond.pictures.plot import COLOURS, DPI, WIDTH, figure_title
 
 if TYPE_CHECKING:
@@ -23,8 +24,6 @@ if TYPE_CHECKING:
 
     from heavebond.energy.audit import EnergyAudit, EnergyLine
 
-DOMAINS = {"translational": "#8fa3ad", "rotational": "#c8a45c", "hydraulic": COLOURS[4], "pneumatic": COLOURS[3],
-           "electrical": COLOURS[5]}
 OTHER = "#b0b0b0"
 SUPPLY, HEAT, STORE, PASS, NODE = COLOURS[0], COLOURS[1], COLOURS[2], "#444444", "#9a9a9a"
 BULGE = 0.35  # how far a ribbon that goes back swings out, in columns
@@ -116,13 +115,19 @@ def _tops(boxes: Mapping[str, Box], sizes: Mapping[str, float]) -> dict[str, flo
     return tops
 
 
+def _pale(domain: str) -> str:
+    """The colour of areas of a domain."""
+    found = domains().get(domain)
+    return found.pale or OTHER if found is not None else OTHER
+
+
 def _ribbon(axes: Axes, left: float, right: float, start: float, end: float, link: Link) -> None:
     """From (left, start) to (right, end), as high as its energy."""
     middle, height = (left + right) / 2, link.energy
     points = [(left, start), (middle, start), (middle, end), (right, end), (right, end - height), (middle, end - height),
               (middle, start - height), (left, start - height), (left, start)]
     codes = [Path.MOVETO, *[Path.CURVE4] * 3, Path.LINETO, *[Path.CURVE4] * 3, Path.CLOSEPOLY]
-    axes.add_patch(PathPatch(Path(points, codes), facecolor=DOMAINS.get(link.domain, OTHER), alpha=0.55, linewidth=0,
+    axes.add_patch(PathPatch(Path(points, codes), facecolor=_pale(link.domain), alpha=0.55, linewidth=0,
                              zorder=1))
 
 
@@ -135,7 +140,7 @@ def _ribbon_back(axes: Axes, left: float, right: float, start: float, end: float
               (left, lane), (left + narrow, lane), (left + narrow, start - height), (left, start - height), (left, start)]
     codes = [Path.MOVETO, *[Path.CURVE4] * 3, Path.LINETO, *[Path.CURVE4] * 3, Path.LINETO, *[Path.CURVE4] * 3, Path.LINETO,
              *[Path.CURVE4] * 3, Path.CLOSEPOLY]
-    axes.add_patch(PathPatch(Path(points, codes), facecolor=DOMAINS.get(link.domain, OTHER), alpha=0.3, linewidth=0.8,
+    axes.add_patch(PathPatch(Path(points, codes), facecolor=_pale(link.domain), alpha=0.3, linewidth=0.8,
                              edgecolor="#777777", linestyle="--", zorder=0))
 
 
@@ -160,4 +165,4 @@ def _legend(flow: EnergyFlow) -> list[Patch]:
     used = dict.fromkeys(link.domain for link in flow.links)
     return [*(Patch(color=colour, label=name) for colour, name in (
         (SUPPLY, "source"), (HEAT, "turns to heat"), (STORE, "stores"), (PASS, "passes on"))),
-        *(Patch(color=DOMAINS.get(name, OTHER), alpha=0.55, label=name) for name in used)]
+        *(Patch(color=_pale(name), alpha=0.55, label=name) for name in used)]

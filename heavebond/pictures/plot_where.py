@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from heavebond.core.presentation import readable_unit, unit_label
 from heavebond.core.units import read_unit
-from heavebond.localise.misfit import NOUNS, Suspect, Where
+from heavebond.localise.misfit import Suspect, Where, noun
 from heavebond.numerics.dae import Array
 from heavebond.pictures.plot import COLOURS, DPI, RECORD, RECT, WIDTH
 
@@ -33,7 +33,7 @@ def plot_place(found: Where, place: str) -> Figure:
         panel = figure.add_subplot(grid[0, k])
         _cloud(panel, suspect, name, shown)
         if k == 0:
-            panel.set_ylabel(f"{_noun(suspect)} [{unit_label(shown)}]")
+            panel.set_ylabel(f"{noun(suspect)} [{unit_label(shown)}]")
     _course(figure.add_subplot(grid[1, :]), suspect, shown)
     if names:
         figure.axes[0].legend(loc="best", frameon=True, framealpha=0.8, edgecolor="none", fontsize=9, markerscale=4)
@@ -74,10 +74,6 @@ def plot_misfit(found: Where) -> Figure:
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper right", ncols=len(labels), frameon=False)
     return figure
-
-
-def _noun(suspect: Suspect) -> str:
-    return NOUNS.get(suspect.place.nodes[0].domain.name, "flow")
 
 
 def _variables(suspect: Suspect) -> list[str]:
@@ -127,7 +123,7 @@ def _course(panel: Axes, suspect: Suspect, shown: str) -> None:
     limits = np.concatenate([_limits(i.value * per_y) for i in suspect.implied.values()])
     panel.set_ylim(float(limits.min()), float(limits.max()))
     panel.legend(loc="upper left", frameon=False, fontsize=9, ncols=len(suspect.implied))
-    _dress(panel, "time [s]", f"{_noun(suspect)} [{unit_label(shown)}]")
+    _dress(panel, "time [s]", f"{noun(suspect)} [{unit_label(shown)}]")
 
 
 def _limits(values: Array) -> Array:

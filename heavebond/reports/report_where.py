@@ -12,7 +12,7 @@ from heavebond.core.units import read_unit
 from heavebond.diagnosis.ladder import Finding
 from heavebond.equations.places import nodes_of
 from heavebond.localise.error_states import State
-from heavebond.localise.misfit import NOUNS, Suspect, Where, shown, summary
+from heavebond.localise.misfit import Suspect, Where, noun, shown, summary
 from heavebond.numerics.dae import Array
 from heavebond.numerics.result import Result
 from heavebond.pictures.markup import Html, element, joined
@@ -87,9 +87,8 @@ def _shown(unit: str, values: Array) -> tuple[str, float]:
 
 # -- at a place --------------------------------------------------------------------------------------------------------
 def _place(suspect: Suspect, finding: Finding | None) -> Html:
-    noun = NOUNS.get(suspect.place.nodes[0].domain.name, "flow")
     unit, per = _shown(suspect.place.unit.text, np.concatenate([i.value for i in suspect.implied.values()]))
-    up = f"{noun} [{unit_label(unit)}]"
+    up = f"{noun(suspect)} [{unit_label(unit)}]"
     panels = [_panel(suspect, name, finding, up, per) for name in _variables(suspect)]
     drawn = any(law for _, law in panels)
     marks = [("dot", BLUE, "what acts, while the variable rises"), ("dot", ORANGE, "while it falls"),
@@ -98,7 +97,7 @@ def _place(suspect: Suspect, finding: Finding | None) -> Html:
         marks.append(("line", LAW, f"{finding.candidate.component} as it was found"))
     caption = element("figcaption", swatch(*marks))
     courses = [element("figure", _course(suspect, record, up, per)) for record in suspect.implied]
-    return joined([element("h3", f"The {noun} that the records ask for {suspect.place.words}"),
+    return joined([element("h3", f"The {noun(suspect)} that the records ask for {suspect.place.words}"),
                    element("p", f"It would explain {number(100 * suspect.explained, 4)} % of the misfit. "
                            "Below: over what moves there, and over time (pale: twice its standard deviation).",
                            class_="small"),

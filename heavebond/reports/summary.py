@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from heavebond.core.errors import listing
 from heavebond.core.presentation import columns, count, path_text, readable
 from heavebond.equations.expand import Medium
-from heavebond.equations.flatten import Flat, FlatEquation
+from heavebond.equations.flatten import EquationRole, Flat, FlatEquation
 from heavebond.equations.grounding import Circuit, circuits
 from heavebond.equations.state_selection import Column
 from heavebond.numerics.dae import Assembly
@@ -274,7 +274,7 @@ def _why(assembly: Assembly, state: Column) -> str:
     def holding(level: int) -> list[FlatEquation]:
         found = [flat.equations[i] for i, row in enumerate(flat.entries) if any(c == level * n + j for c, _ in row)]
         # a node's own `v = der(x)` says least: any other equation with the rate comes first
-        return sorted(found, key=lambda e: " is the rate of " in e.label)
+        return sorted(found, key=lambda e: e.role is EquationRole.RATE)
 
     using, before = holding(order + 1), holding(order)
     if using:

@@ -19,6 +19,7 @@ from heavebond.equations.parameters import check_ranges
 from heavebond.language.model import Model
 from heavebond.linear.linearisation import ModesAtStart
 from heavebond.linear.modal_values import NUMBERS, chosen_mode, modal_number
+from heavebond.linear.rest_stability import summary_words
 from heavebond.linear.rest_stability import words as stability_words
 from heavebond.numerics.dae import Array, Assembly, assemble
 from heavebond.numerics.result import Result, unknown_signal
@@ -99,7 +100,8 @@ def _worked(study: Study, case: StudyCase, procedure: Procedure | None, progress
         tuned = tuned_by(Objective(assembly, study.task), procedure, progress)
         values = {**tuned.values, COST: tuned.cost, SIMULATIONS: tuned.simulations}
         limits, message, at_end = tuned.limits, tuned.message, tuned.at_end
-        stability = {**asdict(tuned.stability), "words": list(stability_words(tuned.stability, asked=study.task.stable))}
+        stability = {**asdict(tuned.stability), "words": list(stability_words(tuned.stability, asked=study.task.stable)),
+                     "summary": summary_words(tuned.stability, asked=study.task.stable)}
         assembly = assembly.with_parameters(tuned.values)
     by = tuple(name for level in case.levels for name in level.along)
     told, run, slopes = measured(study, assembly, by)

@@ -154,9 +154,8 @@ def stability_rows(result: StudyResult) -> Iterator[tuple[str, str, str]]:
 
 def stability_summary(outcome: Outcome) -> list[str]:
     """Whether it is stable with its damping and its loop, and the parameters that ended at an end of their range."""
-    said = outcome.stability.get("words", [])
-    kept = [text for k, text in enumerate(said) if not k or text.startswith("loop through")]
-    return kept + [f"{name} ended at the {end} end of its range" for name, end in outcome.at_end.items()]
+    said: list[str] = outcome.stability.get("summary", [])
+    return said + [f"{name} ended at the {end} end of its range" for name, end in outcome.at_end.items()]
 
 
 def calibration_rows(result: StudyResult) -> Iterator[tuple[str, ...]]:
