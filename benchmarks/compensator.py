@@ -98,7 +98,7 @@ def process_disagreement() -> float:
         told = Path(folder) / "told.json"
         process(*COMMAND, "run", "cmc_ahc", "--json", str(told))
         said = json.loads(told.read_text(encoding="utf-8"))["outputs"]["WOB"]["final"]
-    here = float(hb.simulate(hb.load("cmc_ahc"))["WOB"][-1])
+    here = float(hb.simulate(hb.load("cmc_ahc")).display["WOB"][-1])
     return abs(said - here) / abs(here)
 
 
@@ -118,7 +118,7 @@ def sensitivity_disagreement(until: float = 12.0, solver: str = "idas") -> float
     assembly, name = hb.assemble(hb.load("cmc_ahc")), SENSITIVE[0]
     exact = hb.simulate(assembly, until, sensitivities=[name], solver=solver).sensitivity("WOB", name)
     value, step = assembly.parameter_values[name], 1e-3
-    high, low = (hb.simulate(assembly, until, parameters={name: value + h}, rtol=1e-11, atol=1e-13)["WOB"]
+    high, low = (hb.simulate(assembly, until, parameters={name: value + h}, rtol=1e-11, atol=1e-13).display["WOB"]
                  for h in (step, -step))
     return float(np.abs((high - low) / (2 * step) - exact).max() / np.abs(exact).max())
 
@@ -145,7 +145,7 @@ def solver_figures() -> list[Figure]:
     plain = hb.Simulator(assembly)
     for solver in ("cvodes", *(["rosenbrock"] if compiler() else [])):
         simulator = hb.Simulator(assembly, solver=solver)
-        ours, theirs = simulator.run()["WOB"], plain.run()["WOB"]
+        ours, theirs = simulator.run().display["WOB"], plain.run().display["WOB"]
         assert np.abs(ours - theirs).max() < 1e-4 * np.ptp(theirs)
         found.append(Figure(f"cmc_ahc: run by {solver} / by idas", spoken(paired(simulator.run, plain.run))))
     return found

@@ -95,7 +95,7 @@ class Heave:
         """The largest difference of a state between the diagram and the flat equations, or others' states (8, points), as a
         share of the state's largest value."""
         result, flat = self.simulator.run(), self.by_hand() if others is None else others
-        return max(float(np.abs(result[name][1:] - row).max() / np.abs(row).max())
+        return max(float(np.abs(result.display[name][1:] - row).max() / np.abs(row).max())
                    for name, row in zip(STATES, flat, strict=True))
 
     def floor(self) -> Callable[[], Array]:

@@ -61,7 +61,7 @@ class Large:
         flat = self.flat(size)
         found = self.whole_by_hand(size, result.time)
         rows = {name: found[k] * flat.sizes[k] for name, k in flat.signals.items()}
-        return max(float(np.abs(result[name][1:] - row).max() / np.ptp(row)) for name, row in rows.items())
+        return max(float(np.abs(result.display[name][1:] - row).max() / np.ptp(row)) for name, row in rows.items())
 
 
 LARGE = (Large("drill_string", "cmc_ahc with its drill string in 500 pieces", 500, "drilling.n", large_by_hand.drill_string),

@@ -36,7 +36,7 @@ def check(case: Case) -> None:
     expected = np.broadcast_to(case.expected(result.time[late]), late.sum())
     size = float(np.abs(expected).max())
     assert size > 0, "an example that expects nothing but zero shows nothing"
-    assert result[case.signal][late] == pytest.approx(expected, rel=0, abs=case.tolerance*size)
+    assert result.display[case.signal][late] == pytest.approx(expected, rel=0, abs=case.tolerance*size)
 
 
 def without_example(folders: Sequence[str], cases: Sequence[Case]) -> list[str]:

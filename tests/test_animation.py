@@ -245,14 +245,14 @@ def test_a_view_adds_no_state_and_leaves_the_start_as_it_is() -> None:
     """The machine starts at its steady 2 m/s, as without a view; where it is follows from its speed."""
     model = hb.loads(DRIVE)
     run = hb.simulate(model)
-    assert run["speed"][0] == pytest.approx(2.0) and "cart.x" not in run.assembly.flat.names
+    assert run.display["speed"][0] == pytest.approx(2.0) and "cart.x" not in run.assembly.flat.names
     found = animate(model)
     # m dv/dt = F - d v from steady: v = 2 + c (exp(-2 t) w - w cos + 2 sin) with w = 2 pi, c = 1/(4 + w^2)
     w, t = 2 * np.pi, found.time
     c = 1 / (4 + w**2)
     x = 2 * t + c * (w * (1 - np.exp(-2 * t)) / 2 - np.sin(w * t) + 2 * (1 - np.cos(w * t)) / w)
     np.testing.assert_allclose(_shape(found, "cart").courses[0], x, atol=1e-6)
-    np.testing.assert_allclose(found.signals["speed"][1], run["speed"], atol=1e-12)
+    np.testing.assert_allclose(found.signals["speed"][1], run.display["speed"], atol=1e-12)
 
 
 def test_a_derivative_beside_a_position_that_is_no_state_is_refused() -> None:

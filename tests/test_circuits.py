@@ -36,15 +36,15 @@ class Ran:
     def __call__(self, signal: str, time: float | None = None) -> float:
         """A signal at a time, or at the end."""
         end = float(self.run.time[-1]) if time is None else time
-        return float(np.interp(end, self.run.time, self.run[signal]))
+        return float(np.interp(end, self.run.time, self.run.display[signal]))
 
     def most(self, signal: str) -> float:
         """Its largest value."""
-        return float(self.run[signal].max())
+        return float(self.run.display[signal].max())
 
     def least(self, signal: str) -> float:
         """Its smallest value."""
-        return float(self.run[signal].min())
+        return float(self.run.display[signal].min())
 
 
 def near(value: float, share: float = 0.02, size: float = 0.0) -> object:

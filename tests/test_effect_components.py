@@ -565,7 +565,8 @@ def test_an_effect_is_absent_at_amplitude_zero(name: str, tmp_path: Path) -> Non
     # integration is accurate to 1e-6 of each state; the ends of ranges show by some 1e-3
     tolerance = 1e-2 if name in NEARLY else 1e-4 if name == "PolytropicSpring" else 2e-5
     for shown in plain.assembly.model.show:
-        assert found[shown] == pytest.approx(plain[shown], abs=tolerance*np.ptp(plain[shown])), name
+        before = plain.display[shown]
+        assert found.display[shown] == pytest.approx(before, abs=tolerance*np.ptp(before)), name
 
 
 def test_a_gas_spring_is_linear_without_its_effect_and_polytropic_with_it() -> None:

@@ -109,7 +109,7 @@ def test_what_matters_little_goes_and_what_follows_it_stays() -> None:
     assert "weight.F" in next(one for one in found.removed if one.component == "rider").step.settings
     # the phase drifts by 10 pi/4000 over ten periods, the film takes 0.08 % of the amplitude: exact runs side by side
     before, after = hb.simulate(model), hb.simulate(found.model)
-    rms = np.sqrt(np.mean((before["x"] - after["x"])**2)) / before["x"].std()
+    rms = np.sqrt(np.mean((before.display["x"] - after.display["x"])**2)) / before.display["x"].std()
     assert found.errors["x"] == pytest.approx(rms, rel=1e-3)
     assert 0 < found.errors["x"] < 0.01
     assert hb.simplify(model, 0.99, limit=1e-9).removed == ()
@@ -160,7 +160,7 @@ def test_the_command_writes_a_reduced_diagram(tmp_path: Path, monkeypatch: pytes
     assert told["reduced"]["errors"]["x"] < 0.01
     assert told["files"] == ["flow.svg", "bars.png", "small.yaml"]
     small, whole = hb.simulate(hb.load("small.yaml")), hb.simulate(hb.load("swing.yaml"))
-    rms = np.sqrt(np.mean((small["x"] - whole["x"])**2)) / whole["x"].std()
+    rms = np.sqrt(np.mean((small.display["x"] - whole.display["x"])**2)) / whole.display["x"].std()
     assert rms == pytest.approx(told["reduced"]["errors"]["x"], rel=1e-3)
 
 

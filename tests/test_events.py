@@ -263,7 +263,7 @@ def test_sensitivities_agree_with_differences(case: str, folder: Path) -> None:
         value = assembly.parameter_values[name]
         step = 5e-4 * (abs(value) or 0.1)
         found = {k: plain.run({name: value + k * step}) for k in (-3, -2, -1, 1, 2, 3)}
-        runs = {k: run[signal] for k, run in found.items()}
+        runs = {k: run.display[signal] for k, run in found.items()}
         difference = (45 * (runs[1] - runs[-1]) - 9 * (runs[2] - runs[-2]) + (runs[3] - runs[-3])) / (60 * step)
         exact = along.sensitivity(signal, name)
         away = np.ones(len(exact), dtype=bool)

@@ -165,7 +165,7 @@ CASES = [
 @pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case.example}: {case.signal} at {case.time}")
 def test_example(case: Case) -> None:
     run = hb.simulate(hb.load(f"examples/{case.example}"))
-    found = float(np.interp(case.time, run.time, run[case.signal]))
+    found = float(np.interp(case.time, run.time, run.display[case.signal]))
     assert found == pytest.approx(case.expected, rel=case.tolerance, abs=1e-15), case.reason
 
 

@@ -122,7 +122,7 @@ def test_what_can_run_ends_where_it_must(name: str) -> None:
     for signal, value in ENDS[name]().items():
         # 1e-6: some digits below the tolerance of the integration, 1e-9 a step; of the usual size where the value is zero
         unknown = audit.result.assembly.flat.unknowns[names[signal]].name
-        assert audit.result[signal][-1] == pytest.approx(value, rel=1e-6, abs=1e-7 * nominal[unknown]), signal
+        assert audit.result.display[signal][-1] == pytest.approx(value, rel=1e-6, abs=1e-7 * nominal[unknown]), signal
 
 
 def test_every_model_says_what_it_stands_for() -> None:

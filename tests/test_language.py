@@ -204,7 +204,8 @@ set: {ahc.valve.f_n: 2 Hz}
     assert assembly.parameter_values["ahc.valve.f_n"] == 2.0
     result = hb.simulate(assembly, "20 s", every="0.1 s")
     assert result["leak.a.q"] == pytest.approx(1e-12 * result["ahc.chamber_a.p"])
-    assert result["p_A"][-1] != pytest.approx(hb.simulate(hb.load("cmc_ahc"), "20 s", every="0.1 s")["p_A"][-1])
+    plain = hb.simulate(hb.load("cmc_ahc"), "20 s", every="0.1 s")
+    assert result.display["p_A"][-1] != pytest.approx(plain.display["p_A"][-1])
 
 
 def test_a_record_takes_the_place_of_a_wired_input(tmp_path: Path) -> None:

@@ -100,4 +100,4 @@ def test_positioning_stage_on_a_trapezoidal_motion() -> None:
     # the integration keeps 1e-6 of a position of 1 m over some ten reversals of the friction
     assert run["1*carriage.x"] == pytest.approx(x, abs=5e-6)
     assert run["current"] == pytest.approx(i, abs=1e-2*np.abs(i).max())
-    assert run["lag"].max() == pytest.approx(2827, rel=1e-3)
+    assert run.display["lag"].max() == pytest.approx(2827, rel=1e-3)

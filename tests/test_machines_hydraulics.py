@@ -21,7 +21,7 @@ def machine(name: str) -> hb.Result:
 
 def at(name: str, signal: str, time: float) -> float:
     run = machine(name)
-    return float(np.interp(time, run.time, run[signal]))
+    return float(np.interp(time, run.time, run.display[signal]))
 
 
 def cruising_speed() -> float:

@@ -174,7 +174,7 @@ def test_sensitivities_through_changes_of_states(name: str) -> None:
     step = 5e-4 * value
     runs = {k: plain.run({name: value + k * step}) for k in (-3, -2, -1, 1, 2, 3)}
     for signal in ("bob.x", "bob.y", "bob.v_y", "tension"):
-        found = {k: r[signal] for k, r in runs.items()}
+        found = {k: r.display[signal] for k, r in runs.items()}
         wanted = (45 * (found[1] - found[-1]) - 9 * (found[2] - found[-2]) + (found[3] - found[-3])) / (60 * step)
         exact = along.sensitivity(signal, name)
         assert np.abs(exact - wanted).max() <= 1e-5 * np.abs(exact).max()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import pytest
@@ -65,3 +66,49 @@ simulate: {until: 1 s, every: 0.1 s}
     assert result.si["warmth"] == pytest.approx(result.display["warmth"] + 273.15)
     with pytest.raises(hb.UsageError):
         result.si["plaice"]
+
+
+TRAP = """
+model: trap
+components:
+  spring: {is: Spring, c: 1 kN/m}
+  cart:   {is: Mass, m: 10 kg}
+  wall:   {is: Fixed}
+nodes:
+  wall: [wall.a, spring.a]
+  cart: [cart.a, spring.b]
+initial: {cart.x: 20 mm, cart.v: 0 m/s}
+show:
+  error: {is: cart.x, unit: mm}
+  place: {is: cart.x, unit: m}
+simulate: {until: 1 s, every: 0.1 s}
+"""
+
+
+def test_an_output_in_millimetres_is_not_taken_for_metres(tmp_path: Path) -> None:
+    run = hb.simulate(hb.loads(TRAP))
+    run.save(tmp_path / "run.csv")
+    for one in (run, hb.read_run(tmp_path / "run.csv")):
+        with pytest.raises(hb.UsageError, match="signal-unit") as caught:
+            one["error"]
+        assert 'r.si["error"]' in str(caught.value) and 'r.display["error"]' in str(caught.value)
+        assert one.si["error"][0] == pytest.approx(0.02) and one.si.unit("error") == "m"
+        assert one.display["error"][0] == pytest.approx(20.0) and one.display.unit("error") == one.unit("error") == "mm"
+        assert (one["place"] == one.si["place"]).all() and (one["cart.x"] == one.display["cart.x"]).all()
+        assert "error" in one.si and "nowhere" not in one.display and len(one.si) == len(one.names())
+    assert (run.si["error"] == run["cart.x"]).all()
+
+
+def test_tables_carry_units(monkeypatch: pytest.MonkeyPatch) -> None:
+    run = hb.simulate(hb.loads(TRAP))
+    table = run.to_pandas(["error", "cart.v"])
+    assert table.attrs["units"] == {"error [mm]": "mm", "cart.v [m/s]": "m/s"} and list(table) == list(table.attrs["units"])
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    with pytest.raises(hb.UsageError, match="pip install xarray"):
+        run.to_xarray()
+
+
+def test_a_dataset_carries_units() -> None:
+    pytest.importorskip("xarray")
+    data = hb.simulate(hb.loads(TRAP)).to_xarray(["error"])
+    assert data["error"].attrs["units"] == "mm" and data["time"].attrs["units"] == "s" and data["error"].dims == ("time",)

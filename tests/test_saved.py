@@ -51,7 +51,7 @@ def test_a_run_is_read_back_as_it_was(run: hb.Result, suffix: str, tmp_path: Pat
     assert back.names() == run.saved().names()
     assert {"pull", "share", "cart.x", "pump.a.q"} <= set(back.names())
     for name in back.names():
-        assert np.array_equal(back[name], run[name]), name
+        assert np.array_equal(back.display[name], run.display[name]), name
         assert back.unit(name) == run.unit(name)
     assert (back.unit("pull"), back.unit("share"), back.unit("pump.a.q")) == ("kN", "%", "m**3/s")
 
@@ -70,8 +70,8 @@ def test_the_formats_are_those_of_their_own_tools(run: hb.Result, tmp_path: Path
 
     for suffix in SUFFIXES:
         run.save(tmp_path / f"r{suffix}")
-    assert pd.read_csv(tmp_path / "r.csv")["pull [kN]"].iloc[0] == run["pull"][0]
-    assert pd.read_parquet(tmp_path / "r.parquet")["pull [kN]"].iloc[0] == run["pull"][0]
+    assert pd.read_csv(tmp_path / "r.csv")["pull [kN]"].iloc[0] == run.display["pull"][0]
+    assert pd.read_parquet(tmp_path / "r.parquet")["pull [kN]"].iloc[0] == run.display["pull"][0]
     mat = loadmat(tmp_path / "r.mat")
     assert mat["cart_x"][0, 0] == run["cart.x"][0]
     assert mat["units"][list(mat["variables"].ravel()).index("pull"), 0].item() == "kN"

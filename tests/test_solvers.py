@@ -65,10 +65,10 @@ def apart(one: hb.Result, other: hb.Result) -> float:
     largest value: tolerances are relative to the value, and a pressure of 170 bar may swing by 0.06 bar."""
     found = [0.0]
     for name in list(one.assembly.model.show) or one.assembly.state_names or one.names():
-        largest = float(np.abs(one[name]).max())
+        largest = float(np.abs(one.display[name]).max())
         if largest > 1e-12:  # below is rounding, as the spool of a shut valve
-            size = max(float(np.ptp(one[name])), 0.01 * largest)
-            found.append(float(np.sqrt(np.mean((one[name] - other[name]) ** 2))) / size)
+            size = max(float(np.ptp(one.display[name])), 0.01 * largest)
+            found.append(float(np.sqrt(np.mean((one.display[name] - other.display[name]) ** 2))) / size)
     return max(found)
 
 
@@ -136,8 +136,8 @@ def test_sensitivities_are_those_of_differences(solver: str) -> None:
         assert np.abs(exact - plain.sensitivity("WOB", name)).max() < 1e-3 * largest
         if name == "controller.K_p":
             value = assembly.parameter_values[name]
-            high, low = (hb.simulate(assembly, 6.0, every=0.05, parameters={name: value + h}, rtol=1e-11, atol=1e-13)["WOB"]
-                         for h in (1e-3, -1e-3))
+            high, low = (hb.simulate(assembly, 6.0, every=0.05, parameters={name: value + h}, rtol=1e-11,
+                                     atol=1e-13).display["WOB"] for h in (1e-3, -1e-3))
             assert np.abs(exact - (high - low) / 2e-3).max() < 1e-3 * largest
 
 

@@ -113,7 +113,7 @@ def test_runs_saved_runs_and_records_say_the_same(tmp_path: Path, monkeypatch: p
     run.save("car.parquet", ["suspension", "tyre_force"])
     drop = np.ones(len(run.time), dtype=bool)
     drop[200::7] = False  # a logger that leaves samples out
-    rows = zip(run.time[drop], run["suspension"][drop], strict=True)
+    rows = zip(run.time[drop], run.display["suspension"][drop], strict=True)
     Path("car.csv").write_text("time_s;travel (mm)\n" + "".join(f"{t};{x}\n" for t, x in rows), encoding="utf-8")
     options = ("--from", "0.5 s", "--until", "3 s")
     direct = _called("quarter_car", "--signal", "suspension", *options, "--output", "car.png")[1]["signals"]["suspension"]

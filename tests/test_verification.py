@@ -36,7 +36,7 @@ def test_a_body_that_creeps_where_it_should_stick() -> None:
     x, push = found.outputs
     assert x.by_tolerances < 1e-6
     narrow = hb.simulate(hb.loads(BLOCK), parameters={"friction.v_t": 0.002}, rtol=1e-10, atol=1e-12)
-    moved = np.sqrt(np.mean((narrow["x"] - result["x"]) ** 2)) / np.ptp(result["x"])
+    moved = np.sqrt(np.mean((narrow.display["x"] - result.display["x"]) ** 2)) / np.ptp(result.display["x"])
     assert x.by_widths == pytest.approx(moved, rel=1e-4)
     assert push.worst == 0
     problem = found.problem()
@@ -47,7 +47,7 @@ def test_a_body_that_creeps_where_it_should_stick() -> None:
 def test_what_switches_does_not_depend_on_widths() -> None:
     result = hb.simulate(hb.loads(BLOCK.replace("is: CoulombFriction, F_c: 10 N, v_t: 20 mm/s",
                                                 "is: DryFriction, F_c: 8 N, F_s: 10 N")))
-    assert np.ptp(result["x"]) < 1e-8  # it sticks; v is kept to the absolute tolerance of 1e-10
+    assert np.ptp(result.display["x"]) < 1e-8  # it sticks; v is kept to the absolute tolerance of 1e-10
     assert verify(result, ["push"]).moved == []
 
 

@@ -113,7 +113,7 @@ def made(case: Case, folder: Path, seed: str = "compensator") -> tuple[Experimen
         run = hb.Simulator(hb.assemble(machine), times=time, tolerances=TIGHT).run(detailed({**values, **case.numbers}))
         columns = {base.time_column: time, base.inputs["vessel.u"].column: run["platform.x"]}
         for shown, output in base.outputs.items():  # both diagrams show what is measured by the same names
-            columns[output.column] = run[shown] + (output.noise or 0.0) * rng.standard_normal(len(time))
+            columns[output.column] = run.display[shown] + (output.noise or 0.0) * rng.standard_normal(len(time))
         records[name] = replace(record, file=folder / f"{name}.csv")
         pd.DataFrame(columns).to_csv(records[name].file, index=False, float_format="%.8g")
     return replace(base, records=records), values

@@ -89,7 +89,7 @@ def _records(hidden: Path) -> Iterable[Path]:
     for day, motion in MOTIONS.items():
         run = simulate(model.with_parameters({"shaker.u": f"={EASED}*({motion})"}))
         columns = [run.time]
-        columns += [run[signal] + size * noise.standard_normal(len(run.time)) for signal, size in COLUMNS.values()]
+        columns += [run.display[signal] + size * noise.standard_normal(len(run.time)) for signal, size in COLUMNS.values()]
         path = hidden.parent / f"{day}.csv"
         with new_file(path) as fresh:
             np.savetxt(fresh, np.column_stack(columns), delimiter=",", header=",".join(["time_s", *COLUMNS]), comments="",

@@ -22,11 +22,12 @@ from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.initialise import Start
 from heavebond.numerics.run_verdict import NOT_BECOME, Finding, Verdict
 from heavebond.numerics.validity import Stretch, judged
-from heavebond.records.saved_runs import SavedRun, write_run
+from heavebond.records.saved_runs import SavedRun, Signals, check_si, write_run
 from heavebond.text.expression import ExpressionProblem, parse_formula
 
 if TYPE_CHECKING:
     import pandas as pd
+    import xarray as xr
     from matplotlib.figure import Figure
 
     from heavebond.numerics.trace import Instant
@@ -56,7 +57,8 @@ class Result:
     the held variables, and `instants` what happened when; at an instant the values are those after it. `stays` are the
     parts of the run in which other states were integrated: which times (k,), and the same there in those states.
 
-    `result["crown.x"]` is in SI; an output under `show:` (`result["pull"]`) is in the unit declared there.
+    `result.si["pull"]` (N,) is in SI, `result.display["pull"]` (N,) in the unit declared under `show:`.
+    `result["crown.x"]` is in SI; for an output declared in another unit it raises UsageError that names the two.
     Any formula of names may be asked for: `result["crown.x - platform.x"]`.
     """
 
@@ -104,10 +106,16 @@ class Result:
         return [*self.assembly.model.show, *flat.names, *(h.name for h in flat.held)]
 
     def unit(self, name: str) -> str:
-        """The unit in which `result[name]` is given."""
+        """The unit of `result.display[name]`: the one declared under `show:`, else SI."""
         shown = self.assembly.model.show.get(name)
         if shown is not None:
             return shown.unit
+        return self._si_unit(name)
+
+    def _si_unit(self, name: str) -> str:
+        shown = self.assembly.model.show.get(name)
+        if shown is not None:
+            return dimension_text(read_unit(shown.unit).dimension)
         index = self.assembly.flat.names.get(name)
         if index is not None:
             return self.assembly.flat.unknowns[index].unit.text
@@ -117,18 +125,26 @@ class Result:
         except ExpressionProblem as problem:
             raise unknown_signal(self.assembly, name, problem) from None
 
-    def __getitem__(self, name: str) -> Array:
-        return self.signals([name])[name]
+    @property
+    def display(self) -> Signals:
+        """Signals in the units declared under `show:`, all others in SI."""
+        return Signals(self.names, lambda name: self.signals([name])[name], self.unit)
 
     @property
     def si(self) -> Signals:
-        """Signals in SI, outputs of the diagram too: `result.si["error"]` in m where `show:` declares mm."""
-        return Signals(self, True)
+        """All signals in SI."""
+        return Signals(self.names, self._in_si, self._si_unit)
 
-    @property
-    def display(self) -> Signals:
-        """Signals in the units that `show:` declares, other variables in SI: what the tables and plots print."""
-        return Signals(self, False)
+    def __getitem__(self, name: str) -> Array:
+        if (shown := self.assembly.model.show.get(name)) is not None:
+            check_si(name, shown.unit)
+        return self.si[name]
+
+    def _in_si(self, name: str) -> Array:
+        shown = self.assembly.model.show.get(name)
+        if shown is None:
+            return self.signals([name])[name]
+        return np.asarray(Probe(self.assembly, [shown.text], si=True).values(self)[0])
 
     def __repr__(self) -> str:
         outputs = listing(list(self.assembly.model.show), 8)
@@ -136,12 +152,12 @@ class Result:
                      f"{count(len(self.time), 'point')}", f"outputs {outputs}" if outputs else "")
 
     def signals(self, names: Iterable[str]) -> dict[str, Array]:
-        """Several signals at once, each (N,); UsageError for a name that is not there."""
+        """Several signals at once, each (N,) in `result.unit(name)`; UsageError for a name that is not there."""
         names = list(names)
         return dict(zip(names, Probe(self.assembly, names).values(self), strict=True))
 
     def sensitivity(self, name: str, parameter: str) -> Array:
-        """d signal / d parameter (N,), the signal in the unit of `result[name]`, the parameter in its base unit.
+        """d signal / d parameter (N,), the signal in `result.unit(name)`, the parameter in its base unit.
 
         UsageError unless the run was made with `sensitivities=[parameter]`.
         """
@@ -188,31 +204,13 @@ class Result:
         """A table with time as index; by default the named outputs and all unknowns, columns `name [unit]`."""
         return self.saved(names).to_pandas()
 
+    def to_xarray(self, names: Iterable[str] | None = None) -> xr.Dataset:
+        """A dataset over `time` with `attrs["units"]` at each variable; UsageError where xarray is missing."""
+        return self.saved(names).to_xarray()
+
     def save(self, path: str | Path, names: Iterable[str] | None = None) -> None:
         """Write the signals as .csv, .parquet, .mat or .nc; UsageError for another suffix. `read_run` reads them back."""
         write_run(self.saved(names), path)
-
-
-@dataclass(frozen=True)
-class Signals:
-    """The signals of a run by name, (N,) each, in SI or in the units of the diagram; UsageError for an unknown name."""
-
-    result: Result
-    in_si: bool
-
-    def __getitem__(self, name: str) -> Array:
-        show = self.result.assembly.model.show
-        if not self.in_si or name not in show:
-            return self.result[name]
-        found: Array = Probe(self.result.assembly, [show[name].text], si=True).values(self.result)[0]
-        return found
-
-    def unit(self, name: str) -> str:
-        """The unit of `self[name]`."""
-        given = self.result.unit(name)
-        if not self.in_si or name not in self.result.assembly.model.show:
-            return given
-        return dimension_text(read_unit(given).dimension)
 
 
 class Probe:

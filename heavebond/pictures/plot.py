@@ -95,7 +95,7 @@ def plot_runs(runs: Mapping[str, SavedRun], names: Iterable[str], *, title: str 
     models = [label for label in runs if label not in measured]
     for panel, name in zip(axes, chosen, strict=True):
         unit = holders[name][0][1].unit(name)
-        found = {label: converted(run[name][inside[label]], run.unit(name), unit) for label, run in holders[name]}
+        found = {label: converted(run.display[name][inside[label]], run.unit(name), unit) for label, run in holders[name]}
         shown = readable_unit(unit, max(map(_size, found.values())))
         drawn = {label: converted(line, unit, shown) for label, line in found.items()}
         for label, line in drawn.items():

@@ -7,7 +7,7 @@ MAT ends with the names of what stands before them, and in CSV the last column c
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,11 +17,13 @@ from numpy.typing import NDArray
 
 from heavebond.core.errors import DataError, Problem, UsageError, listing, suggest
 from heavebond.core.presentation import brief, count
+from heavebond.core.units import dimension_text, read_unit
 from heavebond.core.writable import new_file
 from heavebond.records.text_tables import ROWS_LEFT, check_rows_left
 
 if TYPE_CHECKING:
     import pandas as pd
+    import xarray as xr
 
 Array = NDArray[np.float64]
 _HEAD = re.compile(r"(?P<name>.+) \[(?P<unit>[^\[\]]*)\]")
@@ -30,10 +32,46 @@ NEEDED = ("time", "model", "signals", "variables", "units")  # in a MAT file
 TAKEN = (*NEEDED, "solver")
 
 
+@dataclass(frozen=True, repr=False)
+class Signals(Mapping[str, Array]):
+    """Signals (N,) by name, all in SI or all in the units declared for them; `unit(name)` is the unit of `signals[name]`."""
+
+    _names: Callable[[], list[str]]
+    _values: Callable[[str], Array]
+    unit: Callable[[str], str]
+
+    def __getitem__(self, name: str) -> Array:
+        return self._values(name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names())
+
+    def __len__(self) -> int:
+        return len(self._names())
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._names()
+
+    def __repr__(self) -> str:
+        return f"<Signals: {listing([f'{name} [{self.unit(name)}]' for name in self._names()[:8]])}>"
+
+
+def check_si(name: str, unit: str) -> None:
+    """Raise UsageError where `run[name]` could be taken for SI and for the declared unit."""
+    read = read_unit(unit)
+    if read.scale != 1.0 or read.offset:
+        base = dimension_text(read.dimension)
+        raise UsageError([Problem("signal-unit", f"r['{name}'] has no clear unit: '{name}' is declared in {unit}",
+                                  None, f'Write r.si["{name}"] for {base} or r.display["{name}"] for {unit}.')])
+
+
 @dataclass(frozen=True)
 class SavedRun:
-    """A run without its diagram: `time` (N,) in s, and signals by name, (N,) each, in `units[name]`; `solver` is what
-    integrated it and why (a CSV file does not tell)."""
+    """A run without its diagram: `time` (N,) in s and `values`, signals (N,) by name in `units[name]`.
+
+    `run.si[name]` is in SI, `run.display[name]` in `run.unit(name)`; `run[name]` is in SI too and raises UsageError for
+    a signal that was saved in another unit. `solver` is the integrator and the reason for it (not stored in CSV).
+    """
 
     model: str
     time: Array
@@ -49,22 +87,53 @@ class SavedRun:
         return list(self.values)
 
     def unit(self, name: str) -> str:
-        """The unit in which `run[name]` is given."""
-        self[name]
+        """The unit in which the signal was saved: that of `run.display[name]`."""
+        self._saved(name)
         return self.units[name]
 
+    @property
+    def display(self) -> Signals:
+        """The signals in the units in which they were saved."""
+        return Signals(self.names, self._saved, self.unit)
+
+    @property
+    def si(self) -> Signals:
+        """The signals in SI."""
+        return Signals(self.names, self._in_si, lambda name: dimension_text(read_unit(self.unit(name)).dimension))
+
     def __getitem__(self, name: str) -> Array:
+        check_si(name, self.unit(name))
+        return self._saved(name)
+
+    def _in_si(self, name: str) -> Array:
+        unit = read_unit(self.unit(name))
+        return np.asarray(self._saved(name) * unit.scale + unit.offset)
+
+    def _saved(self, name: str) -> Array:
         if name not in self.values:
             raise UsageError([Problem("name-unknown", f"this run holds no '{name}'", None,
                                       suggest(name, self.values) or f"It holds {listing(self.values)}.")])
         return self.values[name]
 
     def to_pandas(self) -> pd.DataFrame:
-        """A table with time as index, columns `name [unit]`."""
+        """A table with time as index, columns `name [unit]`; `table.attrs["units"]` maps columns to units."""
         import pandas as pd
 
-        columns = {f"{name} [{self.units[name]}]": values for name, values in self.values.items()}
-        return pd.DataFrame(columns, index=pd.Index(self.time, name="time [s]"))
+        heads = {name: f"{name} [{self.units[name]}]" for name in self.values}
+        table = pd.DataFrame({heads[name]: values for name, values in self.values.items()},
+                             index=pd.Index(self.time, name="time [s]"))
+        table.attrs["units"] = {heads[name]: self.units[name] for name in self.values}
+        return table
+
+    def to_xarray(self) -> xr.Dataset:
+        """A dataset over `time`, each variable with its unit as `attrs["units"]`; UsageError where xarray is missing."""
+        try:
+            import xarray as xr
+        except ImportError:
+            raise UsageError([Problem("xarray-missing", "a dataset needs xarray, which is not installed", None,
+                                      "pip install xarray")]) from None
+        return xr.Dataset({name: ("time", values, {"units": self.units[name]}) for name, values in self.values.items()},
+                          {"time": ("time", self.time, {"units": "s"})}, {"model": self.model, "solver": self.solver})
 
 
 def write_run(run: SavedRun, path: str | Path) -> None:

@@ -32,7 +32,7 @@ def read_courses(path: Path, names: Sequence[str], *, time: str | None = None, b
             raise
     else:
         inside = (run.time >= begin) & (run.time <= end)
-        return [evenly(name, run.unit(name), run.time[inside], run[name][inside]) for name in names]
+        return [evenly(name, run.unit(name), run.time[inside], run.display[name][inside]) for name in names]
     return _of_record(path, names, time, begin, end)
 
 
