@@ -1,12 +1,18 @@
-"""The notebooks of docs/ run from the first cell to the last, and are kept without what they print."""
+"""Notebooks: those of docs/ run from the first cell to the last, objects have HTML of their own, progress has bars."""
 
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
+from xml.etree import ElementTree
 
 import nbformat
 import pytest
+
+import heavebond as hb
+from heavebond.diagnosis.diagnosis import Diagnosis
+from heavebond.diagnosis.ladder import rung
 
 ROOT = Path(__file__).parent.parent
 NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
@@ -29,3 +35,59 @@ def test_a_notebook_runs(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyP
     nbclient.NotebookClient(notebook, timeout=PATIENCE, resources={"metadata": {"path": str(tmp_path)}}).execute()
     shown = [kind for cell in notebook.cells for output in cell.get("outputs", []) for kind in output.get("data", {})]
     assert "image/png" in shown and "image/svg+xml" in shown
+
+
+def pictures(html: str) -> list[str]:
+    """The kinds of the pictures in a fragment of HTML, which must be well formed and free of scripts."""
+    root = ElementTree.fromstring(re.sub(r"<(img|br)\b([^>]*)>", r"<\1\2/>", html))
+    assert root.tag == "div" and not [e for e in root.iter() if e.tag in ("script", "style")]
+    return [kind for e in root.iter("img") for kind in re.findall(r"^data:image/([a-z+]+);base64,", e.attrib["src"])]
+
+
+def texts(html: str) -> str:
+    return re.sub(r"<[^>]*>", " ", html)
+
+
+def test_a_diagram_shows_its_drawing_and_its_parameters() -> None:
+    html = hb.load("passive_rig").with_parameters({"gas.c": "40 kN/m", "damper.d": 50e3})._repr_html_()
+    assert html is not None and pictures(html) == ["svg+xml"]
+    assert "40 kN/m" in html and "50000.0" in html and "217 kN/m" in html
+
+
+def test_text_of_a_diagram_is_escaped() -> None:
+    model = hb.loads("""
+model: "<script>alert(1)</script>"
+summary: a & b <i>
+components: {load: {is: Mass, m: 2 kg}}
+nodes: {load: [load.a]}
+initial: {load.v: 1 m/s}
+show: {"<b>": {is: load.x, unit: mm}}
+simulate: {until: 1 s, every: 0.1 s}
+""")
+    for html in (model._repr_html_(), hb.simulate(model)._repr_html_()):
+        assert html is not None and pictures(html) == ["svg+xml"] and "&lt;script&gt;" in html and "<b>" not in html
+
+
+def test_a_run_shows_its_outputs_in_their_units_and_a_plot() -> None:
+    html = hb.simulate(hb.load("passive_rig"))._repr_html_()
+    assert pictures(html) == ["svg+xml"]
+    assert "Verdict: clean" in html and re.search(r"crown +mm +0 +-119.36 +109.63 +46.409", re.sub(r" +", " ", texts(html)))
+    assert pictures(hb.simulate(hb.load("cmc_ahc"))._repr_html_()) == ["png"]  # nine outputs on 4801 points
+
+
+def test_a_comparison_and_a_fit_show_errors_with_units() -> None:
+    comparison = hb.compare("passive_rig/friction")
+    html = comparison._repr_html_()
+    assert len(pictures(html)) == 1 and "76.5 mm" in html and "validate" in html
+    fit = hb.fit("passive_rig/friction", starts=1)
+    html = fit._repr_html_()
+    assert not pictures(html) and "kN/m" in html and "62.4 kN·s/m" in html and "at its high end" in html
+
+
+def test_a_diagnosis_shows_its_verdict_and_its_ladder() -> None:
+    experiment = hb.load_experiment("passive_rig/friction")
+    ladder = (rung("as drawn", hb.compare(experiment)),)
+    words = ("nothing <b>is</b> missing",)
+    found = Diagnosis(experiment, "noise", words, ladder, (), (), None, None, {}, 1.0, None, experiment)
+    html = found._repr_html_()
+    assert not pictures(html) and "nothing &lt;b&gt;is&lt;/b&gt; missing" in html and "as drawn" in html

@@ -12,6 +12,11 @@ from typing import Any
 FUNCTIONS = {
     "Model.graph": "equations.diagram_graph:diagram_graph",
     "Model._repr_svg_": "pictures.drawing:draw",
+    "Model._repr_html_": "reports.notebook:model_html",
+    "Result._repr_html_": "reports.notebook:result_html",
+    "Comparison._repr_html_": "reports.notebook:comparison_html",
+    "Fit._repr_html_": "reports.notebook:fit_html",
+    "Diagnosis._repr_html_": "reports.notebook:diagnosis_html",
     "Result.plot": "pictures.plot:plot_signals",
     "Comparison.plot": "pictures.plot:plot_comparison",
 }

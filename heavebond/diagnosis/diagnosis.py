@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from heavebond.core import facade
 from heavebond.core.cancellation import finishing, obeyed
 from heavebond.core.errors import HeavebondError, Problem, UsageError, listing, suggest
 from heavebond.core.presentation import brief
@@ -58,6 +59,10 @@ class Diagnosis:
 
     def __repr__(self) -> str:
         return brief(self, self.experiment.name, self.verdict, *self.words)
+
+    def _repr_html_(self) -> str:
+        """The verdict, the ladder and the parameters of the findings, for notebooks."""
+        return str(facade.call("Diagnosis._repr_html_", self))
 
     @property
     def last(self) -> Experiment:

@@ -21,6 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
+from heavebond.core import facade
 from heavebond.core.cancellation import ENDED_EARLY, finishing
 from heavebond.core.errors import HeavebondError, Problem, SimulationError, UsageError, listing, suggest
 from heavebond.core.presentation import brief
@@ -119,6 +120,10 @@ class Fit:
     def __repr__(self) -> str:
         return brief(self, self.experiment.name, f"chi-square {self.chi2:.4g} per sample, {self.message}",
                      listing([f"{p.name} = {p.value:.5g} {p.unit}" for p in self.parameters], 12))
+
+    def _repr_html_(self) -> str:
+        """The table of parameters and of the errors before and after, for notebooks."""
+        return str(facade.call("Fit._repr_html_", self))
 
     @property
     def values(self) -> dict[str, float]:

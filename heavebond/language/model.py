@@ -71,6 +71,11 @@ class Model:
         except HeavebondError:
             return None
 
+    def _repr_html_(self) -> str | None:
+        """The drawing and the table of parameters, for notebooks; None for a diagram that cannot be drawn."""
+        found: str | None = facade.call("Model._repr_html_", self)
+        return found
+
     @property
     def sources(self) -> tuple[Path, ...]:
         """Its files, and those in which lists of its values stand."""

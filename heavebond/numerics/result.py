@@ -151,6 +151,10 @@ class Result:
         return brief(self, self.assembly.model.name, f"{number(float(self.time[0]))} to {number(float(self.time[-1]))} s, "
                      f"{count(len(self.time), 'point')}", f"outputs {outputs}" if outputs else "")
 
+    def _repr_html_(self) -> str:
+        """The verdict, the table of outputs and their plot, for notebooks."""
+        return str(facade.call("Result._repr_html_", self))
+
     def signals(self, names: Iterable[str]) -> dict[str, Array]:
         """Several signals at once, each (N,) in `result.unit(name)`; UsageError for a name that is not there."""
         names = list(names)

@@ -9,7 +9,7 @@ from importlib import resources
 
 from heavebond.core.quoting import script_json, xml
 
-_EMPTY = {"meta", "path", "line", "rect", "circle", "br", "input"}
+_EMPTY = {"meta", "path", "line", "rect", "circle", "br", "input", "img"}
 
 
 class Html(str):
@@ -23,7 +23,7 @@ def element(tag: str, *children: str, **attributes: object) -> Html:
     are left out, those that are True stand without a value."""
     given = "".join(_attribute(name, value) for name, value in attributes.items() if value is not None)
     if tag in _EMPTY and not children:
-        return Html(f"<{tag}{given}>" if tag in ("meta", "br", "input") else f"<{tag}{given}/>")
+        return Html(f"<{tag}{given}>" if tag in ("meta", "br", "input", "img") else f"<{tag}{given}/>")
     return Html(f"<{tag}{given}>{joined(children)}</{tag}>")
 
 

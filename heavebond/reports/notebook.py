@@ -1,0 +1,191 @@
+"""What notebooks show of objects: small HTML tables with units, and pictures as SVG; all text is escaped.
+
+A picture is embedded as a data URI, so that its styles and identifiers do not meet those of the page. A figure with many
+points is a PNG, one with many axes is left out: `result.plot()` and `comparison.plot()` draw it.
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+import math
+from collections.abc import Iterable, Sequence
+from functools import partial
+from typing import TYPE_CHECKING
+
+from heavebond.core.errors import HeavebondError
+from heavebond.core.presentation import count, in_unit, number, readable, readable_unit, unit_label
+from heavebond.core.units import dimension_text, read_unit
+from heavebond.language.definition import Value
+from heavebond.pictures.markup import Html, element, table
+from heavebond.text.expression import Number
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from heavebond.diagnosis.diagnosis import Diagnosis
+    from heavebond.diagnosis.ladder import Rung
+    from heavebond.estimation.comparison import Channel, Comparison
+    from heavebond.estimation.fitting import Fit, Fitted
+    from heavebond.language.model import Model
+    from heavebond.numerics.dae import Array
+    from heavebond.numerics.result import Result
+
+MOST_POINTS = 20_000  # of a figure as SVG: about 0.3 MB
+MOST_AXES = 12  # of a figure
+MOST_ROWS = 60  # of a table
+ROUNDING = 1e-9  # a value below this share of the largest is rounding
+WIDTH = "max-width: 100%"
+
+
+def model_html(model: Model) -> Html | None:
+    """The drawing of a diagram above the table of its parameters; None for a diagram that cannot be drawn."""
+    from heavebond.pictures.drawing import draw
+
+    try:
+        drawing = str(draw(model))
+    except HeavebondError:
+        return None
+    rows = [(name, kind, text) for name, kind, text in _settings(model)]
+    made = element("details", element("summary", count(len(rows), "parameter")),
+                   table(("parameter", "component", "value"), rows))
+    return element("div", _heading(model.name, model.summary),
+                   _picture(drawing.encode("utf-8"), "svg+xml", model.name), *([made] if rows else []))
+
+
+def result_html(result: Result) -> Html:
+    """A run: its verdict, each output with its first, smallest, largest and last value, and the plot of the outputs."""
+    from heavebond.pictures.plot import plot_signals
+
+    shown = list(result.assembly.model.show) or list(result.assembly.state_names)
+    names = shown[:MOST_ROWS]
+    values = result.signals(names)
+    head = ("output" if result.assembly.model.show else "state", "unit", "start", "minimum", "maximum", "end")
+    made = table(head, [_course(name, result.unit(name), values[name]) for name in names], numbers=range(2, 6))
+    span = f"{number(float(result.time[0]))} to {number(float(result.time[-1]))} s, {count(len(result.time), 'point')}"
+    few = names and len({result.unit(name) for name in names}) <= MOST_AXES
+    picture = [_figure(plot_signals(result, names), len(names) * len(result.time), "signals over time")] if few else []
+    return element("div", _heading(result.assembly.model.name, span), element("p", f"Verdict: {result.verdict}"), made,
+                   *_more(shown), *picture)
+
+
+def comparison_html(comparison: Comparison) -> Html:
+    """A comparison: error, noise and fit of each channel of each record, and the figure where it has few points."""
+    from heavebond.pictures.plot import plot_comparison
+
+    rows = [_channel(part.name if k == 0 else "", part.use if k == 0 else "", channel) for part in comparison.parts
+            for k, channel in enumerate(part.channels.values())]
+    made = table(("record", "use", "channel", "rms error", "bias", "noise", "fit", "reduced χ²"), rows[:MOST_ROWS],
+                 numbers=range(3, 8))
+    channels = [c for r in comparison.records.values() for c in r.channels.values()]
+    points = sum(3 * len(c.time) for c in channels)
+    picture = [_figure(plot_comparison(comparison), points, "records and model over time")] if len(channels) <= MOST_AXES \
+        else []
+    return element("div", _heading(comparison.experiment.name, count(len(comparison.records), "record")), made,
+                   *_more(rows), *picture)
+
+
+def fit_html(fit: Fit) -> Html:
+    """A fit: its parameters with their intervals and ranges, then the errors of each channel before and after."""
+    made = table(("parameter", "before", "value", "95 % interval", "range"), [_parameter(p) for p in fit.parameters],
+                 numbers=(1, 2))
+    rows = [(part.name, part.use, name, readable(was.channels[name].error, channel.unit, 3),
+             readable(channel.error, channel.unit, 3), readable(channel.noise, channel.unit, 3), number(channel.chi2, 3))
+            for was, part in zip(fit.before.parts, fit.after.parts, strict=True) for name, channel in part.channels.items()]
+    errors = table(("record", "use", "channel", "rms error before", "after", "noise", "reduced χ²"), rows[:MOST_ROWS],
+                   numbers=range(3, 7))
+    said = f"{count(fit.samples, 'sample')}, reduced χ² {number(fit.chi2, 4)}, {fit.message}"
+    return element("div", _heading(fit.experiment.name, said), made, _list(fit.identifiability.words), errors, *_more(rows))
+
+
+def diagnosis_html(diagnosis: Diagnosis) -> Html:
+    """A diagnosis: its verdict in words, the errors of the ladder, and the parameters of each finding."""
+    ladder = table(("model", "error, fitted", "error, held out", "reduced χ², fitted", "reduced χ², held out"),
+                   [_rung(rung) for rung in diagnosis.ladder], numbers=range(1, 5))
+    rows = [(finding.candidate.label, *_parameter(p)) for finding in diagnosis.findings for p in finding.parameters]
+    head = ("effect", "parameter", "before", "value", "95 % interval", "range")
+    found = [table(head, rows, numbers=(2, 3))] if rows else []
+    return element("div", _heading(diagnosis.experiment.name, f"verdict {diagnosis.verdict}"), _list(diagnosis.words),
+                   ladder, *found)
+
+
+# -- rows ----------------------------------------------------------------------------------------------------------
+def _settings(model: Model) -> Iterable[tuple[str, str, str]]:
+    """Name, component and value of each parameter that the diagram sets, as written."""
+    own = {f"{name}.{key}": (instance.kind, value) for name, instance in model.body.instances.items()
+           for key, value in instance.settings.items()}
+    found = {**{name: ("", value) for name, value in model.parameters.items()}, **own}
+    found |= {path: (found.get(path, ("", None))[0], setting.value) for path, setting in model.settings.items()}
+    for name, (kind, value) in found.items():
+        yield name, kind, _value_text(value) if isinstance(value, Value) else "from a file"
+
+
+def _value_text(value: Value) -> str:
+    """A value as written; a plain number from Python is in the base unit of its parameter."""
+    if not (value.si and isinstance(value.expr, Number)):
+        return value.text.strip()
+    unit = value.expr.unit
+    return f"{value.text} {dimension_text(unit.dimension)}" if unit else f"{value.text} (SI)"
+
+
+def _course(name: str, unit: str, values: Array) -> tuple[str, ...]:
+    """An output in the unit that suits its largest value."""
+    finite = [float(v) for v in (values[0], values.min(), values.max(), values[-1])]
+    largest = max(map(abs, finite))
+    shown = readable_unit(unit, largest)
+    given, target = read_unit(unit), read_unit(shown)
+    return name, unit_label(shown), *(number(target.from_si(given.to_si(v if abs(v) > ROUNDING * largest else 0.0)), 5)
+                                      for v in finite)
+
+
+def _channel(record: str, use: str, channel: Channel) -> tuple[str, ...]:
+    largest = max(channel.error, channel.noise)
+    error, bias, noise = (readable(v, channel.unit, 3, beside=largest) for v in (channel.error, channel.bias, channel.noise))
+    return record, use, channel.name, error, bias, noise, _percent(channel.fit), number(channel.chi2, 3)
+
+
+def _parameter(p: Fitted) -> tuple[str, ...]:
+    unit = readable_unit(p.unit, p.value)
+    label = "" if unit == "1" else f" {unit_label(unit)}"
+    shown = partial(in_unit, unit=read_unit(unit), digits=p.digits)
+    least, most, before = (in_unit(v, read_unit(unit), 6) for v in (p.low, p.high, p.before))
+    value, ended = (in_unit(p.value, read_unit(unit), 6), f", at its {p.ended} end") if p.ended else (shown(p.value), "")
+    return (p.name + (f" ({p.record})" if p.record else ""), before + label, value + label, p.known(shown, label),
+            f"{least} .. {most}{label}{ended}")
+
+
+def _rung(rung: Rung) -> tuple[str, ...]:
+    return (rung.name, _percent(100 * rung.error_fit), _percent(100 * rung.error_held_out), number(rung.chi2_fit, 4),
+            number(rung.chi2_held_out, 4))
+
+
+def _percent(value: float) -> str:
+    return f"{number(value, 3)} %" if math.isfinite(value) else "–"
+
+
+# -- pieces --------------------------------------------------------------------------------------------------------
+def _heading(name: str, said: str) -> Html:
+    return element("p", element("strong", name), f": {said}" if said else "")
+
+
+def _list(words: Sequence[str]) -> Html:
+    return element("ul", *(element("li", w) for w in words)) if words else Html("")
+
+
+def _more(rows: Sequence[object]) -> list[Html]:
+    return [element("p", f"... and {len(rows) - MOST_ROWS} more")] if len(rows) > MOST_ROWS else []
+
+
+def _figure(figure: Figure, points: int, says: str) -> Html:
+    """A figure as SVG, or as PNG where it has many points."""
+    from matplotlib import rc_context
+
+    svg, file = points <= MOST_POINTS, io.BytesIO()
+    with rc_context({"svg.hashsalt": "heavebond", "svg.fonttype": "path"}):
+        figure.savefig(file, format="svg" if svg else "png", metadata={"Date": None} if svg else None)
+    return _picture(file.getvalue(), "svg+xml" if svg else "png", says)
+
+
+def _picture(data: bytes, kind: str, says: str) -> Html:
+    text = base64.b64encode(data).decode("ascii")
+    return element("img", src=f"data:image/{kind};base64,{text}", alt=says, style=WIDTH)
