@@ -44,7 +44,8 @@ if TYPE_CHECKING:
     from heavebond.numerics.result import Result
     from heavebond.numerics.simulation import simulate
     from heavebond.numerics.simulator import Simulator
-    from heavebond.optimise.tuning import tune
+    from heavebond.optimise.objective import Task, tuning_task
+    from heavebond.optimise.tuning import Tuned, tune
     from heavebond.pictures.drawing import draw
     from heavebond.records.saved_runs import SavedRun, read_run
     from heavebond.studies.campaign import StudyResult, run_study
@@ -78,15 +79,17 @@ _EXPORTS = {
     "studies.campaign": ("run_study", "StudyResult"),
     "energy.audit": ("audit",),
     "studies.study": ("load_study", "Study"),
-    "optimise.tuning": ("tune",),
+    "optimise.objective": ("Task", "tuning_task"),
+    "optimise.tuning": ("tune", "Tuned"),
 }
 _WHERE = {name: module for module, names in _EXPORTS.items() for name in names}
 __all__ = [
     "Assembly", "Comparison", "DataError", "Diagnosis", "Experiment", "Fit", "HeavebondError", "Model", "ModelError",
-    "Result", "RunWarning", "SavedRun", "SimulationError", "Simulator", "StartError", "StateSpace", "Study", "StudyResult",
-    "UsageError", "Where", "assemble", "attempt", "audit", "candidates", "compare", "diagnose", "draw", "fit", "ladder",
-    "load", "load_experiment", "load_study", "loads", "loop_crossings", "loop_margins", "read_run", "root_locus",
-    "run_study", "simplify", "simulate", "state_space", "tune", "where",
+    "Result", "RunWarning", "SavedRun", "SimulationError", "Simulator", "StartError", "StateSpace", "Study",
+    "StudyResult", "Task", "Tuned", "UsageError", "Where", "assemble", "attempt", "audit", "candidates", "compare",
+    "diagnose", "draw", "fit", "ladder", "load", "load_experiment", "load_study", "loads", "loop_crossings",
+    "loop_margins", "read_run", "root_locus", "run_study", "simplify", "simulate", "state_space", "tune", "tuning_task",
+    "where",
 ]
 
 

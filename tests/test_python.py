@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import re
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import heavebond as hb
@@ -112,3 +115,67 @@ def test_a_dataset_carries_units() -> None:
     pytest.importorskip("xarray")
     data = hb.simulate(hb.loads(TRAP)).to_xarray(["error"])
     assert data["error"].attrs["units"] == "mm" and data["time"].attrs["units"] == "s" and data["error"].dims == ("time",)
+
+
+CART = """
+model: cart
+components:
+  wall:   {is: Fixed}
+  spring: {is: Spring, c: 1 kN/m}
+  damper: {is: Damper, d: 20 N*s/m}
+  cart:   {is: Mass, m: 10 kg}
+nodes: {wall: [wall.a, spring.a, damper.a], load: [spring.b, damper.b, cart.a]}
+initial: {load.x: 20 mm, load.v: 0 m/s}
+show: {place: {is: load.x, unit: mm}}
+simulate: {until: 1 s, every: 0.1 s}
+"""
+
+
+@pytest.mark.parametrize(("call", "code", "named"), [
+    (lambda m: hb.simulate(m, "20 kg"), "unit-wrong", "until"),
+    (lambda m: hb.simulate(m, every="10"), "unit-missing", "every"),
+    (lambda m: hb.simulate(m, parameters={"cart.m": "300 N"}), "unit-wrong", "cart.m"),
+    (lambda m: m.with_parameters({"cart.m": "300kg"}), "quantity-no-space", "cart.m"),
+    (lambda m: hb.simulate(m.with_parameters({"cart.m": "3 s"})), "unit-wrong", "'3 s'"),
+    (lambda m: hb.simulate(m, parameters={"cart.m": "heavy"}), "not-a-quantity", "cart.m"),
+    (lambda m: hb.Simulator(hb.assemble(m)).run({"cart.m": "3 mm"}), "unit-wrong", "cart.m"),
+    (lambda m: hb.audit(m, "3 mm"), "unit-wrong", "until"),
+    (lambda m: hb.simplify(m, "3 mm"), "unit-wrong", "share"),
+    (lambda m: hb.simplify(m, 0.99, limit="much"), "not-a-quantity", "limit"),
+    (lambda m: hb.root_locus(m, "damper.d", "1 .. 20 N"), "unit-wrong", "damper.d"),
+    (lambda m: hb.root_locus(m, "damper.d", "many"), "not-a-range", "damper.d"),
+    (lambda m: hb.state_space(m, ["wall.u"], ["load.x"], at="3 mm"), "unit-wrong", "at"),
+    (lambda m: hb.tuning_task({"damper.d": "1 N*s/m"}, "rms(load.x)/1 m"), "not-a-range", "damper.d"),
+    (lambda m: hb.tuning_task({"damper.d": "1 .. 2 N*s/m"}, "rms(load.x)/1 m", begin="1 m"), "unit-wrong", "begin"),
+    (lambda m: hb.tune(m, hb.tuning_task({"damper.d": "1 .. 2 N"}, "rms(load.x)/1 m")), "unit-wrong", "damper.d"),
+    (lambda m: hb.compare("passive_rig/friction", parameters={"gas.c": "3 N"}), "unit-wrong", "gas.c"),
+    (lambda m: hb.fit("passive_rig/friction", free={"gas.c": "30 kN/m"}), "not-a-range", "gas.c"),
+    (lambda m: hb.fit("passive_rig/friction", free={"gas.c": "30 .. 70 kN"}), "unit-wrong", "gas.c"),
+    (lambda m: hb.fit("passive_rig/friction", free={"gas.k": "30 .. 70 kN"}), "free-unknown", "gas.k"),
+    (lambda m: hb.where("passive_rig/friction", values={"gas.c": "3 kN"}), "unit-wrong", "gas.c"),
+    (lambda m: hb.diagnose("passive_rig/friction", seconds="3 m"), "unit-wrong", "seconds"),
+])
+def test_a_quantity_that_does_not_fit_is_named(call: Callable[[hb.Model], object], code: str, named: str) -> None:
+    with pytest.raises(hb.HeavebondError, match=re.escape(code)) as caught:
+        call(hb.loads(CART))
+    assert named in str(caught.value)
+
+
+def test_text_and_numbers_of_any_type_give_the_same_numbers() -> None:
+    model = hb.loads(CART)
+    plain = hb.simulate(model, 2.0, every=0.1, parameters={"cart.m": 300.0})
+    for other in (hb.simulate(model, "2 s", every="100 ms", parameters={"cart.m": "300 kg"}),
+                  hb.simulate(model, np.int64(2), every=np.float32(0.1), parameters={"cart.m": np.int64(300)}),
+                  hb.simulate(model.with_parameters({"cart.m": "0.3 t"}), "2000 ms", every="0.1 s"),
+                  hb.simulate(model.with_parameters({"cart.m": np.float32(300)}), 2, every="0.1 s")):
+        assert other["load.x"] == pytest.approx(plain["load.x"], rel=1e-6, abs=1e-9)
+    task = hb.tuning_task({"damper.d": "10 .. 200 N*s/m"}, "rms(load.x)/1 mm", begin="0.2 s", end="1000 ms")
+    assert task.free["damper.d"].high == 200 and (task.begin, task.end) == (0.2, 1.0)
+    tuned = hb.tune(model, task, explore=0)
+    assert 10 <= tuned.values["damper.d"] <= 200 and tuned.cost < tuned.before
+    assert hb.root_locus(model, "damper.d", "1 .. 20 N*s/m", points=3).values.tolist() == [1, 10.5, 20]
+
+
+def test_a_fit_frees_what_is_given_as_text() -> None:
+    found = hb.fit("passive_rig/friction", free={"gas.c": "30 .. 70 kN/m"})
+    assert list(found.values) == ["gas.c"] and 30e3 <= found.values["gas.c"] <= 70e3

@@ -176,7 +176,7 @@ def test_sensitivities_agree_with_differences(case: str, tmp_path: Path) -> None
     for name in parameters:
         value = assembly.parameter_values[name]
         step = 3e-3 * (abs(value) or 1.0)  # wide enough for the noise of the runs, of sixth order besides
-        runs = {k: plain.run({name: value + k * step})[signal] for k in (-3, -2, -1, 1, 2, 3)}
+        runs = {k: plain.run({name: value + k * step}).display[signal] for k in (-3, -2, -1, 1, 2, 3)}
         difference = (45 * (runs[1] - runs[-1]) - 9 * (runs[2] - runs[-2]) + (runs[3] - runs[-3])) / (60 * step)
         exact = along.sensitivity(signal, name)
         assert np.abs(exact - difference).max() <= 1e-6 * np.abs(exact).max()

@@ -149,8 +149,8 @@ def _seconds(text: str) -> tuple[float, float]:
 
 def _free(assembly: Assembly, texts: tuple[str, ...]) -> dict[str, Range]:
     """Ranges by name; a parameter without one may go from 0 to three times its value."""
+    from heavebond.core.quantities import ranges
     from heavebond.core.units import Range
-    from heavebond.optimise.objective import ranges
 
     found: dict[str, Range] = {}
     units = {q.name: q.unit for q in assembly.flat.parameters}

@@ -17,6 +17,7 @@ from heavebond.core.cancellation import finishing, obeyed
 from heavebond.core.errors import HeavebondError, Problem, UsageError, listing, suggest
 from heavebond.core.presentation import brief
 from heavebond.core.progress import Progress
+from heavebond.core.quantities import si_value
 from heavebond.core.threads import single_threaded
 from heavebond.diagnosis.alternatives import Alternative
 from heavebond.diagnosis.catalogue import Candidate, candidates
@@ -84,17 +85,19 @@ class Diagnosis:
 
 
 @single_threaded
-def diagnose(experiment: Experiment | str | Path, *, auto: bool = False, number: int | None = None, seconds: float = SECONDS,
-             classes: Sequence[str] = (), samples: int | None = None, progress: Progress | None = None) -> Diagnosis:
+def diagnose(experiment: Experiment | str | Path, *, auto: bool = False, number: int | None = None,
+             seconds: float | str = SECONDS, classes: Sequence[str] = (), samples: int | None = None,
+             progress: Progress | None = None) -> Diagnosis:
     """Find out which effect the diagram of an experiment lacks.
 
-    One step, or with `auto` the ladder of several effects that leaves least (see `diagnosis.stepwise_selection`); `number`
-    processes (by default as many as there are processors); a step begins no refit after `seconds` of them; `classes`
-    narrows the catalogue; the search looks at so many `samples` of long records (see `estimation.excerpts`), and what it
-    finds is fitted to all of them. Ctrl-C ends the search with what was found so far. Raises ModelError and DataError
-    where the experiment is wrong, UsageError where no record is to be fitted.
+    One step, or with `auto` a stepwise selection of several effects (see `diagnosis.stepwise_selection`). `number` is the
+    number of processes, by default that of the processors; a step begins no refit after `seconds` (s, or text with a unit);
+    `classes` restricts the catalogue to classes of effects. The search uses `samples` samples of long records (see
+    `estimation.excerpts`), the final fit uses all. Ctrl-C ends the search with the effects found so far; `progress` is
+    called with a text at each step. Raises ModelError and DataError where the experiment is wrong, UsageError where no
+    record is to be fitted.
     """
-    began = clock.perf_counter()
+    began, seconds = clock.perf_counter(), si_value(seconds, "s", "seconds")
     experiment = _loaded(experiment)
     say = progress or (lambda text: None)
     base = fit(experiment, progress=lambda text: say(f"fitting what is free: {text}")) if experiment.free else None

@@ -17,6 +17,7 @@ import casadi as ca
 import numpy as np
 
 from heavebond.core.errors import HeavebondError
+from heavebond.core.quantities import si_value
 from heavebond.energy.audit import EnergyAudit, EnergyLine, audit
 from heavebond.equations.flatten import Flat
 from heavebond.estimation.change import Change
@@ -100,12 +101,15 @@ class Simplified:
                 "errors": self.errors, "states": {"before": self.states[0], "after": self.states[1]}}
 
 
-def simplify(model: Model, share: float = 0.99, limit: float = 0.05, *, until: Time | None = None, every: Time | None = None,
-             found: EnergyAudit | None = None, progress: Callable[[str], None] = lambda text: None) -> Simplified:
-    """Neutralise the components beyond `share` (0 to 1) of the activity, as far as no output moves by more than `limit`.
+def simplify(model: Model, share: float | str = 0.99, limit: float | str = 0.05, *, until: Time | None = None,
+             every: Time | None = None, found: EnergyAudit | None = None,
+             progress: Callable[[str], None] = lambda text: None) -> Simplified:
+    """Neutralise the components beyond `share` of the activity, as far as no output moves by more than `limit`.
 
+    Both are shares (0 to 1, or text such as `"99 %"`); the activity of a component is the integral of |power| over the run.
     `found` is the audit of the diagram where it has been made. Errors as those of `simulate`.
     """
+    share, limit = si_value(share, "1", "share"), si_value(limit, "1", "limit")
     found = found or audit(model, until, every=every)
     whole = found.result
     outputs = list(model.show) or whole.assembly.state_names

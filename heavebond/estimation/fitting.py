@@ -23,9 +23,10 @@ import numpy as np
 
 from heavebond.core import facade
 from heavebond.core.cancellation import ENDED_EARLY, finishing
-from heavebond.core.errors import HeavebondError, Problem, SimulationError, UsageError, listing, suggest
+from heavebond.core.errors import HeavebondError, Place, Problem, SimulationError, UsageError, listing, suggest
 from heavebond.core.presentation import brief
 from heavebond.core.progress import Progress, numbered
+from heavebond.core.quantities import si_range
 from heavebond.core.threads import single_threaded
 from heavebond.estimation.comparison import Comparison, RecordComparison, compare_record
 from heavebond.estimation.experiment import Experiment, Free, Record, load_experiment
@@ -143,18 +144,19 @@ class Fit:
 
 @single_threaded
 def fit(experiment: Experiment | str | Path, *, starts: int = 1, segments: int = 1, seed: int = 0, robust: bool = False,
-        free: Mapping[str, Free] | None = None, progress: Progress | None = None, partial: bool = False) -> Fit:
+        free: Mapping[str, Free | str] | None = None, progress: Progress | None = None, partial: bool = False) -> Fit:
     """Fit the free parameters of an experiment to its records with `use: fit`.
 
     `starts` tries that many starting points (the diagram's own, then a Latin hypercube within the ranges); `segments`
     above 1 begins with multiple shooting (see `multiple_shooting`), for records on which one run diverges; `robust`
-    replaces squares by soft-L1 losses, which outliers pull less; `free` replaces the experiment's own list. With `partial`
+    replaces squares by soft-L1 losses, which outliers pull less; `free` replaces the experiment's own list (a range
+    as text: `{"gas.c": "30 .. 70 kN/m"}`). With `partial`
     Ctrl-C ends it with the best so far (`message` is "interrupted"), once a first run is through. Raises UsageError where
     there is nothing to fit and ModelError or DataError where the experiment is wrong.
     """
     experiment = experiment if isinstance(experiment, Experiment) else load_experiment(experiment)
     if free is not None:
-        experiment = replace(experiment, free=dict(free))
+        experiment = replace(experiment, free={name: _free(name, given) for name, given in free.items()})
     if not experiment.free:
         raise UsageError([Problem("free-empty", "nothing is free to be fitted", None,
                                   "List parameters and ranges: `free: {gas.c: 42 kN/m +- 20 %}`.")])
@@ -182,6 +184,10 @@ def fit(experiment: Experiment | str | Path, *, starts: int = 1, segments: int =
     for record in found.after.records.values():
         hear(f"{experiment.name}, {record.name}", record.result.verdict)
     return found
+
+
+def _free(name: str, given: Free | str) -> Free:
+    return given if isinstance(given, Free) else Free(name, si_range(given, name), Place("free", 1, 1, f"{name}: {given}"))
 
 
 def _filled_by_compare(problem: Residuals) -> str:

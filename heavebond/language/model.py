@@ -123,14 +123,14 @@ class Model:
 
 
 def _python_value(path: str, given: float | str) -> Value:
-    text = repr(float(given)) if isinstance(given, (int, float)) else str(given)
+    text = given if isinstance(given, str) else repr(float(given))
     place = Place(f"value of {path}", 1, 1, text)
     problems = Problems()
     found = reading.value(Scalar(text, place), path, problems)
     problems.raise_as(UsageError)
     assert found is not None
     # a plain Python number is in the parameter's own base unit, which only the parameter knows
-    return replace(found, si=True) if isinstance(given, (int, float)) else found
+    return found if isinstance(given, str) else replace(found, si=True)
 
 
 def _like(value: Value, before: Value | FileInput | None) -> Value:

@@ -29,7 +29,7 @@ from heavebond.linear import loop_crossings as crossing
 from heavebond.linear.linear_system import StateSpace, StateSpaces, spread
 from heavebond.linear.stability import MARGINAL, STABLE, UNSTABLE, Stability
 from heavebond.numerics.dae import Array
-from heavebond.numerics.simulator import Time
+from heavebond.numerics.simulator import Time, seconds
 
 # A direct share of the loop so large that nothing is left of what is added: it cannot be cut there.
 UNCUT = 1e-12
@@ -188,18 +188,19 @@ def _delayed(of: crossing.Transfer, closed: Stability) -> tuple[str, tuple[str, 
 
 
 def loop_crossings(model: Model, signal: str, *, at: Time | None = None,
-                   parameters: Mapping[str, float | str] | None = None, dead_time: float = 0.0) -> Crossings:
+                   parameters: Mapping[str, float | str] | None = None, dead_time: Time = 0.0) -> Crossings:
     """The crossings of the loop through a signal, whether it is stable or not; arguments as those of `loop_margins`."""
     closed = loops(model, signal, at).at(parameters)
-    return crossings(open_loop(closed), closed.stability(), dead_time=dead_time)
+    return crossings(open_loop(closed), closed.stability(), dead_time=seconds(dead_time, "dead_time"))
 
 
 def loop_margins(model: Model, signal: str, *, at: Time | None = None, parameters: Mapping[str, float | str] | None = None,
-                 dead_time: float = 0.0) -> Margins:
-    """The margins of the loop through a signal, `dead_time` in s added to it; other arguments and errors as those of
-    `state_space`.
+                 dead_time: Time = 0.0) -> Margins:
+    """The stability margins of the loop through a signal, with `dead_time` (s, or `"20 ms"`) added to it.
 
-    UsageError where the closed loop is unstable: it has no margins. `loop_crossings` tells how far it is to go.
+    Gain margins are factors, phase margins are in degrees, delay margins in s, frequencies in Hz. Other arguments and
+    errors are those of `state_space`; UsageError where the closed loop is unstable and has no margins (`loop_crossings`
+    gives the distance to stability).
     """
     return checked(loop_crossings(model, signal, at=at, parameters=parameters, dead_time=dead_time), signal)
 

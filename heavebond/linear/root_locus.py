@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heavebond.core.errors import HeavebondError, Problem, UsageError
+from heavebond.core.quantities import si_range
 from heavebond.core.units import Range
 from heavebond.equations.parameters import check_ranges
 from heavebond.language.model import Model
@@ -35,8 +36,14 @@ class RootLocus:
     stability: tuple[Stability, ...]
 
 
-def root_locus(model: Model, parameter: str, span: Range, *, at: Time | None = None, points: int = POINTS) -> RootLocus:
-    """The poles of a diagram over a span of a parameter; UsageError where fewer than two values have an operating point."""
+def root_locus(model: Model, parameter: str, span: Range | str, *, at: Time | None = None, points: int = POINTS
+               ) -> RootLocus:
+    """The poles of a diagram over a span of a parameter: `root_locus(model, "controller.K_p", "0 .. 10 1/m")`.
+
+    `points` values are evenly spaced over the span. UsageError for an unknown parameter, a span in another unit or where
+    fewer than two values have an operating point.
+    """
+    span = si_range(span, parameter)
     operating = OperatingPoints(model, at)
     linearisation = Linearisation(operating.assembly)
     check_ranges({q.name: q.unit for q in operating.assembly.flat.parameters}, {parameter: span})

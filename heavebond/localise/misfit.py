@@ -24,7 +24,7 @@ from heavebond.localise.error_states import State, Stretch, envelope, states, st
 from heavebond.localise.input_estimation import CHANCE, Estimate, Ranked, Search, misfit
 from heavebond.localise.ltv_model import Beside, known_of
 from heavebond.localise.regressors import Surroundings, estimated
-from heavebond.numerics.dae import Array
+from heavebond.numerics.dae import Array, Assembly
 
 # So many groups of places are estimated in full, and so many samples of each record go into a curve.
 MOST_PLACES, MOST_SAMPLES = 4, 1500
@@ -151,13 +151,13 @@ class Where:
 
 
 @single_threaded
-def where(experiment: Experiment | str | Path, *, values: Fit | Mapping[str, float] | None = None,
+def where(experiment: Experiment | str | Path, *, values: Fit | Mapping[str, float | str] | None = None,
           progress: Callable[[str], None] | None = None) -> Where:
     """Find when, in what state of motion and at which place of its diagram a model fails its records.
 
-    Begins with runs at the diagram's own parameters or at `values` (a fit, or values in SI by name); free parameters and
-    the start are estimated together with what acts at each place, so that nothing need be fitted before. Of long records
-    the beginning is looked at (see `estimation.excerpts`). Raises what `compare` raises.
+    The estimation begins at the diagram's own parameters or at `values` (a fit, or values by name, in SI or as text with a
+    unit). Free parameters and initial values are estimated together with the input at each place, so that no fit is needed
+    before. Of long records the beginning is used (see `estimation.excerpts`). Raises what `compare` raises.
     """
     experiment = experiment if isinstance(experiment, Experiment) else load_experiment(experiment)
     say = progress or (lambda text: None)
@@ -167,7 +167,7 @@ def where(experiment: Experiment | str | Path, *, values: Fit | Mapping[str, flo
         sides = [Beside(experiment, record, Path(folder)) for record in records]
         p = sides[0].assembly.parameter_values
         search = Search(sides, [known_of(free, p[free.name]) for free in experiment.free.values()], say)
-        found = search.estimate({r.name: _given(values, r.name) for r in records}, MOST_PLACES)
+        found = search.estimate({r.name: _given(values, r.name, sides[0].assembly) for r in records}, MOST_PLACES)
     say("looking for what it follows")
     missing = found.chance < CHANCE
     suspects = [s for k, ranked in enumerate(found.ranked[:MOST_PLACES]) for s in _group(search, found, k, ranked)]
@@ -175,17 +175,18 @@ def where(experiment: Experiment | str | Path, *, values: Fit | Mapping[str, flo
                  tuple(p.name for p in found.unseen), *_when(experiment, search, found), found.values, found.foreseen)
 
 
-def _beginning(experiment: Experiment, values: Fit | Mapping[str, float] | None) -> Experiment:
+def _beginning(experiment: Experiment, values: Fit | Mapping[str, float | str] | None) -> Experiment:
     """The beginning of long records, the whole of others: what is estimated grows with samples times places."""
     if sum(len(measure(experiment, r).grid) for r in experiment.records.values() if r.use == "fit") <= LONG:
         return experiment
     return excerpt(experiment, values.after if isinstance(values, Fit) else compare(experiment, parameters=values))
 
 
-def _given(values: Fit | Mapping[str, float] | None, record: str) -> dict[str, float]:
+def _given(values: Fit | Mapping[str, float | str] | None, record: str, assembly: Assembly) -> dict[str, float]:
     if isinstance(values, Fit):
         return {p.name: p.value for p in values.parameters if p.record in ("", record)}
-    return dict(values or {})
+    known = assembly.with_parameters(values or {}).parameter_values
+    return {name: known[name] for name in values or {}}
 
 
 def _learn(search: Search) -> list[Mask]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from heavebond.core.cancellation import check
 from heavebond.core.errors import Problem, SimulationError, UsageError
 from heavebond.core.limits import OUTPUT_POINTS, RATE
-from heavebond.core.units import UnitProblem, check_unit, parse_quantity, unit
+from heavebond.core.quantities import si_value
 from heavebond.equations.buffered import Buffered
 from heavebond.language.definition import Value
 from heavebond.language.model import Model
@@ -386,14 +386,7 @@ def grid(model: Model, until: Time | None, every: Time | None) -> Array:
 
 def seconds(given: Time, what: str) -> float:
     """A time in s from a number or a text such as `2 min`; UsageError that begins with `what` for anything else."""
-    if isinstance(given, (int, float)):
-        return float(given)
-    try:
-        number, read = parse_quantity(given)
-        check_unit(read, unit("s"), number, given)
-    except UnitProblem as problem:
-        raise UsageError([Problem(problem.code, f"{what}: {problem.message}", None, problem.hint)]) from None
-    return number
+    return si_value(given, "s", what)
 
 
 def _from_model(value: Value | None) -> float | None:

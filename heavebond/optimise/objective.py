@@ -10,14 +10,15 @@ from functools import cached_property
 import numpy as np
 
 from heavebond.core.errors import HeavebondError, Problem, SimulationError, StartError, UsageError
-from heavebond.core.units import Range, UnitProblem, parse_range
+from heavebond.core.quantities import ranges
+from heavebond.core.units import Range
 from heavebond.equations.parameters import check_ranges
 from heavebond.linear.describing_function import slopes_over
 from heavebond.linear.linearisation import ModesAtStart
 from heavebond.linear.rest_stability import STABLE, AtRest, RestStability
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.result import Result
-from heavebond.numerics.simulator import Simulator, Tolerances, grid
+from heavebond.numerics.simulator import Simulator, Time, Tolerances, grid, seconds
 from heavebond.optimise.adjoint import CHARTS, Adjoint
 from heavebond.optimise.costs import Cost, Evaluator, read_cost, read_limit
 from heavebond.optimise.sampled_values import SAMPLED
@@ -71,15 +72,20 @@ class Task:
     stable: bool = True
 
 
-def ranges(texts: Mapping[str, str]) -> dict[str, Range]:
-    """`{"controller.K_p": "0 .. 10 1/m"}` as ranges; UsageError for a text that is none."""
-    found = {}
-    for name, text in texts.items():
-        try:
-            found[name] = parse_range(text)
-        except UnitProblem as problem:
-            raise UsageError([Problem(problem.code, f"{name}: {problem.message}", None, problem.hint)]) from None
-    return found
+def tuning_task(free: Mapping[str, Range | str], cost: str, *, limits: Sequence[str] = (), begin: Time = 0.0,
+                end: Time | None = None, reference: Mapping[str, float | str] | None = None,
+                cases: Mapping[str, Mapping[str, float | str]] | None = None, stable: bool = True) -> Task:
+    """A tuning problem for `tune`: minimise `cost` over the ranges of `free`, such that `limits` hold.
+
+    `tuning_task({"controller.K_p": "0 .. 10 1/m"}, "rms(WOB)/1 kN", limits=["peak(extension) < 3 m"], begin="48 s")`.
+    The cost is evaluated from `begin` to `end` (s, or text with a unit; by default to the end of the run) and averaged over
+    `cases`, parameter values by name of the case. `reference` are the parameter values of the run that `ref(...)` in the
+    cost refers to; `stable` requires a stable equilibrium. Raises UsageError for a range or a time that cannot be read;
+    `tune` raises it for unknown names and wrong units.
+    """
+    found = (Case("diagram", {}),) if cases is None else tuple(Case(name, dict(values)) for name, values in cases.items())
+    return Task(ranges(free), cost, tuple(limits), seconds(begin, "begin"),
+                None if end is None else seconds(end, "end"), reference, found, stable=stable)
 
 
 @dataclass(frozen=True)
