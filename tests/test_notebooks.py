@@ -4,18 +4,27 @@ from __future__ import annotations
 
 import os
 import re
+import signal
+import sys
+import threading
+import time as clock
+from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
+from typing import ClassVar
 from xml.etree import ElementTree
 
 import nbformat
 import pytest
 
 import heavebond as hb
+from heavebond.core import reporting as core_reporting
 from heavebond.diagnosis.diagnosis import Diagnosis
 from heavebond.diagnosis.ladder import rung
 
 ROOT = Path(__file__).parent.parent
 NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
+GAINS = hb.tuning_task({"controller.K_p": "0 .. 8 1/m", "controller.K_v": "0 .. 1.2 s/m"}, "rms(crown.x)/1 m", begin="72 s")
 PATIENCE = 120  # s for a cell; on a quiet machine the longest takes two
 
 
@@ -91,3 +100,87 @@ def test_a_diagnosis_shows_its_verdict_and_its_ladder() -> None:
     found = Diagnosis(experiment, "noise", words, ladder, (), (), None, None, {}, 1.0, None, experiment)
     html = found._repr_html_()
     assert not pictures(html) and "nothing &lt;b&gt;is&lt;/b&gt; missing" in html and "as drawn" in html
+
+
+class FakeBar:
+    """What is used of tqdm."""
+
+    made: ClassVar[list[FakeBar]] = []
+
+    def __init__(self, desc: str, unit: str, leave: bool):
+        self.title, self.texts, self.n, self.total, self.closed = desc, [], 0, None, False
+        self.made.append(self)
+
+    def set_postfix_str(self, text: str) -> None:
+        self.texts.append(text)
+
+    def update(self, steps: int) -> None:
+        self.n += steps
+
+    def refresh(self) -> None:
+        pass
+
+    def close(self) -> None:
+        self.closed = True
+
+
+@pytest.fixture
+def bars(monkeypatch: pytest.MonkeyPatch) -> list[FakeBar]:
+    """The bars that are made, in a notebook with tqdm."""
+    fake = ModuleType("tqdm.auto")
+    fake.tqdm = FakeBar
+    monkeypatch.setitem(sys.modules, "tqdm.auto", fake)
+    monkeypatch.setattr(core_reporting, "in_notebook", lambda: True)
+    monkeypatch.setattr(FakeBar, "made", [])
+    return FakeBar.made
+
+
+def test_a_notebook_shows_one_bar(bars: list[FakeBar]) -> None:
+    hb.compare("passive_rig/friction")
+    bar, = bars
+    assert (bar.title, bar.texts, bar.total, bar.closed) == ("compare", ["train", "validate"], 2, True)
+    hb.ladder(["passive_rig/friction"])  # compares, with no bar of its own
+    assert [b.title for b in bars[1:]] == ["ladder"]
+    hb.fit("passive_rig/friction", free={"gas.c": "30 .. 70 kN/m"})
+    assert bars[-1].title == "fit" and bars[-1].n == len(bars[-1].texts) > 2 and bars[-1].closed
+
+
+def test_a_callback_takes_the_place_of_the_bar(bars: list[FakeBar]) -> None:
+    said: list[str] = []
+    hb.compare("passive_rig/friction", progress=said.append)
+    hb.simulate(hb.load("quarter_car"))
+    assert said == ["train", "validate"] and not bars
+
+
+def test_outside_notebooks_and_without_tqdm_there_is_no_bar(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert not core_reporting.in_notebook() and core_reporting.make_bar("fit") is None
+    monkeypatch.setattr(core_reporting, "in_notebook", lambda: True)
+    monkeypatch.setitem(sys.modules, "tqdm.auto", None)
+    assert core_reporting.make_bar("fit") is None
+
+
+def test_a_bar_of_tqdm(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("tqdm")
+    monkeypatch.setattr(core_reporting, "in_notebook", lambda: True)
+    bar = core_reporting.make_bar("fit")
+    assert bar is not None
+    bar("a step")
+    bar.place(1, 3)
+    assert (bar.bar.n, bar.bar.total) == (1, 3)
+    bar.bar.close()
+
+
+@pytest.mark.parametrize("call", [lambda: hb.simulate(hb.load("cmc_ahc"), "10 h", every="1 s"),
+                                  lambda: hb.fit("passive_rig/friction", starts=1000),
+                                  lambda: hb.tune(hb.load("cmc_ahc"), GAINS, starts=9)])
+def test_the_stop_button_ends_what_runs(call: Callable[[], object]) -> None:
+    before, began = signal.getsignal(signal.SIGINT), clock.perf_counter()
+    timer = threading.Timer(3.0, os.kill, (os.getpid(), signal.SIGINT))
+    timer.start()
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            call()
+    finally:
+        timer.cancel()
+    assert clock.perf_counter() - began < PATIENCE and signal.getsignal(signal.SIGINT) == before
+    hb.simulate(hb.load("quarter_car"), "1 s")

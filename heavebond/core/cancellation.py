@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from types import FrameType
 
@@ -36,13 +36,14 @@ ENDED_EARLY = "interrupted"  # why a search ended that gives its best so far
 
 
 @contextmanager
-def listening() -> Iterator[None]:
+def listening(numbers: Sequence[int] = SIGNALS) -> Iterator[None]:
     """Within it SIGTERM and SIGHUP end what runs as Ctrl-C does, and none of them is lost. Outside the main thread nothing
-    changes, as signals do not come there, nor for those that are ignored, as in jobs behind `nohup`."""
+    changes, as signals do not come there, nor for those that are ignored, as in jobs behind `nohup`, or that have a
+    handler already."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = {number: signal.getsignal(number) for number in SIGNALS}
+    before = {number: signal.getsignal(number) for number in numbers}
     taken = [number for number, handler in before.items() if handler in (signal.SIG_DFL, signal.default_int_handler)]
     for number in taken:
         signal.signal(number, _hear)
@@ -51,8 +52,9 @@ def listening() -> Iterator[None]:
     finally:
         for number in taken:
             signal.signal(number, before[number])
-        _heard.clear()
-        _last.clear()
+        if taken:
+            _heard.clear()
+            _last.clear()
 
 
 def _hear(number: int, frame: FrameType | None) -> None:

@@ -18,6 +18,7 @@ from heavebond.core.errors import HeavebondError, Problem, UsageError, listing, 
 from heavebond.core.presentation import brief
 from heavebond.core.progress import Progress
 from heavebond.core.quantities import si_value
+from heavebond.core.reporting import reporting
 from heavebond.core.threads import single_threaded
 from heavebond.diagnosis.alternatives import Alternative
 from heavebond.diagnosis.catalogue import Candidate, candidates
@@ -84,6 +85,7 @@ class Diagnosis:
             "separation": self.separation and self.separation.as_dict(), "seconds": self.seconds}
 
 
+@reporting
 @single_threaded
 def diagnose(experiment: Experiment | str | Path, *, auto: bool = False, number: int | None = None,
              seconds: float | str = SECONDS, classes: Sequence[str] = (), samples: int | None = None,
@@ -223,6 +225,7 @@ class Attempt:
                 "bic_difference": self.bic_difference, "earned": self.earned}
 
 
+@reporting
 @single_threaded
 def attempt(experiment: Experiment | str | Path, component: str, places: Sequence[str] = (), *,
             progress: Progress | None = None) -> Attempt:

@@ -12,6 +12,7 @@ import numpy as np
 from heavebond.core.errors import Problem, UsageError
 from heavebond.core.presentation import readable
 from heavebond.core.progress import Progress
+from heavebond.core.reporting import place, reporting
 from heavebond.diagnosis.catalogue import Candidate
 from heavebond.diagnosis.refit import Trial
 from heavebond.estimation.comparison import Channel, Comparison, RecordComparison, compare
@@ -161,6 +162,7 @@ def _chi2(parts: Sequence[RecordComparison]) -> float:
     return float(np.average(values, weights=counts)) if values else math.nan
 
 
+@reporting
 def ladder(experiments: Sequence[Experiment | str | Path], *, progress: Progress | None = None) -> list[Rung]:
     """Several experiments on the same records, each a model with more in it: their errors, in the order given.
 
@@ -174,8 +176,9 @@ def ladder(experiments: Sequence[Experiment | str | Path], *, progress: Progress
                                       "or channels, so their errors cannot be compared", None,
                                       "Let the later experiments `extends:` the first one.")])
     rungs = []
-    for experiment in found:
+    for k, experiment in enumerate(found):
         if progress:
+            place(progress, k, len(found))
             progress(experiment.path.name)
         rungs.append(rung(experiment.path.stem, compare(experiment)))
     return rungs

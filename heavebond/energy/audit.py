@@ -29,6 +29,7 @@ import numpy as np
 
 from heavebond.core.errors import Problem, SimulationError, UsageError, listing, suggest
 from heavebond.core.presentation import brief, count, number, readable
+from heavebond.core.reporting import cancellable
 from heavebond.core.units import read_unit
 from heavebond.equations.flatten import Energetics
 from heavebond.language.model import Model
@@ -175,6 +176,7 @@ class EnergyAudit:
             tuple(notes))])
 
 
+@cancellable
 def audit(model: Model | Assembly, until: Time | None = None, *, every: Time | None = None,
           parameters: Mapping[str, float | str] | None = None, rtol: float = 1e-9, atol: float = 1e-11) -> EnergyAudit:
     """Run a diagram and account for its energy; arguments and errors as those of `simulate`.

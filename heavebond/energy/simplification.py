@@ -18,6 +18,7 @@ import numpy as np
 
 from heavebond.core.errors import HeavebondError
 from heavebond.core.quantities import si_value
+from heavebond.core.reporting import reporting
 from heavebond.energy.audit import EnergyAudit, EnergyLine, audit
 from heavebond.equations.flatten import Flat
 from heavebond.estimation.change import Change
@@ -101,6 +102,7 @@ class Simplified:
                 "errors": self.errors, "states": {"before": self.states[0], "after": self.states[1]}}
 
 
+@reporting
 def simplify(model: Model, share: float | str = 0.99, limit: float | str = 0.05, *, until: Time | None = None,
              every: Time | None = None, found: EnergyAudit | None = None,
              progress: Callable[[str], None] = lambda text: None) -> Simplified:

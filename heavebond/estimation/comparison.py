@@ -13,6 +13,7 @@ import numpy as np
 from heavebond.core import facade
 from heavebond.core.errors import NAMES_LISTED, DataError, HeavebondError, ModelError, Place, Problems, listing, suggest
 from heavebond.core.presentation import brief, count, number, readable_time
+from heavebond.core.reporting import place, reporting
 from heavebond.core.units import dimension_text, read_unit
 from heavebond.estimation.experiment import Experiment, Output, Record, load_experiment
 from heavebond.estimation.records import Mask, Measured, Samples, measure, moments
@@ -143,6 +144,7 @@ class Comparison:
         return {name: r.as_dict() for name, r in self.records.items()}
 
 
+@reporting
 def compare(experiment: Experiment | str | Path, *, parameters: Mapping[str, float | str] | None = None,
             progress: Callable[[str], None] | None = None) -> Comparison:
     """Simulate with the measured inputs and lay the records over the model.
@@ -153,8 +155,9 @@ def compare(experiment: Experiment | str | Path, *, parameters: Mapping[str, flo
     experiment = experiment if isinstance(experiment, Experiment) else load_experiment(experiment)
     problems, kinds = Problems(), set[type[HeavebondError]]()
     records = {}
-    for record in experiment.records.values():
+    for k, record in enumerate(experiment.records.values()):
         if progress:
+            place(progress, k, len(experiment.records))
             progress(record.name)
         try:
             records[record.name] = compare_record(experiment, record, parameters)

@@ -27,6 +27,7 @@ from heavebond.core.errors import HeavebondError, Place, Problem, SimulationErro
 from heavebond.core.presentation import brief
 from heavebond.core.progress import Progress, numbered
 from heavebond.core.quantities import si_range
+from heavebond.core.reporting import reporting
 from heavebond.core.threads import single_threaded
 from heavebond.estimation.comparison import Comparison, RecordComparison, compare_record
 from heavebond.estimation.experiment import Experiment, Free, Record, load_experiment
@@ -142,6 +143,7 @@ class Fit:
             "before": self.before.as_dict(), "after": self.after.as_dict()}
 
 
+@reporting
 @single_threaded
 def fit(experiment: Experiment | str | Path, *, starts: int = 1, segments: int = 1, seed: int = 0, robust: bool = False,
         free: Mapping[str, Free | str] | None = None, progress: Progress | None = None, partial: bool = False) -> Fit:

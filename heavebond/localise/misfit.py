@@ -11,6 +11,7 @@ import numpy as np
 
 from heavebond.core.errors import Problem, UsageError, suggest
 from heavebond.core.presentation import brief, number, readable
+from heavebond.core.reporting import reporting
 from heavebond.core.threads import single_threaded
 from heavebond.core.units import dimension_text, read_unit
 from heavebond.equations.places import Place
@@ -150,6 +151,7 @@ class Where:
                            for s in self.states], "values": {n: dict(v) for n, v in self.values.items()}}
 
 
+@reporting
 @single_threaded
 def where(experiment: Experiment | str | Path, *, values: Fit | Mapping[str, float | str] | None = None,
           progress: Callable[[str], None] | None = None) -> Where:

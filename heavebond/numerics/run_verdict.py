@@ -7,6 +7,7 @@ file and the exit code.
 
 from __future__ import annotations
 
+import inspect
 import math
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,6 +19,7 @@ from heavebond.core.errors import Problem, RunWarning, SimulationError, listing
 from heavebond.core.presentation import count, readable
 
 MOST_NAMED = 3
+PACKAGE = __name__.partition(".")[0]
 NOT_BECOME = ("`{}` acts as it becomes true. State what holds at the start, `initial: {{switch.on: 1}}`, or begin the run "
               "before it is true")
 RUNAWAY = 1e6  # typical sizes from which on a value is no result: a machine of metres does not go a thousand kilometres
@@ -165,7 +167,15 @@ def tell(name: str, found: Verdict) -> None:
     if heard is not None:
         heard.append((name, found))
     elif found.findings:
-        warnings.warn(f"{name}: {found.text}", RunWarning, stacklevel=3)
+        warnings.warn(f"{name}: {found.text}", RunWarning, stacklevel=_depth_of_caller())
+
+
+def _depth_of_caller() -> int:
+    """The stack level, counted from `tell`, of the first function that is not of heavebond."""
+    frame, depth = inspect.currentframe(), 0
+    while frame is not None and str(frame.f_globals.get("__name__", "")).partition(".")[0] == PACKAGE:
+        frame, depth = frame.f_back, depth + 1
+    return depth
 
 
 def together(heard: Sequence[tuple[str, Verdict]]) -> dict[str, object]:

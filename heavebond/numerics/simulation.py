@@ -19,6 +19,7 @@ import numpy as np
 
 from heavebond.core.errors import HeavebondError, Problem, SimulationError, StartError, listing
 from heavebond.core.presentation import count
+from heavebond.core.reporting import cancellable
 from heavebond.equations.connect import connect
 from heavebond.equations.parameters import formula_order
 from heavebond.language.definition import Value
@@ -38,6 +39,7 @@ from heavebond.text.expression import Number
 MOST_FILLED = 1000
 
 
+@cancellable
 def simulate(model: Model | Assembly, until: Time | None = None, *, every: Time | None = None,
              parameters: Mapping[str, float | str] | None = None, also: Iterable[str] = (),
              sensitivities: Iterable[str] = (), rtol: float = 1e-8, atol: float = 1e-10,

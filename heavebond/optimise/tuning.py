@@ -13,6 +13,7 @@ from heavebond.core.cancellation import ENDED_EARLY, finishing
 from heavebond.core.errors import HeavebondError, Problem, UsageError, suggest
 from heavebond.core.presentation import brief
 from heavebond.core.progress import Progress, numbered
+from heavebond.core.reporting import reporting
 from heavebond.estimation.change import block, quoted
 from heavebond.estimation.diagram_files import extended_from, quantity
 from heavebond.language.model import Model
@@ -65,6 +66,7 @@ class Tuned:
                      ", ".join(f"{name} = {value:.5g}" for name, value in self.values.items()))
 
 
+@reporting
 def tune(model: Model | Assembly | Objective, task: Task, *, explore: int = 5, starts: int = 1, seed: int = 0,
          method: str = "trust", most_steps: int = 30, progress: Progress | None = None,
          partial: bool = False) -> Tuned:

@@ -23,6 +23,7 @@ from heavebond.core.parallel import Processes, as_done, processors
 from heavebond.core.presentation import brief
 from heavebond.core.progress import Progress
 from heavebond.core.quoting import file_stem
+from heavebond.core.reporting import place, reporting
 from heavebond.core.units import Unit
 from heavebond.core.writable import write_text
 from heavebond.language.definition import FileInput
@@ -93,6 +94,7 @@ class StudyResult:
         raise UsageError([Problem("case-unknown", f"there is no case with {', '.join(levels)} {procedure}".rstrip())])
 
 
+@reporting
 def run_study(study: Study | str | Path, *, folder: Path | None = None, processes: int | None = None,
               executor: Executor | None = None, fresh: bool = False, progress: Progress | None = None) -> StudyResult:
     """Work out every case of a study, each by every procedure of its tuning.
@@ -181,10 +183,14 @@ class _Told:
     def __init__(self, say: Progress, jobs: int, done: int):
         self.say, self.jobs, self.first, self.done = say, jobs, done, done
         self.began = clock.perf_counter()
-        self.say(self.words)
+        self._tell()
 
     def one_more(self) -> None:
         self.done += 1
+        self._tell()
+
+    def _tell(self) -> None:
+        place(self.say, self.done, self.jobs)
         self.say(self.words)
 
     def inside(self, study: Study, number: int) -> Progress:

@@ -1,0 +1,109 @@
+"""Progress and cancellation of long functions when they are called from Python.
+
+In a notebook a function without a progress callback shows a bar, where tqdm is installed. Outside notebooks it prints
+nothing. Ctrl-C, or the stop button of a notebook, ends each of them with KeyboardInterrupt.
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from functools import wraps
+from typing import Any, ParamSpec, TypeVar
+
+from heavebond.core.cancellation import is_interrupt, listening
+from heavebond.core.progress import Progress
+
+P = ParamSpec("P")
+T = TypeVar("T")
+# whether a function that reports is running: those that it calls report by it
+_running: ContextVar[bool] = ContextVar("running", default=False)
+
+
+class Bar:
+    """A progress callback that shows its text at a bar of tqdm and counts the calls, unless `place` sets the count."""
+
+    def __init__(self, bar: Any):
+        self.bar, self.placed = bar, False
+
+    def __call__(self, text: str) -> None:
+        self.bar.set_postfix_str(text)
+        if not self.placed:
+            self.bar.update(1)
+
+    def place(self, done: int, of: int) -> None:
+        """Set how many of how many steps are done."""
+        self.placed, self.bar.n, self.bar.total = True, done, of
+        self.bar.refresh()
+
+
+def place(progress: Progress | None, done: int, of: int) -> None:
+    """Set how many of how many steps are done, where progress is shown as a bar."""
+    if isinstance(progress, Bar):
+        progress.place(done, of)
+
+
+def in_notebook() -> bool:
+    """Whether the program is the kernel of a notebook."""
+    shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
+    return getattr(shell, "kernel", None) is not None
+
+
+def make_bar(title: str) -> Bar | None:
+    """A bar, in a notebook where tqdm is installed; else None."""
+    if not in_notebook():
+        return None
+    try:
+        from tqdm.auto import tqdm
+    except ImportError:
+        return None
+    return Bar(tqdm(desc=title, unit="step", leave=False))
+
+
+@contextmanager
+def reported(title: str, progress: Progress | None = None) -> Iterator[Progress | None]:
+    """The progress callback of a function that is called with `progress`; cancellation within is a KeyboardInterrupt."""
+    if _running.get():
+        yield progress
+        return
+    token, bar = _running.set(True), make_bar(title) if progress is None else None
+    try:
+        with listening((signal.SIGINT,)):
+            try:
+                yield bar or progress
+            except Exception as error:  # CasADi's answer to Ctrl-C may be an error of its own
+                if is_interrupt(error):
+                    raise KeyboardInterrupt from error
+                raise
+    finally:
+        _running.reset(token)
+        if bar:
+            bar.bar.close()
+
+
+def reporting(function: Callable[P, T]) -> Callable[P, T]:
+    """The function with a bar for its keyword argument `progress`, where none is given, and with cancellation."""
+
+    @wraps(function)
+    def wrapped(*args: P.args, **named: P.kwargs) -> T:
+        given: Any = named.pop("progress", None)
+        with reported(function.__name__, given) as say:
+            if say is not None:
+                named["progress"] = say
+            return function(*args, **named)
+
+    return wrapped
+
+
+def cancellable(function: Callable[P, T]) -> Callable[P, T]:
+    """The function with cancellation alone."""
+
+    @wraps(function)
+    def wrapped(*args: P.args, **named: P.kwargs) -> T:
+        with reported(function.__name__, lambda text: None):
+            return function(*args, **named)
+
+    return wrapped
