@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import re
 import signal
@@ -33,6 +34,23 @@ def test_a_notebook_is_kept_without_outputs(path: Path) -> None:
     cells = nbformat.read(path, as_version=4).cells
     assert not [k for k, cell in enumerate(cells) if cell.get("outputs") or cell.get("execution_count")]
     assert sum(cell.cell_type == "markdown" for cell in cells) >= 5
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_the_code_of_a_notebook_runs_as_plain_python(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without Jupyter: the last expression of a cell is displayed by its own HTML, SVG or PNG."""
+    monkeypatch.chdir(tmp_path)
+    scope: dict[str, object] = {"__name__": "__main__"}
+    shown = []
+    for cell in nbformat.read(path, as_version=4).cells:
+        if cell.cell_type != "code":
+            continue
+        tree = ast.parse(cell.source)
+        last = tree.body.pop() if isinstance(tree.body[-1], ast.Expr) and not cell.source.rstrip().endswith(";") else None
+        exec(compile(tree, path.name, "exec"), scope)
+        value = eval(compile(ast.Expression(last.value), path.name, "eval"), scope) if isinstance(last, ast.Expr) else None
+        shown += [kind for kind in ("html", "svg", "png") if getattr(value, f"_repr_{kind}_", lambda: None)()]
+    assert {"html", "svg", "png"} <= set(shown)
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)

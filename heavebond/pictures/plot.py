@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 import textwrap
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -46,6 +47,15 @@ RECORD, MODEL, BAND = "#8c8c8c", COLOURS[1], "#bcd9ea"
 WIDE = 30  # from such a ratio of the largest to the least on, errors are drawn on a logarithmic axis
 STILL = 1e-9  # a span below this is rounding, not motion
 BAND_WIDTH = 2  # the band holds 95 % of white noise
+
+
+class NotebookFigure(Figure):
+    """A figure that a notebook shows as PNG, without pyplot and its settings of the display."""
+
+    def _repr_png_(self) -> bytes:
+        file = io.BytesIO()
+        self.savefig(file, format="png")
+        return file.getvalue()
 
 
 def plot_signals(result: Result, names: Iterable[str], *, title: str = "") -> Figure:
@@ -139,8 +149,8 @@ def plot_comparison(comparison: Comparison) -> Figure:
     records = list(comparison.records.values())
     channels = list(records[0].channels)
     n = len(channels)
-    figure = Figure(figsize=(max(WIDTH, 1.0 + 5.5 * len(records)), max(6.0, 0.8 + 2.4 * n)), dpi=DPI,
-                    layout="constrained")
+    figure = NotebookFigure(figsize=(max(WIDTH, 1.0 + 5.5 * len(records)), max(6.0, 0.8 + 2.4 * n)), dpi=DPI,
+                            layout="constrained")
     figure.get_layout_engine().set(h_pad=0.02, hspace=0.0, w_pad=0.06, rect=RECT)  # type: ignore[union-attr,call-arg]
     grid = figure.add_gridspec(2 * n, len(records), height_ratios=[3, 1.2] * n)
     for k, record in enumerate(records):
@@ -176,7 +186,7 @@ def plot_surface(task: Task, tuned: Tuned, axes: Sequence[Array], costs: Array, 
     from matplotlib.colors import LogNorm
 
     (first, second), units = list(task.free), [wanted.unit for wanted in task.free.values()]
-    figure = Figure(figsize=(9.0, 6.5), dpi=DPI, layout="constrained")
+    figure = NotebookFigure(figsize=(9.0, 6.5), dpi=DPI, layout="constrained")
     panel = figure.add_subplot()
     x, y = ((axis - unit.offset) / unit.scale for unit, axis in zip(units, axes, strict=True))
     finite = costs[np.isfinite(costs)]
@@ -207,8 +217,8 @@ def plot_influence(found: Rankings, *, bars: int = 12, courses: int = 4, title: 
     1 % more of each of the first `courses` moves the signal (none are drawn for 0)."""
     rows = found.rankings
     longest = max(min(len(row.influences), bars) for row in rows)
-    figure = Figure(figsize=(WIDTH if courses else 0.7 * WIDTH, 1.0 + len(rows) * max(3.0, 0.9 + 0.24 * longest)), dpi=DPI,
-                    layout="constrained")
+    height = 1.0 + len(rows) * max(3.0, 0.9 + 0.24 * longest)
+    figure = NotebookFigure(figsize=(WIDTH if courses else 0.7 * WIDTH, height), dpi=DPI, layout="constrained")
     figure.get_layout_engine().set(rect=RECT, hspace=0.04)  # type: ignore[union-attr,call-arg]
     figure_title(figure, title)
     panels = figure.subplots(len(rows), 2 if courses else 1, squeeze=False, width_ratios=(1, 1.15) if courses else None)
@@ -228,7 +238,7 @@ def plot_influence(found: Rankings, *, bars: int = 12, courses: int = 4, title: 
 def plot_ladder(rungs: Sequence[Rung], *, title: str = "The error on the ladder") -> Figure:
     """The falling error: root mean square over that of what was measured, on the fitted samples and on those that were not,
     each beside what noise alone would leave there (the last model's error divided by the root of chi-square per sample)."""
-    figure = Figure(figsize=(WIDTH, 2.2 + 0.62 * len(rungs)), dpi=DPI)
+    figure = NotebookFigure(figsize=(WIDTH, 2.2 + 0.62 * len(rungs)), dpi=DPI)
     axes = figure.add_subplot()
     figure_title(figure, title)
     places, last = np.arange(len(rungs))[::-1], rungs[-1]
@@ -288,7 +298,7 @@ def save(figure: Figure, path: str | Path) -> Path:
 # -- axes ----------------------------------------------------------------------------------------------------------
 def _stack(n: int, title: str) -> tuple[Figure, list[Axes]]:
     """n axes above each other that share their time axis."""
-    figure = Figure(figsize=(WIDTH, max(8.0 if n > 2 else 5.5, 0.9 + 1.75 * n)), dpi=DPI, layout="constrained")
+    figure = NotebookFigure(figsize=(WIDTH, max(8.0 if n > 2 else 5.5, 0.9 + 1.75 * n)), dpi=DPI, layout="constrained")
     figure.get_layout_engine().set(rect=RECT)  # type: ignore[union-attr,call-arg]
     figure_title(figure, title)
     column: list[Axes] = list(figure.subplots(n, 1, sharex=True, squeeze=False)[:, 0])
