@@ -27,7 +27,7 @@ from heavebond.core.parallel import as_done
 from heavebond.language.model import find
 from heavebond.studies.campaign import AHEAD
 from heavebond.studies.run_case import assembled, worked
-from heavebond.studies.study import Packed, Study, load_study
+from heavebond.studies.study import PackedCase, Study, load_study
 
 PAGE = Path(__file__).parents[1] / "docs" / "scaling.md"
 CASES, WORKERS, PAIRS = 200, 2, 5
@@ -122,7 +122,7 @@ def cost() -> list[Figure]:
                    f"{len(pickle.dumps(outcome)) / 1e3:.1f} kB / {len(text) / 1e3:.1f} kB")]
 
 
-def nothing(packed: Packed | None, number: int) -> int:
+def nothing(packed: PackedCase | None, number: int) -> int:
     """A task without work."""
     return number
 

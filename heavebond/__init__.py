@@ -39,12 +39,12 @@ if TYPE_CHECKING:
     from heavebond.linear.linear_system import StateSpace, state_space
     from heavebond.linear.margins import loop_crossings, loop_margins
     from heavebond.linear.root_locus import root_locus
-    from heavebond.localise.misfit import Where, where
+    from heavebond.localise.misfit import Localization, localize
     from heavebond.numerics.dae import Assembly, assemble
     from heavebond.numerics.result import Result
     from heavebond.numerics.simulation import simulate
     from heavebond.numerics.simulator import Simulator
-    from heavebond.optimise.objective import Task, tuning_task
+    from heavebond.optimise.objective import TuningProblem, tuning_task
     from heavebond.optimise.tuning import Tuned, tune
     from heavebond.pictures.drawing import draw
     from heavebond.records.saved_runs import SavedRun, read_run
@@ -69,7 +69,7 @@ _EXPORTS = {
     "estimation.experiment": ("Experiment", "load_experiment"),
     "diagnosis.ladder": ("ladder",),
     "estimation.fitting": ("Fit", "fit"),
-    "localise.misfit": ("Where", "where"),
+    "localise.misfit": ("Localization", "localize"),
     "language.model": ("load", "loads", "Model"),
     "numerics.dae": ("assemble", "Assembly"),
     "numerics.result": ("Result",),
@@ -79,25 +79,28 @@ _EXPORTS = {
     "studies.campaign": ("run_study", "StudyResult"),
     "energy.audit": ("audit",),
     "studies.study": ("load_study", "Study"),
-    "optimise.objective": ("Task", "tuning_task"),
+    "optimise.objective": ("TuningProblem", "tuning_task"),
     "optimise.tuning": ("tune", "Tuned"),
 }
-_WHERE = {name: module for module, names in _EXPORTS.items() for name in names}
+_MODULE_OF = {name: module for module, names in _EXPORTS.items() for name in names}
 __all__ = [
-    "Assembly", "Comparison", "DataError", "Diagnosis", "Experiment", "Fit", "HeavebondError", "Model", "ModelError",
-    "Result", "RunWarning", "SavedRun", "SimulationError", "Simulator", "StartError", "StateSpace", "Study",
-    "StudyResult", "Task", "Tuned", "UsageError", "Where", "assemble", "attempt", "audit", "candidates", "compare",
-    "diagnose", "draw", "fit", "ladder", "load", "load_experiment", "load_study", "loads", "loop_crossings",
+    "Assembly", "Comparison", "DataError", "Diagnosis", "Experiment", "Fit", "HeavebondError", "Localization", "Model",
+    "ModelError", "Result", "RunWarning", "SavedRun", "SimulationError", "Simulator", "StartError", "StateSpace", "Study",
+    "StudyResult", "Tuned", "TuningProblem", "UsageError", "assemble", "attempt", "audit", "candidates", "compare",
+    "diagnose", "draw", "fit", "ladder", "load", "load_experiment", "load_study", "loads", "localize", "loop_crossings",
     "loop_margins", "read_run", "root_locus", "run_study", "simplify", "simulate", "state_space", "tune", "tuning_task",
-    "where",
 ]
 
 
 # what other packages call it
 _ELSEWHERE = {"run": "simulate", "integrate": "simulate", "read": "load", "open": "load", "optimise": "tune",
               "optimize": "tune", "estimate": "fit", "identify": "fit", "linearise": "state_space",
-              "linearize": "state_space", "localise": "where", "localize": "where", "energy": "audit", "plot": "draw",
+              "linearize": "state_space", "localise": "localize", "energy": "audit", "plot": "draw",
               "margins": "loop_margins"}
+
+
+# former names
+_FORMER = {"where": "localize", "Where": "Localization", "Task": "TuningProblem"}
 
 
 def __dir__() -> list[str]:
@@ -105,9 +108,11 @@ def __dir__() -> list[str]:
 
 
 def __getattr__(name: str) -> object:
-    if name not in _WHERE:
+    if name in _FORMER:
+        return __getattr__(_FORMER[name])
+    if name not in _MODULE_OF:
         from difflib import get_close_matches
 
         near = _ELSEWHERE.get(name) or next(iter(get_close_matches(name, __all__, 1)), "")
         raise AttributeError(f"module 'heavebond' has no attribute '{name}'" + (f"; did you mean '{near}'?" if near else ""))
-    return getattr(importlib.import_module(f"heavebond.{_WHERE[name]}"), name)
+    return getattr(importlib.import_module(f"heavebond.{_MODULE_OF[name]}"), name)

@@ -47,7 +47,7 @@ from heavebond.commands.sweep import sweep
 from heavebond.commands.terminal import PIPE_CLOSED, print_problems, warn
 from heavebond.commands.try_effect import try_effect
 from heavebond.commands.tune import tune
-from heavebond.core.cancellation import WORDS, is_interrupt, last_heard, obeyed
+from heavebond.core.cancellation import WORDS, clear_signal, is_interrupt, last_heard
 from heavebond.core.cancellation import listening as signals_heard
 from heavebond.core.errors import HeavebondError, Problem, UsageError, suggest
 from heavebond.core.writable import write_text
@@ -136,21 +136,21 @@ class Commands(click.Group):
 def _judged(heard: list[tuple[str, Verdict]], code: int, problems: list[Problem], figures: dict[str, object]
             ) -> tuple[int, list[Problem], dict[str, object]]:
     """The verdicts of the runs of a command: a line each where a range was left, a problem where a run is worthless."""
-    from heavebond.numerics.run_verdict import together, verdict_of_all
+    from heavebond.numerics.run_verdict import verdict_of_all, verdicts_as_dict
 
     for name, found in dict(heard).items():
         if found.failed:
             problems = [*problems, found.problem]
         elif found.findings:
             warn(f"warning: {found.text}" if len(heard) == 1 else f"warning: {name}: {found.text}")
-    figures = {**figures, "validity": together(heard)}
+    figures = {**figures, "validity": verdicts_as_dict(heard)}
     return (AT_FAULT if code == FINE and verdict_of_all(heard).failed else code), problems, figures
 
 
 def _interrupted() -> tuple[list[Problem], int]:
     """What is said, and the exit code that shells have for a program that a signal ended."""
     number = last_heard()
-    obeyed()
+    clear_signal()
     return [Problem("interrupted", WORDS.get(Signals(number).name, "interrupted"))], SIGNALLED + number
 
 

@@ -15,7 +15,7 @@ from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.simulator import Simulator, Tolerances
 from heavebond.optimise.adjoint import Adjoint
 from heavebond.optimise.costs import Evaluator, read_cost
-from heavebond.optimise.objective import Objective, Task, ranges
+from heavebond.optimise.objective import Objective, TuningProblem, ranges
 from heavebond.optimise.tuning import tune
 
 TIGHT = Tolerances(1e-10, 1e-12, along=0.1)
@@ -156,9 +156,10 @@ nodes:
 initial: {one.x: 0 m, one.v: 0 m/s, two.x: 0 m, two.v: 0 m/s, three.x: 0 m, three.v: 0 m/s}
 simulate: {until: 20 s, every: 0.1 s}
 """
-NINE = Task(ranges({f"s_{k}.c": "0.5 .. 2 kN/m" for k in (1, 2, 3)} | {f"d_{k}.d": "1 .. 100 N*s/m" for k in (1, 2, 3)}
-                   | {f"m_{k}.m": "9 .. 11 kg" for k in (1, 2, 3)}),
-            "rms(three.x)/1 mm", ("rms(one.x) < 10 mm",), begin=10.0, end=20.0)
+NINE = TuningProblem(ranges({f"s_{k}.c": "0.5 .. 2 kN/m" for k in (1, 2, 3)} | {f"d_{k}.d": "1 .. 100 N*s/m" for k in (1, 2,
+                                                                                                                       3)}
+                            | {f"m_{k}.m": "9 .. 11 kg" for k in (1, 2, 3)}),
+                     "rms(three.x)/1 mm", ("rms(one.x) < 10 mm",), begin=10.0, end=20.0)
 
 
 @pytest.fixture(scope="module")
@@ -220,7 +221,7 @@ def test_where_states_change_the_way_back_is_refused_and_tuning_goes_forward() -
         adjoint.at(assembly.parameter_values, references)
 
     free = ranges(dict(zip(names, ("1 .. 2 m", "9 .. 10 m/s**2", "8.5 .. 9.5 m/s", "0.5 .. 1 kg"), strict=True)))
-    objective = Objective(assembly, Task(free, HEIGHT))
+    objective = Objective(assembly, TuningProblem(free, HEIGHT))
     case = objective.cases[0]
     case.adjoint = Adjoint(case.plain, case.evaluator, names)  # for so few parameters runs would go forward anyhow
     exact, step = objective.evaluate(objective.start).gradient, 5e-3

@@ -18,11 +18,11 @@ from benchmarks.diagnosis.truths import TRUTHS
 from heavebond.cli import main
 from heavebond.diagnosis import refit_schedule, residual_tests, stage, verdict
 from heavebond.diagnosis.diagnosis import Diagnosis, attempt, diagnose
-from heavebond.diagnosis.experiment_design import Extra
+from heavebond.diagnosis.experiment_design import AdditionalSensor
 from heavebond.diagnosis.fixed_values import fixed_values
-from heavebond.diagnosis.ladder import rung as rung_of
+from heavebond.diagnosis.ladder import ladder_entry as rung_of
 from heavebond.diagnosis.ranking import BY_KEY, COLUMNS, JUDGEMENTS, as_dicts, entries
-from heavebond.diagnosis.refit import Trial
+from heavebond.diagnosis.refit import Refit
 from heavebond.estimation.comparison import compare
 from heavebond.estimation.experiment import Experiment, load_experiment
 from heavebond.estimation.fitting import Fitted, fit
@@ -142,7 +142,7 @@ def test_what_acts_alike_is_named_together(tmp_path: Path) -> None:
 def test_a_law_that_could_bend_further_but_does_not_is_no_rival(tmp_path: Path) -> None:
     # play whose gap closes in the fit is a compliance too; the two ends of the string are alike
     machine = Hidden(replace(RIGS["passive"], seconds=20), [KNOWN["passive", "string compliance"]], "test", tmp_path)
-    made = stage.step(machine.case([4.0]).experiment, number=1, classes=["series compliance", "backlash"])
+    made = stage.make_stage(machine.case([4.0]).experiment, number=1, classes=["series compliance", "backlash"])
     assert {t.candidate.kind for t in made.trials} == {"series compliance", "backlash"}
     assert {t.candidate.kind for t in made.cluster} == {"series compliance"}
     # another end that leaves more elsewhere, yet no more than noise, stays; one that leaves more does not
@@ -152,7 +152,7 @@ def test_a_law_that_could_bend_further_but_does_not_is_no_rival(tmp_path: Path) 
         again = stage.choosing(replace(made, trials=(best, replace(other, chi2_held_out=left, slack=0.0))), best)
         assert (len(again.cluster) == 2) is alike
     # where neither law reaches the noise, up to 2.5 times the best's error above it is a matter of their forms
-    def inexact(trial: Trial, left: float) -> Trial:
+    def inexact(trial: Refit, left: float) -> Refit:
         return replace(trial, cost=left * trial.samples, chi2_fit=left, chi2_held_out=left, slack=0.0)
 
     near = inexact(best, 4.0)
@@ -189,7 +189,7 @@ def test_where_the_largest_scores_mislead_everything_is_refitted(tmp_path: Path,
     assert said.verdict == "effect"
     assert len(said.steps[0].trials) > 1
     experiment = said.steps[0].experiment
-    assert not stage.step(experiment, number=1, classes=["leakage"], thorough=False).trials
+    assert not stage.make_stage(experiment, number=1, classes=["leakage"], thorough=False).trials
 
 
 def test_too_little_motion_tells_nothing(tmp_path: Path) -> None:
@@ -292,7 +292,7 @@ def test_the_page_lists_the_keys_of_every_verdict(tmp_path: Path, monkeypatch: p
         folder.mkdir()
         said = found(folder, "receiver", hidden, classes)
         # whether another channel would decide is a matter of the machine: the keys of one that would
-        apart = said.separation and replace(said.separation, extra=Extra("valve.m", "kg/s", 1e-6, 20.0))
+        apart = said.separation and replace(said.separation, extra=AdditionalSensor("valve.m", "kg/s", 1e-6, 20.0))
         told = json.loads(json.dumps(replace(said, separation=apart).as_dict()))
         top.append(set(told))
         all_keys |= keys(told)

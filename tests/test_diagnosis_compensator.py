@@ -11,7 +11,7 @@ from benchmarks.diagnosis.compensator import CASES, LEAKAGE, made
 from heavebond.diagnosis.catalogue import candidates
 from heavebond.diagnosis.diagnosis import Diagnosis, attempt, diagnose
 from heavebond.diagnosis.scoring import scored
-from heavebond.diagnosis.stage import fitted_base, step
+from heavebond.diagnosis.stage import fitted_base, make_stage
 from heavebond.estimation.fitting import fit
 
 CYLINDER = ("ahc.cylinder",)
@@ -48,7 +48,7 @@ def test_effects_are_tried_on_nodes_inside_blocks(tmp_path: Path) -> None:
 def test_nodes_that_a_rope_joins_are_one_place(tmp_path: Path) -> None:
     """The falls move as the crown block does; friction against the platform is refitted at one of them only."""
     experiment, _ = made(replace(CASES["friction passive"], seconds=12, rate=10), tmp_path)
-    found = step(experiment, classes=("dry friction",), number=1, seconds=1e-3)  # scores only: no refit is begun
+    found = make_stage(experiment, classes=("dry friction",), number=1, seconds=1e-3)  # scores only: no refit is begun
     for law in ("CoulombFriction", "StribeckFriction"):
         assert f"{law} between platform and falls" in found.twins[f"{law} between platform and crown"]
     assert not any("and drilling" in twin for label, twins in found.twins.items() if "platform" in label for twin in twins)

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from heavebond.diagnosis.catalogue import candidates
-from heavebond.diagnosis.refit import Trial, begun, followed
+from heavebond.diagnosis.refit import Refit, begun, followed
 from heavebond.diagnosis.refit_schedule import planned
 from heavebond.diagnosis.scoring import Base, scored, searched
 from heavebond.diagnosis.stage import fitted_base
@@ -71,7 +71,7 @@ def recorded(folder: Path, rig: str, experiment: str, truth: Equations, states: 
     return folder / "pulled.yaml"
 
 
-def refitted(path: Path, label: str) -> Trial:
+def refitted(path: Path, label: str) -> Refit:
     """One candidate after its refit."""
     base = fitted_base(load_experiment(path))
     candidate = next(c for c in candidates(base.problem.experiment) if c.label == label)

@@ -14,13 +14,13 @@ from benchmarks.diagnosis.making import Hidden
 from benchmarks.diagnosis.rigs import RIGS
 from benchmarks.diagnosis.truths import RECEIVER
 from heavebond.diagnosis import stepwise_selection, verdict
-from heavebond.diagnosis.diagnosis import _beside, _Come, _noticeable, _weighed, diagnose
+from heavebond.diagnosis.diagnosis import _beside, _noticeable, _SearchState, _weighed, diagnose
 from heavebond.diagnosis.fixed_values import VALUE
-from heavebond.diagnosis.ladder import Finding
-from heavebond.diagnosis.refit import Trial
-from heavebond.diagnosis.residual_tests import Leftover
-from heavebond.diagnosis.stage import Step
-from heavebond.diagnosis.stepwise_selection import Way, climb
+from heavebond.diagnosis.ladder import AddedEffect
+from heavebond.diagnosis.refit import Refit
+from heavebond.diagnosis.residual_tests import ResidualTests
+from heavebond.diagnosis.stage import Stage
+from heavebond.diagnosis.stepwise_selection import Selection, select_stepwise
 
 SAMPLES = 1000
 CLASSES = ("choked flow", "sensor offset", "dead band", "sensor gain")
@@ -43,7 +43,7 @@ def test_two_effects_are_found_and_what_the_first_may_be_is_told_beside_the_seco
 def test_of_several_effects_noise_is_asked() -> None:
     def explained(fitted: float, held: float, *, effects: int) -> bool:
         ladder: list[Any] = [_rung(1000, 1000), _rung(100, 500), *(_rung(fitted, held) for _ in range(effects))]
-        return verdict.explained(ladder, [SimpleNamespace(rung=rung) for rung in ladder[2:]])  # type: ignore[misc]
+        return verdict.is_adequate(ladder, [SimpleNamespace(rung=rung) for rung in ladder[2:]])  # type: ignore[misc]
 
     assert explained(1.05, 1.05, effects=1) and explained(1.05, 1.05, effects=5)
     assert explained(1.3, 1.3, effects=1) and not explained(1.3, 1.3, effects=2)
@@ -56,7 +56,7 @@ def test_no_name_where_the_model_still_misses_by_much_of_what_was_measured() -> 
     ladder = [_rung(1e6, 1e6, 5.0), _rung(1e6, 1e6, 5.0)]
     for left, named in ((0.1, True), (0.2, False)):
         after = _rung(1e4, 1e4, left)
-        assert verdict.explained([*ladder, after], [SimpleNamespace(rung=after)]) is named  # type: ignore[list-item]
+        assert verdict.is_adequate([*ladder, after], [SimpleNamespace(rung=after)]) is named  # type: ignore[list-item]
 
 
 def _rung(fitted: float, held: float, error: float = 0.02) -> Any:
@@ -66,8 +66,8 @@ def _rung(fitted: float, held: float, error: float = 0.02) -> Any:
     return SimpleNamespace(chi2_fit=fitted, chi2_held_out=held, samples_held_out=SAMPLES, comparison=comparison)
 
 
-EMPTY = Step(None, {}, 0.0, SAMPLES, 1.0, 1.0, SAMPLES, (), Leftover(0, 0, 0, 9), (), (), None, (), {}, (),  # type: ignore[arg-type]
-             False, 0.0)
+EMPTY = Stage(None, {}, 0.0, SAMPLES, 1.0, 1.0, SAMPLES, (), ResidualTests(0, 0, 0, 9), (), (), None, (), {}, (),  # type: ignore[arg-type]
+              False, 0.0)
 
 
 # -- ladders of a made-up catalogue: chi-square by the effects in the diagram ----------------------------------------------
@@ -83,31 +83,31 @@ def climbed(monkeypatch: pytest.MonkeyPatch, table: Table, *, given: bool = True
         name = "".join(sorted(effects))
         return table[name] if name in table else min((left(name.replace(e, "")) for e in name), default=1000.0)
 
-    def trial(effects: str, new: str) -> Trial:
+    def trial(effects: str, new: str) -> Refit:
         chi2 = left(effects + new)
         candidate = SimpleNamespace(label=new, component=new, kind=new, where=(), change=SimpleNamespace(moved={}))
-        return Trial(candidate, experiment(effects + new), {}, chi2 * SAMPLES, chi2, chi2, SAMPLES,  # type: ignore[arg-type]
+        return Refit(candidate, experiment(effects + new), {}, chi2 * SAMPLES, chi2, chi2, SAMPLES,  # type: ignore[arg-type]
                      SAMPLES, len(effects) + 1, (), 0.0, 0)
 
-    def step(effects: str, new: Sequence[str]) -> Step:
+    def step(effects: str, new: Sequence[str]) -> Stage:
         chi2 = left(effects)
         trials = sorted((trial(effects, e) for e in new if e not in effects), key=lambda t: t.cost)
-        bare = Step(experiment(effects), dict.fromkeys(effects, 0.0), chi2 * SAMPLES, SAMPLES,  # type: ignore[arg-type]
-                    chi2, chi2, SAMPLES, (), Leftover(0, 0, 0, 9), (), tuple(trials), None, (), {}, (), False, 0.0)
+        bare = Stage(experiment(effects), dict.fromkeys(effects, 0.0), chi2 * SAMPLES, SAMPLES,  # type: ignore[arg-type]
+                     chi2, chi2, SAMPLES, (), ResidualTests(0, 0, 0, 9), (), tuple(trials), None, (), {}, (), False, 0.0)
         best = stepwise_selection.leaders(bare, 1)
         return best[0] if best else bare
 
     def experiment(effects: str) -> SimpleNamespace:
         return SimpleNamespace(effects=effects, noise_given=given)
 
-    def stepping(at: Any, way: Way) -> Step:
+    def stepping(at: Any, way: Selection) -> Stage:
         made.append(at.effects)
         return step(at.effects, "ABCD")
 
     monkeypatch.setattr(stepwise_selection, "following", lambda made: made.chosen.experiment)
     monkeypatch.setattr(stepwise_selection, "candidates", lambda at: [trial("", e).candidate for e in "ABCD"])
     monkeypatch.setattr(stepwise_selection, "single", lambda at, candidate, say: step(at.effects, [candidate.label]))
-    way, _ = climb(experiment(""), stepping, lambda text: None, most)  # type: ignore[arg-type]
+    way, _ = select_stepwise(experiment(""), stepping, lambda text: None, most)  # type: ignore[arg-type]
     return "".join(added.candidate.label for added in way), made
 
 
@@ -151,9 +151,9 @@ def test_an_effect_that_hardly_takes_anything_away_is_no_finding() -> None:
     for before, after, named in ((16.1, 15.2, False), (16.1, 12.0, True), (1.05, 1.0, True), (1e6, 9e5, False)):
         for held in (True, False):
             made = step(before, after, held)
-            way, last = _noticeable((stepwise_selection.Added(made, ()),), made)
+            way, last = _noticeable((stepwise_selection.SelectedEffect(made, ()),), made)
             assert (len(way) == 1, last.chosen is not None) == (named, named)
-    two = (stepwise_selection.Added(step(16.1, 15.2), ()), stepwise_selection.Added(step(15.2, 1.0), ()))
+    two = (stepwise_selection.SelectedEffect(step(16.1, 15.2), ()), stepwise_selection.SelectedEffect(step(15.2, 1.0), ()))
     assert _noticeable(two, two[1].step)[0] == two
 
 
@@ -186,7 +186,7 @@ def test_a_value_that_is_a_little_better_than_an_effect_is_named_with_it() -> No
     def trial(cost: float) -> Any:
         return SimpleNamespace(cost=cost, samples=1000, unknowns=5, chi2_held_out=1.0, samples_held_out=1000)
 
-    finding = Finding(*[None] * 4, (trial(1000),))  # type: ignore[arg-type]
+    finding = AddedEffect(*[None] * 4, (trial(1000),))  # type: ignore[arg-type]
     chosen = finding.alternatives[0]
     for cost, beside in ((985.0, True), (995.0, False)):  # BIC falls by 15 and by 5
         value = trial(cost)
@@ -199,14 +199,14 @@ def test_a_value_that_is_a_little_better_than_an_effect_is_named_with_it() -> No
 
 
 def test_values_are_tried_where_nothing_was_found() -> None:
-    tried: list[Trial | None] = []
+    tried: list[Refit | None] = []
 
-    def trying(beside: Trial | None) -> Step:
+    def trying(beside: Refit | None) -> Stage:
         tried.append(beside)
         return replace(EMPTY, partial=True)
 
     # no ladder of effects, and a diagram that is near the noise
     near: Any = SimpleNamespace(chi2_held_out=1.2, chi2_fit=1.2)
-    come = _weighed(_Come([near], [], [EMPTY]), (), None, trying)  # type: ignore[arg-type]
+    come = _weighed(_SearchState([near], [], [EMPTY]), (), None, trying)  # type: ignore[arg-type]
     assert tried == [None]
     assert [s.partial for s in come.steps] == [True]

@@ -18,7 +18,7 @@ from heavebond.numerics.dae import Assembly
 from heavebond.numerics.simulator import Simulator, Tolerances
 from heavebond.optimise.adjoint import Adjoint
 from heavebond.optimise.gradient_check import check_gradients, costs_of
-from heavebond.optimise.objective import Objective, Task, ranges
+from heavebond.optimise.objective import Objective, TuningProblem, ranges
 from heavebond.text.expression import parse_formula
 
 TIGHT = Tolerances(1e-12, 1e-14, along=1.0)
@@ -330,8 +330,8 @@ def test_the_compensator_is_switched_on() -> None:
 
 def test_costs_are_differentiated_forward(folder: Path) -> None:
     names = ["step.t_s", "step.after", "spring.c", "cart.m"]
-    task = Task(ranges(dict(zip(names, ("0.5 .. 1 s", "10 .. 50 N", "1 .. 2 kN/m", "2 .. 3 kg"), strict=True))),
-                "rms(load.x) + 0.001*final(load.x*step.switched)")
+    task = TuningProblem(ranges(dict(zip(names, ("0.5 .. 1 s", "10 .. 50 N", "1 .. 2 kN/m", "2 .. 3 kg"), strict=True))),
+                         "rms(load.x) + 0.001*final(load.x*step.switched)")
     assembly = built(SWITCHED, folder)
     problem = Objective(assembly, task)
     assert not problem.backwards

@@ -16,9 +16,9 @@ from test_tuning import ABSORBER
 import heavebond as hb
 from heavebond import cli
 from heavebond.numerics.simulator import Simulator, Tolerances
-from heavebond.optimise.gradient_check import Ran, Subject, Verdict, check_gradients, costs_of, signals_of
+from heavebond.optimise.gradient_check import SampledRun, Subject, Verdict, check_gradients, costs_of, signals_of
 from heavebond.optimise.kinks import Kinks
-from heavebond.optimise.objective import Task, ranges
+from heavebond.optimise.objective import TuningProblem, ranges
 
 # A force of 10 N at most, and cut at 10 N: more amplitude is cut, a higher limit cuts nothing.
 LIMITED = """
@@ -170,7 +170,7 @@ def test_noise_is_called_unsettled(tmp_path: Path) -> None:
     def noisy(tolerances: Tolerances) -> object:
         plain = subject.runs(tolerances)
 
-        def ran(settings: Mapping[str, float]) -> Ran:
+        def ran(settings: Mapping[str, float]) -> SampledRun:
             found = plain(settings)
             return replace(found, values=found.values * (1 + 0.1 * generator.standard_normal()))
 
@@ -235,8 +235,9 @@ def test_unknown_names(tmp_path: Path) -> None:
 # -- costs -----------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("backwards", [False, True])
 def test_costs_and_limits_agree(backwards: bool) -> None:
-    task = Task(ranges({"damper.d": "1 .. 200 N*s/m"}), "rms(load.x)/1 mm + final(load.v)/1 m*1 s", ("peak(load.x) < 1 m",),
-                begin=10.0, end=20.0)
+    task = TuningProblem(ranges({"damper.d": "1 .. 200 N*s/m"}), "rms(load.x)/1 mm + final(load.v)/1 m*1 s",
+                         ("peak(load.x) < 1 m",),
+                         begin=10.0, end=20.0)
     assembly = hb.assemble(hb.loads(ABSORBER.replace("10 rad/s*time", "10 rad/s * time")))
     subject = costs_of(assembly, task, tolerances=Tolerances(1e-8, 1e-10), backwards=backwards)
     verdicts = check_gradients(subject, ["damper.d", "spring.c"])

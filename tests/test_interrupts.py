@@ -16,7 +16,7 @@ from click.testing import CliRunner
 
 import heavebond as hb
 from heavebond.cli import main
-from heavebond.core.cancellation import check, finishing, is_interrupt, listening, obeyed
+from heavebond.core.cancellation import check, clear_signal, finishing, is_interrupt, listening
 from heavebond.estimation.residuals import Residuals
 from heavebond.optimise.objective import Objective
 
@@ -130,7 +130,7 @@ def test_a_signal_that_a_library_drops_is_raised_again() -> None:
             check()
         with pytest.raises(KeyboardInterrupt):  # until somebody has done what was asked for
             check()
-        assert obeyed() == signal.SIGTERM
+        assert clear_signal() == signal.SIGTERM
         check()
 
 
@@ -156,7 +156,7 @@ def test_no_signal_is_lost_in_formulas_and_runs() -> None:
                 except Exception as error:
                     ended += is_interrupt(error)
                 signal.setitimer(signal.ITIMER_REAL, 0)
-                heard += obeyed() is not None
+                heard += clear_signal() is not None
         finally:
             signal.setitimer(signal.ITIMER_REAL, 0)
             signal.signal(signal.SIGALRM, before)

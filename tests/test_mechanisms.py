@@ -17,7 +17,7 @@ from scipy.integrate import solve_ivp
 
 import heavebond as hb
 from heavebond.energy.audit import audit
-from heavebond.numerics.dynamic_state_selection import MOST, Charts, columns_of
+from heavebond.numerics.dynamic_state_selection import MOST, StateChoices, columns_of
 from heavebond.numerics.result import Result
 from heavebond.numerics.simulator import Simulator, Tolerances
 from heavebond.text.expression import parse_formula
@@ -201,14 +201,14 @@ nodes: {one: [push.a, m_1.a, m_2.a]}
 simulate: {until: 1 s}
 """)
     assembly = hb.assemble(rigid)
-    assert not Charts(assembly).needed
+    assert not StateChoices(assembly).needed
     assert Simulator(assembly).switching is None
-    assert Charts(hb.assemble(hb.load("mechanisms/pendulum"))).needed
+    assert StateChoices(hb.assemble(hb.load("mechanisms/pendulum"))).needed
 
 
 def test_charts_are_exact_maps_of_each_other() -> None:
     assembly = hb.assemble(hb.load("mechanisms/four_bar"))
-    charts = Charts(assembly)
+    charts = StateChoices(assembly)
     result = hb.simulate(assembly, "0.3 s")
     point = result.instants[0].before if result.instants else None
     assert point is None

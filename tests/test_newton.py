@@ -7,10 +7,10 @@ import pytest
 
 import heavebond as hb
 from heavebond.numerics.initialise import start
-from heavebond.numerics.newton import Frame, continued, factors, least_change, newton, settled
+from heavebond.numerics.newton import Scaling, continued, factors, least_change, newton, settled
 from heavebond.numerics.start_equations import StartEquations
 
-FREE = Frame(np.ones(1), np.full(1, -np.inf), np.full(1, np.inf))
+FREE = Scaling(np.ones(1), np.full(1, -np.inf), np.full(1, np.inf))
 
 
 def scalar(f, slope):
@@ -27,17 +27,17 @@ def test_newton_finds_a_root_and_counts_its_steps() -> None:
 
 def test_steps_stay_within_the_bounds() -> None:
     roots = scalar(lambda x: x**2 - 4, lambda x: 2 * x)
-    inside = Frame(np.ones(1), np.zeros(1), np.full(1, np.inf))
+    inside = Scaling(np.ones(1), np.zeros(1), np.full(1, np.inf))
     assert newton(roots, np.array([0.01]), inside).y[0] == pytest.approx(2.0)
     assert newton(roots, np.array([-0.01]), FREE).y[0] == pytest.approx(-2.0)
-    beyond = newton(roots, np.array([0.5]), Frame(np.ones(1), np.zeros(1), np.ones(1)))
+    beyond = newton(roots, np.array([0.5]), Scaling(np.ones(1), np.zeros(1), np.ones(1)))
     assert not beyond.good and beyond.y[0] == 1.0
 
 
 def test_a_step_of_least_norm_leaves_what_nothing_decides() -> None:
     # x + y = 2: the nearest point to the guess
     found = newton(lambda y: (np.array([y[0] + y[1] - 2]), np.array([[1.0, 1.0]])), np.array([3.0, 1.0]),
-                   Frame(np.ones(2), np.full(2, -np.inf), np.full(2, np.inf)))
+                   Scaling(np.ones(2), np.full(2, -np.inf), np.full(2, np.inf)))
     assert found.y == pytest.approx([2.0, 0.0])
 
 
@@ -144,6 +144,6 @@ initial: {{start: steady, load.x: 1 m}}
 
 
 def test_inside_means_held_by_no_bound() -> None:
-    frame = Frame(np.ones(2), np.zeros(2), np.full(2, np.inf))
+    frame = Scaling(np.ones(2), np.zeros(2), np.full(2, np.inf))
     assert frame.inside(np.array([1.0, 2.0]))
     assert not frame.inside(np.array([0.0, 2.0]))

@@ -21,7 +21,7 @@ import pytest
 import heavebond as hb
 from heavebond.core import reporting as core_reporting
 from heavebond.diagnosis.diagnosis import Diagnosis
-from heavebond.diagnosis.ladder import rung
+from heavebond.diagnosis.ladder import ladder_entry
 
 ROOT = Path(__file__).parent.parent
 NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
@@ -113,7 +113,7 @@ def test_a_comparison_and_a_fit_show_errors_with_units() -> None:
 
 def test_a_diagnosis_shows_its_verdict_and_its_ladder() -> None:
     experiment = hb.load_experiment("passive_rig/friction")
-    ladder = (rung("as drawn", hb.compare(experiment)),)
+    ladder = (ladder_entry("as drawn", hb.compare(experiment)),)
     words = ("nothing <b>is</b> missing",)
     found = Diagnosis(experiment, "noise", words, ladder, (), (), None, None, {}, 1.0, None, experiment)
     html = found._repr_html_()

@@ -15,7 +15,7 @@ from matplotlib.image import imread
 from matplotlib.transforms import Bbox
 
 import heavebond as hb
-from heavebond.diagnosis.ladder import Rung
+from heavebond.diagnosis.ladder import LadderEntry
 from heavebond.estimation.comparison import Comparison
 from heavebond.pictures.plot import COLOURS, DENSE, plot_comparison, plot_ladder, plot_runs, plot_signals, save
 
@@ -218,7 +218,8 @@ def test_what_cannot_be_saved_is_said(result: hb.Result, tmp_path: Path) -> None
 def test_the_ladder_shows_each_error_beside_the_noise_of_its_own_samples(least: float, scale: str) -> None:
     """Errors and noise: an error of `least` at chi-square 4 is twice the noise; one that is not fitted is four times it."""
     comparison = cast(Comparison, None)
-    rungs = [Rung("before", 0.5, 0.4, 100.0, 90.0, comparison), Rung("after", least, 0.5 * least, 4.0, 16.0, comparison)]
+    rungs = [LadderEntry("before", 0.5, 0.4, 100.0, 90.0, comparison),
+             LadderEntry("after", least, 0.5 * least, 4.0, 16.0, comparison)]
     axes = plot_ladder(rungs).axes[0]
     lines = {str(line.get_label()): np.asarray(line.get_xdata(), dtype=float) for line in axes.lines}
     assert lines["fitted"] == pytest.approx([50, 100 * least]) and lines["held out"] == pytest.approx([40, 50 * least])

@@ -152,7 +152,7 @@ simulate: {until: 1 s, every: 0.1 s}
     (lambda m: hb.fit("passive_rig/friction", free={"gas.c": "30 kN/m"}), "not-a-range", "gas.c"),
     (lambda m: hb.fit("passive_rig/friction", free={"gas.c": "30 .. 70 kN"}), "unit-wrong", "gas.c"),
     (lambda m: hb.fit("passive_rig/friction", free={"gas.k": "30 .. 70 kN"}), "free-unknown", "gas.k"),
-    (lambda m: hb.where("passive_rig/friction", values={"gas.c": "3 kN"}), "unit-wrong", "gas.c"),
+    (lambda m: hb.localize("passive_rig/friction", values={"gas.c": "3 kN"}), "unit-wrong", "gas.c"),
     (lambda m: hb.diagnose("passive_rig/friction", seconds="3 m"), "unit-wrong", "seconds"),
 ])
 def test_a_quantity_that_does_not_fit_is_named(call: Callable[[hb.Model], object], code: str, named: str) -> None:

@@ -16,12 +16,12 @@ from benchmarks.diagnosis.truths import TRUTHS
 from heavebond.diagnosis import refit
 from heavebond.diagnosis.catalogue import Candidate, candidates
 from heavebond.diagnosis.diagnosis import diagnose
-from heavebond.diagnosis.refit import Trial, begun, followed, polished
+from heavebond.diagnosis.refit import Refit, begun, followed, polished
 from heavebond.diagnosis.scoring import Base, Score, scored
 from heavebond.diagnosis.stage import fitted_base
 
 
-def refitted(base: Base, candidate: Candidate, guesses: Sequence[Score]) -> Trial | None:
+def refitted(base: Base, candidate: Candidate, guesses: Sequence[Score]) -> Refit | None:
     """A whole refit."""
     found = begun(base, candidate, guesses)
     return None if found is None else followed(base, found, guesses)
@@ -36,7 +36,7 @@ def test_an_amplitude_is_sought_beyond_what_the_tangent_tells(tmp_path: Path, mo
     base = fitted_base(machine.case([1e-11]).experiment)
     leak = next(c for c in candidates(base.problem.experiment) if c.label == truth.label)
     guesses = scored(base, leak)
-    assert refit._Refit(base, leak, guesses).ranges["valve.leakage"][1] < 0.5e-11
+    assert refit._RefitProblem(base, leak, guesses).ranges["valve.leakage"][1] < 0.5e-11
     found = refitted(base, leak, guesses)
     assert found is not None
     assert found.values["valve.leakage"] == pytest.approx(1e-11, rel=0.1)
@@ -91,7 +91,7 @@ def test_an_amplitude_that_no_score_moves_stays_neutral(tmp_path: Path) -> None:
     found = refitted(base, stop, guesses)
     assert found is not None
     assert "end_stop.c" in found.values and "end_stop.d" not in found.experiment.free
-    beside = refit._Refit(base, stop, guesses)._beside()
+    beside = refit._RefitProblem(base, stop, guesses)._beside()
     assert beside is not None and len(beside) == found.unknowns
 
 

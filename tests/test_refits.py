@@ -10,7 +10,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from heavebond.diagnosis.refit_schedule import Refits
+from heavebond.diagnosis.refit_schedule import RefitSchedule
 from heavebond.estimation.residuals import Descent
 
 SAMPLES = 1000
@@ -71,7 +71,7 @@ class Workers:
 
 def made(workers: Workers, leading: str, rest: str, seconds: float = 60.0) -> tuple[bool, dict[str, float]]:
     """Whether all was done, and the figure that each candidate was left with."""
-    refits = Refits(cast(Any, workers), lambda text: None)
+    refits = RefitSchedule(cast(Any, workers), lambda text: None)
     first, others = ([(cast(Any, Candidate(label)), list[Any]()) for label in labels] for labels in (leading, rest))
     whole = refits.make(first, others, clock.perf_counter() + seconds)
     return whole, {label: trial.chi2_fit for label, trial in refits.trials.items()}

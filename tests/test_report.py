@@ -16,9 +16,9 @@ from browser import Tab, browser
 from heavebond.core.presentation import number, readable
 from heavebond.diagnosis.diagnosis import Diagnosis, diagnose
 from heavebond.diagnosis.experiment_design import Alternative, separate
-from heavebond.diagnosis.ladder import meaning, misses, restrictions
+from heavebond.diagnosis.ladder import channel_errors, parameter_description, restrictions
 from heavebond.diagnosis.ranking import BY_KEY, entries
-from heavebond.localise.misfit import Where, where
+from heavebond.localise.misfit import Localization, localize
 from heavebond.pictures.markup import data_block, element, escaped
 from heavebond.reports.report import report
 from heavebond.reports.report_charts import ticks
@@ -34,12 +34,12 @@ def found() -> Diagnosis:
 
 
 @pytest.fixture(scope="module")
-def failing(found: Diagnosis) -> Where:
-    return where(found.experiment, values=found.fitted)
+def failing(found: Diagnosis) -> Localization:
+    return localize(found.experiment, values=found.fitted)
 
 
 @pytest.fixture(scope="module")
-def page(found: Diagnosis, failing: Where) -> str:
+def page(found: Diagnosis, failing: Localization) -> str:
     return report(found, failing)
 
 
@@ -106,14 +106,14 @@ def test_verdict_ladder_and_ranking_are_told(found: Diagnosis, page: str) -> Non
 def test_errors_stand_in_channel_units_beside_the_noise(found: Diagnosis, page: str) -> None:
     """A share of what was measured may be small and many times the noise: the top of the page says both."""
     text = Tree(page).text
-    for before, after in zip(misses(found.ladder[0]), misses(found.ladder[-1]), strict=True):
+    for before, after in zip(channel_errors(found.ladder[0]), channel_errors(found.ladder[-1]), strict=True):
         channels = [part.channels[before.channel] for part in found.ladder[0].comparison.parts if part.use != "fit"]
         assert before.error == pytest.approx(np.sqrt(np.mean([c.error**2 for c in channels])), rel=0.1)
         noise = readable(after.noise, after.unit, 3)
         assert f"{before.channel}: rms error, on records held out {before.words} → {after.words} noise {noise}" in text
         assert f"{before.channel} {before.words} to {after.words} (noise {noise})" in found.words[1]
     for parameter in found.findings[0].parameters:
-        assert f"{parameter.name} {meaning(found.findings[0].fit, parameter.name)}" in text
+        assert f"{parameter.name} {parameter_description(found.findings[0].fit, parameter.name)}" in text
     assert f"Limits of this law: {restrictions(found.findings[0])}" in text
 
 
@@ -148,7 +148,7 @@ def test_files_that_were_written_are_gone_on_with(found: Diagnosis) -> None:
     assert "heavebond diagnose found/choked_2.yaml" in text
 
 
-def test_the_same_diagnosis_gives_the_same_page(found: Diagnosis, failing: Where, page: str) -> None:
+def test_the_same_diagnosis_gives_the_same_page(found: Diagnosis, failing: Localization, page: str) -> None:
     assert report(found, failing) == page
 
 

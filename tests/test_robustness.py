@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import heavebond as hb
-from heavebond.optimise.objective import Case, Objective, Task, ranges
+from heavebond.optimise.objective import Case, Objective, TuningProblem, ranges
 from heavebond.optimise.robustness import Robustness, robustness, uncertainties
 from heavebond.optimise.tuning import Tuned, tune
 
@@ -51,10 +51,10 @@ simulate: {until: 20 s, every: 0.1 s}
 @pytest.fixture(scope="module")
 def valley() -> tuple[Objective, Tuned, Robustness]:
     """Two numbers of the machine alone have their least cost at d = 60 N s/m and c = 1.5 kN/m: 2 there."""
-    task = Task(ranges({"damper.d": "10 .. 200 N*s/m", "spring.c": "0.5 .. 3 kN/m"}),
-                "2 + (damper.d/60 N*1 m/1 s - 1)**2 + 4*(spring.c/1.5 kN*1 m - 1)**2 + 0*rms(load.x)/1 m",
-                ("rms(load.x) < 1 m",), 10.0, 20.0, cases=(Case("calm", {}), Case("rough", {"cart.m": "12 kg"})),
-                uncertain={"cart.m": "20 %", "damper.d": "6 N*s/m"})
+    task = TuningProblem(ranges({"damper.d": "10 .. 200 N*s/m", "spring.c": "0.5 .. 3 kN/m"}),
+                         "2 + (damper.d/60 N*1 m/1 s - 1)**2 + 4*(spring.c/1.5 kN*1 m - 1)**2 + 0*rms(load.x)/1 m",
+                         ("rms(load.x) < 1 m",), 10.0, 20.0, cases=(Case("calm", {}), Case("rough", {"cart.m": "12 kg"})),
+                         uncertain={"cart.m": "20 %", "damper.d": "6 N*s/m"})
     objective = Objective(hb.assemble(hb.loads(VALLEY)), task)
     result = tune(objective, task)
     return objective, result, robustness(objective, result)
@@ -90,7 +90,7 @@ def test_the_worst_case_is_named(valley: tuple[Objective, Tuned, Robustness]) ->
 def test_margins_are_those_of_hurwitz() -> None:
     """The gain from which on the lag makes the loop unstable, as a factor on the tuned one; the mass is divided."""
     assembly = hb.assemble(hb.loads(SERVO))
-    task = Task(ranges({"gain": "-4 .. -1 kN/m"}), "rms(load.x)/1 mm - gain/1 kN*1 m", (), 10.0, 20.0)
+    task = TuningProblem(ranges({"gain": "-4 .. -1 kN/m"}), "rms(load.x)/1 mm - gain/1 kN*1 m", (), 10.0, 20.0)
     objective = Objective(assembly, task)
     result = tune(objective, task)
     found = robustness(objective, result)
@@ -104,6 +104,6 @@ def test_margins_are_those_of_hurwitz() -> None:
 def test_wrong_uncertainties_are_refused(valley: tuple[Objective, Tuned, Robustness]) -> None:
     objective = valley[0]
     for uncertain, words in (({"cart.mass": "20 %"}, "Did you mean 'cart.m'"), ({"cart.m": "2 N"}, "uncertainty of cart.m")):
-        task = Task(objective.task.free, objective.task.cost, uncertain=uncertain)
+        task = TuningProblem(objective.task.free, objective.task.cost, uncertain=uncertain)
         with pytest.raises(hb.UsageError, match=words):
             uncertainties(Objective(objective.assembly, task))

@@ -8,7 +8,7 @@ import pytest
 
 from heavebond.core.errors import DataError, HeavebondError, ModelError
 from heavebond.diagnosis import verdict
-from heavebond.diagnosis.ladder import Rung
+from heavebond.diagnosis.ladder import LadderEntry
 from heavebond.estimation.comparison import compare
 from heavebond.estimation.experiment import load_experiment
 from heavebond.estimation.fitting import fit
@@ -211,10 +211,10 @@ def test_noise_where_it_is_fitted_and_misfit_where_not_is_not_nothing() -> None:
     comparison = SimpleNamespace(records={"one": SimpleNamespace(channels={"x": channel})})
     step = SimpleNamespace(left=SimpleNamespace(significant=False), partial=False, at_end=())
     for held_out, said in ((5687.0, "undetermined"), (1.4, "nothing")):
-        ladder = [Rung("rig", 1.1, 0.4, 1.1, held_out, comparison)]  # type: ignore[arg-type]
+        ladder = [LadderEntry("rig", 1.1, 0.4, 1.1, held_out, comparison)]  # type: ignore[arg-type]
         assert verdict.verdict(None, ladder, [], [step], None) == said  # type: ignore[list-item]
-    (told,) = verdict.words("undetermined", [Rung("rig", 1.1, 0.4, 1.1, 5687.0, comparison)],  # type: ignore[arg-type]
-                            [], [step], None)  # type: ignore[list-item]
+    (told,) = verdict.sentences("undetermined", [LadderEntry("rig", 1.1, 0.4, 1.1, 5687.0, comparison)],  # type: ignore[arg-type]
+                                [], [step], None)  # type: ignore[list-item]
     assert "reduced chi-square is 5687" in told and "`use: fit`" in told
 
 
@@ -227,8 +227,8 @@ def test_an_estimated_noise_that_cannot_be_right_is_told() -> None:
     comparison = SimpleNamespace(parts=(SimpleNamespace(use="validate", channels=channels),),
                                  experiment=SimpleNamespace(outputs=outputs))
     step = SimpleNamespace(left=SimpleNamespace(significant=True), partial=False, at_end=())
-    told = verdict.words("undetermined", [Rung("rig", 1.1, 0.4, 9.0, 9.0, comparison)],  # type: ignore[arg-type]
-                         [], [step], None)  # type: ignore[list-item]
+    told = verdict.sentences("undetermined", [LadderEntry("rig", 1.1, 0.4, 9.0, 9.0, comparison)],  # type: ignore[arg-type]
+                             [], [step], None)  # type: ignore[list-item]
     assert "`noise: 0.04 N` at filtered: then" in told[1] and "given" not in told[1] and "wrong" not in told[1]
     assert "noise is left in quick, which" in told[2]
 

@@ -12,13 +12,13 @@ import pytest
 import heavebond as hb
 from heavebond.cli import main
 from heavebond.records.signal_files import read_courses
-from heavebond.records.spectra import Course, Swinging, evenly, rainflow_cycles
+from heavebond.records.spectra import EvenSignal, SignalAnalysis, evenly, rainflow_cycles
 
 TIME = np.arange(0, 200, 0.05)
 
 
-def _swinging(values: np.ndarray) -> Swinging:
-    return Swinging(Course("x", "m", TIME, values))
+def _swinging(values: np.ndarray) -> SignalAnalysis:
+    return SignalAnalysis(EvenSignal("x", "m", TIME, values))
 
 
 def _called(*arguments: str) -> tuple[int, dict[str, dict[str, dict[str, float]]]]:
@@ -65,7 +65,7 @@ components:
 nodes: {z: [sea.z, hull.u], hull: [hull.a]}
 """)
     run = hb.simulate(sea, "3600 s", every="0.5 s")
-    found = Swinging(evenly("z", "m", run.time, run["hull.x"]))
+    found = SignalAnalysis(evenly("z", "m", run.time, run["hull.x"]))
     # an hour holds some 400 waves: the variance of such a record scatters by a few percent
     assert found.spectrum.significant == pytest.approx(3, rel=0.04)
     assert found.spectrum.peak_period == pytest.approx(10, rel=0.05)
@@ -129,7 +129,7 @@ def test_runs_saved_runs_and_records_say_the_same(tmp_path: Path, monkeypatch: p
 
 
 def test_a_segment_must_fit() -> None:
-    course = Course("x", "m", TIME, np.sin(TIME))
-    assert Swinging(course, 50.0).spectrum.frequency[1] == pytest.approx(1 / 50)
+    course = EvenSignal("x", "m", TIME, np.sin(TIME))
+    assert SignalAnalysis(course, 50.0).spectrum.frequency[1] == pytest.approx(1 / 50)
     with pytest.raises(hb.UsageError, match="does not fit"):
-        _ = Swinging(course, 300.0).spectrum
+        _ = SignalAnalysis(course, 300.0).spectrum

@@ -13,9 +13,9 @@ import heavebond as hb
 from heavebond.cli import main
 from heavebond.linear.describing_function import dry_frictions, slopes_over
 from heavebond.linear.floquet import largest_multiplier
-from heavebond.linear.rest_stability import RestStability, loop, words
+from heavebond.linear.rest_stability import RestStability, loop, stability_sentences
 from heavebond.numerics.dae import Assembly
-from heavebond.optimise.objective import Objective, Task, ranges
+from heavebond.optimise.objective import Objective, TuningProblem, ranges
 from heavebond.optimise.tuning import stability_of, tune
 from heavebond.studies.run_case import Outcome
 
@@ -46,8 +46,8 @@ def servo() -> Assembly:
     return hb.assemble(hb.loads(SERVO.replace("until: 20 s", "until: 2 s")))
 
 
-def _task(**more: object) -> Task:
-    return Task(ranges({"gain": "-20 .. -1 kN/m"}), GREEDY, (), 0.0, 2.0, **more)  # type: ignore[arg-type]
+def _task(**more: object) -> TuningProblem:
+    return TuningProblem(ranges({"gain": "-20 .. -1 kN/m"}), GREEDY, (), 0.0, 2.0, **more)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("method", ["trust", "slsqp"])
@@ -65,7 +65,7 @@ def test_stability_is_taken_off_and_said_to_be_lost(servo: Assembly) -> None:
     assert result.values["gain"] < -1.5 * LIMIT
     assert result.stability.stable is False
     assert "stable" not in result.limits
-    said = " ".join(words(result.stability, asked=False))
+    said = " ".join(stability_sentences(result.stability, asked=False))
     assert "NOT STABLE" in said and "`stable: off`" in said
     assert "friction" not in said  # there is none in this machine
     assert result.stability.boundary is not None
@@ -92,13 +92,13 @@ def test_a_slope_of_dry_friction_at_rest_does_not_count_as_stability() -> None:
     modelled, sliding = found.variants[0], found.variants[-1]
     assert all(mode.value.real < 0 for mode in modelled.modes)
     assert any(mode.value.real > 0 for mode in sliding.modes)
-    told = stability_of(Objective(assembly, Task(ranges({"gain": "-20 .. -1 kN/m"}), "rms(load.x)/1 m")), values)
+    told = stability_of(Objective(assembly, TuningProblem(ranges({"gain": "-20 .. -1 kN/m"}), "rms(load.x)/1 m")), values)
     assert told.stable is False and told.frictions == ("rub",)
     d = np.roots([1 / 10, 1 / 0.02, -1.5 * LIMIT]).max() - 100
     assert told.shares is not None
     low, high = told.shares
     assert low == 0 and high <= d / 20e3 < high * np.sqrt(10)
-    assert "while its dry friction slides" in " ".join(words(told))
+    assert "while its dry friction slides" in " ".join(stability_sentences(told))
 
 
 @pytest.mark.parametrize("amplitude", [0.01, 0.1, 1.0])
@@ -163,11 +163,11 @@ def test_bodies_that_nothing_holds_are_no_instability() -> None:
     text = SERVO.replace("  wall:   {is: Fixed}", "  wall:   {is: Fixed}\n  ship:   {is: Mass, m: 1 t}")
     text = text.replace("nodes:", "nodes:\n  afloat: [ship.a]")
     text = text.replace("{load.x:", "{afloat.x: 0 m, afloat.v: 0 m/s, load.x:")
-    task = Task(ranges({"gain": "-20 .. -1 kN/m"}), "rms(load.x)/1 m + 0*rms(afloat.x)/1 m")
+    task = TuningProblem(ranges({"gain": "-20 .. -1 kN/m"}), "rms(load.x)/1 m + 0*rms(afloat.x)/1 m")
     objective = Objective(hb.assemble(hb.loads(text)), task)
     told = stability_of(objective, {"gain": -2e3})
     assert told.stable and told.marginal == 2
-    assert "not counted" in " ".join(words(told))
+    assert "not counted" in " ".join(stability_sentences(told))
 
 
 def test_a_periodic_run_has_the_multiplier_of_its_decay() -> None:
@@ -190,9 +190,10 @@ nodes: {load: [cart.a, motor.a, drag.b], wall: [wall.a, drag.a]}
 initial: {load.v: 0 m/s, load.x: 0 m}
 simulate: {until: 1 s}
 """))
-    told = stability_of(Objective(assembly, Task(ranges({"drag.d": "0.5 .. 3 N*s/m"}), "rms(load.x)/1 m")), {"drag.d": 1.0})
+    told = stability_of(Objective(assembly, TuningProblem(ranges({"drag.d": "0.5 .. 3 N*s/m"}), "rms(load.x)/1 m")),
+                        {"drag.d": 1.0})
     assert (told.decided, told.stable) == ("", None)
-    assert next(words(told)).startswith("stability not decided")
+    assert next(stability_sentences(told)).startswith("stability not decided")
 
 
 def test_tune_that_ends_at_a_bound_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,

@@ -10,7 +10,7 @@ import pytest
 import heavebond as hb
 from heavebond.numerics.dae import Assembly
 from heavebond.optimise.costs import read_cost
-from heavebond.optimise.objective import Case, Objective, Task, ranges
+from heavebond.optimise.objective import Case, Objective, TuningProblem, ranges
 from heavebond.optimise.search import search
 from heavebond.optimise.tuning import Tuned, sweep, tune
 from heavebond.studies.study import load_study
@@ -37,9 +37,9 @@ def absorber() -> Assembly:
     return hb.assemble(hb.loads(ABSORBER.replace("10 rad/s*time", "10 rad/s * time")))
 
 
-def _task(cost: str, **more: object) -> Task:
-    return Task(ranges({"damper.d": "1 .. 200 N*s/m", "spring.c": "0.5 .. 2 kN/m"}), cost, begin=10.0, end=20.0,
-                **more)  # type: ignore[arg-type]
+def _task(cost: str, **more: object) -> TuningProblem:
+    return TuningProblem(ranges({"damper.d": "1 .. 200 N*s/m", "spring.c": "0.5 .. 2 kN/m"}), cost, begin=10.0, end=20.0,
+                         **more)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("cost", [
@@ -65,7 +65,7 @@ def test_functionals_have_their_closed_form_values() -> None:
     assembly = hb.assemble(hb.loads(text.replace("initial: {load.x: 0 m, load.v: 0 m/s}", "")))
     for cost, value in (("rms(load.x)", 0.3 / np.sqrt(2)), ("peak(load.x)", 0.3), ("integral(load.x**2)", 0.45),
                         ("mean(load.x)", 0.0), ("final(load.v)", 0.3 * 2 * np.pi)):
-        found = Objective(assembly, Task(ranges({"cart.m": "1 .. 20 kg"}), cost, begin=10.0, end=20.0))
+        found = Objective(assembly, TuningProblem(ranges({"cart.m": "1 .. 20 kg"}), cost, begin=10.0, end=20.0))
         assert found.cost(found.start) == pytest.approx(value, rel=1e-4, abs=1e-4)
 
 
@@ -80,8 +80,8 @@ def test_the_optimum_of_a_known_problem_is_found(absorber: Assembly) -> None:
 
 def test_a_limit_is_kept(absorber: Assembly) -> None:
     """Little damping wanted, but the peak must stay below 30 mm: at resonance x = F/(d w), so d = 66.7 N s/m."""
-    task = Task(ranges({"damper.d": "10 .. 200 N*s/m"}), "damper.d/100 N*1 m/1 s", ("peak(load.x) < 30 mm",), 10.0,
-                20.0)
+    task = TuningProblem(ranges({"damper.d": "10 .. 200 N*s/m"}), "damper.d/100 N*1 m/1 s", ("peak(load.x) < 30 mm",), 10.0,
+                         20.0)
     result = tune(absorber.with_parameters({"damper.d": 150.0}), task)
     assert result.values["damper.d"] == pytest.approx(20 / (0.03 * 10), rel=5e-3)
     assert max(result.limits.values()) < 1e-3
@@ -98,7 +98,8 @@ def test_cases_are_averaged_with_their_weights(absorber: Assembly) -> None:
 @pytest.mark.parametrize("method", ["trust", "slsqp", "ipopt"])
 def test_every_method_keeps_a_limit_of_the_modes(absorber: Assembly, method: str) -> None:
     """Little damping wanted, D = d/(2 sqrt(c m)) of at least 0.3: d = 60 N s/m for 1 kN/m and 10 kg."""
-    task = Task(ranges({"damper.d": "10 .. 200 N*s/m"}), "damper.d/100 N*1 m/1 s", ("damping(least) > 0.3",), 10.0, 20.0)
+    task = TuningProblem(ranges({"damper.d": "10 .. 200 N*s/m"}), "damper.d/100 N*1 m/1 s", ("damping(least) > 0.3",), 10.0,
+                         20.0)
     result = tune(absorber.with_parameters({"damper.d": 150.0}), task, method=method)
     assert result.values["damper.d"] == pytest.approx(60, rel=2e-3)
     assert max(result.limits.values()) < 1e-3
@@ -120,7 +121,7 @@ def test_a_transient_does_not_drown_a_late_peak(absorber: Assembly) -> None:
     """Begun 10 m away, the cart rings down to 25 mm: the 32nd power of what came before is 1e83 times what counts."""
     text = ABSORBER.replace("10 rad/s*time", "10 rad/s * time").replace("load.x: 0 m", "load.x: 10 m")
     assembly = hb.assemble(hb.loads(text))
-    task = Task(ranges({"damper.d": "10 .. 200 N*s/m"}), "peak(load.x)", begin=15.0, end=20.0)
+    task = TuningProblem(ranges({"damper.d": "10 .. 200 N*s/m"}), "peak(load.x)", begin=15.0, end=20.0)
     found = Objective(assembly.with_parameters({"damper.d": 80.0}), task)
     assert found.cost(found.start) == pytest.approx(20 / (80 * 10), rel=2e-3)
 
@@ -138,7 +139,7 @@ nodes: {ground: [wall.a, spring.a], end: [spring.b, hand.a]}
 simulate: {until: 20 s}
 """
     assembly = hb.assemble(hb.loads(text))
-    task = Task(ranges({"force": "1 .. 4 GN"}), cost, begin=10.0, end=20.0)
+    task = TuningProblem(ranges({"force": "1 .. 4 GN"}), cost, begin=10.0, end=20.0)
     wanted = {"rms": 3e9 / np.sqrt(2), "mean": 4.5e18, "peak": 3e9, "integral": 0.0}[cost.split("(")[0]]
     found = Objective(assembly, task)
     assert found.cost(found.start) == pytest.approx(wanted, rel=1e-4, abs=1e5)
@@ -221,12 +222,12 @@ def test_wrong_costs_are_refused_with_a_caret(absorber: Assembly, cost: str, cod
 
 def test_wrong_tasks_are_refused(absorber: Assembly) -> None:
     with pytest.raises(hb.UsageError, match="outside its range"):
-        tune(absorber, Task(ranges({"damper.d": "10 .. 20 N*s/m"}), "rms(load.x)"))
+        tune(absorber, TuningProblem(ranges({"damper.d": "10 .. 20 N*s/m"}), "rms(load.x)"))
     with pytest.raises(hb.UsageError, match="'genetic' is no method"):
         tune(absorber, _task("rms(load.x)"), method="genetic")
     with pytest.raises(hb.UsageError, match="set under `modes:`"):
         tune(absorber, _task("rms(load.x)", modes={"damper.d": "1 N*s/m"}))
     with pytest.raises(hb.UsageError, match="nothing is free"):
-        tune(absorber, Task({}, "rms(load.x)"))
+        tune(absorber, TuningProblem({}, "rms(load.x)"))
     with pytest.raises(hb.UsageError, match=r"Did you mean 'damper.d'"):
-        tune(absorber, Task(ranges({"dampr.d": "10 .. 20 N*s/m"}), "rms(load.x)"))
+        tune(absorber, TuningProblem(ranges({"dampr.d": "10 .. 20 N*s/m"}), "rms(load.x)"))

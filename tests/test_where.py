@@ -18,8 +18,8 @@ from heavebond.estimation.experiment import Experiment, load_experiment
 from heavebond.language.model import load, loads
 from heavebond.localise.curves import Samples, Variable, best_curve
 from heavebond.localise.kalman_smoother import Unknown
-from heavebond.localise.ltv_model import Beside, known_of, with_values
-from heavebond.localise.misfit import Where, where
+from heavebond.localise.ltv_model import SourcedRecord, known_of, with_values
+from heavebond.localise.misfit import Localization, localize
 from heavebond.numerics.dae import assemble
 
 COMPONENT = """\
@@ -72,11 +72,11 @@ def measured(folder: Path, machine: Experiment, experiment: Experiment, seed: in
 
 
 @pytest.fixture(scope="module")
-def friction() -> Where:
-    return where("passive_rig/friction")
+def friction() -> Localization:
+    return localize("passive_rig/friction")
 
 
-def test_friction_is_found_between_platform_and_crown_by_the_speed(friction: Where) -> None:
+def test_friction_is_found_between_platform_and_crown_by_the_speed(friction: Localization) -> None:
     best = friction.suspects[0]
     assert friction.missing and friction.foreseen
     assert best.place.name == "platform-crown"
@@ -87,7 +87,7 @@ def test_friction_is_found_between_platform_and_crown_by_the_speed(friction: Whe
     assert set(friction.unseen) == {"platform", "seabed"}
 
 
-def test_the_implied_force_is_that_of_the_truth(friction: Where) -> None:
+def test_the_implied_force_is_that_of_the_truth(friction: Localization) -> None:
     """truth.yaml: 12 kN of Coulomb friction, 10 kN s/m besides; where it slides fast the two add up to some 15 to 20 kN."""
     implied = friction.implied("platform-crown")["train"]
     speed = implied.local["crown.v - platform.v"]
@@ -103,7 +103,7 @@ def test_the_implied_force_is_that_of_the_truth(friction: Where) -> None:
 
 def test_leakage_is_found_between_the_chambers_by_their_pressure_difference() -> None:
     """truth.yaml: laminar, 6e-11 m**3/(s*Pa); the slope of the implied flow is within 10 % of it."""
-    found = where("cylinder_rig/leakage")
+    found = localize("cylinder_rig/leakage")
     best = found.suspects[0]
     assert best.place.name == "chamber_a-chamber_b"
     assert best.curve is not None and best.curve.variable.formula == "chamber_a.p - chamber_b.p"
@@ -117,7 +117,7 @@ def test_leakage_is_found_between_the_chambers_by_their_pressure_difference() ->
 
 def test_choked_flow_is_found_at_the_receiver() -> None:
     """One volume only: what enters through the inlet or the outlet cannot be distinguished, which is said."""
-    found = where("receiver_rig/choked")
+    found = localize("receiver_rig/choked")
     assert found.missing
     best = found.suspects[0]
     assert {best.place.name, *best.alike} == {"supply-receiver", "receiver-air", "receiver"}
@@ -126,7 +126,7 @@ def test_choked_flow_is_found_at_the_receiver() -> None:
 
 
 def test_where_nothing_is_missing_nothing_is_named() -> None:
-    found = where("passive_rig/nothing")
+    found = localize("passive_rig/nothing")
     assert not found.missing and found.suspects == ()
     assert found.words == ("No effect is missing at any place: what the parameters leave is noise.",)
     assert found.values["train"]["gas.c"] == pytest.approx(47e3, rel=2e-3)  # truth.yaml
@@ -145,7 +145,7 @@ def test_other_effects_are_found_at_their_place_and_by_their_variable(law: str, 
     experiment = with_missing(tmp_path, law, load_experiment("passive_rig/nothing"))
     # a law without memory or gap shows on half the record
     end = 60.0 if law in ("cube", "drag") else None
-    found = where(replace(experiment, records={n: replace(r, end=end) for n, r in experiment.records.items()}))
+    found = localize(replace(experiment, records={n: replace(r, end=end) for n, r in experiment.records.items()}))
     best = found.suspects[0]
     assert found.missing and best.place.name == "platform-crown"
     assert best.curve is not None and best.curve.variable.formula == variable
@@ -156,7 +156,7 @@ def test_other_effects_are_found_at_their_place_and_by_their_variable(law: str, 
 def test_the_linear_system_foretells_a_run_with_an_input_and_another_parameter(tmp_path: Path) -> None:
     """A force of 10 N on a linear machine and a parameter moved by 1/20 of its tolerance: foretold to 1 %."""
     experiment = load_experiment("passive_rig/friction")
-    side = Beside(experiment, experiment.records["train"], tmp_path)
+    side = SourcedRecord(experiment, experiment.records["train"], tmp_path)
     known = [known_of(free, side.assembly.parameter_values[free.name]) for free in experiment.free.values()]
     system = side.about({}, known)
     q, w = np.array([0.05, 0.0, 0.0, 0.0]), np.zeros((len(side.time), len(side.nodes)))
@@ -177,7 +177,7 @@ def test_the_smoother_is_the_batch_estimate(tmp_path: Path) -> None:
     """On a short record the smoother and its likelihood are those of one Gaussian of all samples, to rounding."""
     experiment = load_experiment("passive_rig/friction")
     short = replace(experiment.records["train"], end=1.2)
-    side = Beside(replace(experiment, free={}), short, tmp_path)
+    side = SourcedRecord(replace(experiment, free={}), short, tmp_path)
     system = side.about({}, [])
     place = next(p for p in side.places if p.name == "platform-crown")
     size, intensity = 1e4, np.array([2.0])

@@ -16,9 +16,9 @@ from heavebond.core.progress import Progress
 from heavebond.diagnosis.candidate_workers import Workers
 from heavebond.diagnosis.catalogue import Candidate, candidates
 from heavebond.diagnosis.diagnosis import diagnose
-from heavebond.diagnosis.refit import Trial
+from heavebond.diagnosis.refit import Refit
 from heavebond.diagnosis.scoring import Base, Score, scored
-from heavebond.diagnosis.stage import fitted_base, step
+from heavebond.diagnosis.stage import fitted_base, make_stage
 from heavebond.estimation.experiment import load_experiment
 
 CHOSEN = ("PneumaticValve in inlet (b_cr)", "SensorGain in the channel receiver.p", "DeadBand before inlet.u")
@@ -34,7 +34,7 @@ def chosen(base: Base) -> list[Candidate]:
     return [c for c in candidates(base.problem.experiment) if c.label in CHOSEN]
 
 
-def refitted(workers: Workers, jobs: Sequence[tuple[Candidate, Sequence[Score]]]) -> dict[str, Trial]:
+def refitted(workers: Workers, jobs: Sequence[tuple[Candidate, Sequence[Score]]]) -> dict[str, Refit]:
     """Whole refits, by label."""
     found = {c.label: trial for c, trial in workers.begin(jobs) if trial is not None}
     return {c.label: trial for c, trial in workers.follow([(found[c.label], guesses) for c, guesses in jobs])}
@@ -74,7 +74,8 @@ def test_ctrl_c_ends_at_once_with_what_was_done(number: int, at: str) -> None:
             pressed.append(clock.perf_counter())
             signal.raise_signal(signal.SIGINT)
 
-    made = step(load_experiment("receiver_rig/choked"), number=number, progress=say, classes=("choked flow", "sensor gain"))
+    made = make_stage(load_experiment("receiver_rig/choked"), number=number, progress=say,
+                      classes=("choked flow", "sensor gain"))
     assert clock.perf_counter() - pressed[0] < 5  # a busy machine; it takes some tenths of a second
     assert made.partial
     assert len(made.scores) == 2 if at.startswith("scoring") else len(made.trials) == 1
@@ -91,7 +92,7 @@ def _dying(base: Base, candidate: Candidate) -> list[Score]:
     return scored(base, candidate)
 
 
-def _not_followed(base: Base, trial: Trial, guesses: Sequence[Score], progress: Progress) -> Trial:
+def _not_followed(base: Base, trial: Refit, guesses: Sequence[Score], progress: Progress) -> Refit:
     os.kill(os.getpid(), signal.SIGKILL)
     return trial
 

@@ -32,7 +32,7 @@ from benchmarks.diagnosis.truths import Truth
 from heavebond.core.errors import listing
 from heavebond.diagnosis.diagnosis import Diagnosis
 from heavebond.estimation.experiment import Experiment
-from heavebond.localise.misfit import where
+from heavebond.localise.misfit import localize
 from heavebond.reports.report import report as page
 
 STUDY = "compensator"
@@ -191,7 +191,7 @@ def main() -> None:
             print(f"{name}: {row['outcome']}, {row['verdict']}, {row['processor']:.0f} s of processor time")
             print(f"  {row['words']}", flush=True)
             if asked.report is not None:
-                asked.report.write_text(page(found, where(found.experiment, values=found.fitted)), encoding="utf-8")
+                asked.report.write_text(page(found, localize(found.experiment, values=found.fitted)), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -64,7 +64,7 @@ def choked(folder: Path) -> Path:
 
 def implied_friction(folder: Path) -> Path:
     """The force that the passive rig lacks between platform and crown, over the motion there."""
-    found = hb.where("passive_rig/friction")
+    found = hb.localize("passive_rig/friction")
     return plot.save(plot_place(found, found.suspects[0].place.name), folder / "implied_friction.png")
 
 

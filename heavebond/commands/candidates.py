@@ -28,7 +28,7 @@ def candidates(experiment: str) -> dict[str, object]:
 
     found = found_in(load_experiment(experiment))
     ordered = sorted(found, key=lambda c: c.kind)
-    rows = [(c.kind if k == 0 or ordered[k - 1].kind != c.kind else "", typed(c), c.place,
+    rows = [(c.kind if k == 0 or ordered[k - 1].kind != c.kind else "", name_to_type(c), c.place,
              ", ".join(n.name.rpartition(".")[2] for n in c.numbers)) for k, c in enumerate(ordered)]
     console = terminal.output()
     console.print(terminal.table("", HEAD, rows, text=4))
@@ -40,6 +40,6 @@ def candidates(experiment: str) -> dict[str, object]:
                             "numbers": [n.name for n in c.numbers]} for c in found]}
 
 
-def typed(candidate: Candidate) -> str:
+def name_to_type(candidate: Candidate) -> str:
     """What `heavebond try` calls an effect: the parameter that wakes (`cylinder.leakage`), else the component."""
     return candidate.name if candidate.attaches == "in" else candidate.component

@@ -59,7 +59,7 @@ def _check_diagram(model: str, listed: bool, settings: tuple[str, ...]) -> dict[
     from heavebond.core.errors import StartError
     from heavebond.language.model import load
     from heavebond.numerics.dae import assemble
-    from heavebond.numerics.run_verdict import tell
+    from heavebond.numerics.run_verdict import report_verdict
     from heavebond.numerics.validity import at_point
     from heavebond.reports.summary import summary
 
@@ -83,7 +83,7 @@ def _check_diagram(model: str, listed: bool, settings: tuple[str, ...]) -> dict[
             raise failure
         powers = _check_powers(assembly)
         if first is not None:
-            tell(assembly.model.name, at_point(assembly, first))
+            report_verdict(assembly.model.name, at_point(assembly, first))
     return {**found.as_dict(), "power": [problem.as_dict() for problem in powers]}
 
 

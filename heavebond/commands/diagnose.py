@@ -12,10 +12,10 @@ from heavebond.commands.arguments import Number, Whole, check_writable, json_opt
 
 if TYPE_CHECKING:
     from heavebond.diagnosis.diagnosis import Diagnosis
-    from heavebond.diagnosis.ladder import Finding
-    from heavebond.diagnosis.stage import Step
+    from heavebond.diagnosis.ladder import AddedEffect
+    from heavebond.diagnosis.stage import Stage
     from heavebond.estimation.experiment import Experiment
-    from heavebond.localise.misfit import Where
+    from heavebond.localise.misfit import Localization
 
 RANKED = 12  # candidates that are shown
 
@@ -79,18 +79,18 @@ def diagnose(experiment: str, auto: bool, classes: tuple[str, ...], seconds: flo
     return {"experiment": given.name, **found.as_dict(), "files": [str(f) for f in (*files, *proposed, page)]}
 
 
-def _where(found: Diagnosis) -> Where | None:
+def _where(found: Diagnosis) -> Localization | None:
     """What the places of the first diagram ask for; None where that cannot be told, or the user ends it."""
     from heavebond.commands import terminal
-    from heavebond.core.cancellation import obeyed
+    from heavebond.core.cancellation import clear_signal
     from heavebond.core.errors import HeavebondError
-    from heavebond.localise.misfit import where
+    from heavebond.localise.misfit import localize
 
     try:
         with terminal.working("looking where it fails"):
-            return where(found.searched, values=found.fitted)
+            return localize(found.searched, values=found.fitted)
     except (HeavebondError, KeyboardInterrupt):
-        obeyed()
+        clear_signal()
         return None
 
 
@@ -124,7 +124,7 @@ def _show(found: Diagnosis) -> None:
         console.print(line, soft_wrap=True)
 
 
-def _ranking(step: Step, which: str) -> object:
+def _ranking(step: Stage, which: str) -> object:
     from heavebond.commands import terminal
     from heavebond.core.presentation import count
     from heavebond.diagnosis.ranking import entries, shown_in
@@ -137,12 +137,12 @@ def _ranking(step: Step, which: str) -> object:
     return terminal.table(title, [column.title for column in columns], rows, text=sum(not c.numeric for c in columns))
 
 
-def parameters(finding: Finding) -> object:
+def parameters(finding: AddedEffect) -> object:
     """The numbers of an effect with their intervals, as a table."""
     from heavebond.commands import terminal
     from heavebond.core.presentation import in_unit, readable_unit
     from heavebond.core.units import read_unit
-    from heavebond.diagnosis.ladder import meaning
+    from heavebond.diagnosis.ladder import parameter_description
 
     rows = []
     for p in finding.parameters:
@@ -151,6 +151,6 @@ def parameters(finding: Finding) -> object:
         written = partial(in_unit, unit=unit, digits=4)
         end = f", at its {p.ended} end" if p.ended else ""
         rows.append((p.name, f"{written(p.value)}{name}", p.known(written, name),
-                     f"{written(p.low)} .. {written(p.high)}{name}{end}", meaning(finding.fit, p.name)))
+                     f"{written(p.low)} .. {written(p.high)}{name}{end}", parameter_description(finding.fit, p.name)))
     return terminal.table(f"{finding.candidate.kind} {finding.candidate.place}",
                           ("parameter", "fitted", "95 % interval", "sought in", "what it is"), rows)

@@ -11,7 +11,7 @@ import click
 from heavebond.commands.arguments import check_picture, json_option, picture_option
 
 if TYPE_CHECKING:
-    from heavebond.diagnosis.ladder import Rung
+    from heavebond.diagnosis.ladder import LadderEntry
 
 HEAD = ("error, fitted", "held out", "chi-square, fitted", "held out")
 
@@ -43,7 +43,7 @@ def errors(experiments: tuple[str, ...], output: Path | None) -> dict[str, objec
     return {"ladder": [r.as_dict() for r in rungs], "files": list(map(str, files))}
 
 
-def table(rungs: Sequence[Rung], first: str) -> object:
+def table(rungs: Sequence[LadderEntry], first: str) -> object:
     """The ladder as a table; `first` says what stands in its rows."""
     from heavebond.commands import terminal
     from heavebond.core.presentation import number

@@ -10,7 +10,7 @@ import click
 from heavebond.commands.arguments import check_picture, json_option, picture_option
 
 if TYPE_CHECKING:
-    from heavebond.localise.misfit import Suspect, Where
+    from heavebond.localise.misfit import Localization, PlaceEstimate
 
 HEAD = ("place", "explains", "behind", "rms", "follows", "R2", "shape")
 
@@ -31,13 +31,13 @@ def localize(experiment: str, fitted: bool, output: Path | None) -> dict[str, ob
     from heavebond.estimation.excerpts import cut
     from heavebond.estimation.experiment import load_experiment
     from heavebond.estimation.fitting import fit
-    from heavebond.localise.misfit import summary, where
+    from heavebond.localise.misfit import localize, summary
 
     check_picture(output)
     loaded = load_experiment(experiment)
     with terminal.working("localizing model errors") as progress:
         values = fit(loaded, progress=progress) if fitted else None
-        found = where(loaded, values=values, progress=progress)
+        found = localize(loaded, values=values, progress=progress)
     console = terminal.output()
     for line in summary(found):
         console.print(line, soft_wrap=True)
@@ -56,13 +56,13 @@ def localize(experiment: str, fitted: bool, output: Path | None) -> dict[str, ob
     return {"experiment": found.experiment.name, **found.as_dict(), "files": list(map(str, files))}
 
 
-def _table(found: Where) -> object:
+def _table(found: Localization) -> object:
     from heavebond.commands import terminal
 
     return terminal.table("", HEAD, [_row(s) for s in found.suspects], text=1)
 
 
-def _row(suspect: Suspect) -> tuple[str, ...]:
+def _row(suspect: PlaceEstimate) -> tuple[str, ...]:
     from heavebond.core.presentation import number, readable
 
     curve = suspect.curve
@@ -74,12 +74,12 @@ def _row(suspect: Suspect) -> tuple[str, ...]:
             readable(suspect.rms, suspect.place.unit.text, 3), *told)
 
 
-def _drawn(found: Where, output: Path) -> list[Path]:
-    from heavebond.localise.misfit import shown
+def _drawn(found: Localization, output: Path) -> list[Path]:
+    from heavebond.localise.misfit import best_of_each_group
     from heavebond.pictures.plot import save
     from heavebond.pictures.plot_where import plot_misfit, plot_place
 
-    files = [save(plot_place(found, s.place.name), _numbered(output, k)) for k, s in enumerate(shown(found), 1)]
+    files = [save(plot_place(found, s.place.name), _numbered(output, k)) for k, s in enumerate(best_of_each_group(found), 1)]
     return [*files, save(plot_misfit(found), output.with_stem(output.stem + "_misfit"))]
 
 

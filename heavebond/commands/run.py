@@ -59,7 +59,7 @@ def run(model: str, settings: tuple[str, ...], until: str | None, every: str | N
     """
     from heavebond.commands import terminal
     from heavebond.language.model import load
-    from heavebond.numerics.run_verdict import tell
+    from heavebond.numerics.run_verdict import report_verdict
     from heavebond.numerics.simulation import changes_of, simulate
     from heavebond.numerics.simulator import Tolerances
     from heavebond.numerics.validity import without_value
@@ -82,7 +82,7 @@ def run(model: str, settings: tuple[str, ...], until: str | None, every: str | N
     names = list(dict.fromkeys([*listed, *plotted]))
     figures = _figures(result, names)
     if not result.verdict.failed and any(not math.isfinite(float(f["rms"])) for f in figures.values()):
-        tell(f"{assembly.model.name}, outputs", without_value(result.signals(names), result.time))
+        report_verdict(f"{assembly.model.name}, outputs", without_value(result.signals(names), result.time))
     console = terminal.output()
     console.print(terminal.table(
         f"{assembly.model.name}, 0 to {result.time[-1]:g} s", ("output", "unit", "min", "max", "rms", "final"),

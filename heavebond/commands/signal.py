@@ -20,7 +20,7 @@ from heavebond.commands.arguments import (
 )
 
 if TYPE_CHECKING:
-    from heavebond.records.spectra import Course, Swinging
+    from heavebond.records.spectra import EvenSignal, SignalAnalysis
 
 CLASSES = 20  # of range, in the JSON file
 DIAGRAMS = (".yaml", ".yml", "")
@@ -51,7 +51,7 @@ def signal(file: str, signals: tuple[str, ...], begin: str | None, until: str | 
     from heavebond.commands import terminal
     from heavebond.numerics.simulator import seconds
     from heavebond.records.signal_files import read_courses
-    from heavebond.records.spectra import Swinging
+    from heavebond.records.spectra import SignalAnalysis
 
     check_picture(output)
     window = seconds(begin or 0.0, "--from"), seconds(until or float("inf"), "--until")
@@ -60,7 +60,7 @@ def signal(file: str, signals: tuple[str, ...], begin: str | None, until: str | 
         courses = _run(file, signals, settings, until, every, window)
     else:
         courses = read_courses(Path(file), signals, time=time, begin=window[0], end=window[1])
-    found = [Swinging(course, length) for course in courses]
+    found = [SignalAnalysis(course, length) for course in courses]
     figures = [_figures(one, slope) for one in found]
     console = terminal.output()
     for one, told in zip(found, figures, strict=True):
@@ -78,7 +78,7 @@ def signal(file: str, signals: tuple[str, ...], begin: str | None, until: str | 
 
 
 def _run(file: str, signals: tuple[str, ...], settings: tuple[str, ...], until: str | None, every: str | None,
-         window: tuple[float, float]) -> list[Course]:
+         window: tuple[float, float]) -> list[EvenSignal]:
     """Signals of a diagram that is run now."""
     from heavebond.commands import terminal
     from heavebond.language.model import load
@@ -96,7 +96,7 @@ def _run(file: str, signals: tuple[str, ...], settings: tuple[str, ...], until: 
             for name, values in result.signals(signals).items()]
 
 
-def _figures(one: Swinging, slope: float) -> dict[str, Any]:
+def _figures(one: SignalAnalysis, slope: float) -> dict[str, Any]:
     """The numbers of a signal, in its unit and in s; only its mean where it stands still."""
     course = one.course
     told: dict[str, Any] = {"unit": course.unit, "from": float(course.time[0]), "to": float(course.time[-1]),

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from heavebond.core.units import Range
     from heavebond.language.model import Model
     from heavebond.numerics.dae import Array, Assembly
-    from heavebond.optimise.objective import Task
+    from heavebond.optimise.objective import TuningProblem
     from heavebond.optimise.robustness import Robustness
     from heavebond.optimise.tuning import Tuned
 
@@ -102,19 +102,20 @@ def tune(study: str, free: tuple[str, ...], cost: str | None, limits: tuple[str,
 
 # -- what is asked -----------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
-class Asked:
+class TuningRequest:
     """What is to be tuned in which diagram, and how that is called."""
 
     name: str
     model: Model
-    task: Task
+    task: TuningProblem
 
 
-def _asked(name: str, cost: str | None, limits: tuple[str, ...], evaluate: str | None, reference: tuple[str, ...]) -> Asked:
+def _asked(name: str, cost: str | None, limits: tuple[str, ...], evaluate: str | None,
+           reference: tuple[str, ...]) -> TuningRequest:
     """The study, with what the options say instead; for a diagram the options alone."""
     from heavebond.language.model import load
     from heavebond.linear.rest_stability import STABLE
-    from heavebond.optimise.objective import Task
+    from heavebond.optimise.objective import TuningProblem
     from heavebond.studies.study import load_study
 
     try:
@@ -124,7 +125,7 @@ def _asked(name: str, cost: str | None, limits: tuple[str, ...], evaluate: str |
         if cost is None or error.problems[0].code != "not-a-study":
             raise
         model = load(name)
-        task, name = Task({}, cost), model.name
+        task, name = TuningProblem({}, cost), model.name
     task = replace(task, cost=cost or task.cost, limits=(*task.limits, *(text for text in limits if text != STABLE)),
                    stable=task.stable or STABLE in limits)
     if reference:
@@ -132,7 +133,7 @@ def _asked(name: str, cost: str | None, limits: tuple[str, ...], evaluate: str |
     if evaluate is not None:
         begin, end = _seconds(evaluate)
         task = replace(task, begin=begin, end=end)
-    return Asked(name, model, task)
+    return TuningRequest(name, model, task)
 
 
 def _seconds(text: str) -> tuple[float, float]:
@@ -173,7 +174,7 @@ def _tell(name: str, assembly: Assembly, result: Tuned, robust: Robustness | Non
           ) -> None:
     from heavebond.commands import terminal
     from heavebond.linear.rest_stability import STABLE
-    from heavebond.linear.rest_stability import words as stability_words
+    from heavebond.linear.rest_stability import stability_sentences as stability_words
 
     console = terminal.output()
     console.print(_table(name, assembly, result.task, result))
@@ -200,7 +201,7 @@ def _tell(name: str, assembly: Assembly, result: Tuned, robust: Robustness | Non
         console.print(f"best of the sweep of {swept[1].size} runs: {best:.5g}", soft_wrap=True)
 
 
-def _table(name: str, assembly: Assembly, task: Task, result: Tuned) -> object:
+def _table(name: str, assembly: Assembly, task: TuningProblem, result: Tuned) -> object:
     from heavebond.commands import terminal
     from heavebond.estimation.diagram_files import quantity
 
@@ -256,7 +257,7 @@ def _boundary_words(result: Tuned) -> Iterator[str]:
                              "no boundary of stability within a factor of 100")
 
 
-def _files(asked: Asked, result: Tuned, robust: Robustness | None, swept: tuple[list[Array], Array] | None,
+def _files(asked: TuningRequest, result: Tuned, robust: Robustness | None, swept: tuple[list[Array], Array] | None,
            output: Path | None, written: Path | None, settings: Mapping[str, str]) -> list[Path]:
     from heavebond.commands import terminal
 

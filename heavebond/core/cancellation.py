@@ -68,7 +68,7 @@ def check() -> None:
         raise Interrupted(_heard[0])
 
 
-def obeyed() -> int | None:
+def clear_signal() -> int | None:
     """Forget the signal that was heard, as what it asked for is done; its number."""
     return _heard.pop() if _heard else None
 

@@ -43,7 +43,7 @@ def forks() -> bool:
     return "fork" in multiprocessing.get_all_start_methods()
 
 
-def heed(text: str) -> None:
+def check_cancelled(text: str) -> None:
     """The progress of something long in a process that works for another one; raises Stopped where that has left."""
     if _stop is not None and _stop.is_set():
         raise Stopped(text)

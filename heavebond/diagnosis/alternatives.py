@@ -36,7 +36,7 @@ class Alternative:
 
 
 @dataclass(frozen=True)
-class Seen:
+class AlternativeRun:
     """A run of one alternative with the values p (m,) of what is free: what was looked at (n_y, N) in SI, and its
     derivatives (m, n_y, N)."""
 
@@ -45,7 +45,7 @@ class Seen:
     moved: Array
 
 
-class Rival:
+class PreparedAlternative:
     """An alternative ready to be run with many inputs."""
 
     def __init__(self, alternative: Alternative, record: Record, time: Array, known: Mapping[str, Array]):
@@ -77,7 +77,7 @@ class Rival:
         signal = read_input(known, float(self.time[0]), float(self.time[-1]))
         return evaluate(signal, self.time)
 
-    def run(self, known: Mapping[str, Array], probe: Probe | None = None, p: Array | None = None) -> Seen:
+    def run(self, known: Mapping[str, Array], probe: Probe | None = None, p: Array | None = None) -> AlternativeRun:
         """One run; SimulationError or StartError where it breaks down."""
         simulator = copy(self.simulator)
         simulator.pieces = self.pieced(known)
@@ -86,9 +86,9 @@ class Rival:
         p = self.fitted if p is None else p
         result, probe = simulator.run(dict(zip(self.names, p.tolist(), strict=True))), probe or self.probe
         moved = probe.sensitivities(result) if self.names else np.zeros((0, len(probe.names), len(self.time)))
-        return Seen(p, probe.values(result), moved)
+        return AlternativeRun(p, probe.values(result), moved)
 
-    def left(self, own: Seen, other: Seen, weight: Array) -> tuple[Array, Array]:
+    def left(self, own: AlternativeRun, other: AlternativeRun, weight: Array) -> tuple[Array, Array]:
         """What is between its own run and another's (n_y, N) that its parameters do not make up for, as far as the tangent
         holds, and the step of theirs (m,); `weight` (n_y,) is sqrt(samples that each one stands for) / noise."""
         from scipy.optimize import lsq_linear
@@ -105,9 +105,9 @@ class Rival:
         step = np.clip(own.p + lsq_linear(r, target, room, method="bvls").x / scale, self.low, self.high) - own.p
         return (d - J @ step).reshape(own.values.shape), step
 
-    def imitating(self, own: Seen, other: Seen, known: Mapping[str, Array], weight: Array) -> Array:
+    def imitating(self, own: AlternativeRun, other: AlternativeRun, known: Mapping[str, Array], weight: Array) -> Array:
         """The same with its parameters fitted: Gauss and Newton's steps, halved until they help."""
-        def distance(seen: Seen) -> float:
+        def distance(seen: AlternativeRun) -> float:
             off = (other.values - seen.values) * weight[:, None]
             return float(np.sum(off**2) + np.sum((self.precision * (seen.p - self.fitted)) ** 2))
 

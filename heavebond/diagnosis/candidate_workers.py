@@ -7,9 +7,9 @@ import time as clock
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar
 
-from heavebond.core.parallel import Processes, as_done, forks, heed, processors
+from heavebond.core.parallel import Processes, as_done, check_cancelled, forks, processors
 from heavebond.diagnosis.catalogue import Candidate
-from heavebond.diagnosis.refit import Trial, begun, followed, polished
+from heavebond.diagnosis.refit import Refit, begun, followed, polished
 from heavebond.diagnosis.scoring import Base, Score, scored, searched
 from heavebond.estimation.experiment import Experiment
 from heavebond.numerics.dae import Array
@@ -45,18 +45,18 @@ class Workers:
         return self._each(_score, scored, [(c,) for c in candidates], candidates, until, [[] for _ in candidates])
 
     def begin(self, jobs: Sequence[tuple[Candidate, Sequence[Score]]], least: float = 0.0, until: float = float("inf")
-              ) -> Iterator[tuple[Candidate, Trial | None]]:
+              ) -> Iterator[tuple[Candidate, Refit | None]]:
         """The first steps of each refit, in the order in which they are done; those not begun at `until` are left out.
         `least` as in `begun`."""
         return self._each(_begin, begun, [(c, guesses, least) for c, guesses in jobs], [c for c, _ in jobs], until,
                           [None] * len(jobs))
 
-    def follow(self, jobs: Sequence[tuple[Trial, Sequence[Score]]], until: float = float("inf")
-               ) -> Iterator[tuple[Candidate, Trial]]:
+    def follow(self, jobs: Sequence[tuple[Refit, Sequence[Score]]], until: float = float("inf")
+               ) -> Iterator[tuple[Candidate, Refit]]:
         """Each refit that was begun followed, in the same way."""
         return self._each(_follow, followed, jobs, [t.candidate for t, _ in jobs], until, [t for t, _ in jobs])
 
-    def polish(self, jobs: Sequence[tuple[Trial, Sequence[Score], Trial | None]]) -> Iterator[tuple[Candidate, Trial]]:
+    def polish(self, jobs: Sequence[tuple[Refit, Sequence[Score], Refit | None]]) -> Iterator[tuple[Candidate, Refit]]:
         """Each trial followed to the end of its valley, or of that to which another one leads."""
         return self._each(_polish, polished, jobs, [job[0].candidate for job in jobs], float("inf"),
                           [trial for trial, _, _ in jobs])
@@ -94,16 +94,16 @@ def _score(candidate: Candidate) -> list[Score]:
     return scored(_base, candidate)
 
 
-def _begin(candidate: Candidate, guesses: Sequence[Score], least: float) -> Trial | None:
+def _begin(candidate: Candidate, guesses: Sequence[Score], least: float) -> Refit | None:
     assert _base is not None
-    return begun(_base, candidate, guesses, least, heed)
+    return begun(_base, candidate, guesses, least, check_cancelled)
 
 
-def _follow(trial: Trial, guesses: Sequence[Score]) -> Trial:
+def _follow(trial: Refit, guesses: Sequence[Score]) -> Refit:
     assert _base is not None
-    return followed(_base, trial, guesses, heed)
+    return followed(_base, trial, guesses, check_cancelled)
 
 
-def _polish(trial: Trial, guesses: Sequence[Score], lender: Trial | None) -> Trial:
+def _polish(trial: Refit, guesses: Sequence[Score], lender: Refit | None) -> Refit:
     assert _base is not None
-    return polished(_base, trial, guesses, lender, heed)
+    return polished(_base, trial, guesses, lender, check_cancelled)

@@ -22,7 +22,7 @@ from heavebond.equations.parameters import formula_order
 from heavebond.estimation.change import Change, Part
 from heavebond.estimation.comparison import assemble_for
 from heavebond.estimation.experiment import Experiment
-from heavebond.language.definition import Component, Effect, FileInput, Parameter, Sought
+from heavebond.language.definition import Component, Effect, FileInput, Parameter, SearchRange
 from heavebond.language.effects import check_replacing
 from heavebond.language.lists import whole_number, written_out
 from heavebond.numerics.dae import Assembly
@@ -30,7 +30,7 @@ from heavebond.text.expression import parse_formula
 
 
 @dataclass(frozen=True)
-class Sized:
+class EffectNumber:
     """A number of an effect: its full name, its unit, the bounds that its component declares, where it is sought (None:
     from `neutral`, as far as the record asks), and whether it makes the effect (an amplitude) or shapes it."""
 
@@ -38,7 +38,7 @@ class Sized:
     unit: Unit
     low: float | None
     high: float | None
-    sought: Sought | None
+    sought: SearchRange | None
     amplitude: bool
     neutral: float = 0.0
 
@@ -63,7 +63,7 @@ class Candidate:
     place: str
     where: tuple[str, ...]
     change: Change
-    numbers: tuple[Sized, ...]
+    numbers: tuple[EffectNumber, ...]
     attaches: str
     orders: tuple[tuple[str, str], ...] = ()
     signal: str = ""
@@ -79,7 +79,7 @@ class Candidate:
                 "where": list(self.where)}
 
     @property
-    def vanishing(self) -> tuple[Sized, ...]:
+    def vanishing(self) -> tuple[EffectNumber, ...]:
         """The amplitudes that are neutral where the effect is absent."""
         return tuple(n for n in self.numbers if n.amplitude and n.sought is None)
 
@@ -154,25 +154,25 @@ def _dormant(site: Site) -> Iterator[Candidate]:
                 continue
             woken = [p for p in leaf.component.parameters.values() if p.name in parameter.wakes_with]
             numbers = [_dormant_number(full, parameter),
-                       *(Sized(f"{leaf.path}.{p.name}", p.unit, p.low, p.high, p.sought, False) for p in woken)]
+                       *(EffectNumber(f"{leaf.path}.{p.name}", p.unit, p.low, p.high, p.sought, False) for p in woken)]
             yield within(leaf, parameter, parameter.kind or parameter.doc or parameter.name, numbers)
 
 
-def within(leaf: Leaf, parameter: Parameter, kind: str, numbers: Sequence[Sized]) -> Candidate:
+def within(leaf: Leaf, parameter: Parameter, kind: str, numbers: Sequence[EffectNumber]) -> Candidate:
     """The candidate that is another value of a part's own parameter."""
     settings = {n.name: quantity(n.neutral if n.amplitude else _middle(n.sought), n.unit) for n in numbers}
     return Candidate(f"{leaf.path}.{parameter.name}", leaf.component.name, kind, parameter.doc,
                      f"in {leaf.path} ({parameter.name})", (leaf.path,), Change(settings=settings), tuple(numbers), "in")
 
 
-def _dormant_number(full: str, parameter: Parameter) -> Sized:
+def _dormant_number(full: str, parameter: Parameter) -> EffectNumber:
     low, high = parameter.low, parameter.high
     if parameter.sought is not None and parameter.sought.range is not None:
         low, high = parameter.sought.range.low, parameter.sought.range.high
-    return Sized(full, parameter.unit, low, high, None, True, parameter.neutral or 0.0)
+    return EffectNumber(full, parameter.unit, low, high, None, True, parameter.neutral or 0.0)
 
 
-def _middle(sought: Sought | None) -> float:
+def _middle(sought: SearchRange | None) -> float:
     """Where a number is set before it is sought; one that follows from the motion is set to 1, a divisor for any law."""
     if sought is None:
         return 0.0
@@ -187,7 +187,7 @@ def quantity(value: float, unit: Unit) -> str:
     return f"{value:.9g}" if unit.text in ("1", "") else f"{value:.9g} {unit.text}"
 
 
-def _numbers(component: Component, effect: Effect, name: str, signal: Dimension = ()) -> tuple[Sized, ...]:
+def _numbers(component: Component, effect: Effect, name: str, signal: Dimension = ()) -> tuple[EffectNumber, ...]:
     """The numbers of an effect as the parameters of an instance; units in `$U` take the signal's."""
     found = []
     for key, sought in [*effect.amplitude.items(), *effect.shapes.items()]:
@@ -196,11 +196,11 @@ def _numbers(component: Component, effect: Effect, name: str, signal: Dimension 
         if is_generic(unit.dimension):
             unit = read_unit(dimension_text(solved(unit.dimension, {base: signal for base, _ in unit.dimension
                                                                     if base.startswith("$")})))
-        found.append(Sized(f"{name}.{key}", unit, parameter.low, parameter.high, sought, key in effect.amplitude))
+        found.append(EffectNumber(f"{name}.{key}", unit, parameter.low, parameter.high, sought, key in effect.amplitude))
     return tuple(found)
 
 
-def _part(component: Component, numbers: tuple[Sized, ...], more: dict[str, str] | None = None) -> Part:
+def _part(component: Component, numbers: tuple[EffectNumber, ...], more: dict[str, str] | None = None) -> Part:
     lower = {low for _, low in component.orders}
     values = {}
     for n in numbers:

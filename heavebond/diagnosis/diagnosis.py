@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from heavebond.core import facade
-from heavebond.core.cancellation import finishing, obeyed
+from heavebond.core.cancellation import clear_signal, finishing
 from heavebond.core.errors import HeavebondError, Problem, UsageError, listing, suggest
 from heavebond.core.presentation import brief
 from heavebond.core.progress import Progress
@@ -24,12 +24,29 @@ from heavebond.diagnosis.alternatives import Alternative
 from heavebond.diagnosis.catalogue import Candidate, candidates
 from heavebond.diagnosis.experiment_design import Separation, separate
 from heavebond.diagnosis.fixed_values import VALUE, fixed_values
-from heavebond.diagnosis.ladder import Finding, Rung, rung, with_limits
+from heavebond.diagnosis.ladder import AddedEffect, LadderEntry, ladder_entry, with_limits
 from heavebond.diagnosis.ranking import as_dicts, entries
-from heavebond.diagnosis.refit import Trial
-from heavebond.diagnosis.stage import SECONDS, Step, following, learnt, merit, revalued, single, step
-from heavebond.diagnosis.stepwise_selection import DECISIVE, MOST, Added, Way, climb
-from heavebond.diagnosis.verdict import as_near, explained, near_noise, unexplained, verdict, words, worth_it
+from heavebond.diagnosis.refit import Refit
+from heavebond.diagnosis.stage import (
+    SECONDS,
+    Stage,
+    following,
+    make_curve_stage,
+    make_stage,
+    make_value_stage,
+    merit,
+    single,
+)
+from heavebond.diagnosis.stepwise_selection import DECISIVE, MOST, SelectedEffect, Selection, select_stepwise
+from heavebond.diagnosis.verdict import (
+    equivalent_value_words,
+    is_adequate,
+    near_noise,
+    sentences,
+    unexplained,
+    verdict,
+    worth_it,
+)
 from heavebond.estimation.comparison import Comparison, compare
 from heavebond.estimation.excerpts import as_long_as, cut, excerpt
 from heavebond.estimation.experiment import Experiment, load_experiment
@@ -49,10 +66,10 @@ class Diagnosis:
     experiment: Experiment
     verdict: str
     words: tuple[str, ...]
-    ladder: tuple[Rung, ...]
-    findings: tuple[Finding, ...]
-    steps: tuple[Step, ...]
-    shape: Finding | None
+    ladder: tuple[LadderEntry, ...]
+    findings: tuple[AddedEffect, ...]
+    steps: tuple[Stage, ...]
+    shape: AddedEffect | None
     fitted: Fit | None
     noise: dict[str, tuple[float, str, bool]]
     seconds: float
@@ -75,8 +92,9 @@ class Diagnosis:
     def as_dict(self) -> dict[str, object]:
         """Everything for machines."""
         return {
-            "verdict": self.verdict, "words": list(self.words), "partial": any(step.partial for step in self.steps),
-            "lost": sorted({label for step in self.steps for label in step.lost}),
+            "verdict": self.verdict, "words": list(self.words),
+            "partial": any(stage.partial for stage in self.steps),
+            "lost": sorted({label for stage in self.steps for label in stage.lost}),
             "steps": [f.as_dict() for f in self.findings],
             "shape": self.shape and self.shape.as_dict(), "ladder": [r.as_dict() for r in self.ladder],
             "ranking": [as_dicts(entries(s)) for s in self.steps],
@@ -105,22 +123,22 @@ def diagnose(experiment: Experiment | str | Path, *, auto: bool = False, number:
     base = fit(experiment, progress=lambda text: say(f"fitting what is free: {text}")) if experiment.free else None
     ladder = _first_rungs(experiment, base)
 
-    def stepping(experiment: Experiment, way: Way) -> Step:
+    def stepping(experiment: Experiment, way: Selection) -> Stage:
         beside = f" beside {listing(added.candidate.label for added in way)}" if len(way) > 1 else ""
-        return step(experiment, number=number, seconds=seconds, classes=classes, thorough=not way,
+        return make_stage(experiment, number=number, seconds=seconds, classes=classes, thorough=not way,
                     progress=lambda text: say(f"step {len(way) + 1}{beside}: {text}"))
 
     part, way, last = _climbed(experiment, excerpt(experiment, ladder[-1].comparison, samples),
-                               lambda now: climb(_at(now, base), stepping, say, MOST if auto else 1))
+                               lambda now: select_stepwise(_at(now, base), stepping, say, MOST if auto else 1))
     # the last step made may be that of the last effect itself
     steps = [*(added.step for added in (way[:-1] if way and last.chosen is way[-1].chosen else way)), last]
     with finishing(say):
         findings = _confirmed(way, ladder, experiment, say)
     ladder += [f.rung for f in findings]
     now = _at(findings[-1].fit.experiment, findings[-1].fit) if findings else _at(experiment, base)
-    come = _Come(ladder, findings, steps)
+    come = _SearchState(ladder, findings, steps)
     if steps[0].left.significant and not steps[-1].partial and (not classes or VALUE in classes):
-        come = _weighed(come, way, experiment, lambda beside: revalued(
+        come = _weighed(come, way, experiment, lambda beside: make_value_stage(
             as_long_as(part, _at(experiment, base)), beside=beside, number=number, seconds=seconds,
             progress=lambda text: say(f"trying other values of what is held fixed: {text}")))
     shape = None
@@ -130,7 +148,7 @@ def diagnose(experiment: Experiment | str | Path, *, auto: bool = False, number:
     rungs = (*come.ladder, *([shape.rung] if shape is not None else []))
     said = verdict(base, rungs, come.findings, come.steps, shape)
     apart = _separation(come.findings, say) if said == "one_of" else None
-    told = (*words(said, rungs, come.findings, come.steps, shape), *map(as_near, come.values),
+    told = (*sentences(said, rungs, come.findings, come.steps, shape), *map(equivalent_value_words, come.values),
             *(apart.words if apart is not None else ()),
             *_lost(come.steps),
             *([SEVERAL] if said == "shape" and come.findings and not auto else []), *_limits(classes, cut(part, experiment)))
@@ -139,18 +157,18 @@ def diagnose(experiment: Experiment | str | Path, *, auto: bool = False, number:
 
 
 @dataclass(frozen=True)
-class _Come:
+class _SearchState:
     """What a search has come to: the ladder, its findings and steps, and values of what is held fixed that the records
     cannot tell from the findings."""
 
-    ladder: Sequence[Rung]
-    findings: Sequence[Finding]
-    steps: Sequence[Step]
-    values: Sequence[Trial] = ()
+    ladder: Sequence[LadderEntry]
+    findings: Sequence[AddedEffect]
+    steps: Sequence[Stage]
+    values: Sequence[Refit] = ()
 
 
-def _climbed(experiment: Experiment, part: Experiment, climbing: Callable[[Experiment], tuple[Way, Step]]
-             ) -> tuple[Experiment, Way, Step]:
+def _climbed(experiment: Experiment, part: Experiment, climbing: Callable[[Experiment], tuple[Selection, Stage]]
+             ) -> tuple[Experiment, Selection, Stage]:
     """The ladder that is found on a part of the records; on the whole where the part shows nothing, as what is missing may
     show later. With what it was found on."""
     way, last = climbing(part)
@@ -159,7 +177,7 @@ def _climbed(experiment: Experiment, part: Experiment, climbing: Callable[[Exper
     return experiment, *_noticeable(*climbing(experiment))
 
 
-def _noticeable(way: Way, last: Step) -> tuple[Way, Step]:
+def _noticeable(way: Selection, last: Stage) -> tuple[Selection, Stage]:
     """A ladder without a single effect that hardly takes anything away: beside what no law explains (the noise of a measured
     input) some law always takes a few percent, beyond chance, and would be a name for nothing."""
     if len(way) != 1 or worth_it(way[0].step):
@@ -167,7 +185,7 @@ def _noticeable(way: Way, last: Step) -> tuple[Way, Step]:
     return (), replace(way[0].step, chosen=None, cluster=(), partial=last.partial)
 
 
-def _lost(steps: Sequence[Step]) -> list[str]:
+def _lost(steps: Sequence[Stage]) -> list[str]:
     """What the search is without, as the system ended a process."""
     lost = list(dict.fromkeys(label for step in steps for label in step.lost))
     return [f"Not tried to the end: {listing(lost, 4)}. The processes that worked on this died, also when it was tried "
@@ -182,30 +200,30 @@ def _limits(classes: Sequence[str], looked: str) -> list[str]:
     return [*([only] if classes else []), *([part] if looked else [])]
 
 
-def _confirmed(way: Way, ladder: Sequence[Rung], given: Experiment, say: Progress) -> list[Finding]:
+def _confirmed(way: Selection, ladder: Sequence[LadderEntry], given: Experiment, say: Progress) -> list[AddedEffect]:
     """The effects of a ladder with intervals and figures from full runs on the whole of the `given` records. What the first
     one explains by itself is not taken back because several together do not reach the noise: then it stands alone."""
-    findings: list[Finding] = []
+    findings: list[AddedEffect] = []
     for added in way:
         say(f"confirming {added.candidate.label}")
         findings.append(_finding(added, given))
-    if len(findings) > 1 and explained(ladder, findings[:1]) and not explained(ladder, findings):
+    if len(findings) > 1 and is_adequate(ladder, findings[:1]) and not is_adequate(ladder, findings):
         return [replace(findings[0], alternatives=way[0].step.cluster)]
     return findings
 
 
-def _separation(findings: Sequence[Finding], say: Progress) -> Separation | None:
+def _separation(findings: Sequence[AddedEffect], say: Progress) -> Separation | None:
     """The experiment that would tell apart what the first finding without one name may be, the best law of each class at
     each place; None where the search for it is ended early or one of the diagrams cannot be run."""
     unsure = next(f for f in findings if not f.certain)
-    best: dict[object, Trial] = {}
+    best: dict[object, Refit] = {}
     for trial in unsure.alternatives:
         best.setdefault((trial.candidate.kind, frozenset(trial.candidate.where)), trial)
     try:
         return separate([Alternative(f"{t.candidate.kind} {t.candidate.place}", t.experiment, t.values,
                                      t.samples + t.samples_held_out) for t in best.values()], progress=say)
     except (KeyboardInterrupt, HeavebondError):
-        obeyed()
+        clear_signal()
         return None
 
 
@@ -214,8 +232,8 @@ class Attempt:
     """One effect tried by hand: the ladder without and with it, the finding, how far BIC falls, and whether it earns its
     place on held-out data."""
 
-    ladder: tuple[Rung, ...]
-    finding: Finding
+    ladder: tuple[LadderEntry, ...]
+    finding: AddedEffect
     bic_difference: float
     earned: bool
 
@@ -246,7 +264,7 @@ def attempt(experiment: Experiment | str | Path, component: str, places: Sequenc
         raise UsageError([Problem("try-broken", f"the diagram with {chosen.label} cannot be simulated", None,
                                   "Try another place, or attach it in a diagram of your own and run that.")])
     trial = made.trials[0]
-    found = _finding(Added(replace(made, chosen=trial), (trial,)), experiment)
+    found = _finding(SelectedEffect(replace(made, chosen=trial), (trial,)), experiment)
     return Attempt((*rungs, found.rung), found, trial.bic - made.bic, made.chosen is not None)
 
 
@@ -290,12 +308,12 @@ def _loaded(experiment: Experiment | str | Path) -> Experiment:
     return found
 
 
-def _first_rungs(experiment: Experiment, base: Fit | None) -> list[Rung]:
+def _first_rungs(experiment: Experiment, base: Fit | None) -> list[LadderEntry]:
     """The diagram as it stands, and with its free parameters fitted."""
     name = experiment.model.name
     if base is None:
-        return [rung(name, compare(experiment))]
-    return [rung(name, base.before), rung(f"{name}, parameters fitted", base.after)]
+        return [ladder_entry(name, compare(experiment))]
+    return [ladder_entry(name, base.before), ladder_entry(f"{name}, parameters fitted", base.after)]
 
 
 def _at(experiment: Experiment, fitted: Fit | None) -> Experiment:
@@ -305,22 +323,22 @@ def _at(experiment: Experiment, fitted: Fit | None) -> Experiment:
     return replace(experiment, model=experiment.model.with_parameters(fitted.values))
 
 
-def _finding(added: Added, given: Experiment) -> Finding:
+def _finding(added: SelectedEffect, given: Experiment) -> AddedEffect:
     """The chosen effect with intervals and figures from full runs on the whole of the records."""
     found = with_limits(added.candidate, fit(as_long_as(given, following(added.step))))
     own = {n.name for n in added.candidate.numbers}
-    return Finding(added.candidate, tuple(p for p in found.parameters if p.name in own),
-                   rung(f"+ {added.candidate.label}", found.after), found, added.alternatives)
+    return AddedEffect(added.candidate, tuple(p for p in found.parameters if p.name in own),
+                   ladder_entry(f"+ {added.candidate.label}", found.after), found, added.alternatives)
 
 
-def _weighed(come: _Come, way: Way, given: Experiment, trying: Callable[[Trial | None], Step]) -> _Come:
+def _weighed(come: _SearchState, way: Selection, given: Experiment, trying: Callable[[Refit | None], Stage]) -> _SearchState:
     """What is found against other values of what the diagram holds fixed, `trying` these beside a trial that explains the
     records: a value takes its place where it is better, and stands beside it where the records cannot tell."""
     without = come.ladder[:len(come.ladder) - len(come.findings)]
-    chosen = way[len(come.findings) - 1].chosen if come.findings and explained(come.ladder, come.findings) else None
+    chosen = way[len(come.findings) - 1].chosen if come.findings and is_adequate(come.ladder, come.findings) else None
     made = trying(chosen)
     if (value := _value(made, given, without)) is not None:
-        return _Come([*without, value.rung], [value], [replace(come.steps[0], chosen=None, cluster=()), made])
+        return _SearchState([*without, value.rung], [value], [replace(come.steps[0], chosen=None, cluster=()), made])
     if chosen is not None:
         findings, values = _beside(come.findings, chosen, made)
         return replace(come, findings=findings, values=values)
@@ -328,17 +346,17 @@ def _weighed(come: _Come, way: Way, given: Experiment, trying: Callable[[Trial |
     return replace(come, steps=[*come.steps[:-1], replace(come.steps[-1], partial=True)]) if made.partial else come
 
 
-def _value(made: Step, given: Experiment, ladder: Sequence[Rung]) -> Finding | None:
+def _value(made: Stage, given: Experiment, ladder: Sequence[LadderEntry]) -> AddedEffect | None:
     """The fixed value by which what is left becomes noise, fitted to the whole of the records; None where there is none,
     where an effect that stands beside the values is no worse, and where not all values were tried."""
     if made.partial or made.chosen is None or not worth_it(made) or any(t.candidate.kind != VALUE for t in made.cluster):
         return None
     with finishing(lambda text: None):
-        found = _finding(Added(made, made.cluster), given)
-    return found if near_noise(found.rung) and explained([*ladder, found.rung], [found]) else None
+        found = _finding(SelectedEffect(made, made.cluster), given)
+    return found if near_noise(found.rung) and is_adequate([*ladder, found.rung], [found]) else None
 
 
-def _beside(findings: Sequence[Finding], chosen: Trial, made: Step) -> tuple[list[Finding], list[Trial]]:
+def _beside(findings: Sequence[AddedEffect], chosen: Refit, made: Stage) -> tuple[list[AddedEffect], list[Refit]]:
     """The findings, the last of which came with the trial that was `chosen`, and the values that the records cannot tell
     from them. The only finding has those beside it that are the better explanation, though not by enough to decide: as near
     with fewer numbers. Where they are no better, what is held fixed is taken as right."""
@@ -349,11 +367,11 @@ def _beside(findings: Sequence[Finding], chosen: Trial, made: Step) -> tuple[lis
     return [replace(findings[0], alternatives=(*findings[0].alternatives, *better))], values
 
 
-def _shape(experiment: Experiment, given: Experiment, number: int | None, seconds: float) -> Finding | None:
+def _shape(experiment: Experiment, given: Experiment, number: int | None, seconds: float) -> AddedEffect | None:
     """The learnt curve that leaves least, where one earns its place, fitted to the whole of the records."""
-    made = learnt(experiment, number=number, seconds=seconds)
+    made = make_curve_stage(experiment, number=number, seconds=seconds)
     with finishing(lambda text: None):
-        return _finding(Added(made, made.cluster), given) if made.chosen is not None and worth_it(made) else None
+        return _finding(SelectedEffect(made, made.cluster), given) if made.chosen is not None and worth_it(made) else None
 
 
 def _noise(comparison: Comparison) -> dict[str, tuple[float, str, bool]]:

@@ -12,14 +12,14 @@ from heavebond.core.presentation import readable_unit
 from heavebond.core.units import read_unit
 from heavebond.core.writable import why_unwritable
 from heavebond.diagnosis.experiment_design import Separation
-from heavebond.diagnosis.ladder import Finding
+from heavebond.diagnosis.ladder import AddedEffect
 from heavebond.estimation.change import block, quoted
 from heavebond.estimation.diagram_files import extended_from, fitted_values, quantity, span, write, write_new
 from heavebond.estimation.experiment import FIXED, Experiment, load_experiment
 from heavebond.language.library import bundled
 
 
-def finding_files(finding: Finding, before: Experiment, model: Path, experiment: Path) -> tuple[str, str]:
+def finding_files(finding: AddedEffect, before: Experiment, model: Path, experiment: Path) -> tuple[str, str]:
     """The texts of a diagram at `model` that extends the one of `before` with what was found, fitted values and all, and of
     the experiment on it at `experiment`, where what was added is free."""
     candidate = finding.candidate
@@ -96,7 +96,7 @@ def _counted(name: str, more: int) -> str:
     return f"{base}_{last + more}" if base and last is not None else f"{name}_{1 + more}"
 
 
-def write_findings(before: Experiment, findings: Sequence[Finding], targets: Targets) -> list[Path]:
+def write_findings(before: Experiment, findings: Sequence[AddedEffect], targets: Targets) -> list[Path]:
     """Write each finding as a diagram and an experiment that extend the ones before; the experiments' paths.
 
     The experiments are loaded again as they stand: what is written is what was found, or an error says why not.

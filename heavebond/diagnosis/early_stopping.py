@@ -26,17 +26,17 @@ HOPE, STEEP = 10.0, 0.5
 Enough = Callable[[Sequence[float], Array], str]
 
 
-def idle(costs: Sequence[float], best: Array) -> str:
+def stop_stalled(costs: Sequence[float], best: Array) -> str:
     """Ends a descent that hardly falls any more."""
     return ARRIVED if len(costs) > IDLE and min(costs[:-IDLE]) - min(costs) < LITTLE * min(costs) else ""
 
 
-def steep(costs: Sequence[float]) -> bool:
+def made_progress(costs: Sequence[float]) -> bool:
     """Whether the last two steps of a descent have brought it far, given the smallest sum after each."""
     return len(costs) > 2 and costs[-1] < STEEP * costs[-3]
 
 
-def race(spans: Array, least: float) -> Enough:
+def stop_inferior_starts(spans: Array, least: float) -> Enough:
     """Ends the first steps from several starts of one candidate, one start after the other. `spans` (m,) are the ranges of
     the unknowns, `least` is what the best of other candidates leaves."""
     midway: list[tuple[float, Array]] = []  # where each stood after a few
@@ -47,12 +47,12 @@ def race(spans: Array, least: float) -> Enough:
 
     def enough(costs: Sequence[float], best: Array) -> str:
         history = list(accumulate(costs, min))
-        if len(costs) >= MIDWAY and history[-1] > HOPE * least and not steep(history):
+        if len(costs) >= MIDWAY and history[-1] > HOPE * least and not made_progress(history):
             return GIVEN_UP
         if len(costs) == MIDWAY:
             if met(history[-1], best):
                 return ARRIVED
             midway.append((history[-1], best))
-        return idle(costs, best)
+        return stop_stalled(costs, best)
 
     return enough

@@ -26,7 +26,7 @@ from heavebond.core.errors import SimulationError, StartError, listing
 from heavebond.core.presentation import number, quantity, readable
 from heavebond.core.progress import Progress
 from heavebond.core.units import read_unit
-from heavebond.diagnosis.alternatives import Alternative, Rival, Seen
+from heavebond.diagnosis.alternatives import Alternative, AlternativeRun, PreparedAlternative
 from heavebond.diagnosis.proposals import Limits, Proposal, Recorded, family, recorded
 from heavebond.equations.flatten import KnownInput
 from heavebond.estimation.comparison import assemble_for
@@ -71,7 +71,7 @@ class Predicted:
 
 
 @dataclass(frozen=True)
-class Extra:
+class AdditionalSensor:
     """A variable that would tell the alternatives apart if it were measured with `noise` (in `unit`), and the smallest D
     of all pairs then."""
 
@@ -82,7 +82,7 @@ class Extra:
 
 
 @dataclass(frozen=True)
-class Tried:
+class SimulatedInput:
     """One input that was simulated, and what it does for every pair, with the alternatives `refitted` to each other or
     along the tangent."""
 
@@ -113,16 +113,16 @@ class Separation:
 
     alternatives: tuple[str, ...]
     limits: Mapping[str, tuple[Limits, str]]
-    tried: tuple[Tried, ...]
+    tried: tuple[SimulatedInput, ...]
     needed: float
     time: Array
     channels: Mapping[str, Predicted]
     columns: Mapping[str, Array]
-    extra: Extra | None
+    extra: AdditionalSensor | None
     words: tuple[str, ...]
 
     @property
-    def best(self) -> Tried | None:
+    def best(self) -> SimulatedInput | None:
         return self.tried[0] if self.tried else None
 
     @property
@@ -168,7 +168,7 @@ class _Frame:
     reach: Array
     needed: float
 
-    def within(self, seen: Sequence[Seen]) -> bool:
+    def within(self, seen: Sequence[AlternativeRun]) -> bool:
         """Whether every channel stays about where the records have been: a drive that integrates runs away elsewhere."""
         return all(bool(np.all((s.values >= self.reach[:, :1]) & (s.values <= self.reach[:, 1:]))) for s in seen)
 
@@ -193,18 +193,18 @@ def separate(alternatives: Sequence[Alternative], *, seconds: float = SECONDS, p
     say, began = progress or (lambda text: None), clock.perf_counter()
     alternatives = alternatives[:MOST]
     frame = _frame(alternatives)
-    rivals = [Rival(a, frame.record, frame.time, frame.quiet()) for a in alternatives]
+    rivals = [PreparedAlternative(a, frame.record, frame.time, frame.quiet()) for a in alternatives]
     proposals = [p for k in frame.known if frame.seen[k.name].limits.half > 0
                  for p in family(k.name, frame.time, frame.seen[k.name])]
     names = list(alternatives[0].experiment.outputs)
-    tried: list[Tried] = []
+    tried: list[SimulatedInput] = []
     for k, proposal in enumerate(_mixed(proposals), 1):
         if clock.perf_counter() - began > seconds and tried:
             break
         say(f"simulating input {k} of {len(proposals)}: {proposal.input}, {proposal.shape}")
         seen = _runs(rivals, frame.with_proposal(proposal))
         if seen is not None and frame.within(seen):
-            tried.append(Tried(proposal, _pairs(rivals, seen, frame, names)))
+            tried.append(SimulatedInput(proposal, _pairs(rivals, seen, frame, names)))
     tried = _refitted(rivals, frame, tried, names, say, began + 1.5 * seconds)
     extra = None
     if tried and not tried[0].decided:
@@ -240,8 +240,8 @@ def _reach(experiment: Experiment) -> Array:
     return np.column_stack([low - REACH * (high - low), high + REACH * (high - low)])
 
 
-def _runs(rivals: Sequence[Rival], known: Mapping[str, Array], probes: Sequence[Probe | None] | None = None
-          ) -> list[Seen] | None:
+def _runs(rivals: Sequence[PreparedAlternative], known: Mapping[str, Array], probes: Sequence[Probe | None] | None = None
+          ) -> list[AlternativeRun] | None:
     """All alternatives with the same inputs; None where one of them breaks down."""
     try:
         return [c.run(known, probe) for c, probe in zip(rivals, probes or [None] * len(rivals), strict=True)]
@@ -249,7 +249,7 @@ def _runs(rivals: Sequence[Rival], known: Mapping[str, Array], probes: Sequence[
         return None
 
 
-def _pairs(rivals: Sequence[Rival], seen: Sequence[Seen], frame: _Frame, names: Sequence[str],
+def _pairs(rivals: Sequence[PreparedAlternative], seen: Sequence[AlternativeRun], frame: _Frame, names: Sequence[str],
            known: Mapping[str, Array] | None = None) -> tuple[Pair, ...]:
     """Every pair under one input; with `known`, the input itself, they are fitted to each other."""
     weight = np.sqrt(frame.weight) / frame.noise
@@ -268,8 +268,9 @@ def _pairs(rivals: Sequence[Rival], seen: Sequence[Seen], frame: _Frame, names: 
     return tuple(found)
 
 
-def _refitted(rivals: Sequence[Rival], frame: _Frame, tried: Sequence[Tried], names: Sequence[str], say: Progress,
-              until: float) -> list[Tried]:
+def _refitted(rivals: Sequence[PreparedAlternative], frame: _Frame, tried: Sequence[SimulatedInput], names: Sequence[str],
+              say: Progress,
+              until: float) -> list[SimulatedInput]:
     """All inputs, best first, those that lead with the alternatives fitted to each other: a tangent may promise too much."""
     order = sorted(tried, key=_merit)
     for k in range(REFITTED):
@@ -279,7 +280,7 @@ def _refitted(rivals: Sequence[Rival], frame: _Frame, tried: Sequence[Tried], na
         say(f"fitting the alternatives to each other under input {k + 1}")
         known = frame.with_proposal(order[0].proposal)
         seen = _runs(rivals, known) or []
-        order[0] = Tried(order[0].proposal, _pairs(rivals, seen, frame, names, known), True)
+        order[0] = SimulatedInput(order[0].proposal, _pairs(rivals, seen, frame, names, known), True)
         order.sort(key=_merit)
     return sorted(order, key=lambda t: (not t.refitted, *_merit(t)))  # a promise does not count
 
@@ -289,7 +290,7 @@ def _mixed(proposals: Sequence[Proposal]) -> list[Proposal]:
     return [p for first in range(5) for p in proposals[first::5]]
 
 
-def _merit(tried: Tried) -> tuple[float, float]:
+def _merit(tried: SimulatedInput) -> tuple[float, float]:
     """Smaller is better: how many pairs are decided, how clearly the least clear one of them."""
     return -tried.decided, -tried.least.chi2
 
@@ -301,13 +302,13 @@ def _sure(chi2: float, needed: float) -> float:
     return float(norm.cdf((chi2 - needed) / (2 * np.sqrt(chi2)))) if chi2 > 0 else 0.0
 
 
-def _extra(rivals: Sequence[Rival], frame: _Frame, tried: Sequence[Tried]) -> Extra | None:
+def _extra(rivals: Sequence[PreparedAlternative], frame: _Frame, tried: Sequence[SimulatedInput]) -> AdditionalSensor | None:
     """The variable of all diagrams that, measured as well, tells most apart under one of the better inputs; of those that
     tell about as much, one of a node or component rather than of a port."""
     units = [{u.name: u.unit.text for u in r.assembly.flat.unknowns} for r in rivals]
     names = [n for n in units[0] if all(n in other for other in units[1:]) and n not in rivals[0].probe.names]
     probes = [Probe(r.assembly, [*r.probe.names, *names], si=True) for r in rivals]
-    found: list[Extra] = []
+    found: list[AdditionalSensor] = []
     for trial in tried[:CLOSER]:
         seen = _runs(rivals, frame.with_proposal(trial.proposal), probes)
         if seen is not None:
@@ -318,21 +319,24 @@ def _extra(rivals: Sequence[Rival], frame: _Frame, tried: Sequence[Tried]) -> Ex
     return min(close, key=lambda e: (e.name.count("."), -e.chi2)) if close else None
 
 
-def _measured_too(rivals: Sequence[Rival], frame: _Frame, seen: Sequence[Seen], k: int, name: str, unit: str
-                  ) -> Extra | None:
+def _measured_too(rivals: Sequence[PreparedAlternative], frame: _Frame, seen: Sequence[AlternativeRun], k: int, name: str,
+                  unit: str
+                  ) -> AdditionalSensor | None:
     """What the k-th of the variables that were looked at would add to the channels; None where it does not move."""
     noise = RANGE_NOISE * max(float(np.ptp(s.values[k])) for s in seen)
     if noise <= 1e-12 * max(float(np.abs(s.values[k]).max()) for s in seen):
         return None
     rows = [*range(len(frame.noise)), k]
     weight = np.sqrt(np.append(frame.weight, frame.weight.max())) / np.append(frame.noise, noise)
-    cut = [Seen(s.p, s.values[rows], s.moved[:, rows]) for s in seen]
+    cut = [AlternativeRun(s.p, s.values[rows], s.moved[:, rows]) for s in seen]
     pairs = [(a, b) for a in range(len(cut)) for b in range(len(cut)) if a != b]
-    return Extra(name, unit, noise, min(float(np.sum(rivals[a].left(cut[a], cut[b], weight)[0] ** 2)) for a, b in pairs))
+    return AdditionalSensor(name, unit, noise, min(float(np.sum(rivals[a].left(cut[a], cut[b], weight)[0] ** 2)) for a,
+                                                   b in pairs))
 
 
-def _separation(alternatives: Sequence[Alternative], rivals: Sequence[Rival], frame: _Frame, tried: list[Tried],
-                extra: Extra | None) -> Separation:
+def _separation(alternatives: Sequence[Alternative], rivals: Sequence[PreparedAlternative], frame: _Frame,
+                tried: list[SimulatedInput],
+                extra: AdditionalSensor | None) -> Separation:
     """All that is to be said, with the run of the best input."""
     channels: dict[str, Predicted] = {}
     columns: dict[str, Array] = {}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from math import isfinite
 
-from heavebond.diagnosis.catalogue import Candidate, Sized, within
+from heavebond.diagnosis.catalogue import Candidate, EffectNumber, within
 from heavebond.equations.expand import Leaf
 from heavebond.estimation.comparison import assemble_for
 from heavebond.estimation.experiment import Experiment
@@ -37,9 +37,9 @@ def _given(leaf: Leaf) -> Iterator[Parameter]:
             yield parameter
 
 
-def _number(name: str, parameter: Parameter, value: float) -> Sized:
+def _number(name: str, parameter: Parameter, value: float) -> EffectNumber:
     """What stands in the diagram is what an amplitude of zero is to an effect."""
     ends = sorted((value / WIDE, value * WIDE))
     low = ends[0] if parameter.low is None else max(ends[0], parameter.low)
     high = ends[1] if parameter.high is None else min(ends[1], parameter.high)
-    return Sized(name, parameter.unit, low, high, None, True, value)
+    return EffectNumber(name, parameter.unit, low, high, None, True, value)

@@ -14,7 +14,7 @@ from heavebond.core.presentation import readable
 from heavebond.core.progress import Progress
 from heavebond.core.reporting import place, reporting
 from heavebond.diagnosis.catalogue import Candidate
-from heavebond.diagnosis.refit import Trial
+from heavebond.diagnosis.refit import Refit
 from heavebond.estimation.comparison import Channel, Comparison, RecordComparison, compare
 from heavebond.estimation.experiment import Experiment, load_experiment
 from heavebond.estimation.fitting import Fit, Fitted
@@ -24,7 +24,7 @@ from heavebond.numerics.result import Probe
 
 
 @dataclass(frozen=True)
-class Rung:
+class LadderEntry:
     """One model on the ladder: its errors (root mean square over that of the measured about its mean) and chi-square per
     sample on the fitted samples and on those held out."""
 
@@ -47,7 +47,7 @@ class Rung:
 
 
 @dataclass(frozen=True)
-class Miss:
+class ChannelError:
     """What a model misses in a channel: the rms error and the noise, both in the channel's unit."""
 
     channel: str
@@ -62,15 +62,15 @@ class Miss:
 
 
 @dataclass(frozen=True)
-class Finding:
+class AddedEffect:
     """An effect that was added: the candidate, the numbers that it was fitted with, the model with it, and what the
     records cannot tell from it."""
 
     candidate: Candidate
     parameters: tuple[Fitted, ...]
-    rung: Rung
+    rung: LadderEntry
     fit: Fit
-    alternatives: tuple[Trial, ...]
+    alternatives: tuple[Refit, ...]
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -91,14 +91,14 @@ class Finding:
                 "one_of": [t.candidate.as_dict() for t in self.alternatives]}
 
 
-def rung(name: str, comparison: Comparison) -> Rung:
+def ladder_entry(name: str, comparison: Comparison) -> LadderEntry:
     """A model on the ladder, from its comparison with every record."""
     fitted = [p for p in comparison.parts if p.use == "fit"]
     checked = [p for p in comparison.parts if p.use != "fit"]
-    return Rung(name, _error(fitted), _error(checked), _chi2(fitted), _chi2(checked), comparison)
+    return LadderEntry(name, _error(fitted), _error(checked), _chi2(fitted), _chi2(checked), comparison)
 
 
-def misses(rung: Rung) -> list[Miss]:
+def channel_errors(rung: LadderEntry) -> list[ChannelError]:
     """What a model misses in each channel where nothing was fitted (where nothing was held out: where it was), all records
     together."""
     parts = [p for p in rung.comparison.parts if p.use != "fit"] or list(rung.comparison.parts)
@@ -106,7 +106,7 @@ def misses(rung: Rung) -> list[Miss]:
     for part in parts:
         for name, channel in part.channels.items():
             found.setdefault(name, []).append(channel)
-    return [Miss(name, channels[0].unit, *(
+    return [ChannelError(name, channels[0].unit, *(
         float(np.sqrt(np.average([v**2 for v in values], weights=[c.counts.sum() for c in channels])))
         for values in ([c.error for c in channels], [c.noise for c in channels]))) for name, channels in found.items()]
 
@@ -129,7 +129,7 @@ def _limited(p: Fitted, course: Array) -> Fitted:
     return replace(p, unreached=reach)
 
 
-def meaning(fit: Fit, name: str) -> str:
+def parameter_description(fit: Fit, name: str) -> str:
     """What the component says that a fitted parameter is; empty for an initial value or where it says nothing."""
     path, _, own = name.rpartition(".")
     component = _component(fit, path)
@@ -137,7 +137,7 @@ def meaning(fit: Fit, name: str) -> str:
     return declared.doc if declared is not None else ""
 
 
-def restrictions(finding: Finding) -> str:
+def restrictions(finding: AddedEffect) -> str:
     """For what the law of a finding holds, in the words of its component; empty where that says nothing."""
     candidate = finding.candidate
     component = _component(finding.fit, candidate.where[0] if candidate.attaches == "in" else candidate.name)
@@ -163,7 +163,7 @@ def _chi2(parts: Sequence[RecordComparison]) -> float:
 
 
 @reporting
-def ladder(experiments: Sequence[Experiment | str | Path], *, progress: Progress | None = None) -> list[Rung]:
+def ladder(experiments: Sequence[Experiment | str | Path], *, progress: Progress | None = None) -> list[LadderEntry]:
     """Several experiments on the same records, each a model with more in it: their errors, in the order given.
 
     Each model stands with the values of its diagram. Raises UsageError where the records or channels differ, and whatever
@@ -180,7 +180,7 @@ def ladder(experiments: Sequence[Experiment | str | Path], *, progress: Progress
         if progress:
             place(progress, k, len(found))
             progress(experiment.path.name)
-        rungs.append(rung(experiment.path.stem, compare(experiment)))
+        rungs.append(ladder_entry(experiment.path.stem, compare(experiment)))
     return rungs
 
 

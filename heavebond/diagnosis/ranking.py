@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 from heavebond.core.presentation import number
 from heavebond.diagnosis.catalogue import Candidate
-from heavebond.diagnosis.refit import Trial
-from heavebond.diagnosis.stage import EARNED, Step, indistinct, merit
+from heavebond.diagnosis.refit import Refit
+from heavebond.diagnosis.stage import EARNED, Stage, indistinct, merit
 
 Cell = float | bool | str | tuple[str, ...] | None
 
@@ -41,8 +41,8 @@ class Entry:
 
     candidate: Candidate
     score: float
-    trial: Trial | None
-    step: Step
+    trial: Refit | None
+    step: Stage
     judgement: str
     identifiable: bool | None = None
 
@@ -90,7 +90,7 @@ TERMINAL, REPORT = frozenset({"terminal"}), frozenset({"report"})
 BOTH = TERMINAL | REPORT
 
 
-def _fitted(value: Callable[[Trial, Step], Cell]) -> Callable[[Entry], Cell]:
+def _fitted(value: Callable[[Refit, Stage], Cell]) -> Callable[[Entry], Cell]:
     """A value that only candidates have that were fitted."""
     return lambda entry: value(entry.trial, entry.step) if entry.trial is not None else None
 
@@ -129,7 +129,7 @@ def shown_in(medium: str) -> tuple[Column, ...]:
     return tuple(column for column in COLUMNS if medium in column.shown)
 
 
-def entries(step: Step) -> tuple[Entry, ...]:
+def entries(step: Stage) -> tuple[Entry, ...]:
     """All candidates of a step in the order of their rank: those that were fitted, then the others by their score."""
     fitted = {t.candidate.label for t in step.trials}
     ranked = [Entry(t.candidate, t.score, t, step, _judged(t, step)) for t in step.trials]
@@ -146,7 +146,7 @@ def entries(step: Step) -> tuple[Entry, ...]:
     return tuple(ranked)
 
 
-def _judged(trial: Trial, step: Step) -> str:
+def _judged(trial: Refit, step: Stage) -> str:
     """The judgement on a candidate that was fitted."""
     if trial is step.chosen:
         return "chosen"

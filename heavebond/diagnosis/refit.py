@@ -17,8 +17,17 @@ from heavebond.core.errors import HeavebondError, SimulationError, StartError
 from heavebond.core.progress import Progress
 from heavebond.core.units import Range
 from heavebond.diagnosis.catalogue import Candidate
-from heavebond.diagnosis.early_stopping import idle, race, steep
-from heavebond.diagnosis.scoring import BEYOND, Base, Score, below, between, exact_runs, shape_ranges, sides
+from heavebond.diagnosis.early_stopping import made_progress, stop_inferior_starts, stop_stalled
+from heavebond.diagnosis.scoring import (
+    BEYOND,
+    Base,
+    Score,
+    admissible_sides,
+    exact_runs,
+    may_be_below_neutral,
+    point_of_range,
+    shape_ranges,
+)
 from heavebond.estimation.experiment import Experiment, Free
 from heavebond.estimation.fitting import own_start
 from heavebond.estimation.residuals import AT_END, BROKEN, Descent, Residuals, Run
@@ -48,7 +57,7 @@ ANOTHER = (1.001, 3.0)
 
 
 @dataclass(frozen=True)
-class Trial:
+class Refit:
     """A candidate after its refit: the values of all that was free (SI), the sum of squares with priors `cost`, chi-square
     per sample on the fitted and the held-out records, the number of unknowns, which of the free parameters ended at an end
     of their range, and the experiment with the candidate in it. `score` is the gain that its score had promised. By `slack`
@@ -85,36 +94,36 @@ def bic(cost: float, samples: int, unknowns: int) -> float:
 
 
 def begun(base: Base, candidate: Candidate, guesses: Sequence[Score] = (), least: float = 0.0,
-          progress: Progress | None = None) -> Trial | None:
+          progress: Progress | None = None) -> Refit | None:
     """The first steps of a refit, from the best of several starts; None where the diagram with it cannot be simulated.
     `least` is what the best of other candidates leaves, where that is known."""
     try:
-        refit = _Refit(base, candidate, guesses)
+        refit = _RefitProblem(base, candidate, guesses)
         found = refit.begin(least or np.inf, progress or (lambda text: None))
         if not found:
             return None
-        falls = any(d.unfinished and steep(d.history) for d in found) or bool(refit.wider(found[0].x))
+        falls = any(d.unfinished and made_progress(d.history) for d in found) or bool(refit.wider(found[0].x))
         return replace(refit.judged(found[0].x), begun=tuple(found) if refit.hopeful(found[0]) else (), falls=falls)
     except HeavebondError:
         return None
 
 
-def followed(base: Base, trial: Trial, guesses: Sequence[Score] = (), progress: Progress | None = None) -> Trial:
+def followed(base: Base, trial: Refit, guesses: Sequence[Score] = (), progress: Progress | None = None) -> Refit:
     """A refit that was begun, followed until it hardly falls any more."""
     if not trial.begun:
         return trial
     try:
-        refit = _Refit(base, trial.candidate, guesses)
+        refit = _RefitProblem(base, trial.candidate, guesses)
         return refit.judged(refit.follow(trial.begun, progress or (lambda text: None)))
     except HeavebondError:
         return replace(trial, begun=())
 
 
-def polished(base: Base, trial: Trial, guesses: Sequence[Score] = (), lender: Trial | None = None,
-             progress: Progress | None = None) -> Trial:
+def polished(base: Base, trial: Refit, guesses: Sequence[Score] = (), lender: Refit | None = None,
+             progress: Progress | None = None) -> Refit:
     """A refit followed to the end of its valley: what is compared closely must have arrived. A `lender` is another law's
     refit at the same place that fits better; from its values, as far as the two have the same, another valley is sought."""
-    refit = _Refit(base, trial.candidate, guesses)
+    refit = _RefitProblem(base, trial.candidate, guesses)
     refit.sought({n.name: trial.experiment.free[n.name].range for n in trial.candidate.numbers if n.name in refit.ranges})
     values = {**trial.values, **_lent(lender, trial.candidate)} if lender is not None else trial.values
     start = refit.problem.allowed(np.clip([c.inner(values[c.free.name]) for c in refit.problem.columns],
@@ -130,7 +139,7 @@ def polished(base: Base, trial: Trial, guesses: Sequence[Score] = (), lender: Tr
         return trial
 
 
-def _lent(lender: Trial, candidate: Candidate) -> dict[str, float]:
+def _lent(lender: Refit, candidate: Candidate) -> dict[str, float]:
     """The values of a refit for another law: what both diagrams have, and numbers of the laws that have the same name."""
     own = {n.name.rpartition(".")[2]: n.name for n in candidate.numbers}
     numbers = {n.name: n.name.rpartition(".")[2] for n in lender.candidate.numbers}
@@ -147,7 +156,7 @@ class _Plan:
     base: Array
 
 
-class _Refit:
+class _RefitProblem:
     """The least squares problem of the diagram with the candidate in it."""
 
     def __init__(self, base: Base, candidate: Candidate, guesses: Sequence[Score]):
@@ -206,7 +215,7 @@ class _Refit:
             plans.append(_Plan({**plans[0].numbers, **ended}, problem.start))
         if not plans:
             for share in STARTS:
-                numbers = {name: between(low, high, share) for name, (low, high) in self.ranges.items()}
+                numbers = {name: point_of_range(low, high, share) for name, (low, high) in self.ranges.items()}
                 plans += [_Plan(numbers, inside)]
         return [*plans, *self._larger(), *self._further(plans[0], vanishing)]
 
@@ -221,7 +230,8 @@ class _Refit:
         for size, *shares in qmc.Halton(1 + len(shapes), scramble=False).random(1 + FURTHER)[1:]:
             factor = 4 ** (size - 0.5)
             numbers = {name: value * factor if name in vanishing else value for name, value in first.numbers.items()}
-            numbers.update({name: between(*self.ranges[name], share) for name, share in zip(shapes, shares, strict=True)})
+            numbers.update({name: point_of_range(*self.ranges[name], share) for name,
+                            share in zip(shapes, shares, strict=True)})
             for high, low in self.candidate.orders:
                 if {high, low} <= set(shapes) and numbers[high] < numbers[low]:
                     numbers[high], numbers[low] = numbers[low], numbers[high]
@@ -237,9 +247,9 @@ class _Refit:
         scales = {n: max((self._scale(g) for g in best if n.name in g.along), default=0.0)
                   for n in self.candidate.vanishing}
         inside = np.clip(self.base.inner, self.base.problem.low, self.base.problem.high)
-        return [_Plan({**at, **{n.name: n.neutral + (side if below(n) else 1) * size * scale
+        return [_Plan({**at, **{n.name: n.neutral + (side if may_be_below_neutral(n) else 1) * size * scale
                                 for n, scale in scales.items()}}, inside)
-                for at in shapes for side in sides(self.candidate.vanishing) for size in LARGER] if scales else []
+                for at in shapes for side in admissible_sides(self.candidate.vanishing) for size in LARGER] if scales else []
 
     def _freed(self, changed: Experiment, known: set[str]) -> Experiment:
         """The experiment with the candidate's numbers free as well, and inside their ranges."""
@@ -338,7 +348,7 @@ class _Refit:
         chosen = [starts[k] for k in np.argsort(costs) if np.isfinite(costs[k])][:most]
         if not chosen or process_time() - self.began > SECONDS:
             return []
-        enough = race(self.problem.high - self.problem.low, least)
+        enough = stop_inferior_starts(self.problem.high - self.problem.low, least)
         found = [self.problem.descend(start, False, progress, most=FIRST, tolerance=1e-4, method="trf", enough=enough)
                  for start in chosen]
         if all(2 * e.cost > self.base.cost for e in found) and (beside := self._beside()) is not None:
@@ -373,9 +383,10 @@ class _Refit:
     def descend(self, start: Array, progress: Progress, most: int, tolerance: float,
                 method: Literal["trf", "dogbox"] = "trf") -> Descent:
         """Steps that find their way from afar, until they hardly bring anything more."""
-        return self.problem.descend(start, False, progress, most=most, tolerance=tolerance, method=method, enough=idle)
+        return self.problem.descend(start, False, progress, most=most, tolerance=tolerance, method=method,
+                                    enough=stop_stalled)
 
-    def judged(self, inner: Array) -> Trial:
+    def judged(self, inner: Array) -> Refit:
         """The figures at the end, from runs of IDAS."""
         problem = self.problem
         exact = exact_runs(problem.experiment, self.runs, self.base.exact)
@@ -384,7 +395,7 @@ class _Refit:
         held = held_out(problem, inner, exact)
         at_end = tuple(c.free.name for c, end in zip(problem.columns, problem.at_end(inner), strict=True)
                        if end and c.free.name not in self.ranges)
-        return Trial(self.candidate, problem.experiment, values[0], float(r @ r + prior @ prior), float(r @ r) / len(r),
+        return Refit(self.candidate, problem.experiment, values[0], float(r @ r + prior @ prior), float(r @ r) / len(r),
                      held[0], len(r), held[1], len(inner), at_end,
                      max((g.gain for g in self.guesses), default=float("nan")),
                      problem.evaluations)

@@ -18,7 +18,7 @@ from heavebond.core.progress import Progress
 from heavebond.diagnosis.candidate_workers import Workers
 from heavebond.diagnosis.catalogue import Candidate
 from heavebond.diagnosis.early_stopping import HOPE
-from heavebond.diagnosis.refit import Trial
+from heavebond.diagnosis.refit import Refit
 from heavebond.diagnosis.residual_tests import NEAR
 from heavebond.diagnosis.scoring import Score
 
@@ -34,12 +34,12 @@ Job = tuple[Candidate, list[Score]]  # to be refitted
 
 
 @dataclass
-class Refits:
+class RefitSchedule:
     """The refits of a step as far as they have come, by the labels of their candidates."""
 
     workers: Workers
     say: Progress
-    trials: dict[str, Trial] = field(default_factory=dict)
+    trials: dict[str, Refit] = field(default_factory=dict)
 
     def make(self, leading: Sequence[Job], rest: Sequence[Job], until: float) -> bool:
         """Refit the leading candidates, and the rest where none of these comes near the noise, `until` a time of
@@ -70,7 +70,7 @@ class Refits:
                      + (f" leaves {trial.chi2_held_out:.4g}" if trial else " cannot be simulated"))
         return done == len(jobs)
 
-    def _follow(self, trials: Iterable[Trial], guesses: Mapping[str, Sequence[Score]], until: float) -> None:
+    def _follow(self, trials: Iterable[Refit], guesses: Mapping[str, Sequence[Score]], until: float) -> None:
         """Follow those that were only begun, best first."""
         open_ = sorted((t for t in trials if t.begun), key=lambda t: t.cost)
         jobs = [(t, guesses[t.candidate.label]) for t in open_]
@@ -79,14 +79,14 @@ class Refits:
             self.say(f"refitting {done} of {len(jobs)} further: {candidate.label} leaves {trial.chi2_held_out:.4g}")
 
 
-def _hopeful(trials: Iterable[Trial]) -> list[Trial]:
+def _hopeful(trials: Iterable[Refit]) -> list[Refit]:
     """Those that may still come near the best."""
     found = list(trials)
     least = min((t.cost for t in found), default=0.0)
     return [t for t in found if t.cost <= HOPE * least or t.falls]
 
 
-def unexplained(trials: Iterable[Trial]) -> bool:
+def unexplained(trials: Iterable[Refit]) -> bool:
     """Whether none of them comes near the noise: then the score, which is local, may have misled. A free parameter that the
     missing effect has moved far away turns the sign of the tangent."""
     return all(max(t.chi2_fit, t.chi2_held_out if t.samples_held_out else 0.0) > NEAR for t in trials)

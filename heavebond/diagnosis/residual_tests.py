@@ -27,7 +27,7 @@ SIGMAS = 3.0  # standard deviations of that figure on held-out data, up to which
 
 
 @dataclass(frozen=True)
-class Leftover:
+class ResidualTests:
     """p values of the three tests (1 where one cannot be made), and the largest score."""
 
     score: float
@@ -41,11 +41,11 @@ class Leftover:
         return any(getattr(self, name) < level for name, level in LEVELS.items())
 
 
-def leftover(base: Base, scores: Sequence[Score]) -> Leftover:
+def leftover(base: Base, scores: Sequence[Score]) -> ResidualTests:
     """The tests on what the base model leaves of the fitted samples."""
     told = [s for s in scores if s.told_apart]
     p_score, z = _largest(told)
-    return Leftover(p_score, _size(base) if base.problem.experiment.noise_given else 1.0, _memory(base), z)
+    return ResidualTests(p_score, _size(base) if base.problem.experiment.noise_given else 1.0, _memory(base), z)
 
 
 def is_noise(fitted: float, held_out: float, samples: int) -> bool:

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from heavebond.core.errors import HeavebondError
 from heavebond.core.units import Dimension
-from heavebond.diagnosis.catalogue import Candidate, Sized, quantity
+from heavebond.diagnosis.catalogue import Candidate, EffectNumber, quantity
 from heavebond.estimation.change import Change
 from heavebond.estimation.comparison import assemble_for, driven_by
 from heavebond.estimation.experiment import Experiment, Record
@@ -88,7 +88,7 @@ class Score:
     @property
     def signed(self) -> bool:
         """Whether the amplitude may have either sign."""
-        return self.side == 0 and any(below(n) for n in _along(self))
+        return self.side == 0 and any(may_be_below_neutral(n) for n in _amplitudes_of(self))
 
     @property
     def told_apart(self) -> bool:
@@ -242,7 +242,7 @@ def _tangents(base: Base, candidate: Candidate, runs: list[Run], shapes: Mapping
     that is zero for one unit; what 1 Pa*s/m3 of a resistance does is less than Newton's method leaves of algebraic unknowns,
     and the tangent would be that."""
     there = {**_neutral(candidate), **shapes}
-    moved = _moved(base, runs, there)
+    moved = _sensitivities(base, runs, there)
     zero = {n.name: n for n in candidate.vanishing if n.neutral == 0}
     sizes = dict.fromkeys(zero, 1.0)
     for _ in range(RUNS if any(len(run.assembly.z_nominal) for run in runs) else 0):
@@ -253,7 +253,7 @@ def _tangents(base: Base, candidate: Candidate, runs: list[Run], shapes: Mapping
             break
         sizes |= steps
         runs = [run.again(run.names, sizes, QuickSimulator) for run in runs]
-        moved = _moved(base, runs, there)
+        moved = _sensitivities(base, runs, there)
     return runs, moved
 
 
@@ -266,14 +266,14 @@ def _at_zero(base: Base, candidate: Candidate, moved: Mapping[str, Array], shape
             for names in together.values()]
 
 
-def below(number: Sized) -> bool:
+def may_be_below_neutral(number: EffectNumber) -> bool:
     """Whether it is an amplitude that may be less than neutral."""
     return number.amplitude and (number.low is None or number.low < number.neutral)
 
 
-def sides(amplitudes: Sequence[Sized]) -> tuple[int, ...]:
+def admissible_sides(amplitudes: Sequence[EffectNumber]) -> tuple[int, ...]:
     """The sides of neutral (1, -1) on which they may be, together."""
-    return (1, -1) if any(map(below, amplitudes)) else (1,)
+    return (1, -1) if any(map(may_be_below_neutral, amplitudes)) else (1,)
 
 
 def _kinked(base: Base, candidate: Candidate) -> bool:
@@ -287,12 +287,12 @@ def _on_sides(base: Base, at_zero: Score, runs: Sequence[Run], kink: bool) -> li
     """The score at amplitude zero and those beside it that say something else. At a kink these stand alone: they are taken
     at so small an amplitude that it does next to nothing, since the derivative at the kink itself is of neither side (of a
     valve whose edges shut at the same point, a thousand times that of either)."""
-    amplitudes = _along(at_zero)
+    amplitudes = _amplitudes_of(at_zero)
     if at_zero.size == 0 or not amplitudes or not (kink or at_zero.told_apart):
         return [at_zero]
     step = BESIDE * float(np.linalg.norm(base.r)) / at_zero.size if kink else SEEN / (at_zero.size * at_zero.share)
     found = []
-    for side in sides(amplitudes):
+    for side in admissible_sides(amplitudes):
         with suppress(HeavebondError):  # so much cannot be simulated, or is more than there may be
             found.append(_beside(base, at_zero, runs, side * step))
     return found if kink else [at_zero, *(s for s in found if _turned(s, at_zero))]
@@ -306,14 +306,14 @@ def _turned(one: Score, other: Score) -> bool:
 def _beside(base: Base, at_zero: Score, runs: Sequence[Run], step: float) -> Score:
     """The score from the tangent at an amplitude."""
     side = 1 if step > 0 else -1
-    there = {**_neutral(at_zero.candidate), **at_zero.shapes, **{n.name: n.neutral + step for n in _along(at_zero)}}
-    moved = _moved(base, runs, there)
+    there = {**_neutral(at_zero.candidate), **at_zero.shapes, **{n.name: n.neutral + step for n in _amplitudes_of(at_zero)}}
+    moved = _sensitivities(base, runs, there)
     s = side * np.sum([moved[name] for name in at_zero.along], axis=0)
     found = _scored(base, at_zero.candidate, at_zero.shapes, s)
     return replace(found, amplitude=side * found.amplitude, along=at_zero.along, side=side)
 
 
-def _along(score: Score) -> list[Sized]:
+def _amplitudes_of(score: Score) -> list[EffectNumber]:
     """The amplitudes that a score moves."""
     return [n for n in score.candidate.numbers if n.name in score.along]
 
@@ -322,7 +322,7 @@ def _settled(candidate: Candidate, runs: Sequence[Run], base: Base) -> Candidate
     """The candidate with the numbers that are held at what the motion says (`middle s`) set to it, and no longer sought."""
     held = {n.name: n for n in candidate.numbers if n.sought is not None and n.sought.held}
     values = {}
-    seen = _seen(list(held.values()), runs, base)
+    seen = _motion_ranges(list(held.values()), runs, base)
     for name, number in held.items():
         assert number.sought is not None
         low, high = seen[name]
@@ -347,7 +347,7 @@ def _values(base: Base, run: Run, more: Mapping[str, float]) -> dict[str, float]
     return {**{name: value for name, value in values.items() if name in known}, **more}
 
 
-def _moved(base: Base, runs: Sequence[Run], values: Mapping[str, float]) -> dict[str, Array]:
+def _sensitivities(base: Base, runs: Sequence[Run], values: Mapping[str, float]) -> dict[str, Array]:
     """d r / d a (n,) for each amplitude."""
     found = np.hstack([run.residuals(_values(base, run, values))[1] for run in runs])
     return dict(zip(runs[0].names, found, strict=True))
@@ -375,16 +375,16 @@ def shape_points(candidate: Candidate, runs: Sequence[Run], base: Base) -> list[
     found = []
     signed = any(low < 0 < high for low, high in ranges.values())
     for share in (0.1, 0.5, 0.9) if not candidate.vanishes else (0.25, 0.5, 0.75) if signed else (0.25, 0.75):
-        point = {name: between(low, high, share) for name, (low, high) in ranges.items()}
+        point = {name: point_of_range(low, high, share) for name, (low, high) in ranges.items()}
         for high_one, low_one in candidate.orders:  # a pair of limits is drawn together from outside
             for name, part in ((high_one, 1 - share / 2), (low_one, share / 2)):
                 if name in ranges:
-                    point[name] = between(*ranges[name], part)
+                    point[name] = point_of_range(*ranges[name], part)
         found.append(point)
     return found
 
 
-def between(low: float, high: float, share: float) -> float:
+def point_of_range(low: float, high: float, share: float) -> float:
     """A point of a range: geometric above zero."""
     return float(low * (high / low) ** share) if low > 0 else float(low + (high - low) * share)
 
@@ -394,7 +394,7 @@ def shape_ranges(candidate: Candidate, runs: Sequence[Run], base: Base, beyond: 
     """Where each shape is sought; `seen s` by the motion of s in the base model, and a share `beyond` of its span
     further."""
     found = {}
-    seen = _seen(candidate.numbers, runs, base)
+    seen = _motion_ranges(candidate.numbers, runs, base)
     for number in candidate.numbers:
         if number.sought is None:
             continue
@@ -410,7 +410,7 @@ def shape_ranges(candidate: Candidate, runs: Sequence[Run], base: Base, beyond: 
     return found
 
 
-def _seen(numbers: Sequence[Sized], runs: Sequence[Run], base: Base) -> dict[str, tuple[float, float]]:
+def _motion_ranges(numbers: Sequence[EffectNumber], runs: Sequence[Run], base: Base) -> dict[str, tuple[float, float]]:
     """For each number that is sought or held by the motion of a variable, between what values that moves in the base
     model."""
     variables = {n.name: n.follows for n in numbers if n.follows}

@@ -12,15 +12,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from heavebond.core.cancellation import obeyed
+from heavebond.core.cancellation import clear_signal
 from heavebond.core.errors import SimulationError
 from heavebond.core.progress import Progress
 from heavebond.diagnosis.candidate_workers import Workers
 from heavebond.diagnosis.catalogue import Candidate, candidates
 from heavebond.diagnosis.fixed_values import fixed_values
-from heavebond.diagnosis.refit import Trial, bic, held_out
-from heavebond.diagnosis.refit_schedule import Refits, planned
-from heavebond.diagnosis.residual_tests import Leftover, is_noise, leftover
+from heavebond.diagnosis.refit import Refit, bic, held_out
+from heavebond.diagnosis.refit_schedule import RefitSchedule, planned
+from heavebond.diagnosis.residual_tests import ResidualTests, is_noise, leftover
 from heavebond.diagnosis.scoring import TIMES, Base, Score, finer, searched
 from heavebond.equations.places import nodes_of
 from heavebond.estimation.experiment import Experiment
@@ -44,7 +44,7 @@ EARNED = 12.0
 
 
 @dataclass(frozen=True)
-class Step:
+class Stage:
     """One rung: the experiment that was diagnosed, its best fit of what was free (chi-square per sample on what was and was
     not fitted), the tests on what that leaves, all scores and refits, best first, what was chosen, and those that the
     records cannot tell from it (the chosen one first). `partial`: not all that was planned was refitted; `lost` are the
@@ -58,11 +58,11 @@ class Step:
     chi2_held_out: float
     samples_held_out: int
     at_end: tuple[str, ...]
-    left: Leftover
+    left: ResidualTests
     scores: tuple[Score, ...]
-    trials: tuple[Trial, ...]
-    chosen: Trial | None
-    cluster: tuple[Trial, ...]
+    trials: tuple[Refit, ...]
+    chosen: Refit | None
+    cluster: tuple[Refit, ...]
     twins: dict[str, tuple[str, ...]]
     unseen: tuple[Candidate, ...]
     partial: bool
@@ -80,35 +80,36 @@ class Step:
         return _merit(self.cost, self.samples, len(self.values), self.chi2_held_out, self.samples_held_out)
 
 
-def step(experiment: Experiment, *, number: int | None = None, seconds: float = SECONDS, classes: Sequence[str] = (),
-         progress: Progress | None = None, thorough: bool = True) -> Step:
+def make_stage(experiment: Experiment, *, number: int | None = None, seconds: float = SECONDS, classes: Sequence[str] = (),
+               progress: Progress | None = None, thorough: bool = True) -> Stage:
     """One rung of the ladder. `classes` narrows the catalogue to candidates of these classes. A `thorough` search refits all
     others too where none of those with the largest scores comes near the noise."""
     found = [c for c in candidates(experiment) if c.kind != UNKNOWN and (not classes or c.kind in classes)]
     return _step(experiment, found, number, seconds, progress or (lambda text: None), thorough=thorough)
 
 
-def learnt(experiment: Experiment, *, number: int | None = None, seconds: float = SECONDS,
-           progress: Progress | None = None) -> Step:
+def make_curve_stage(experiment: Experiment, *, number: int | None = None, seconds: float = SECONDS,
+                     progress: Progress | None = None) -> Stage:
     """A rung with learnt curves only: effects without a name."""
     found = [c for c in candidates(experiment) if c.kind == UNKNOWN]
     return _step(experiment, found, number, seconds, progress or (lambda text: None))
 
 
-def revalued(experiment: Experiment, *, beside: Trial | None = None, number: int | None = None, seconds: float = SECONDS,
-             progress: Progress | None = None) -> Step:
+def make_value_stage(experiment: Experiment, *, beside: Refit | None = None, number: int | None = None,
+                     seconds: float = SECONDS,
+                     progress: Progress | None = None) -> Stage:
     """A rung with other values of what the diagram holds fixed, in place of effects; `beside` what was found with these,
     which it ranks among them: a value that soon is seen to leave more is not followed."""
     return _step(experiment, fixed_values(experiment), number, seconds, progress or (lambda text: None), beside=beside)
 
 
-def single(experiment: Experiment, candidate: Candidate, progress: Progress) -> Step:
+def single(experiment: Experiment, candidate: Candidate, progress: Progress) -> Stage:
     """A rung with one candidate, chosen by hand: it is refitted whatever its score."""
     return _step(experiment, [candidate], 1, SECONDS, progress, always=True)
 
 
 def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None, seconds: float, say: Progress,
-          always: bool = False, thorough: bool = False, beside: Trial | None = None) -> Step:
+          always: bool = False, thorough: bool = False, beside: Refit | None = None) -> Stage:
     began = clock.perf_counter()
     say("fitting what is free")
     base = fitted_base(experiment)
@@ -118,7 +119,7 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
     scores: list[Score] = []
     partial, twins = False, dict[str, tuple[str, ...]]()
     with Workers(base, number) as workers:
-        refits = Refits(workers, say, {beside.candidate.label: beside} if beside is not None else {})
+        refits = RefitSchedule(workers, say, {beside.candidate.label: beside} if beside is not None else {})
         try:
             for k, (candidate, got) in enumerate(workers.score(found), 1):
                 say(f"scoring {k} of {len(found)}: {candidate.label}")
@@ -133,14 +134,14 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
                 say("comparing the best closely")
                 refits.trials |= _polished(workers, list(refits.trials.values()), {c.label: g for c, g in (*leading, *rest)})
         except KeyboardInterrupt:
-            obeyed()
+            clear_signal()
             partial, left, twins = True, leftover(base, scores), {}
     trials = list(refits.trials.values())
     made = _judged(base, (held, n_held), left, scores, trials, twins, partial, clock.perf_counter() - began)
     return replace(made, lost=tuple(dict.fromkeys(workers.lost)))
 
 
-def _polished(workers: Workers, trials: Sequence[Trial], guesses: Mapping[str, Sequence[Score]]) -> dict[str, Trial]:
+def _polished(workers: Workers, trials: Sequence[Refit], guesses: Mapping[str, Sequence[Score]]) -> dict[str, Refit]:
     """The trials of candidates that were scored here and are near the best, followed to the end of their valleys: near on
     all samples or on those that were fitted, as one that has not arrived may miss the others by much."""
     order = sorted(trials, key=merit)
@@ -155,7 +156,7 @@ def _polished(workers: Workers, trials: Sequence[Trial], guesses: Mapping[str, S
     return better | {c.label: t for c, t in workers.polish(lent)}
 
 
-def _lender(trial: Trial, others: Iterable[Trial]) -> Trial | None:
+def _lender(trial: Refit, others: Iterable[Refit]) -> Refit | None:
     """The best fitting law at the same place that fits better: what it found may do for this one too, as a law that holds
     it as a special case should never leave less by ending in another valley."""
     there = [t for t in others if set(t.candidate.where) == set(trial.candidate.where) and t.cost < trial.cost]
@@ -210,11 +211,11 @@ def _says_more(candidate: Candidate, base: Base, courses: Mapping[str, tuple[str
     return all(float(np.ptp(course)) > STEADY * float(np.abs(course).max()) for course in others)
 
 
-def _judged(base: Base, held: tuple[float, int], left: Leftover, scores: Sequence[Score], trials: Sequence[Trial],
-            twins: dict[str, tuple[str, ...]], partial: bool, seconds: float) -> Step:
+def _judged(base: Base, held: tuple[float, int], left: ResidualTests, scores: Sequence[Score], trials: Sequence[Refit],
+            twins: dict[str, tuple[str, ...]], partial: bool, seconds: float) -> Stage:
     problem = base.problem
     ended = tuple(c.free.name for c, end in zip(problem.columns, problem.at_end(base.inner), strict=True) if end)
-    made = Step(
+    made = Stage(
         problem.experiment, problem.values_of(base.inner, problem.runs[0].record.name), base.cost, len(base.r),
         float(base.r @ base.r) / len(base.r), *held, ended, left, tuple(_best_of_each(scores)),
         tuple(sorted(trials, key=merit)), None, (), twins, tuple(_unseen(scores)), partial, seconds)
@@ -222,7 +223,7 @@ def _judged(base: Base, held: tuple[float, int], left: Leftover, scores: Sequenc
     return choosing(made, earned[0]) if earned else made
 
 
-def choosing(made: Step, trial: Trial) -> Step:
+def choosing(made: Stage, trial: Refit) -> Stage:
     """The step with one of its trials chosen, and what the records cannot tell from it."""
     margin = indistinct(trial, made.merit)
     near = [t for t in _earned(made)
@@ -231,14 +232,14 @@ def choosing(made: Step, trial: Trial) -> Step:
     return replace(made, chosen=trial, cluster=(trial, *close, *_twins_of([trial, *close], made.twins, made.scores)))
 
 
-def _as_good(trial: Trial, best: Trial) -> bool:
+def _as_good(trial: Refit, best: Refit) -> bool:
     """Whether the same law at another place fits as well and leaves noise too: what it then leaves more on other records
     comes of numbers that the fit leaves open (play on the one or the other side of a cylinder)."""
     return trial.candidate.component == best.candidate.component and trial.experiment.noise_given \
         and trial.cost - best.cost < EARNED and is_noise(trial.chi2_fit, trial.chi2_held_out, trial.samples_held_out)
 
 
-def _needless(trial: Trial, simpler: Trial) -> bool:
+def _needless(trial: Refit, simpler: Refit) -> bool:
     """Whether a law with fewer numbers at the same place leaves no more than this one, but for chance: play whose gap has
     closed in the fit is the compliance beside it. That no law is exact is no excuse for one that could bend further."""
     fit = (simpler.cost - trial.cost) / max(1.0, trial.chi2_fit)
@@ -246,15 +247,15 @@ def _needless(trial: Trial, simpler: Trial) -> bool:
         and fit < EARNED and not _fallen(simpler.chi2_held_out, trial) > EARNED  # (NaN without samples held out)
 
 
-def leaders(made: Step, most: int) -> list[Step]:
+def leaders(made: Stage, most: int) -> list[Stage]:
     """The step with each of the best trials chosen that earn their place, one of each class at each place."""
-    best: dict[object, Trial] = {}
+    best: dict[object, Refit] = {}
     for trial in _earned(made):
         best.setdefault((trial.candidate.kind, frozenset(trial.candidate.where)), trial)
     return [choosing(made, trial) for trial in list(best.values())[:most]]
 
 
-def _twins_of(close: Sequence[Trial], twins: Mapping[str, Sequence[str]], scores: Sequence[Score]) -> list[Trial]:
+def _twins_of(close: Sequence[Refit], twins: Mapping[str, Sequence[str]], scores: Sequence[Score]) -> list[Refit]:
     """Candidates of another class that are the same machine as one that was refitted. (Of the same class it is one law at
     places that act alike; `leakage` between the chambers is `internal leakage` of the piston.)"""
     by_label = {s.candidate.label: s.candidate for s in scores}
@@ -280,12 +281,12 @@ def _unseen(scores: Sequence[Score]) -> list[Candidate]:
     return [s.candidate for s in _best_of_each(scores) if s.candidate.label not in told]
 
 
-def merit(trial: Trial) -> float:
+def merit(trial: Refit) -> float:
     """What ranks the refits: BIC of the fitted samples and n ln(chi-square) of the others; smaller is better."""
     return _merit(trial.cost, trial.samples, trial.unknowns, trial.chi2_held_out, trial.samples_held_out)
 
 
-def _joint(trial: Trial) -> float:
+def _joint(trial: Refit) -> float:
     """The merit with what was held out as a fit to all samples would leave it: numbers that the fit leaves open by little
     may miss other records by more than one law does more than another."""
     held = trial.chi2_held_out - trial.slack / max(trial.samples_held_out, 1)
@@ -296,18 +297,18 @@ def _merit(cost: float, samples: int, unknowns: int, chi2: float, held: int) -> 
     return bic(cost, samples, unknowns) + (held * float(np.log(max(chi2, 1e-300))) if held else 0.0)
 
 
-def _earned(made: Step) -> list[Trial]:
+def _earned(made: Stage) -> list[Refit]:
     """The trials whose merit and chi-square on held-out data both fall by more than chance allows, best first."""
     return [t for t in made.trials if merit(t) < made.merit - EARNED
             and (not made.samples_held_out or _fallen(made.chi2_held_out, t) > EARNED)]
 
 
-def _fallen(before: float, trial: Trial) -> float:
+def _fallen(before: float, trial: Refit) -> float:
     """How far chi-square of all that was not fitted is below what is `before` per sample, in units of what is left."""
     return (before - trial.chi2_held_out) * trial.samples_held_out / max(1.0, trial.chi2_held_out)
 
 
-def indistinct(best: Trial, before: float) -> float:
+def indistinct(best: Refit, before: float) -> float:
     """Refits whose merit is no more than this behind the best are not told from it: strong evidence in BIC is 10 (R. E.
     Kass, A. E. Raftery, 1995, doi:10.1080/01621459.1995.10476572); and as no law is exact, 0.3 % of chi-square besides.
     Where the noise is given and the best misses it, a rival that misses it by a quarter more is not excluded, nor, where
@@ -325,7 +326,7 @@ def indistinct(best: Trial, before: float) -> float:
     return exact + max(forms, MISSED * sum(n * float(np.log(c)) for n, c in above))
 
 
-def following(before: Step) -> Experiment:
+def following(before: Stage) -> Experiment:
     """The experiment with the chosen effect in its diagram, everything at its fitted values and free as it was sought."""
     assert before.chosen is not None
     trial = before.chosen

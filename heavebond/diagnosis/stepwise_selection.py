@@ -17,12 +17,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from heavebond.core.cancellation import obeyed
+from heavebond.core.cancellation import clear_signal
 from heavebond.core.progress import Progress
 from heavebond.diagnosis.catalogue import Candidate, candidates
-from heavebond.diagnosis.refit import Trial
+from heavebond.diagnosis.refit import Refit
 from heavebond.diagnosis.residual_tests import is_noise
-from heavebond.diagnosis.stage import Step, choosing, following, leaders, merit, single
+from heavebond.diagnosis.stage import Stage, choosing, following, leaders, merit, single
 from heavebond.diagnosis.verdict import worth_it
 from heavebond.estimation.experiment import Experiment
 
@@ -33,14 +33,14 @@ DECISIVE = 10.0  # what another effect must be better by to take the place of on
 
 
 @dataclass(frozen=True)
-class Added:
+class SelectedEffect:
     """An effect on a ladder: the step at which it was chosen, and what the records cannot tell from it beside all others."""
 
-    step: Step
-    alternatives: tuple[Trial, ...]
+    step: Stage
+    alternatives: tuple[Refit, ...]
 
     @property
-    def chosen(self) -> Trial:
+    def chosen(self) -> Refit:
         """The effect refitted."""
         assert self.step.chosen is not None
         return self.step.chosen
@@ -60,11 +60,11 @@ class Added:
         return trial.chi2_fit <= 1 and not trial.chi2_held_out > 1  # (NaN where nothing is held out)
 
 
-Way = tuple[Added, ...]
-Stepping = Callable[[Experiment, Way], Step]
+Selection = tuple[SelectedEffect, ...]
+Stepping = Callable[[Experiment, Selection], Stage]
 
 
-def climb(experiment: Experiment, stepping: Stepping, say: Progress, most: int = MOST) -> tuple[Way, Step]:
+def select_stepwise(experiment: Experiment, stepping: Stepping, say: Progress, most: int = MOST) -> tuple[Selection, Stage]:
     """The ladder of at most `most` effects that leaves least, and the last step that was made from its last rung (with the
     chosen effect on it, or with none that is worth it); `stepping` makes a step on an experiment, the ladder that leads
     there given."""
@@ -91,31 +91,31 @@ def climb(experiment: Experiment, stepping: Stepping, say: Progress, most: int =
     return (ways[0] if ways else ()), last
 
 
-def _extended(way: Way, made: Step) -> list[Way]:
+def _extended(way: Selection, made: Stage) -> list[Selection]:
     """A ladder with each of the effects that lead a step from it."""
-    return [(*way, Added(step, step.cluster)) for step in leaders(made, WAYS)]
+    return [(*way, SelectedEffect(step, step.cluster)) for step in leaders(made, WAYS)]
 
 
-def _merit(way: Way) -> float:
+def _merit(way: Selection) -> float:
     return merit(way[-1].chosen)
 
 
-def _promising(ways: Sequence[Way], base: float) -> list[Way]:
+def _promising(ways: Sequence[Selection], base: float) -> list[Selection]:
     """The ladders that may still win. An estimated noise is no yardstick by which the best could be found wanting: with it
     the best alone is followed."""
     given, best = ways[0][-1].step.experiment.noise_given, _merit(ways[0])
     return [ways[0], *(way for way in ways[1:WAYS] if given and base - _merit(way) > FOLLOWED * (base - best))]
 
 
-def _distinct(ways: Sequence[Way]) -> list[Way]:
+def _distinct(ways: Sequence[Selection]) -> list[Selection]:
     """The same effects in another order are one ladder."""
-    found: dict[frozenset[str], Way] = {}
+    found: dict[frozenset[str], Selection] = {}
     for way in ways:
         found.setdefault(frozenset(added.candidate.label for added in way), way)
     return list(found.values())
 
 
-def _looked_back(way: Way, stepping: Stepping, say: Progress) -> tuple[Way, bool]:
+def _looked_back(way: Selection, stepping: Stepping, say: Progress) -> tuple[Selection, bool]:
     """The ladder without what is not missed beside the effects found later, and with what is better in its place; and
     whether the search was ended before all of it was looked at."""
     k = 0
@@ -124,7 +124,7 @@ def _looked_back(way: Way, stepping: Stepping, say: Progress) -> tuple[Way, bool
         try:
             others = _without(way, k, say)
         except KeyboardInterrupt:
-            obeyed()
+            clear_signal()
             return way, True
         if others is None:
             k += 1
@@ -135,7 +135,7 @@ def _looked_back(way: Way, stepping: Stepping, say: Progress) -> tuple[Way, bool
         if again.chosen is None or not worth_it(again):
             way, k = others, 0
         elif merit(again.chosen) < _merit(way) - DECISIVE:
-            way, k = (*others, Added(again, again.cluster)), 0
+            way, k = (*others, SelectedEffect(again, again.cluster)), 0
         else:
             same = next((t for t in again.trials if t.candidate.label == way[k].candidate.label), None)
             alike = choosing(again, same).cluster if same is not None else (way[k].chosen, *again.cluster)
@@ -143,7 +143,7 @@ def _looked_back(way: Way, stepping: Stepping, say: Progress) -> tuple[Way, bool
     return way, False
 
 
-def _without(way: Way, k: int, say: Progress) -> Way | None:
+def _without(way: Selection, k: int, say: Progress) -> Selection | None:
     """The ladder without its k-th effect, what followed refitted one after the other; None where that stands upon it."""
     found = way[:k]
     for added in way[k + 1:]:
@@ -161,7 +161,7 @@ def _without(way: Way, k: int, say: Progress) -> Way | None:
         if trial is None:
             return None
         step = choosing(step, trial)
-        found = (*found, Added(step, step.cluster))
+        found = (*found, SelectedEffect(step, step.cluster))
     return found
 
 

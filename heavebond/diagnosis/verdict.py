@@ -15,10 +15,10 @@ from heavebond.core.errors import listing
 from heavebond.core.presentation import number, readable
 from heavebond.diagnosis.catalogue import Candidate
 from heavebond.diagnosis.fixed_values import VALUE
-from heavebond.diagnosis.ladder import Finding, Rung, misses
-from heavebond.diagnosis.refit import Trial
+from heavebond.diagnosis.ladder import AddedEffect, LadderEntry, channel_errors
+from heavebond.diagnosis.refit import Refit
 from heavebond.diagnosis.residual_tests import NEAR, is_noise
-from heavebond.diagnosis.stage import Step
+from heavebond.diagnosis.stage import Stage
 from heavebond.estimation.fitting import Fit
 
 # Shares of chi-square above the noise that a name must take away where the noise is not reached: near it, and far from it.
@@ -36,7 +36,7 @@ CHANCE = 0.005  # p value below which fitted parameters are better than those of
 STILL = 3.0  # channels whose own motion is below this many times their noise tell nothing
 
 
-def worth_it(step: Step) -> bool:
+def worth_it(step: Stage) -> bool:
     """Whether the effect of a step takes away a noticeable part of what is left above the noise (where nothing was held out:
     of what was fitted)."""
     assert step.chosen is not None
@@ -45,7 +45,7 @@ def worth_it(step: Step) -> bool:
     return (before - after) / max(before - 1.0, 1e-9) > FURTHER
 
 
-def explained(ladder: Sequence[Rung], findings: Sequence[Finding]) -> bool:
+def is_adequate(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect]) -> bool:
     """Whether the model with all findings leaves little more than noise, or hardly any of the error that was there without
     them: of the better of the diagram as it stands and fitted, lest an effect be credited with what parameters do."""
     if not findings:
@@ -68,7 +68,7 @@ def _gone(first: float, last: float) -> float:
     return (first - last) / (first - 1) if first > 1 else 0.0
 
 
-def _above_noise(rung: Rung) -> float:
+def _above_noise(rung: LadderEntry) -> float:
     """The error on held-out data as a share of what was measured, both as root mean squares over all channels, without
     what noise alone would leave: a channel that hardly moves is all noise, and no model could be nearer to it."""
     channels = [c for part in rung.comparison.parts if part.use != "fit" for c in part.channels.values()]
@@ -76,28 +76,28 @@ def _above_noise(rung: Rung) -> float:
     return math.sqrt(sum(shares) / len(shares)) if shares else 0.0
 
 
-def _held(rung: Rung) -> float:
+def _held(rung: LadderEntry) -> float:
     return rung.chi2_held_out if rung.chi2_held_out == rung.chi2_held_out else rung.chi2_fit
 
 
-def near_noise(rung: Rung) -> bool:
+def near_noise(rung: LadderEntry) -> bool:
     """Whether what a model leaves, on what was and was not fitted, is near the noise."""
     return max(_held(rung), rung.chi2_fit) <= NEAR
 
 
-def unexplained(ladder: Sequence[Rung], findings: Sequence[Finding], steps: Sequence[Step]) -> bool:
+def unexplained(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage]) -> bool:
     """Whether more than noise is left that no name explains: time for a curve without a name."""
-    return bool(steps) and steps[0].left.significant and not steps[-1].partial and not explained(ladder, findings)
+    return bool(steps) and steps[0].left.significant and not steps[-1].partial and not is_adequate(ladder, findings)
 
 
-def verdict(base: Fit | None, ladder: Sequence[Rung], findings: Sequence[Finding], steps: Sequence[Step],
-            shape: Finding | None) -> str:
+def verdict(base: Fit | None, ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage],
+            shape: AddedEffect | None) -> str:
     """One of the six words."""
     if not steps[0].left.significant:
         if _still(ladder[0]) or steps[0].partial or _astray(ladder):
             return "undetermined"
         return "parameters" if base is not None and _better(base) else "nothing"
-    if findings and explained(ladder, findings) and not (steps[-1].partial and _held(findings[-1].rung) > NEAR):
+    if findings and is_adequate(ladder, findings) and not (steps[-1].partial and _held(findings[-1].rung) > NEAR):
         if any(f.candidate.kind == VALUE for f in findings):
             return "parameters"
         return "effect" if all(f.certain for f in findings) else "one_of"
@@ -106,13 +106,13 @@ def verdict(base: Fit | None, ladder: Sequence[Rung], findings: Sequence[Finding
     return "shape" if shape is not None or findings else "undetermined"
 
 
-def _still(rung: Rung) -> bool:
+def _still(rung: LadderEntry) -> bool:
     """Whether no channel moves by more than a few times its noise."""
     return all(float(c.measured.std()) < STILL * c.noise for r in rung.comparison.records.values()
                for c in r.channels.values())
 
 
-def _astray(ladder: Sequence[Rung]) -> bool:
+def _astray(ladder: Sequence[LadderEntry]) -> bool:
     """Whether what was fitted shows no more than noise, but what was not does: too little was fitted to see more."""
     best = min(ladder[:2], key=_held)
     return _held(best) > NEAR * max(1.0, best.chi2_fit)
@@ -127,8 +127,9 @@ def _better(base: Fit) -> bool:
     return bool(chi2.sf(before - base.chi2 * base.samples, len(base.parameters)) < CHANCE)
 
 
-def words(said: str, ladder: Sequence[Rung], findings: Sequence[Finding], steps: Sequence[Step], shape: Finding | None
-          ) -> tuple[str, ...]:
+def sentences(said: str, ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage],
+              shape: AddedEffect | None
+              ) -> tuple[str, ...]:
     """The verdict in sentences."""
     lines = [_WORDS[said](ladder, findings, steps, shape)]
     if findings:
@@ -157,10 +158,10 @@ def words(said: str, ladder: Sequence[Rung], findings: Sequence[Finding], steps:
     return tuple(lines)
 
 
-def _of_estimates(best: Rung) -> list[str]:
+def _of_estimates(best: LadderEntry) -> list[str]:
     """What to do about channels whose estimated noise is far from what the best model leaves there."""
     outputs = best.comparison.experiment.outputs
-    own = [m for m in misses(best) if outputs[m.channel].noise is None]
+    own = [m for m in channel_errors(best) if outputs[m.channel].noise is None]
     more = [f"`noise: {m.words}` at {m.channel}" for m in own if math.sqrt(NEAR) < m.error / m.noise < FILTERED]
     less = [m.channel for m in own if m.error < LESS * m.noise]
     return [*([f"The noise is estimated, and an estimate sees only what is white. If the residual is the sensor's own (a "
@@ -169,11 +170,11 @@ def _of_estimates(best: Rung) -> list[str]:
                "next for an estimate: give its `noise:` to have more sought."] if less else [])]
 
 
-def _fall(first: Rung, last: Rung) -> str:
+def _fall(first: LadderEntry, last: LadderEntry) -> str:
     """The error in the units of the channels beside their noise, since a share of what was measured may be small and many
     times the noise."""
     channels = "; ".join(f"{a.channel} {a.words} to {b.words} (noise {readable(b.noise, b.unit, 3)})" for a, b in
-                         zip(misses(first), misses(last), strict=True))
+                         zip(channel_errors(first), channel_errors(last), strict=True))
     held = math.isfinite(last.chi2_held_out)
     pairs = [(r.error_held_out, r.chi2_held_out) if held else (r.error_fit, r.chi2_fit) for r in (first, last)]
     (error, chi2), (error_last, chi2_last) = pairs
@@ -186,7 +187,7 @@ def _nothing(*_: object) -> str:
     return "No effect is missing: the residual is noise."
 
 
-def _parameters(ladder: Sequence[Rung], findings: Sequence[Finding], *_: object) -> str:
+def _parameters(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], *_: object) -> str:
     if not findings:
         return "Parameters, not physics: with fitted values the residual is noise."
     first, *others = map(_revalued, findings[0].alternatives)
@@ -195,19 +196,19 @@ def _parameters(ladder: Sequence[Rung], findings: Sequence[Finding], *_: object)
         " It is held fixed in this experiment: check it, or put it under `free:`."
 
 
-def as_near(trial: Trial) -> str:
+def equivalent_value_words(trial: Refit) -> str:
     """That another value of a number that is held fixed does what an effect does."""
     return f"As near to the noise comes the diagram without an effect, with {_revalued(trial)}: make sure of that value."
 
 
-def _revalued(trial: Trial) -> str:
+def _revalued(trial: Refit) -> str:
     """`crown.m at 102 t (in the diagram 120 t)`."""
     (held,) = trial.candidate.numbers
     value, before = (readable(v, held.unit.text, 4) for v in (trial.values.get(held.name, held.neutral), held.neutral))
     return f"{held.name} at {value} (in the diagram {before})"
 
 
-def _effect(ladder: Sequence[Rung], findings: Sequence[Finding], *_: object) -> str:
+def _effect(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], *_: object) -> str:
     # two laws of one kind at one place may together be one that is not in the catalogue (c_2 s**2 + c_3 s**3)
     often = Counter(_called(f.candidate) for f in findings)
     return f"Missing: {'; '.join(name if k == 1 else f'{name}, {k} times' for name, k in often.items())}."
@@ -220,14 +221,15 @@ def _called(candidate: Candidate) -> str:
     return f"{candidate.kind} {candidate.place} ({candidate.component})"
 
 
-def _one_of(ladder: Sequence[Rung], findings: Sequence[Finding], *_: object) -> str:
+def _one_of(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], *_: object) -> str:
     parts = [" or ".join(dict.fromkeys(f"another value of {t.candidate.name}" if t.candidate.kind == VALUE else
                                        f"{t.candidate.kind} {t.candidate.place}" for t in f.alternatives[:6]))
              for f in findings]
     return "Missing: " + "; and ".join(parts) + ". The records cannot tell these apart."
 
 
-def _shape(ladder: Sequence[Rung], findings: Sequence[Finding], steps: Sequence[Step], shape: Finding | None) -> str:
+def _shape(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage],
+           shape: AddedEffect | None) -> str:
     said = "Something is missing that no entry of the catalogue explains."
     if findings:
         near = " and ".join(f"{f.candidate.kind} {f.candidate.place}" for f in findings)
@@ -237,7 +239,8 @@ def _shape(ladder: Sequence[Rung], findings: Sequence[Finding], steps: Sequence[
     return said
 
 
-def _undetermined(ladder: Sequence[Rung], findings: Sequence[Finding], steps: Sequence[Step], shape: Finding | None) -> str:
+def _undetermined(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage],
+                  shape: AddedEffect | None) -> str:
     if steps[-1].partial:
         near = " and ".join(f"{f.candidate.kind} {f.candidate.place}" for f in findings)
         return "No conclusion yet: the search was ended before every candidate was refitted." + (

@@ -36,7 +36,7 @@ from heavebond.language.model import Model
 from heavebond.language.symbols import split, stack
 from heavebond.numerics.dae import Array, Assembly, assemble
 from heavebond.numerics.result import Result
-from heavebond.numerics.run_verdict import tell, verdict
+from heavebond.numerics.run_verdict import report_verdict, verdict
 from heavebond.numerics.simulation import run_by_auto
 from heavebond.numerics.simulator import Simulator, Time, Tolerances
 
@@ -210,7 +210,7 @@ def audit(model: Model | Assembly, until: Time | None = None, *, every: Time | N
     energies = result.evaluate(energy)
     stored, jumps = energies - energies[:, :1], _jumps(result, energy)
     ports, through = rates[::QUADRATURES], port_powers(result)
-    tell(assembly.model.name, before.verdict)
+    report_verdict(assembly.model.name, before.verdict)
     largest = max(float(np.abs(values).max(initial=0.0)) for values in (integrals, stored, energies))
     total = max(float(np.sum([np.abs(through[port]) for port in assembly.flat.bonds], axis=0).max(initial=0.0)),
                 largest / duration if duration else 0.0)

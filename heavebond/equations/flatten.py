@@ -27,7 +27,7 @@ from heavebond.equations.parameters import (
     parameter_bounds,
     solved_unit,
 )
-from heavebond.equations.resolver import NOTHING_KNOWN, Bond, Plausible, Resolver, Unknown, plausible
+from heavebond.equations.resolver import NOTHING_KNOWN, Bond, PlausibleRange, Resolver, Unknown, plausible
 from heavebond.equations.time_conditions import check_steps, timed
 from heavebond.language.definition import Domain, FileInput, Member, Value
 from heavebond.language.incidence import Interval, classify
@@ -170,12 +170,12 @@ class _Builder:
         self.events: list[FlatEvent] = []
         self.templates: dict[str, Template] = {}
         self.nominal_of: dict[Dimension, float] = {}
-        self.plausible_of: dict[str, Plausible] = {}  # by unit: a torque and an energy differ in no dimension
+        self.plausible_of: dict[str, PlausibleRange] = {}  # by unit: a torque and an energy differ in no dimension
         for domain in self.domains.values():
             for name, member in domain.members.items():
                 self.nominal_of.setdefault(member.unit.dimension, member.nominal)
                 if member.sized:
-                    usual = Plausible(member.nominal, plausible(domain, name).per_second)
+                    usual = PlausibleRange(member.nominal, plausible(domain, name).per_second)
                     self.plausible_of.setdefault(member.unit.text, usual)
 
     def build(self, also: tuple[str, ...]) -> Flat:
@@ -273,7 +273,7 @@ class _Builder:
                     f"{path}.{name}", unit, variable.nominal or self._nominal(unit, variable.start), "own", variable.place,
                     variable.doc, -inf if variable.low is None else variable.low,
                     inf if variable.high is None else variable.high, variable.start,
-                    plausible=usual if variable.nominal is None else Plausible(variable.nominal)), ())
+                    plausible=usual if variable.nominal is None else PlausibleRange(variable.nominal)), ())
 
     def _nominal(self, unit: Unit, start: float | None) -> float:
         usual = self.nominal_of.get(unit.dimension, 1.0)

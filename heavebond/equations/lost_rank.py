@@ -41,7 +41,7 @@ LARGE = 1500
 
 
 @dataclass(frozen=True)
-class Loss:
+class RankLoss:
     """Equations `rows` that say the same, unknowns `columns` that no equation determines, and what is to blame.
 
     `parameters` and `variables` (with their values in SI) are those of which each, if it had another value, would let the
@@ -108,7 +108,7 @@ class Simultaneous:
         return known
 
 
-def losses(system: Simultaneous, point: Mapping[int, float], tolerance: float = LOST) -> list[Loss]:
+def losses(system: Simultaneous, point: Mapping[int, float], tolerance: float = LOST) -> list[RankLoss]:
     """The parts of a system that lose their rank at a point (values by the symbols' hashes; what is missing or not finite
     is taken off zero by a little, as by chance). Empty where the rank is full: where the singular values of every block are
     above `tolerance` times the largest."""
@@ -122,7 +122,7 @@ def _value(point: Mapping[int, float], symbol: ca.SX, k: int) -> float:
 
 
 @dataclass(frozen=True)
-class _Null:
+class _NullVectors:
     """Directions u with u'M = 0, of the rows (k, n), and v with Mv = 0, of the columns (k, n)."""
 
     left: Array
@@ -166,12 +166,12 @@ class _Matrix:
             found.append(float(others.max(initial=0.0) / weight[entry] * sizes[column]))
         return min((size for size in found if np.isfinite(size) and size > 0), default=0.0)
 
-    def losses(self) -> list[Loss]:
+    def losses(self) -> list[RankLoss]:
         """One for each set of dependent equations and the unknowns that stand in them."""
         null = self._null()
         return [] if null is None else [self._loss(null, *pair) for pair in self._pairs(null)]
 
-    def _null(self) -> _Null | None:
+    def _null(self) -> _NullVectors | None:
         pattern: list[list[int]] = [[] for _ in self.system.rows]
         for row, column, value in zip(self.row, self.column, self.entries, strict=True):
             if value:
@@ -201,14 +201,14 @@ class _Matrix:
         matrix[row_at[self.row[inside]], column_at[self.column[inside]]] = self.entries[inside]
         return matrix
 
-    def _directions(self, rows: Sequence[int], columns: Sequence[int]) -> _Null | None:
+    def _directions(self, rows: Sequence[int], columns: Sequence[int]) -> _NullVectors | None:
         left, values, right = np.linalg.svd(self._dense(rows, columns))
         rank = int((values > self.tolerance * values[0]).sum())
         u, v = np.zeros((len(rows) - rank, len(self.system.rows))), np.zeros((len(columns) - rank, len(self.system.columns)))
         u[:, list(rows)], v[:, list(columns)] = _sparse(left[:, rank:].T), _sparse(right[rank:])
-        return _Null(u, v) if len(u) or len(v) else None
+        return _NullVectors(u, v) if len(u) or len(v) else None
 
-    def _pairs(self, null: _Null) -> list[tuple[list[int], list[int]]]:
+    def _pairs(self, null: _NullVectors) -> list[tuple[list[int], list[int]]]:
         """Which of the dependent sets of rows belong with which of the undecided columns: those in whose equations they
         stand, or would stand were not some number zero."""
         stands = np.zeros((len(self.system.rows), len(self.system.columns)), dtype=bool)
@@ -229,7 +229,7 @@ class _Matrix:
         found[np.arange(len(owners)), [number[owner] for owner in owners]] = True
         return found
 
-    def _loss(self, null: _Null, rows: list[int], columns: list[int]) -> Loss:
+    def _loss(self, null: _NullVectors, rows: list[int], columns: list[int]) -> RankLoss:
         """To first order a change dM of the matrix restores its rank where u'dM v is not zero."""
         system, left, right = self.system, null.left[rows], null.right[columns]
         taking_rows, taking_columns = (np.flatnonzero(_taking_part(d).any(axis=0)) for d in (left, right))
@@ -259,9 +259,9 @@ class _Matrix:
         repairing = [r for r in repairing if r[0] in own or r[2] > 1e-3 * most]
         zero = [name for name, is_zero, _ in repairing if is_zero]
         kept = zero or [name for name, _, _ in repairing]
-        return Loss(tuple(system.rows[r] for r in taking_rows), tuple(system.columns[c] for c in taking_columns),
-                    tuple(n for n in kept if n in own),
-                    tuple((n, self._value(n)) for n in kept if n not in own), bool(zero))
+        return RankLoss(tuple(system.rows[r] for r in taking_rows), tuple(system.columns[c] for c in taking_columns),
+                        tuple(n for n in kept if n in own),
+                        tuple((n, self._value(n)) for n in kept if n not in own), bool(zero))
 
     def _value(self, name: str) -> float:
         number = self.system.flat.levels[0][self.system.flat.names[name]].element_hash()

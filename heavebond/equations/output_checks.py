@@ -9,7 +9,7 @@ from heavebond.core.errors import Problems, listing, suggest
 from heavebond.core.units import ONE, Dimension, Unit, dimension_text, read_unit
 from heavebond.language import reading
 from heavebond.language.model import Model
-from heavebond.language.sections import Condition, Shown
+from heavebond.language.sections import Condition, NamedOutput
 from heavebond.language.values import add_formula_problem, check_dimension
 from heavebond.text.dimensions import TRUTH
 from heavebond.text.expression import Expr, ExpressionProblem, Name, names, parse_formula
@@ -42,7 +42,7 @@ def check_asked(model: Model, resolver: Resolver, parameters: Iterable[str], hel
             problems.add("solve-unknown", what, place, hint=suggest(name, known) or f"Parameters: {listing(known)}.")
 
 
-def _shown(shown: Shown, resolver: Resolver, problems: Problems) -> None:
+def _shown(shown: NamedOutput, resolver: Resolver, problems: Problems) -> None:
     try:
         found = resolver.dimension(shown.expr)
     except ExpressionProblem as problem:

@@ -12,7 +12,7 @@ from heavebond.equations.events import Held
 from heavebond.equations.expand import Expanded, Leaf
 from heavebond.equations.resolver import POWER
 from heavebond.language.definition import Domain
-from heavebond.language.sections import Shown
+from heavebond.language.sections import NamedOutput
 from heavebond.text.expression import ExpressionProblem, Name, parse_formula
 from heavebond.text.expression import names as names_in
 
@@ -66,7 +66,7 @@ def claim_names(expanded: Expanded, network: Network, problems: Problems) -> Nam
     return found
 
 
-def check_outputs(names: Names, show: Mapping[str, Shown], index_of: Mapping[str, int]) -> None:
+def check_outputs(names: Names, show: Mapping[str, NamedOutput], index_of: Mapping[str, int]) -> None:
     """Check that an output under `show:` with the name of a variable, a parameter or a formula of these is just that, maybe
     in another unit: `result[name]` and formulas that name it mean one thing."""
     for shown in show.values():

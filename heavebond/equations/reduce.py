@@ -23,7 +23,7 @@ from heavebond.equations.flatten import Flat, FlatEquation
 from heavebond.equations.index_reduction import Pantelides, collapse, pantelides
 from heavebond.equations.lost_rank import Row, Simultaneous, losses
 from heavebond.equations.matching import block_lower_triangular, maximum_matching, tear
-from heavebond.equations.state_selection import Column, Constraints, Guess, constraints, select_states
+from heavebond.equations.state_selection import Column, Constraints, InitialGuess, constraints, select_states
 from heavebond.language.incidence import DEFINITE, NONLINEAR, PARAMETER, UNIT, classify
 from heavebond.language.symbols import split, stack, uniform
 
@@ -202,7 +202,7 @@ class System:
 
     def _lost(self, system: Simultaneous) -> ModelError:
         """The error for equations that depend on each other at the first guess already."""
-        guess = Guess(self.flat)(self.p_values)
+        guess = InitialGuess(self.flat)(self.p_values)
         point = {s.element_hash(): float(v) for s, v in zip(split(self.flat.p), self.p_values, strict=True)}
         for j, (symbol, unknown) in enumerate(zip(self.flat.levels[0], self.flat.unknowns, strict=True)):
             point[symbol.element_hash()] = float(guess[j]) or 0.1 * unknown.nominal * (0.5 + uniform(3, j))

@@ -19,7 +19,7 @@ POWER, WATT = "power", declared_unit("W").dimension
 
 
 @dataclass(frozen=True)
-class Plausible:
+class PlausibleRange:
     """What is known of the values that a variable can have, in SI: its typical size (inf where none is declared), by how
     much that grows a second (a position goes on at its typical speed), what no machine exceeds, and the least value that
     means anything, with what to say below it."""
@@ -31,15 +31,15 @@ class Plausible:
     beyond: str = ""
 
 
-NOTHING_KNOWN = Plausible()
+NOTHING_KNOWN = PlausibleRange()
 
 
-def plausible(domain: Domain, name: str) -> Plausible:
+def plausible(domain: Domain, name: str) -> PlausibleRange:
     """What is known of the values of a member of a domain; a position goes on at the typical speed of its domain."""
     member = domain.members[name]
     speed = domain.members[domain.flow].nominal if name == domain.position and domain.flow else 0.0
-    return Plausible(member.nominal if member.sized else inf, speed, inf if member.largest is None else member.largest,
-                     -inf if member.physical is None else member.physical, member.beyond)
+    return PlausibleRange(member.nominal if member.sized else inf, speed, inf if member.largest is None else member.largest,
+                          -inf if member.physical is None else member.physical, member.beyond)
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Unknown:
     start: float | None = None
     # a velocity (a mechanical across variable): what `start: rest` sets to zero
     motion: bool = False
-    plausible: Plausible = NOTHING_KNOWN
+    plausible: PlausibleRange = NOTHING_KNOWN
 
 
 @dataclass(frozen=True)

@@ -90,7 +90,7 @@ def select_states(found: Constraints, p: Array) -> list[Column]:
 
 def _off_guess(flat: Flat, p: Array, size: int) -> Array:
     """The guess, moved a little off places where a coefficient vanishes by accident (a crank at dead centre)."""
-    values = Guess(flat)(p)
+    values = InitialGuess(flat)(p)
     nominal = np.array([u.nominal for u in flat.unknowns])
     shift = np.array([uniform(1, j) - 0.5 for j in range(len(values))])
     point = np.zeros(size)
@@ -189,7 +189,7 @@ def _weight(flat: Flat, column: Column, asked: frozenset[int]) -> float:
     return PREFERENCE[flat.unknowns[j].role] * (ASKED if j in asked else 1.0)
 
 
-class Guess:
+class InitialGuess:
     """First values of all unknowns: what the diagram asks for or guesses, else the declared start, else 0."""
 
     def __init__(self, flat: Flat):

@@ -7,7 +7,7 @@ from typing import Any
 
 from heavebond.core.errors import ModelError, Place, Problem, SimulationError, either, listing
 from heavebond.equations.flatten import EquationRole, Flat, FlatEquation
-from heavebond.equations.lost_rank import Loss
+from heavebond.equations.lost_rank import RankLoss
 from heavebond.equations.matching import Block, dulmage_mendelsohn, maximum_matching
 from heavebond.equations.resolver import Unknown
 from heavebond.language.definition import Domain
@@ -110,10 +110,10 @@ def _undecided(flat: Flat, loose: Sequence[Unknown], part: _Part | None) -> Prob
     return Problem("underdetermined", message, shown[0].place if shown else None, advice, tuple(notes))
 
 
-def lost(flat: Flat, found: Sequence[Loss], when: str = "") -> list[Problem]:
+def lost(flat: Flat, found: Sequence[RankLoss], when: str = "") -> list[Problem]:
     """The problems of equations that depend on each other for the numbers that they have; `when` tells where along a run
     (`at the start`)."""
-    joined: dict[tuple[int, ...], list[Loss]] = {}
+    joined: dict[tuple[int, ...], list[RankLoss]] = {}
     for loss in found:  # a tie of velocities is one of accelerations, and of forces, too
         said = tuple(dict.fromkeys(i for i, _ in loss.rows if not bookkeeping(flat.equations[i])))
         joined.setdefault(said, []).append(loss)
@@ -122,7 +122,7 @@ def lost(flat: Flat, found: Sequence[Loss], when: str = "") -> list[Problem]:
     return [_Lost(flat, _together(same)).problem(when) for same in joined.values()]
 
 
-def undecided(flat: Flat, found: Sequence[Loss], names: Sequence[str], when: str) -> SimulationError:
+def undecided(flat: Flat, found: Sequence[RankLoss], names: Sequence[str], when: str) -> SimulationError:
     """The error for a run where (`at t = 2 s`) no equation determines its algebraic unknowns `names` any more, by what
     lost its rank."""
     return SimulationError(lost(flat, found, when) or [Problem(
@@ -130,18 +130,19 @@ def undecided(flat: Flat, found: Sequence[Loss], names: Sequence[str], when: str
         "A closed valve, a dead centre or an open contact does this. Add what decides it there.")])
 
 
-def _together(same: Sequence[Loss]) -> Loss:
+def _together(same: Sequence[RankLoss]) -> RankLoss:
     """Losses of the same equations as one."""
     def union(member: str) -> tuple[Any, ...]:
         return tuple(dict.fromkeys(item for loss in same for item in getattr(loss, member)))
 
-    return Loss(union("rows"), union("columns"), union("parameters"), union("variables"), any(loss.zero for loss in same))
+    return RankLoss(union("rows"), union("columns"), union("parameters"), union("variables"),
+                    any(loss.zero for loss in same))
 
 
 class _Lost:
     """Equations that depend on each other, and what they leave open, as a user would tell it."""
 
-    def __init__(self, flat: Flat, loss: Loss):
+    def __init__(self, flat: Flat, loss: RankLoss):
         self.flat, self.loss = flat, loss
         loose = [flat.unknowns[j] for j in dict.fromkeys(j for j, _ in loss.columns)]
         self.shared = _without_rates([u for u in loose if u.role in SHARED])

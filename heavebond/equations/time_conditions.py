@@ -26,14 +26,14 @@ TWO = {ca.OP_ADD, ca.OP_SUB, ca.OP_MUL, ca.OP_DIV, ca.OP_POW, ca.OP_CONSTPOW, ca
 
 
 @dataclass(frozen=True)
-class Passing:
+class TimeSwitch:
     """An instant at which a condition of the time changes; `symbol` stands for a held variable that is 1 from then on."""
 
     symbol: ca.SX
     instant: ca.SX
 
 
-def clocked(residual: ca.SX, time: ca.SX, constants: set[int]) -> tuple[ca.SX, list[Passing], bool]:
+def clocked(residual: ca.SX, time: ca.SX, constants: set[int]) -> tuple[ca.SX, list[TimeSwitch], bool]:
     """A scalar residual without comparisons of the time with constants (the hashes of their symbols), the instants at
     which these change, and whether it still has a kink in something that moves."""
     symbols = ca.symvar(residual)
@@ -70,7 +70,7 @@ def _floored(expression: ca.SX) -> Iterator[ca.SX]:
 
 
 @dataclass(frozen=True)
-class Timed:
+class TimeConditions:
     """Residuals with what they took from the time held, the parameters with the begins of that, and when it changes;
     `smooth` are the numbers of residuals that have no kink between these instants."""
 
@@ -82,10 +82,10 @@ class Timed:
 
 
 def timed(residuals: list[ca.SX], told: Iterable[tuple[str, str, Place]], time: ca.SX, parameters: Parameters,
-          held: tuple[Held, ...]) -> Timed:
+          held: tuple[Held, ...]) -> TimeConditions:
     """All residuals clocked; `told` are owner, text and place of their equations, `held` what is held already."""
     if not ca.depends_on(stack(residuals), time):  # as in nearly every diagram
-        return Timed(residuals, frozenset(), parameters, held, ())
+        return TimeConditions(residuals, frozenset(), parameters, held, ())
     moving = {h.index for h in held}
     constants = {s.element_hash() for k, s in enumerate(split(parameters.p)) if k not in moving}
     own, events, symbols, done = list[Held](), list[FlatEvent](), list[ca.SX](), list[ca.SX]()
@@ -102,19 +102,19 @@ def timed(residuals: list[ca.SX], told: Iterable[tuple[str, str, Place]], time: 
             reset = FlatReset(name, None, index, ca.SX(1), place)
             events.append(FlatEvent(name, text, place, None, passing.instant, None, (reset,), by_clock=True))
     if not own:
-        return Timed(done, frozenset(), parameters, held, ())
+        return TimeConditions(done, frozenset(), parameters, held, ())
     joined = parameters.joined(FlatParameter(f"initial.{h.name}", 0.0, h.unit, h.place) for h in own)
     places = split(joined.p)[begin:]
     joined = replace(joined, expressions={**joined.expressions, **{h.name: p for h, p in zip(own, places, strict=True)}},
                      units={**joined.units, **{h.name: h.unit for h in own}})
     done = ca.substitute(done, [stack(symbols)], [stack(places)])
-    return Timed(done, frozenset(smooth), joined, (*held, *own), tuple(events))
+    return TimeConditions(done, frozenset(smooth), joined, (*held, *own), tuple(events))
 
 
 class _Walk:
     def __init__(self, time: ca.SX, constants: set[int]):
         self.time, self.constants, self.kinked = time, {*constants}, False
-        self.found: list[Passing] = []
+        self.found: list[TimeSwitch] = []
 
     def rebuilt(self, function: ca.Function, symbols: list[ca.SX]) -> ca.SX:
         """The expression of a function again, comparisons replaced on the way."""
@@ -153,7 +153,7 @@ class _Walk:
         instant = ca.if_else(slope == 0, NEVER, -first / slope)
         symbol = ca.SX.sym("passed")
         self.constants.add(symbol.element_hash())
-        self.found.append(Passing(symbol, instant))
+        self.found.append(TimeSwitch(symbol, instant))
         after = ca.if_else(instant <= 0, 1, symbol)  # a start is found with what holds at 0 s
         return ca.if_else(slope > 0, after, ca.if_else(slope < 0, ca.logic_not(after), first > 0))
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from heavebond.core.quoting import file_stem
-from heavebond.estimation.experiment import Experiment, Output, moved
+from heavebond.estimation.experiment import Experiment, Output, with_inputs_moved
 from heavebond.language.model import Model, extended
 from heavebond.text.expression import parse_formula
 from heavebond.text.yaml_source import parse
@@ -83,7 +83,7 @@ class Change:
         outputs = dict(experiment.outputs)
         for channel, formula in self.channels.items():
             outputs[channel] = _output(outputs[channel], formula)
-        return moved(replace(experiment, model=model, outputs=outputs), self.moved)
+        return with_inputs_moved(replace(experiment, model=model, outputs=outputs), self.moved)
 
 
 def _output(output: Output, formula: str) -> Output:

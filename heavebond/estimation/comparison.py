@@ -21,12 +21,12 @@ from heavebond.estimation.unit_and_sign_checks import seems_in_another_unit, see
 from heavebond.language import reading
 from heavebond.numerics.dae import Array, Assembly, assemble
 from heavebond.numerics.result import Probe, Result
-from heavebond.numerics.run_verdict import tell
+from heavebond.numerics.run_verdict import report_verdict
 from heavebond.numerics.simulation import changes_of, run_by_auto
 from heavebond.numerics.simulator import Simulator, Tolerances
 from heavebond.records import metrics
 from heavebond.records.outliers import outliers
-from heavebond.records.time_delay import Lateness, lateness
+from heavebond.records.time_delay import TimeDelay, lateness
 from heavebond.text.expression import ExpressionProblem, names
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ class Channel:
     outlier: Mask
     astray: Mask
     step: float
-    late: Lateness | None
+    late: TimeDelay | None
 
     def figures(self) -> dict[str, object]:
         """The figures alone, for tables and machines."""
@@ -166,7 +166,7 @@ def compare(experiment: Experiment | str | Path, *, parameters: Mapping[str, flo
             kinds.add(type(error))
     problems.raise_as(DataError if kinds == {DataError} else ModelError)
     for record_comparison in records.values():
-        tell(f"{experiment.name}, {record_comparison.name}", record_comparison.result.verdict)
+        report_verdict(f"{experiment.name}, {record_comparison.name}", record_comparison.result.verdict)
     return Comparison(experiment, records)
 
 
@@ -303,7 +303,7 @@ def _check_free(assembly: Assembly, experiment: Experiment, problems: Problems) 
                          hint=f"Write it in {unit.text} or in a multiple of it.")
 
 
-def _channel(name: str, found: Samples, simulated: Array, counts: Mask, astray: Mask, late: Lateness | None) -> Channel:
+def _channel(name: str, found: Samples, simulated: Array, counts: Mask, astray: Mask, late: TimeDelay | None) -> Channel:
     measured, model, noise = found.measured[counts], simulated[counts], found.noise
     return Channel(
         name, found.output.shown.unit, found.time, found.measured, simulated, noise, found.noise_given,

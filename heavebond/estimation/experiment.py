@@ -15,7 +15,7 @@ from heavebond.core.units import Range, UnitProblem, parse_range, unit
 from heavebond.language import reading
 from heavebond.language.definition import FileInput
 from heavebond.language.model import Model, beside, beside_hint, find, load_beside
-from heavebond.language.sections import Condition, Setting, Shown, read_conditions, read_settings, shown_as
+from heavebond.language.sections import Condition, NamedOutput, Setting, read_conditions, read_settings, shown_as
 from heavebond.text.expression import constant, parse_formula
 from heavebond.text.yaml_source import Mapping, Node, Scalar, Source, read
 
@@ -62,7 +62,7 @@ class Output:
     left out of all figures.
     """
 
-    shown: Shown
+    shown: NamedOutput
     column: str
     noise: float | None
     place: Place
@@ -134,7 +134,7 @@ class Experiment:
         return record.use == "fit" and all(r.use != "validate" for r in self.records.values())
 
 
-def moved(experiment: Experiment, to: Dictionary[str, str]) -> Experiment:
+def with_inputs_moved(experiment: Experiment, to: Dictionary[str, str]) -> Experiment:
     """The experiment with what drives some inputs driving others instead, by the names of both."""
     def there(inputs: Dictionary[str, FileInput]) -> dict[str, FileInput]:
         return {to.get(name, name): given for name, given in inputs.items()}
@@ -214,7 +214,7 @@ class _Reader:
             inputs={**found.inputs, **self._inputs(root.items.get("inputs"))},
             outputs={**found.outputs, **self._outputs(root.items.get("outputs"), found.outputs)},
             free=self._free(root.items.get("free"), found.free), files=(*found.files, self.source.path))
-        experiment = moved(experiment, self._moves(root.items.get("inputs"), experiment))
+        experiment = with_inputs_moved(experiment, self._moves(root.items.get("inputs"), experiment))
         for key, what in (("records", experiment.records), ("outputs", experiment.outputs), ("time", time_column)):
             if not what:
                 problems.add("key-missing", f"an experiment needs the entry '{key}'", root.place, hint=EXAMPLES[key])
@@ -330,7 +330,7 @@ class _Reader:
         path = self.source.path.parent / reading.text(file, "file", self.problems) if file is not None else None
         return Origin(path, column, unit_text)
 
-    def _noise(self, node: Node | None, shown: Shown) -> float | None:
+    def _noise(self, node: Node | None, shown: NamedOutput) -> float | None:
         if node is None:
             return None
         value = reading.value(node, "noise", self.problems)

@@ -36,7 +36,7 @@ from heavebond.estimation.multiple_shooting import Shooting
 from heavebond.estimation.records import measure
 from heavebond.estimation.residuals import AT_END, BROKEN, Column, Descent, Residuals
 from heavebond.numerics.dae import Array
-from heavebond.numerics.run_verdict import tell as hear
+from heavebond.numerics.run_verdict import report_verdict as hear
 from heavebond.numerics.simulation import unfilled
 
 NORMAL_95 = 1.959963984540054

@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from heavebond.core.cancellation import ENDED_EARLY, is_interrupt, obeyed
+from heavebond.core.cancellation import ENDED_EARLY, clear_signal, is_interrupt
 from heavebond.core.errors import Problem, SimulationError, StartError, UsageError
 from heavebond.core.progress import Progress
 from heavebond.core.units import read_unit
@@ -325,7 +325,7 @@ class Residuals:
         except BaseException as error:
             if not (partial and costs and is_interrupt(error)):
                 raise
-            obeyed()
+            clear_signal()
             ended = best, min(costs) / 2, ENDED_EARLY, True
         return Descent(self.allowed(whole(ended[0])), ended[1], tuple(accumulate(costs, min)), *ended[2:])
 

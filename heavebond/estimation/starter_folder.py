@@ -30,7 +30,7 @@ SEED = 20
 
 
 @dataclass(frozen=True)
-class Started:
+class StarterFolder:
     """What was written: files, and among them diagrams and experiments that can be run at once."""
 
     folder: Path
@@ -39,7 +39,7 @@ class Started:
     experiments: tuple[Path, ...]
 
 
-def start_folder(folder: Path, origin: str | None = None) -> Started:
+def start_folder(folder: Path, origin: str | None = None) -> StarterFolder:
     """Make a folder with a rig of one load and synthetic records of it, or with a copy of the bundled machine `origin`.
 
     UsageError where the folder holds something, its name cannot name a diagram, or there is no such machine.
@@ -71,7 +71,7 @@ def _machine(origin: str) -> Path:
 
 
 # -- a rig of one load -----------------------------------------------------------------------------------------------
-def _made(folder: Path, name: str) -> Started:
+def _made(folder: Path, name: str) -> StarterFolder:
     (folder / "data").mkdir()
     places = {"NAME.yaml": f"{name}.yaml", "hidden.yaml": "data/hidden.yaml"}
     files = []
@@ -80,7 +80,7 @@ def _made(folder: Path, name: str) -> Started:
         write_text(path, template.read_text(encoding="utf-8").replace("NAME", name))
         files.append(path)
     files += _records(folder / "data" / "hidden.yaml")
-    return Started(folder, tuple(files), (folder / f"{name}.yaml",), (folder / "measured.yaml",))
+    return StarterFolder(folder, tuple(files), (folder / f"{name}.yaml",), (folder / "measured.yaml",))
 
 
 def _records(hidden: Path) -> Iterable[Path]:
@@ -98,7 +98,7 @@ def _records(hidden: Path) -> Iterable[Path]:
 
 
 # -- a bundled machine -----------------------------------------------------------------------------------------------
-def _copied(machine: Path, folder: Path) -> Started:
+def _copied(machine: Path, folder: Path) -> StarterFolder:
     """All files of a machine but those that tell what is hidden in its records."""
     shutil.copytree(machine, folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns("truth.yaml"))
     heads: dict[str, list[Path]] = {}
@@ -111,7 +111,8 @@ def _copied(machine: Path, folder: Path) -> Started:
     experiments = [path for path in heads.get("experiment", []) if _complete(path)]
     readme = folder / "README.md"
     write_text(readme, _readme(folder.name, machine.name, diagrams, experiments, heads.get("study", [])))
-    return Started(folder, tuple(sorted(p for p in folder.rglob("*") if p.is_file())), tuple(diagrams), tuple(experiments))
+    return StarterFolder(folder, tuple(sorted(p for p in folder.rglob("*") if p.is_file())), tuple(diagrams),
+                         tuple(experiments))
 
 
 def _complete(path: Path) -> bool:

@@ -82,11 +82,11 @@ def diagram() -> Schema:
         "simulate": _object({"until": TIME, "every": TIME, "solver": _said("what integrates a run; idas without it",
                                                                            {"enum": list(SOLVERS)})},
                             description="how long, the time between output points, and by what"),
-        "view": _each({"anyOf": [seen(kind) for kind in SHAPES]}, "shapes that `heavebond animate` moves"),
+        "view": _each({"anyOf": [view_shape(kind) for kind in SHAPES]}, "shapes that `heavebond animate` moves"),
         "source": _said("where it is from"), "notes": _said("text for readers", {})}, ["model"])
 
 
-def seen(kind: str) -> Schema:
+def view_shape(kind: str) -> Schema:
     """A shape of a kind under `view:`."""
     needed, more, colour = SHAPES[kind]
     pair = {"type": "array", "items": FORMULA, "minItems": 2, "maxItems": 2}

@@ -23,7 +23,7 @@ from heavebond.language.definition import (
     Value,
     Variable,
 )
-from heavebond.language.effects import EffectReader, sought
+from heavebond.language.effects import EffectReader, read_search_range
 from heavebond.language.renamed_keys import present
 from heavebond.language.when import when_entries
 from heavebond.text.expression import Expr, Number, constant, parse_equation, parse_formula
@@ -194,7 +194,8 @@ class _Parser:
         return Parameter(key.text, unit or DIMENSIONLESS, key.place,
                          reading.text(node.items.get("doc"), "doc", self.problems), bounds["min"], bounds["max"],
                          default, bounds["neutral"], integer, reading.text(node.items.get("class"), "class", self.problems),
-                         sought(node.items.get("search_range"), unit or DIMENSIONLESS, variables, key.text, self.problems),
+                         read_search_range(node.items.get("search_range"), unit or DIMENSIONLESS, variables, key.text,
+                                           self.problems),
                          tuple(w.text for w in reading.words(node.items.get("wakes_with"), "wakes_with", self.problems)),
                          self._count(node), reading.text(node.items.get("medium"), "medium", self.problems),
                          "width" in node.items)

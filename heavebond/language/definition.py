@@ -119,7 +119,7 @@ class FileInput:
 
 
 @dataclass(frozen=True)
-class Sought:
+class SearchRange:
     """Where a number of an effect is sought: within a range, or within that in which the component's own variable
     `seen` moves while a record is simulated; or it is not sought but `held` at the middle of that motion, at half its span
     or at its peak (see HELD)."""
@@ -147,8 +147,8 @@ class Effect:
     kind: str
     description: str
     attaches: tuple[str, ...]
-    amplitude: dict[str, Sought | None]
-    shapes: dict[str, Sought]
+    amplitude: dict[str, SearchRange | None]
+    shapes: dict[str, SearchRange]
     also: dict[str, str]
     replaces: str
     start: dict[str, Formula]
@@ -181,7 +181,7 @@ class Parameter:
     neutral: float | None = None
     integer: bool = False
     kind: str = ""
-    sought: Sought | None = None
+    sought: SearchRange | None = None
     wakes_with: tuple[str, ...] = ()
     count: Expr | None = None
     medium: str = ""
@@ -237,7 +237,7 @@ class Reset:
 
 
 @dataclass(frozen=True)
-class When:
+class EventDefinition:
     """An event of a component: it happens as `condition` becomes true, at the instant `at`, or `every` so often from
     `first` on (None: from 0). `key` is the one of these words that it is written with."""
 
@@ -329,7 +329,7 @@ class Component:
     parameters: dict[str, Parameter] = field(default_factory=dict)
     variables: dict[str, Variable] = field(default_factory=dict)
     equations: tuple[EquationLine, ...] = ()
-    when: tuple[When, ...] = ()
+    when: tuple[EventDefinition, ...] = ()
     body: Body = field(default_factory=Body)
     stores: Formula | None = None
     dissipates: Formula | None = None

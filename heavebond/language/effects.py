@@ -16,8 +16,8 @@ from heavebond.language.definition import (
     Formula,
     Parameter,
     Port,
+    SearchRange,
     SignalPort,
-    Sought,
     Variable,
 )
 from heavebond.language.renamed_keys import present
@@ -27,8 +27,8 @@ from heavebond.text.yaml_source import Mapping, Node, Scalar
 KEYS = ("class", "description", "attaches", "amplitude", "search_range", "also", "replaces", "start", "settled")
 
 
-def sought(node: Node | None, unit: Unit, variables: Dictionary[str, Variable], what: str, problems: Problems
-           ) -> Sought | None:
+def read_search_range(node: Node | None, unit: Unit, variables: Dictionary[str, Variable], what: str, problems: Problems
+                      ) -> SearchRange | None:
     """`1 .. 200 mm/s`, or `seen s`: the range in which the component's own variable s moves in the records; or `middle s`,
     `half s`, `peak s`: held at what that motion says."""
     said = reading.text(node, what, problems)
@@ -44,7 +44,7 @@ def sought(node: Node | None, unit: Unit, variables: Dictionary[str, Variable], 
             problems.add("unit-wrong", f"{what} is in {unit.text}, '{name}' in {variables[name].unit.text}", node.place,
                          hint=f"Name a variable in {unit.text}, or give a range: `{what}: low .. high {unit.text}`.")
             return None
-        return Sought(None, name, node.place, first if first in HELD else "")
+        return SearchRange(None, name, node.place, first if first in HELD else "")
     try:
         found = parse_range(said)
         _check_ends(found, unit, said)
@@ -52,7 +52,7 @@ def sought(node: Node | None, unit: Unit, variables: Dictionary[str, Variable], 
         problems.add(problem.code, f"{what}: {problem.message}", node.place,
                      hint=problem.hint or "Write `1 .. 200 mm/s`, or `seen s` with a variable s of the component.")
         return None
-    return Sought(found, "", node.place)
+    return SearchRange(found, "", node.place)
 
 
 def _check_ends(found: Range, unit: Unit, said: str) -> None:
@@ -134,10 +134,10 @@ class EffectReader:
                               hint=suggest(name, self.parameters) or f"Parameters: {listing(self.parameters)}.")
         return found
 
-    def _amplitude(self, node: Node | None) -> dict[str, Sought | None]:
+    def _amplitude(self, node: Node | None) -> dict[str, SearchRange | None]:
         if isinstance(node, Mapping):
             return dict(self._shapes(node, "amplitude"))
-        found: dict[str, Sought | None] = {}
+        found: dict[str, SearchRange | None] = {}
         for word in reading.words(node, "amplitude", self.problems):
             parameter = self._parameter(word.text, word.place)
             if parameter is not None and ((parameter.low or 0) > 0 or (parameter.high or 0) < 0):
@@ -147,12 +147,12 @@ class EffectReader:
                 found[word.text] = None
         return found
 
-    def _shapes(self, node: Node | None, what: str) -> dict[str, Sought]:
+    def _shapes(self, node: Node | None, what: str) -> dict[str, SearchRange]:
         found = {}
         for key, item in self._entries(node, what):
             parameter = self._parameter(key.text, key.place)
             if parameter is not None:
-                given = sought(item, parameter.unit, self.variables, key.text, self.problems)
+                given = read_search_range(item, parameter.unit, self.variables, key.text, self.problems)
                 if given is not None:
                     found[key.text] = given
         return found

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from heavebond.core.errors import Problems, listing, suggest
 from heavebond.core.units import dimension_text, is_generic
 from heavebond.language import reading
-from heavebond.language.definition import Component, Formula, Reset, When
+from heavebond.language.definition import Component, EventDefinition, Formula, Reset
 from heavebond.text.dimensions import SECOND, TRUTH, Lookup, dimension, number_dimension
 from heavebond.text.expression import Call, Compare, Expr, ExpressionProblem, Name, children, constant, names
 
@@ -61,7 +61,7 @@ def _only_parameters(component: Component, name: Name, what: str) -> None:
                                 or (f"Parameters: {listing(known)}." if known else "Declare it under `parameters:`."))
 
 
-def _instant(component: Component, event: When, lookup: Lookup, problems: Problems) -> None:
+def _instant(component: Component, event: EventDefinition, lookup: Lookup, problems: Problems) -> None:
     """`at`, `every` and `from` are times that follow from parameters; a period is above zero."""
     for key, formula in ((event.key, event.formula), ("from", event.first)):
         if formula is None:

@@ -17,14 +17,14 @@ from heavebond.language.library import Library, bundled, is_bundled, library, sh
 from heavebond.language.sections import (
     Condition,
     Initial,
+    NamedOutput,
     Setting,
-    Shown,
     read_initial,
     read_plan,
     read_settings,
     read_show,
 )
-from heavebond.language.view import Seen, read_view
+from heavebond.language.view import ViewShape, read_view
 from heavebond.text.expression import Number
 from heavebond.text.yaml_source import Node, Scalar, Source, parse, read
 
@@ -48,11 +48,11 @@ class Model:
     body: Body = field(default_factory=Body)
     settings: dict[str, Setting] = field(default_factory=dict)
     initial: Initial = field(default_factory=Initial)
-    show: dict[str, Shown] = field(default_factory=dict)
+    show: dict[str, NamedOutput] = field(default_factory=dict)
     until: Value | None = None
     every: Value | None = None
     solver: Scalar | None = None
-    view: dict[str, Seen] = field(default_factory=dict)
+    view: dict[str, ViewShape] = field(default_factory=dict)
     files: tuple[Path, ...] = ()
 
     def __repr__(self) -> str:

@@ -38,7 +38,7 @@ class Initial:
 
 
 @dataclass(frozen=True)
-class Shown:
+class NamedOutput:
     """A named output: a formula of the diagram's variables and the unit in which it is shown."""
 
     name: str
@@ -118,7 +118,7 @@ def _condition(name: str, item: Node, key: Scalar, problems: Problems) -> Condit
     return Condition(name, value, False, key.place) if value else None
 
 
-def read_show(node: Node | None, problems: Problems) -> dict[str, Shown]:
+def read_show(node: Node | None, problems: Problems) -> dict[str, NamedOutput]:
     entries = reading.mapping(node, "show", problems)
     found = {}
     for name, item in (entries.items if entries else {}).items():
@@ -129,7 +129,7 @@ def read_show(node: Node | None, problems: Problems) -> dict[str, Shown]:
     return found
 
 
-def shown_as(name: str, item: Node, key: Scalar, problems: Problems, extra: tuple[str, ...] = ()) -> Shown | None:
+def shown_as(name: str, item: Node, key: Scalar, problems: Problems, extra: tuple[str, ...] = ()) -> NamedOutput | None:
     """`pull: {is: spring.F, unit: kN}`; without `is` the key itself is the formula."""
     said = item.text if isinstance(item, Scalar) else "spring.F"
     entry = reading.mapping(item, f"'{name}'", problems, f"Write the formula and the unit in which it is shown: "
@@ -147,7 +147,7 @@ def shown_as(name: str, item: Node, key: Scalar, problems: Problems, extra: tupl
     tree = reading.parsed(parse_formula, content, place, problems)
     if tree is None:
         return None
-    return Shown(name, tree, content, reading.text(unit, "unit", problems, "1"), place)
+    return NamedOutput(name, tree, content, reading.text(unit, "unit", problems, "1"), place)
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ TWO = {ca.OP_FMIN, ca.OP_FMAX, ca.OP_LT, ca.OP_LE}
 
 
 @dataclass(frozen=True)
-class Rounded:
+class SmoothedColumn:
     """A column of expressions with rounded corners, the widths of these (n,) as symbols, and for each corner the
     expression (n,) that is zero at it."""
 
@@ -33,7 +33,7 @@ class Rounded:
     at: ca.SX
 
 
-def rounded(column: ca.SX, symbols: Sequence[ca.SX]) -> Rounded:
+def rounded(column: ca.SX, symbols: Sequence[ca.SX]) -> SmoothedColumn:
     """The column (m,) in its symbols with every corner rounded."""
     function = ca.Function("column", list(symbols), [column])
     given = [ca.vec(s).nz for s in symbols]
@@ -58,7 +58,7 @@ def rounded(column: ca.SX, symbols: Sequence[ca.SX]) -> Rounded:
                 work[outputs[0]] = _turned(op, args, at[-1], widths[-1])
             else:
                 work[outputs[0]] = _operated(op, args)
-    return Rounded(stack(found), stack(widths), stack(at))
+    return SmoothedColumn(stack(found), stack(widths), stack(at))
 
 
 def _turned(op: int, args: Sequence[ca.SX], off: ca.SX, width: ca.SX) -> ca.SX:

@@ -10,7 +10,7 @@ from math import inf
 import casadi as ca
 
 from heavebond.core.errors import ModelError, Place, Problem, listing, suggest
-from heavebond.language.definition import Component, Domain, Formula, Variable, When
+from heavebond.language.definition import Component, Domain, EventDefinition, Formula, Variable
 from heavebond.language.incidence import Entry, Interval, classify
 from heavebond.language.symbols import Context, evaluate, indicator, nonsmooth, stack
 from heavebond.text.expression import Expr, ExpressionProblem, Name, names
@@ -34,7 +34,7 @@ class Line:
 class EventLine:
     """An event of a template, and the local name of what each of its resets sets."""
 
-    when: When
+    when: EventDefinition
     targets: tuple[str, ...]
 
 

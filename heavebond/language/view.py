@@ -24,7 +24,7 @@ COMMON = ("is", "colour", "label")
 
 
 @dataclass(frozen=True)
-class Seen:
+class ViewShape:
     """A shape: its kind, its places and sizes as formulas (pairs are x to the right and y upwards, in m; `turned` is an
     angle), its colour and what is written at it."""
 
@@ -36,7 +36,7 @@ class Seen:
     place: Place
 
 
-def read_view(node: Node | None, problems: Problems) -> dict[str, Seen]:
+def read_view(node: Node | None, problems: Problems) -> dict[str, ViewShape]:
     """The shapes in the order in which they are drawn, those behind first."""
     entries = reading.mapping(node, "view", problems)
     found = {}
@@ -48,7 +48,7 @@ def read_view(node: Node | None, problems: Problems) -> dict[str, Seen]:
     return found
 
 
-def _seen(name: str, item: Node, problems: Problems) -> Seen | None:
+def _seen(name: str, item: Node, problems: Problems) -> ViewShape | None:
     entry = reading.mapping(item, f"'{name}'", problems, "Write `{is: box, at: [0, crown.x], size: [4 m, 1 m]}`.")
     if entry is None:
         return None
@@ -64,7 +64,7 @@ def _seen(name: str, item: Node, problems: Problems) -> Seen | None:
     formulas = {key: _formulas(entry, key, kind, problems) for key in (*needed, *more) if key in entry.items}
     colour = reading.choice(entry.items.get("colour"), "colour", COLOURS, problems) or usual
     label = reading.text(entry.items.get("label"), "label", problems)
-    return Seen(name, kind, formulas, colour, label, entry.place) if len(problems.found) == before else None
+    return ViewShape(name, kind, formulas, colour, label, entry.place) if len(problems.found) == before else None
 
 
 def _formulas(entry: Mapping, key: str, kind: str, problems: Problems) -> tuple[Formula, ...]:

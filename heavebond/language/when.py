@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from heavebond.core.errors import Problems
 from heavebond.language import reading
-from heavebond.language.definition import Formula, Reset, When
+from heavebond.language.definition import EventDefinition, Formula, Reset
 from heavebond.text.yaml_source import Mapping, Node, Scalar
 
 # what an entry begins with
@@ -12,7 +12,7 @@ KINDS = ("condition", "at", "every")
 FORM = "`{condition: x > 0, then: {...}}`, `{at: t_0, then: {...}}` or `{every: T_s, then: {...}}`"
 
 
-def when_entries(node: Node | None, problems: Problems) -> tuple[When, ...]:
+def when_entries(node: Node | None, problems: Problems) -> tuple[EventDefinition, ...]:
     """The events of a component in the order of its file; what is wrong with their form is noted."""
     entries = reading.mapping(node, "when", problems, f"Write `name: {FORM.split('`')[1]}`, one event a line.")
     found = []
@@ -26,7 +26,7 @@ def when_entries(node: Node | None, problems: Problems) -> tuple[When, ...]:
     return tuple(found)
 
 
-def _event(key: Scalar, entry: Mapping, problems: Problems) -> When | None:
+def _event(key: Scalar, entry: Mapping, problems: Problems) -> EventDefinition | None:
     what = f"event '{key.text}'"
     reading.known_keys(entry, (*KINDS, "from", "then"), what, problems, ("then",))
     kinds = [kind for kind in KINDS if kind in entry.items]
@@ -41,7 +41,7 @@ def _event(key: Scalar, entry: Mapping, problems: Problems) -> When | None:
     formula = reading.formula_of(entry.items[kind], kind, problems)
     first = reading.formula_of(entry.items["from"], "from", problems) if "from" in entry.items else None
     resets = _resets(what, entry.items.get("then"), problems)
-    return When(key.text, kind, formula, first, resets, key.place) if formula is not None else None
+    return EventDefinition(key.text, kind, formula, first, resets, key.place) if formula is not None else None
 
 
 def _resets(what: str, node: Node | None, problems: Problems) -> tuple[Reset, ...]:

@@ -31,7 +31,7 @@ from heavebond.linear.describing_function import NO_FRICTION, dry_frictions
 from heavebond.linear.linearisation import Linear, Mode, ModesAtStart, start_point
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.initialise import Start
-from heavebond.numerics.newton import Frame, newton
+from heavebond.numerics.newton import Scaling, newton
 from heavebond.numerics.start_equations import Point
 
 STABLE = "stable"
@@ -74,7 +74,7 @@ class Variant:
 
 
 @dataclass(frozen=True)
-class AtRest:
+class OperatingPointStability:
     """A machine at its operating point: as modelled, and where it has dry friction, with the slopes of the case and while
     that slides; `first` is the start that was linearised, None where the point was found from it."""
 
@@ -104,7 +104,7 @@ class RestStability:
         self.frictions = dry_frictions(assembly)
         self.shares: tuple[float, ...] | None = None  # the slopes of the case, as shares of those at rest
 
-    def at(self, values: Mapping[str, float | str]) -> AtRest | None:
+    def at(self, values: Mapping[str, float | str]) -> OperatingPointStability | None:
         """The machine at rest with these parameters set, None without an equilibrium; StartError without a start."""
         first = self.modes.start(values)
         point, own = start_point(first, self.modes.u), True
@@ -119,15 +119,16 @@ class RestStability:
             variants = variants[:1]
         elif self.shares is not None:
             variants.insert(1, self._variant(point, self.shares))
-        return AtRest(first if own else None, tuple(variants), self.base)
+        return OperatingPointStability(first if own else None, tuple(variants), self.base)
 
-    def unstable_shares(self, found: AtRest) -> tuple[float, float] | None:
+    def unstable_shares(self, found: OperatingPointStability) -> tuple[float, float] | None:
         """The slopes of all dry friction, as shares of those at rest, between which the machine is not stable."""
         if len(found.variants) < 2:
             return None
         p = found.first.p if found.first is not None else found.variants[0].point.p
         point = replace(found.variants[0].point, p=p)
-        bad = [share for share in SHARES if not AtRest(None, (self._variant(point, share),), self.base).worst < 0]
+        bad = [share for share in SHARES if not OperatingPointStability(None, (self._variant(point, share),),
+                                                                        self.base).worst < 0]
         return (min(bad), max(bad)) if bad else None
 
     def limit(self, values: Mapping[str, float | str], named: Sequence[str]) -> tuple[float, Array]:
@@ -193,7 +194,7 @@ class RestStability:
             return sides, jacobian * sizes
 
         low, high = self.modes.equations.bounds
-        found = newton(system, np.concatenate([point.x, point.z]), Frame(sizes, low[:len(sizes)], high[:len(sizes)]))
+        found = newton(system, np.concatenate([point.x, point.z]), Scaling(sizes, low[:len(sizes)], high[:len(sizes)]))
         return replace(point, x=found.y[:n_x], z=found.y[n_x:], rate=0.0) if found.good else None
 
 
@@ -241,12 +242,13 @@ def least_damping(variant: Variant) -> float:
     return min((mode.damping for mode in variant.modes if mode.value), default=1.0)
 
 
-def describe(machine: RestStability, found: AtRest, case: str, named: Sequence[str], values: Mapping[str, float],
+def describe(machine: RestStability, found: OperatingPointStability, case: str, named: Sequence[str],
+             values: Mapping[str, float],
              boundary: Mapping[str, tuple[float | None, float | None]]) -> Stability:
     """The margins of the machine of one case at its operating point."""
     modelled, slid = found.variants[0], found.variants[-1]
     oscillating = [mode for mode in modelled.modes if mode.swings]
-    bad = tuple(not AtRest(None, (v,), found.base).worst < 0 for v in found.variants)
+    bad = tuple(not OperatingPointStability(None, (v,), found.base).worst < 0 for v in found.variants)
     friction = machine.frictions if len(found.variants) > 1 else NO_FRICTION
     case_too = len(found.variants) > 2
     return Stability(
@@ -329,7 +331,7 @@ def crossing(score: Callable[[float], float], up: bool) -> float | None:
     return None
 
 
-def words(found: Stability, *, asked: bool = True) -> Iterator[str]:
+def stability_sentences(found: Stability, *, asked: bool = True) -> Iterator[str]:
     """What is to be said of the stability of a tuned machine."""
     if not found.decided:
         yield "stability not decided: no equilibrium was found from the start, and the run does not end in a period"
@@ -362,9 +364,9 @@ def words(found: Stability, *, asked: bool = True) -> Iterator[str]:
         yield _loop_words(found.loop)
 
 
-def summary_words(found: Stability, *, asked: bool = True) -> list[str]:
+def summary_sentences(found: Stability, *, asked: bool = True) -> list[str]:
     """Whether it is stable, and the margins of its loop."""
-    return [next(words(found, asked=asked)), *([_loop_words(found.loop)] if found.loop is not None else [])]
+    return [next(stability_sentences(found, asked=asked)), *([_loop_words(found.loop)] if found.loop is not None else [])]
 
 
 def _dampings(found: Stability) -> str:

@@ -24,7 +24,7 @@ LEAST = 0.05
 
 
 @dataclass(frozen=True)
-class Stretch:
+class RecordSection:
     """A part of a record (s) and the chi-square per sample of each channel in it."""
 
     record: str
@@ -47,11 +47,11 @@ class State:
     y: Array
 
 
-def stretches(record: str, time: Array, errors: Mapping[str, Array], used: Mapping[str, Mask]) -> list[Stretch]:
+def stretches(record: str, time: Array, errors: Mapping[str, Array], used: Mapping[str, Mask]) -> list[RecordSection]:
     """Twelve parts of a record; `errors` (N,) by channel in its noise, of which those `used` (N,) were sampled."""
     ends = np.linspace(0, len(time), STRETCHES + 1).astype(int)
-    return [Stretch(record, float(time[a]), float(time[b - 1]),
-                    {n: float(np.sum(e[a:b]**2) / max(1, used[n][a:b].sum())) for n, e in errors.items()})
+    return [RecordSection(record, float(time[a]), float(time[b - 1]),
+                          {n: float(np.sum(e[a:b]**2) / max(1, used[n][a:b].sum())) for n, e in errors.items()})
             for a, b in pairwise(ends) if b > a]
 
 
@@ -113,6 +113,6 @@ def envelope(values: Array, time: Array) -> tuple[Array, Array]:
     return np.sqrt(2 * square), np.sqrt(np.maximum(mean(rate**2), 0) / square) / (2 * np.pi)
 
 
-def worst(parts: Sequence[Stretch]) -> Stretch:
+def worst(parts: Sequence[RecordSection]) -> RecordSection:
     """The part with the largest misfit."""
     return max(parts, key=lambda s: sum(s.chi2.values()))

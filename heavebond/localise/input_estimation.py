@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from heavebond.core.errors import SimulationError, StartError
 from heavebond.equations.places import Place
 from heavebond.localise.kalman_smoother import Likelihood, Smoothed, Unknown
-from heavebond.localise.ltv_model import Beside, Deviation, Known, with_values
+from heavebond.localise.ltv_model import Known, LtvModel, SourcedRecord, with_values
 from heavebond.numerics.dae import Array
 
 Say = Callable[[str], None]
@@ -70,8 +70,8 @@ class Estimate:
     likelihood: float
     ideal: float
     samples: int
-    base: Mapping[str, Deviation]
-    systems: Mapping[str, Deviation]
+    base: Mapping[str, LtvModel]
+    systems: Mapping[str, LtvModel]
     smoothed: Mapping[str, Smoothed]
     values: Mapping[str, Mapping[str, float]]
     foreseen: bool
@@ -96,7 +96,7 @@ class Estimate:
 
 
 @dataclass(frozen=True)
-class Round:
+class EstimationPass:
     """All groups about one set of runs; `null` is the best q of the parameters alone, by record."""
 
     ranked: tuple[Ranked, ...]
@@ -108,7 +108,7 @@ class Round:
 class Search:
     """Records beside their machine, those to be fitted first, and what is known of the free parameters."""
 
-    sides: Sequence[Beside]
+    sides: Sequence[SourcedRecord]
     known: Sequence[Known]
     say: Say
 
@@ -131,7 +131,7 @@ class Search:
         own = sum(k.each for k in self.known)
         return len(self.known) - own + own * len(self.sides)
 
-    def centre(self, systems: Mapping[str, Deviation]) -> Array:
+    def centre(self, systems: Mapping[str, LtvModel]) -> Array:
         """The q of the runs, of all."""
         found = np.zeros(self.width)
         for name, system in systems.items():
@@ -155,11 +155,11 @@ class Search:
             found = self._along_the_best(found)
         return replace(found, smoothed=self._smoothed(found.systems, found.ranked[:most]))
 
-    def about(self, values: Mapping[str, Mapping[str, float]], driven: Mapping[str, Array]) -> dict[str, Deviation]:
+    def about(self, values: Mapping[str, Mapping[str, float]], driven: Mapping[str, Array]) -> dict[str, LtvModel]:
         """Every record's linear system about its run."""
         return {s.record.name: s.about(values[s.record.name], self.known, driven.get(s.record.name)) for s in self.sides}
 
-    def groups(self, systems: Mapping[str, Deviation]) -> tuple[list[Group], list[Place]]:
+    def groups(self, systems: Mapping[str, LtvModel]) -> tuple[list[Group], list[Place]]:
         """Places that respond alike put together, and those without a response."""
         side = self.sides[0]
         responses = np.concatenate([_responses(systems[name], list(side.nodes), side.places) for name in self.fitted])
@@ -184,7 +184,7 @@ class Search:
         return [Group(tuple(side.places[g] for g in members), tuple(ratios), float(wrong / strength[members[0]]))
                 for members, ratios in found], unseen
 
-    def round(self, systems: Mapping[str, Deviation], grids: Sequence[tuple[Group, Array]]) -> Round:
+    def round(self, systems: Mapping[str, LtvModel], grids: Sequence[tuple[Group, Array]]) -> EstimationPass:
         """The likelihood of every group at its intensities, the parameters integrated out over what is known of them."""
         # first nothing at all, as an input of intensity 0
         tried = np.concatenate([[0.0], *(grid for _, grid in grids)])
@@ -212,7 +212,7 @@ class Search:
             best = int(total[begin:end].argmax())
             ranked.append(Ranked(group, float(total[begin + best]), float(grid[best])))
         null = {s.record.name: self._own(s.record.name, q[0], systems, alone) for s in self.sides}
-        return Round(tuple(sorted(ranked, key=lambda r: -r.likelihood)), float(total[0]), null)
+        return EstimationPass(tuple(sorted(ranked, key=lambda r: -r.likelihood)), float(total[0]), null)
 
     def _integrated(self, constant: Array, slope: Array, curvature: Array, mean: Array) -> tuple[Array, Array]:
         """Log likelihood (G,) with q ~ N(mean, 1) integrated out, and the most likely q (G, width)."""
@@ -222,7 +222,7 @@ class Search:
             + ((q - mean)**2).sum(axis=1)
         return np.asarray(-0.5 * (bottom + np.linalg.slogdet(precision)[1])), np.asarray(q)
 
-    def _own(self, record: str, q: Array, systems: Mapping[str, Deviation], alone: Mapping[str, Likelihood]) -> Array:
+    def _own(self, record: str, q: Array, systems: Mapping[str, LtvModel], alone: Mapping[str, Likelihood]) -> Array:
         """The q of one record about zero; where it was not fitted, those that it has for itself from it alone."""
         moved, own = q[self.columns(record)], np.array([k.each for k in self.known], dtype=bool)
         if record not in self.fitted and own.any():
@@ -232,9 +232,9 @@ class Search:
             moved[own] = np.linalg.solve(curvature[np.ix_(own, own)] + np.eye(int(own.sum())), right[own])
         return np.asarray(systems[record].centre + moved)
 
-    def _parameters_alone(self, systems: dict[str, Deviation], values: Mapping[str, Mapping[str, float]],
-                          grids: Sequence[tuple[Group, Array]], now: Round
-                          ) -> tuple[dict[str, Deviation], Mapping[str, Mapping[str, float]], Round]:
+    def _parameters_alone(self, systems: dict[str, LtvModel], values: Mapping[str, Mapping[str, float]],
+                          grids: Sequence[tuple[Group, Array]], now: EstimationPass
+                          ) -> tuple[dict[str, LtvModel], Mapping[str, Mapping[str, float]], EstimationPass]:
         """Gauss-Newton steps of the parameters, where these alone nearly explain the records."""
         samples = sum(int(systems[name].used.sum()) for name in self.fitted)
         size = sum(systems[name].used.size for name in self.fitted)
@@ -280,7 +280,7 @@ class Search:
                 break
         return now
 
-    def _smoothed(self, systems: Mapping[str, Deviation], ranked: Sequence[Ranked]) -> dict[str, Smoothed]:
+    def _smoothed(self, systems: Mapping[str, LtvModel], ranked: Sequence[Ranked]) -> dict[str, Smoothed]:
         """What acts at the first place of each group, in every record."""
         if not ranked:
             return {}
@@ -290,16 +290,16 @@ class Search:
             tried**2 / _span(systems[s.record.name])) for s in self.sides}
 
 
-def _span(system: Deviation) -> float:
+def _span(system: LtvModel) -> float:
     return float(system.time[-1] - system.time[0])
 
 
-def misfit(systems: Mapping[str, Deviation], names: Sequence[str]) -> float:
+def misfit(systems: Mapping[str, LtvModel], names: Sequence[str]) -> float:
     """Chi-square per sample of the runs."""
     return float(sum(np.sum(systems[n].error**2) for n in names) / sum(int(systems[n].used.sum()) for n in names))
 
 
-def _responses(system: Deviation, nodes: Sequence[str], places: Sequence[Place]) -> Array:
+def _responses(system: LtvModel, nodes: Sequence[str], places: Sequence[Place]) -> Array:
     """The outputs (N m, places), in noise, to the same wandering input of size 1 at each place."""
     w = np.cumsum(np.random.default_rng(0).standard_normal(len(system.time)))
     w /= np.sqrt(np.mean(w**2))

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from heavebond.equations.places import Place
-from heavebond.localise.ltv_model import Deviation
+from heavebond.localise.ltv_model import LtvModel
 from heavebond.numerics.dae import Array
 
 # An input at the first sample is known to this many of its sizes.
@@ -56,7 +56,7 @@ class Smoothed:
 class Unknown:
     """An unknown input at one place each, in sizes (G,) of that place, in the linear system of a record."""
 
-    def __init__(self, system: Deviation, nodes: Sequence[str], places: Sequence[Place], sizes: Array):
+    def __init__(self, system: LtvModel, nodes: Sequence[str], places: Sequence[Place], sizes: Array):
         self.system, self.sizes = system, sizes
         self.n, self.k = system.phi.shape[1], len(system.centre)
         weights = np.zeros((len(nodes), len(places)))
@@ -81,7 +81,7 @@ class Unknown:
         p[:, range(n), range(n)] = self.system.start_deviation**2
         return x, p
 
-    def filtered(self, intensity: Array, keep: _Kept | None = None) -> Likelihood:
+    def filtered(self, intensity: Array, keep: _FilterPass | None = None) -> Likelihood:
         """One pass forwards with `intensity` (G,), per second, of each place; an intensity of 0 is no input at all."""
         n = self.n
         x, p = self._first()
@@ -123,7 +123,7 @@ class Unknown:
     def smoothed(self, intensity: Array) -> Smoothed:
         """Forwards and back: the best estimate of everything at every sample from the whole record."""
         count, m, n = len(self.system.time), self.error.shape[1], self.n
-        kept = _Kept(count, m, len(self.sizes), n + 1, 1 + self.k)
+        kept = _FilterPass(count, m, len(self.sizes), n + 1, 1 + self.k)
         self.filtered(intensity, kept)
         states, variance = np.empty_like(kept.x), np.empty(kept.x.shape[:2])
         adjoint = np.zeros(kept.x.shape[1:])
@@ -154,7 +154,7 @@ class Unknown:
                         self.error[:, None] - seen)
 
 
-class _Kept:
+class _FilterPass:
     """What a filter leaves for the way back."""
 
     def __init__(self, count: int, m: int, places: int, size: int, columns: int):

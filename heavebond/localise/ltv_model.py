@@ -81,7 +81,7 @@ def known_of(free: Free, value: float) -> Known:
 
 
 @dataclass(frozen=True)
-class Local:
+class LocalSignal:
     """A signal of the diagram at which laws may look: its name, unit and role (across, position, signal, through)."""
 
     name: str
@@ -90,7 +90,7 @@ class Local:
 
 
 @dataclass(frozen=True)
-class Deviation:
+class LtvModel:
     """A record beside a run, and the linear system about the run. Shapes: N samples, n states (each by its nominal size),
     k free parameters, m channels (each by its noise), M nodes, L local signals; all else in SI.
 
@@ -118,7 +118,7 @@ class Deviation:
     result: Result
 
 
-class Beside:
+class SourcedRecord:
     """One record and its machine with a virtual source on every node, to be linearised about several runs."""
 
     def __init__(self, experiment: Experiment, record: Record, folder: Path):
@@ -150,7 +150,7 @@ class Beside:
             writer.writerow(["time", *self.nodes])
             writer.writerows(np.column_stack([self.time, driven]).tolist())
 
-    def about(self, values: Mapping[str, float], known: Sequence[Known], driven: Array | None = None) -> Deviation:
+    def about(self, values: Mapping[str, float], known: Sequence[Known], driven: Array | None = None) -> LtvModel:
         """The linear system about the run with these parameters and with `driven` (N, M) entering the nodes."""
         driven = np.zeros((len(self.time), len(self.nodes))) if driven is None else driven
         self._write(driven)
@@ -172,7 +172,7 @@ class Beside:
         x = result.x / assembly.x_nominal[:, None]
         # what was not sampled tells nothing
         weight = self.used / self.noise
-        return Deviation(
+        return LtvModel(
             self.record.name, self.time, phi, gamma, (self.measured - y) * weight, c * weight[:, :, None],
             d * weight[:, :, None], self.used, local, local_c, local_d, driven, moved.x / assembly.x_nominal[:, None],
             START * np.ptp(x, axis=1) + 1e-9, np.array([k.place_of(p[k.name]) for k in known]), result)
@@ -187,15 +187,16 @@ def _learnt(counts: Mask, checking: Mask, record: Record) -> Mask:
     return np.asarray(~checking[nearest])
 
 
-def _locals(assembly: Assembly) -> list[Local]:
+def _locals(assembly: Assembly) -> list[LocalSignal]:
     flat = assembly.flat
-    return [Local(u.name, u.unit, u.role) for u in flat.unknowns if u.role in ("across", "position", "signal")]
+    return [LocalSignal(u.name, u.unit, u.role) for u in flat.unknowns if u.role in ("across", "position", "signal")]
 
 
 class _Jacobians:
-    """The matrices of `Deviation` at many moments, in nominal states; parameters along given directions."""
+    """The matrices of `LtvModel` at many moments, in nominal states; parameters along given directions."""
 
-    def __init__(self, assembly: Assembly, outputs: Sequence[ca.SX], local: Sequence[Local], free: Sequence[str], m: int):
+    def __init__(self, assembly: Assembly, outputs: Sequence[ca.SX], local: Sequence[LocalSignal], free: Sequence[str],
+                 m: int):
         t, x, z, p, u, rate = assembly.arguments
         self.n, self.z, self.k, self.m = x.numel(), z.numel(), len(free), m
         self.outputs, self.local = len(outputs), len(local)

@@ -21,10 +21,10 @@ from heavebond.estimation.experiment import Experiment, load_experiment
 from heavebond.estimation.fitting import Fit
 from heavebond.estimation.records import measure
 from heavebond.localise.curves import Curve, Mask, Samples, best_curve
-from heavebond.localise.error_states import State, Stretch, envelope, states, stretches, worst
+from heavebond.localise.error_states import RecordSection, State, envelope, states, stretches, worst
 from heavebond.localise.input_estimation import CHANCE, Estimate, Ranked, Search, misfit
-from heavebond.localise.ltv_model import Beside, known_of
-from heavebond.localise.regressors import Surroundings, estimated
+from heavebond.localise.ltv_model import SourcedRecord, known_of
+from heavebond.localise.regressors import Regressors, estimated
 from heavebond.numerics.dae import Array, Assembly
 
 # So many groups of places are estimated in full, and so many samples of each record go into a curve.
@@ -49,7 +49,7 @@ class ImpliedInput:
 
 
 @dataclass(frozen=True)
-class Suspect:
+class PlaceEstimate:
     """A place, and how well something there would explain the misfit.
 
     explained: share of the way from the parameters alone to nothing but noise, freedom counted; behind: log likelihood by
@@ -88,7 +88,7 @@ class Suspect:
                 "curve": told, "words": self.words}
 
 
-def _told(suspect: Suspect) -> str:
+def _told(suspect: PlaceEstimate) -> str:
     """A place and how well its best variable tells what acts there."""
     curve = suspect.curve
     told = f" (R2 {max(curve.r2, 0.0):.2f} with {curve.variable.formula})" if curve is not None else ""
@@ -96,7 +96,7 @@ def _told(suspect: Suspect) -> str:
 
 
 @dataclass(frozen=True)
-class Where:
+class Localization:
     """Where a model fails. `missing` tells whether anything is beyond what the parameters and noise explain, `chance` how
     likely that would be by chance; `chi2` is that of the runs with `values` (by record) on the records to be fitted."""
 
@@ -104,9 +104,9 @@ class Where:
     missing: bool
     chance: float
     chi2: float
-    suspects: tuple[Suspect, ...]
+    suspects: tuple[PlaceEstimate, ...]
     unseen: tuple[str, ...]
-    stretches: tuple[Stretch, ...]
+    stretches: tuple[RecordSection, ...]
     states: tuple[State, ...]
     values: Mapping[str, Mapping[str, float]]
     foreseen: bool
@@ -153,8 +153,8 @@ class Where:
 
 @reporting
 @single_threaded
-def where(experiment: Experiment | str | Path, *, values: Fit | Mapping[str, float | str] | None = None,
-          progress: Callable[[str], None] | None = None) -> Where:
+def localize(experiment: Experiment | str | Path, *, values: Fit | Mapping[str, float | str] | None = None,
+             progress: Callable[[str], None] | None = None) -> Localization:
     """Find when, in what state of motion and at which place of its diagram a model fails its records.
 
     The estimation begins at the diagram's own parameters or at `values` (a fit, or values by name, in SI or as text with a
@@ -166,15 +166,16 @@ def where(experiment: Experiment | str | Path, *, values: Fit | Mapping[str, flo
     experiment = _beginning(experiment, values)
     records = sorted(experiment.records.values(), key=lambda r: r.use != "fit")
     with tempfile.TemporaryDirectory() as folder:
-        sides = [Beside(experiment, record, Path(folder)) for record in records]
+        sides = [SourcedRecord(experiment, record, Path(folder)) for record in records]
         p = sides[0].assembly.parameter_values
         search = Search(sides, [known_of(free, p[free.name]) for free in experiment.free.values()], say)
         found = search.estimate({r.name: _given(values, r.name, sides[0].assembly) for r in records}, MOST_PLACES)
     say("looking for what it follows")
     missing = found.chance < CHANCE
     suspects = [s for k, ranked in enumerate(found.ranked[:MOST_PLACES]) for s in _group(search, found, k, ranked)]
-    return Where(experiment, missing, found.chance, misfit(found.base, search.fitted), tuple(suspects) if missing else (),
-                 tuple(p.name for p in found.unseen), *_when(experiment, search, found), found.values, found.foreseen)
+    return Localization(experiment, missing, found.chance, misfit(found.base, search.fitted),
+                        tuple(suspects) if missing else (),
+                        tuple(p.name for p in found.unseen), *_when(experiment, search, found), found.values, found.foreseen)
 
 
 def _beginning(experiment: Experiment, values: Fit | Mapping[str, float | str] | None) -> Experiment:
@@ -197,7 +198,7 @@ def _learn(search: Search) -> list[Mask]:
 
 
 # -- where in the diagram ------------------------------------------------------------------------------------------------
-def _group(search: Search, found: Estimate, k: int, ranked: Ranked) -> list[Suspect]:
+def _group(search: Search, found: Estimate, k: int, ranked: Ranked) -> list[PlaceEstimate]:
     """The places of one group, the one whose own variables tell best what acts there first."""
     mean = -search.centre(found.systems)
     side, first = search.sides[0], ranked.group.places[0]
@@ -213,8 +214,8 @@ def _group(search: Search, found: Estimate, k: int, ranked: Ranked) -> list[Susp
         wide[:, columns] = smoothed.w[:, k, 1:]
         parts.append((w, smoothed.deviation[:, k]))
         moved.append(wide)
-    around = Surroundings(side.assembly.flat, side.nodes, {n: np.concatenate([s[n] for s in signals]) for n in signals[0]},
-                          [s.time for s in search.sides])
+    around = Regressors(side.assembly.flat, side.nodes, {n: np.concatenate([s[n] for s in signals]) for n in signals[0]},
+                        [s.time for s in search.sides])
     w, deviation = (np.concatenate(both) for both in zip(*parts, strict=True))
     whole = Samples(w, deviation, np.concatenate(_learn(search)), np.concatenate(moved), np.zeros(search.width))
     names = [p.name for p in ranked.group.places]
@@ -227,7 +228,7 @@ def _group(search: Search, found: Estimate, k: int, ranked: Ranked) -> list[Susp
 
 
 def _suspect(search: Search, found: Estimate, ranked: Ranked, place: Place, ratio: float, whole: Samples,
-             around: Surroundings, alike: tuple[str, ...]) -> Suspect:
+             around: Regressors, alike: tuple[str, ...]) -> PlaceEstimate:
     variables = around.variables(place)
     thin = slice(None, None, max(1, len(whole.w) // (MOST_SAMPLES * len(search.sides))))
     own = Samples(whole.w * ratio, whole.deviation * abs(ratio), whole.learn, whole.moved * ratio, whole.q)
@@ -239,13 +240,14 @@ def _suspect(search: Search, found: Estimate, ranked: Ranked, place: Place, rati
     for s, a, b in zip(search.sides, ends[:-1], ends[1:], strict=True):
         implied[s.record.name] = ImpliedInput(s.record.name, s.time, value[a:b], own.deviation[a:b], place.unit.text,
                                               {v.formula: v.values[a:b] for v in variables})
-    made = Suspect(place, found.explained(ranked), found.ranked[0].likelihood - ranked.likelihood, alike, curve, implied, "")
-    return Suspect(place, made.explained, made.behind, alike, curve, implied, words_of(made))
+    made = PlaceEstimate(place, found.explained(ranked), found.ranked[0].likelihood - ranked.likelihood, alike, curve,
+                         implied, "")
+    return PlaceEstimate(place, made.explained, made.behind, alike, curve, implied, words_of(made))
 
 
 # -- when, and in what state of motion -----------------------------------------------------------------------------------
-def _when(experiment: Experiment, search: Search, found: Estimate) -> tuple[tuple[Stretch, ...], tuple[State, ...]]:
-    parts: list[Stretch] = []
+def _when(experiment: Experiment, search: Search, found: Estimate) -> tuple[tuple[RecordSection, ...], tuple[State, ...]]:
+    parts: list[RecordSection] = []
     told: list[State] = []
     learn = np.concatenate(_learn(search))
     locals_ = search.sides[0].locals
@@ -301,13 +303,13 @@ FLOWS = {("across", "line"): "laminar leakage", ("across", "root"): "an orifice"
          ("rate", "line"): "a compliance, a hose or entrained air", ("across", "one-sided above"): "a relief valve"}
 
 
-def noun(suspect: Suspect) -> str:
+def noun(suspect: PlaceEstimate) -> str:
     """What is missing at a place in one word: force, volume flow, current."""
     node = suspect.place.nodes[0]
     return node.domain.members[node.through].noun
 
 
-def words_of(suspect: Suspect) -> str:
+def words_of(suspect: PlaceEstimate) -> str:
     """One place in sentences."""
     place, curve = suspect.place, suspect.curve
     what = noun(suspect)
@@ -324,7 +326,7 @@ def words_of(suspect: Suspect) -> str:
     return first + f"it follows the {curve.variable.phrase} (R2 {number(curve.r2, 2)} on data not used), {shape}{end}"
 
 
-def summary(found: Where) -> list[str]:
+def summary(found: Localization) -> list[str]:
     """When and in what state of motion the model fails, in sentences."""
     lines = []
     if found.stretches:
@@ -338,7 +340,7 @@ def summary(found: Where) -> list[str]:
     return lines
 
 
-def shown(found: Where) -> Sequence[Suspect]:
+def best_of_each_group(found: Localization) -> Sequence[PlaceEstimate]:
     """The best place of each group."""
     groups: set[frozenset[str]] = set()
     kept = []

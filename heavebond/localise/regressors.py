@@ -10,7 +10,7 @@ import numpy as np
 from heavebond.equations.flatten import Flat
 from heavebond.equations.places import Node, Place
 from heavebond.localise.curves import Variable
-from heavebond.localise.ltv_model import Deviation, Local
+from heavebond.localise.ltv_model import LocalSignal, LtvModel
 from heavebond.numerics.dae import Array
 
 # A signal that moves by less than this share of its usual size stands still.
@@ -18,14 +18,14 @@ STILL = 1e-9
 MOST = 14
 
 
-def estimated(system: Deviation, locals_: Sequence[Local], state: Array, driven: Array) -> dict[str, Array]:
+def estimated(system: LtvModel, locals_: Sequence[LocalSignal], state: Array, driven: Array) -> dict[str, Array]:
     """The local signals (N,) of a record in SI as they were with the estimated state (N, n+k) and input (N, M)."""
     moved = np.einsum("klj,kj->kl", system.local_c, state) + np.einsum("klj,kj->kl", system.local_d, driven - system.driven)
     return dict(zip((s.name for s in locals_), (system.local + moved).T, strict=True))
 
 
 @dataclass(frozen=True)
-class Surroundings:
+class Regressors:
     """The variables at one place in several records, one after another; `breaks` are the first samples of each."""
 
     flat: Flat

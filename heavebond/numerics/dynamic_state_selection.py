@@ -31,14 +31,14 @@ BETTER = 1.2  # by which another chart must be less strained
 
 
 @dataclass(frozen=True)
-class Strain:
+class ChoiceCondition:
     """How strained a chart is at points (N,), and the signs (n_parts, N) that change where it ends."""
 
     worst: Array
     signs: Array
 
 
-class Chart:
+class StateChoice:
     """One choice of states: an assembly, the parts of its constraints that may go bad in a run, and the entries (equation,
     unknown) of these that move."""
 
@@ -53,7 +53,7 @@ class Chart:
         inside = {j for part in self.parts for j, _ in part.columns}
         # what the user asked for counts at the start, and where one choice is as good as it was all the way
         self._asked = self.constraints.settable | (self.constraints.asked - inside)
-        self._passages: dict[int, _Passage] = {}
+        self._passages: dict[int, _StateTransform] = {}
 
     @cached_property
     def _values(self) -> ca.Function:
@@ -63,11 +63,11 @@ class Chart:
         """The values of the constraints (n, N) at points given by columns (t, x, z, p, u, rate)."""
         return np.array(self._values(*columns)).reshape(len(self.constraints.entries), columns[0].shape[1])
 
-    def strain(self, columns: Sequence[Array]) -> Strain:
+    def strain(self, columns: Sequence[Array]) -> ChoiceCondition:
         """How near this chart is to its end at points given by columns."""
         numbers = self.numbers(columns)
         found = [strain(part, numbers) for part in self.parts]
-        return Strain(np.max([worst for worst, _ in found], axis=0), np.array([sign for _, sign in found]))
+        return ChoiceCondition(np.max([worst for worst, _ in found], axis=0), np.array([sign for _, sign in found]))
 
     def folded(self, point: Point) -> bool:
         """Whether the constraints themselves, in whatever states, are about to depend on each other at a point."""
@@ -85,21 +85,21 @@ class Chart:
             return None
         return states if _worst(parts_of(self.constraints, states), numbers) * BETTER < _worst(self.parts, numbers) else None
 
-    def values_in(self, other: Chart, columns: Sequence[Array]) -> Array:
+    def values_in(self, other: StateChoice, columns: Sequence[Array]) -> Array:
         """The other chart's states and algebraic unknowns (n_x + n_z, N) at points of this one given by columns."""
         return self._to(other).values(columns)
 
-    def along_in(self, other: Chart, columns: Sequence[Array], dx: Array, dz: Array, dp: Array) -> Array:
+    def along_in(self, other: StateChoice, columns: Sequence[Array], dx: Array, dz: Array, dp: Array) -> Array:
         """How these move (n_x + n_z, N) where this chart's states and algebraic unknowns move along dx (n_x, N), dz
         (n_z, N), and the parameters along dp (n_p, N)."""
         return self._to(other).along(columns, dx, dz, dp)
 
-    def _to(self, other: Chart) -> _Passage:
+    def _to(self, other: StateChoice) -> _StateTransform:
         if id(other) not in self._passages:
-            self._passages[id(other)] = _Passage(self.assembly, other.assembly)
+            self._passages[id(other)] = _StateTransform(self.assembly, other.assembly)
         return self._passages[id(other)]
 
-    def why(self, other: Chart, point: Point) -> str:
+    def why(self, other: StateChoice, point: Point) -> str:
         """Why another chart suits a point better, in words."""
         own, others = self.assembly.reduced.states, other.assembly.reduced.states
         worst, name = self.strain(columns_of(point)).worst[0], self.assembly.reduced.name
@@ -108,11 +108,11 @@ class Chart:
         return f"{new} moves {grade} as much as {gone}, from which it would follow"
 
 
-class Charts:
+class StateChoices:
     """The charts of a diagram, the one that it was assembled with first; others are made when they are needed."""
 
     def __init__(self, assembly: Assembly):
-        self.home = Chart(assembly)
+        self.home = StateChoice(assembly)
         self._made = {frozenset(assembly.reduced.states): self.home}
 
     @property
@@ -121,15 +121,15 @@ class Charts:
         asked in the states of the diagram only."""
         return bool(self.home.parts) and not foreign_parts(self.home.assembly.flat)
 
-    def with_states(self, states: list[tuple[int, int]]) -> Chart:
+    def with_states(self, states: list[tuple[int, int]]) -> StateChoice:
         """The chart of these states; ModelError where events set what is none of them."""
         key = frozenset(states)
         if key not in self._made:
-            self._made[key] = Chart(build(self.home.assembly.reduced.choices.solve(states)))
+            self._made[key] = StateChoice(build(self.home.assembly.reduced.choices.solve(states)))
         return self._made[key]
 
 
-class _Passage:
+class _StateTransform:
     """The states and algebraic unknowns of one assembly as functions of another's arguments."""
 
     def __init__(self, begin: Assembly, end: Assembly):

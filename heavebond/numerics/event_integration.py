@@ -17,14 +17,14 @@ import numpy as np
 
 from heavebond.core.errors import Problem, SimulationError, either
 from heavebond.numerics.dae import Array, Integrand
-from heavebond.numerics.dynamic_state_selection import ENOUGH, Chart, Charts, columns_of
+from heavebond.numerics.dynamic_state_selection import ENOUGH, StateChoice, StateChoices, columns_of
 from heavebond.numerics.dynamic_state_selection import MOST as MOST_STRAIN
 from heavebond.numerics.initialise import Start, Tangent
-from heavebond.numerics.jumps import Moved
+from heavebond.numerics.jumps import PointSensitivity
 from heavebond.numerics.solvers import Integrator, other
 from heavebond.numerics.start_equations import Point
 from heavebond.numerics.time_events import same_instant, timetable
-from heavebond.numerics.trace import ChartChange, Frame, Instant, Now, Record, SolverChange, Trace
+from heavebond.numerics.trace import EventState, Frame, Instant, Record, SolverChange, StateChange, Trace
 from heavebond.numerics.zero_crossings import crossing, suspects
 
 FIRST, MOST = 8, 1024  # points of the first stretch after a cut; each further one has twice as many
@@ -66,10 +66,10 @@ class Failures:
 
 
 @dataclass(frozen=True)
-class Stretch:
+class IntegratorCall:
     """The last call of the integrator: where it began, and the length of a unit of its own time."""
 
-    begin: Now
+    begin: EventState
     step: float
 
     def time(self, s: float) -> float:
@@ -77,7 +77,7 @@ class Stretch:
         return self.begin.t + self.step * s
 
 
-class Switching:
+class EventIntegration:
     """The runs of a simulator whose diagram has events, or constraints that one choice of states may not do for.
 
     `framed` makes the equations in a chart, with `integrals` (integrals and their sensitivities) after the other states;
@@ -86,7 +86,7 @@ class Switching:
     the other solver goes on where one stops (see `other`).
     """
 
-    def __init__(self, charts: Charts, framed: Callable[[Chart], Frame], integrals: int, stops: Array,
+    def __init__(self, charts: StateChoices, framed: Callable[[StateChoice], Frame], integrals: int, stops: Array,
                  inputs: Callable[[Array], Array], build: Build, solver: str, changes: bool = False):
         self.first_solver, self.solver, self.changes, self.failed_at = solver, solver, changes, -np.inf
         self.failures = Failures(0)
@@ -97,7 +97,7 @@ class Switching:
         self.n_u = charts.home.assembly.arguments[4].numel()
         self.span, self.same = float(stops[-1] - stops[0]) or 1.0, same_instant(float(stops[0]), float(stops[-1]))
         self.looks = self._looks()
-        self.last: Stretch | None = None
+        self.last: IntegratorCall | None = None
 
     def _looks(self) -> Array:
         """The stops, and between them as many further points as looking for conditions and charts needs."""
@@ -131,7 +131,7 @@ class Switching:
         self._until(now, float(self.stops[-1]), record)
         return record.trace(self.integrals, self.inputs(self.stops)[: self.n_u])
 
-    def _begin(self, first: Start, moved: Tangent | None) -> Now:
+    def _begin(self, first: Start, moved: Tangent | None) -> EventState:
         frame, assembly = self.home, self.home.assembly
         x, z = first.x / assembly.x_nominal, first.z / assembly.z_nominal
         dp = np.zeros((len(first.p), 0))
@@ -140,10 +140,10 @@ class Switching:
             z = np.concatenate([z, (moved.z / assembly.z_nominal[:, None]).T.ravel()])
             dp = moved.p
         y = np.append(x, np.zeros(frame.made.dae["x"].numel() - len(x)))
-        now = Now(frame, first.t, y, z, first.p, dp, frame.made.hoist(first.p, dp), np.zeros(0, bool))
+        now = EventState(frame, first.t, y, z, first.p, dp, frame.made.hoist(first.p, dp), np.zeros(0, bool))
         return replace(now, true=self._indicators(now)[0] > 0)
 
-    def _true_at_start(self, now: Now) -> list[str]:
+    def _true_at_start(self, now: EventState) -> list[str]:
         """The events whose condition is true at the start, which is no change and lets nothing happen, and which would have
         set something to another value."""
         if not now.true.any():
@@ -156,7 +156,7 @@ class Switching:
         near = float(self.stops[np.abs(self.stops - time).argmin()])
         return near if abs(near - time) <= self.same else time
 
-    def _until(self, now: Now, limit: float, record: Record) -> Now:
+    def _until(self, now: EventState, limit: float, record: Record) -> EventState:
         """Go on to a time, through the events of conditions on the way; what is passed is written down."""
         begun = FIRST if self.conditions or self.charts.needed or self.changes else MOST
         points, halvings = begun, 0
@@ -184,7 +184,7 @@ class Switching:
             halvings = max(halvings - 1, 0)
         return now
 
-    def _coming(self, now: Now, limit: float, points: int, halvings: int) -> Array:
+    def _coming(self, now: EventState, limit: float, points: int, halvings: int) -> Array:
         """The next points to go to: so many looks, as far as they are evenly spaced, up to a limit."""
         begin = int(np.searchsorted(self.looks, now.t + self.same, side="right"))
         times = self.looks[begin:begin + points]
@@ -192,8 +192,8 @@ class Switching:
             times = np.append(times[times < limit - self.same], limit)
         return _even(now.t, times, self.same) if not halvings else now.t + (times[:1] - now.t) / 2**halvings
 
-    def _mended(self, now: Now, times: Array, points: int, halvings: int, error: RuntimeError, record: Record
-                ) -> tuple[Now, int, int]:
+    def _mended(self, now: EventState, times: Array, points: int, halvings: int, error: RuntimeError, record: Record
+                ) -> tuple[EventState, int, int]:
         """As `_failed`; where that finds no event and no other chart, the other solver goes on from here, once."""
         try:
             return self._failed(now, times, points, halvings, error, record)
@@ -207,8 +207,8 @@ class Switching:
         record.solver_changes.append(SolverChange(now.t, before, self.solver, reason(said)))
         return now, 1, 0
 
-    def _failed(self, now: Now, times: Array, points: int, halvings: int, error: RuntimeError, record: Record
-                ) -> tuple[Now, int, int]:
+    def _failed(self, now: EventState, times: Array, points: int, halvings: int, error: RuntimeError, record: Record
+                ) -> tuple[EventState, int, int]:
         """Where to go on after the integrator has failed, in steps of how many points and with how many halvings: what comes
         after an event that is not known yet, or after the end of a chart, may be out of its equations' reach."""
         interrupted, crawls = (any(word in str(error) for word in words) for words in (INTERRUPTED, CRAWLS))
@@ -228,7 +228,7 @@ class Switching:
         self.failures = replace(self.failures, number=self.failures.number + 1, crawls=self.failures.crawls + crawled)
         return self.failures.number > MOST_FAILURES or (self.failures.crawls > MOST_CRAWLS and not self.charts.needed)
 
-    def _forced(self, now: Now, record: Record) -> Now:
+    def _forced(self, now: EventState, record: Record) -> EventState:
         """The event right before which the integrator fails; its RuntimeError where none is near."""
         values, rates = self._indicators(now)
         near = (values + rates * NEAR**2 * self.same > 0) & ~now.true
@@ -238,10 +238,10 @@ class Switching:
         return self._happen(now, *self._met(now, condition), record, condition=True)
 
     # -- charts ----------------------------------------------------------------------------------------------------
-    def _strain(self, now: Now) -> float:
+    def _strain(self, now: EventState) -> float:
         return float(now.frame.chart.strain(columns_of(self._point(now))).worst[0])
 
-    def _in_chart(self, now: Now, times: Array, y: Array, z: Array) -> int:
+    def _in_chart(self, now: EventState, times: Array, y: Array, z: Array) -> int:
         """How many of the points lie in the chart before its end."""
         if not self.charts.needed:
             return len(times)
@@ -252,7 +252,7 @@ class Switching:
         out = (found.worst > MOST_STRAIN) | (found.signs != found.signs[:, :1]).any(axis=0)
         return 0 if out[0] else int(np.argmax(out)) - 1 if out.any() else len(times)
 
-    def _turned(self, now: Now, halvings: int, record: Record) -> tuple[Now, int, int] | None:
+    def _turned(self, now: EventState, halvings: int, record: Record) -> tuple[EventState, int, int] | None:
         """Where to go on at a point after which its chart ends: in another, or nearer to the end; None where no other is
         better, as where a mechanism passes a point in which its links lie in one line."""
         if self._strain(now) >= ENOUGH:
@@ -260,7 +260,7 @@ class Switching:
             return None if changed is None else (changed, FIRST, 0)
         return (now, 1, halvings + 1) if halvings < MOST_HALVINGS else None
 
-    def _changed(self, now: Now, record: Record) -> Now | None:
+    def _changed(self, now: EventState, record: Record) -> EventState | None:
         """The same moment in states that suit it better; None where there are none."""
         point, old = self._point(now), now.frame.chart
         states = old.better(point)
@@ -278,19 +278,19 @@ class Switching:
         settled = self._settled(changed, changed.y[:, None], changed.z[:, None], np.array([now.t]))[:, 0]
         changed = replace(changed, z=settled)
         before, after = (tuple(c.assembly.state_names) for c in (old, chart))
-        record.changes.append(ChartChange(now.t, before, after, old.why(chart, point)))
+        record.changes.append(StateChange(now.t, before, after, old.why(chart, point)))
         self._write(changed, record)
         return changed
 
     # -- the integrator --------------------------------------------------------------------------------------------
-    def _advance(self, now: Now, times: Array, record: Record) -> tuple[Array, Array]:
+    def _advance(self, now: EventState, times: Array, record: Record) -> tuple[Array, Array]:
         """y and z at times (n,), equally far apart."""
         n, integrators = len(times), now.frame.integrators
         key = (self.solver, n)
         if key not in integrators:
             integrators[key] = self._build(self.solver, now.frame.own_time(), np.arange(n + 1.0))
         middle = (np.append(now.t, times[:-1]) + times) / 2
-        self.last = Stretch(now, float(times[-1] - now.t) / n)
+        self.last = IntegratorCall(now, float(times[-1] - now.t) / n)
         a, d = np.full(n, now.t), np.full(n, self.last.step)
         found = integrators[key](x0=now.y, z0=now.z, p=now.given, u=np.vstack([self.inputs(middle), a, d]))
         y, z = np.array(found["xf"]).reshape(len(now.y), n), np.array(found["zf"]).reshape(len(now.z), n)
@@ -299,10 +299,10 @@ class Switching:
         record.steps += int(integrators[key].stats().get("nsteps", 0))
         return y, self._settled(now, y, z, times)
 
-    def _settled(self, now: Now, y: Array, z: Array, times: Array) -> Array:
+    def _settled(self, now: EventState, y: Array, z: Array, times: Array) -> Array:
         return settled(now.frame.loops, y, z, now.given, times, self.inputs(times))
 
-    def before(self, stretch: Stretch, stopped: float) -> Point:
+    def before(self, stretch: IntegratorCall, stopped: float) -> Point:
         """A point of a stretch in which the integrator failed, shortly before it did if that can be reached."""
         begin = stretch.begin
         for share in (1 - 1e-6, 1 - 1e-3, 0.9):
@@ -320,7 +320,7 @@ class Switching:
         x_size, z_size = frame.assembly.x_nominal, frame.assembly.z_nominal
         return y[: len(x_size)] * x_size[:, None], z[: len(z_size)] * z_size[:, None], self.inputs(t)[: self.n_u]
 
-    def _indicators(self, now: Now) -> tuple[Array, Array]:
+    def _indicators(self, now: EventState) -> tuple[Array, Array]:
         """Indicators and rates (n_c,) at one point."""
         if not self.conditions:
             return np.zeros(0), np.zeros(0)
@@ -329,8 +329,8 @@ class Switching:
         values, rates = now.frame.equations.indicators(t, x, z, now.p, u)
         return values[:, 0], rates[:, 0]
 
-    def _first_event(self, now: Now, times: Array, y: Array, z: Array, record: Record
-                     ) -> tuple[int, Now, list[int], list[Array]] | None:
+    def _first_event(self, now: EventState, times: Array, y: Array, z: Array, record: Record
+                     ) -> tuple[int, EventState, list[int], list[Array]] | None:
         """How many points lie before the first event, the point where it happens, the events there and their delays."""
         if not self.conditions:
             return None
@@ -351,8 +351,8 @@ class Switching:
                 return k, at, *self._met(at, condition)
         return None
 
-    def _crossing(self, begin: Now, condition: int, end: float, first: float, extremes: tuple[float, float],
-                  certain: bool, record: Record) -> tuple[Now, int] | None:
+    def _crossing(self, begin: EventState, condition: int, end: float, first: float, extremes: tuple[float, float],
+                  certain: bool, record: Record) -> tuple[EventState, int] | None:
         """Where a condition becomes true after a point, and the condition; None where it does not."""
         reached = begin
 
@@ -374,7 +374,7 @@ class Switching:
             indicator(time)
         return reached, condition
 
-    def _met(self, at: Now, condition: int) -> tuple[list[int], list[Array]]:
+    def _met(self, at: EventState, condition: int) -> tuple[list[int], list[Array]]:
         """The events at a crossing, those included that are met at the same instant, and their delays."""
         values, rates = self._indicators(at)
         soon = values + rates * self.same > 0
@@ -384,17 +384,18 @@ class Switching:
                 [at.frame.equations.delays(point, moved, c, float(rates[c])) for c in met])
 
     # -- what happens ----------------------------------------------------------------------------------------------
-    def _point(self, now: Now) -> Point:
+    def _point(self, now: EventState) -> Point:
         t = np.array([now.t])
         x, z, u = self._columns(now.frame, t, now.y[:, None], now.z[:, None])
         return Point(now.t, x[:, 0], z[:, 0], now.p, u[:, 0], 1.0)
 
-    def _moved(self, now: Now) -> Moved:
+    def _moved(self, now: EventState) -> PointSensitivity:
         m, n_q = now.blocks - 1, self.integrals // now.blocks
         q = now.y[len(now.y) - self.integrals + n_q:].reshape(m, n_q).T if n_q else np.zeros((0, m))
-        return Moved(now.unscaled()[0][:, 1:], q, now.dp)
+        return PointSensitivity(now.unscaled()[0][:, 1:], q, now.dp)
 
-    def _happen(self, now: Now, events: list[int], delays: list[Array], record: Record, condition: bool = False) -> Now:
+    def _happen(self, now: EventState, events: list[int], delays: list[Array], record: Record,
+                condition: bool = False) -> EventState:
         """The events act, then those whose conditions become true by it; what stands there after all is written down."""
         equations, begun = now.frame.equations, now
         before = point = self._point(now)
@@ -452,7 +453,7 @@ class Switching:
             "Let what it sets lead away from its condition for a while: a band between switching on and off, or a speed "
             "below which a body rests.", tuple(event.text for event in found))])
 
-    def _write(self, now: Now, record: Record) -> None:
+    def _write(self, now: EventState, record: Record) -> None:
         """The point where it is a stop."""
         record.write(now, np.array([now.t]), now.y[:, None], now.z[:, None])
 

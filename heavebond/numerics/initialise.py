@@ -11,7 +11,7 @@ from heavebond.language.symbols import uniform
 from heavebond.numerics import start_messages
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.idas import at_rest
-from heavebond.numerics.newton import Found, Frame, System, continued, least_change, newton, settled, weights
+from heavebond.numerics.newton import NewtonResult, Scaling, System, continued, least_change, newton, settled, weights
 from heavebond.numerics.start_equations import Point, StartEquations, StartSystem
 
 # singular values of the loops below this share of the largest leave an unknown to chance
@@ -109,7 +109,7 @@ class _Search:
         self.equations, self.assembly, self.t, self.u = equations, assembly, t, u
         self.n_x, self.n_z = len(assembly.x_nominal), len(assembly.z_nominal)
         self.nominal = equations.sizes(assembly.p)
-        self.frame = Frame(self.nominal, *equations.bounds)
+        self.frame = Scaling(self.nominal, *equations.bounds)
         self.y0 = self._guess()
         self.widening = 1.0
         self.shut_in: tuple[str, ...] = ()
@@ -153,7 +153,7 @@ class _Search:
         settle; continuation with rounded corners, since where a contact is open or a valve shut at the guess its force has
         no gradient there; integrating it until it rests; Newton's method from points around the guess."""
         system = self._scaled(self.equations.all)
-        best: Found | None = None
+        best: NewtonResult | None = None
         for attempt in range(6 + SHIFTS):
             found = self._attempt(system, first, attempt)
             self.steps += found.steps
@@ -165,7 +165,7 @@ class _Search:
         assert best is not None
         raise start_messages.failure(self.equations, self._point(best.y), best.residual, self.equations.all, self.nominal)
 
-    def _attempt(self, system: System, first: Array, attempt: int) -> Found:
+    def _attempt(self, system: System, first: Array, attempt: int) -> NewtonResult:
         if attempt == 1:
             return self._narrowed(system, first)
         if attempt == 2:
@@ -178,10 +178,10 @@ class _Search:
             return self._come_to_rest(system, first)
         return newton(system, first + self.nominal * self._shift(attempt - 5), self.frame)
 
-    def _come_to_rest(self, system: System, first: Array) -> Found:
+    def _come_to_rest(self, system: System, first: Array) -> NewtonResult:
         """Where the machine comes to rest by itself, by the integrator, from a consistent point at the guess: valves that
         are shut there open as pressures rise, whatever gradient they had. Newton's method is tried from later points."""
-        y, found = first.copy(), Found(first, np.full(1, np.inf), 0)
+        y, found = first.copy(), NewtonResult(first, np.full(1, np.inf), 0)
         inner = slice(self.n_x, self.n_x + self.n_z)
         try:
             y = self._settle(y)
@@ -206,9 +206,9 @@ class _Search:
             return residual, jacobian
         return at
 
-    def _narrowed(self, system: System, y: Array) -> Found:
+    def _narrowed(self, system: System, y: Array) -> NewtonResult:
         """Newton's method with wide transitions, which are narrowed to their own width step by step."""
-        found = Found(y, np.full(1, np.inf), 0)
+        found = NewtonResult(y, np.full(1, np.inf), 0)
         if not self.equations.widths:
             return found
         for self.widening in WIDENINGS:
@@ -216,12 +216,12 @@ class _Search:
         self.widening = 1.0
         return found
 
-    def _sharpened(self, system: System, y: Array) -> Found:
+    def _sharpened(self, system: System, y: Array) -> NewtonResult:
         """Newton's method with rounded corners, which become sharp step by step."""
         whole = self.equations.all
         widths = whole.corner_widths(self._point(y), self.nominal)
         if not len(widths) or not np.all(np.isfinite(widths)):
-            return Found(y, np.full(1, np.inf), 0)
+            return NewtonResult(y, np.full(1, np.inf), 0)
 
         def family(done: float) -> System:
             def at(y: Array) -> tuple[Array, Array]:
@@ -249,7 +249,7 @@ class _Search:
             residual, jacobian = self.equations.algebraic.at(self._point(whole, 1.0))
             return residual, jacobian * self.assembly.z_nominal
 
-        found = newton(at, y[inner], Frame(self.assembly.z_nominal, self.frame.low[inner], self.frame.high[inner]))
+        found = newton(at, y[inner], Scaling(self.assembly.z_nominal, self.frame.low[inner], self.frame.high[inner]))
         raw, jacobian = at(found.y)
         if not found.good:
             raise start_messages.failure(self.equations, self._point(whole, 1.0), found.residual, self.equations.algebraic,

@@ -37,7 +37,7 @@ MOST_NEWTON = 30  # steps to the algebraic unknowns after an event, which may be
 
 
 @dataclass(frozen=True)
-class Moved:
+class PointSensitivity:
     """How a point moves along m directions: states (n_x, m), integrals (n_q, m), parameters and held variables (n_p, m)."""
 
     x: Array
@@ -134,7 +134,7 @@ class EventEquations:
         columns = [np.tile(np.reshape(a, (-1, 1)), (1, m)) for a in point.values()]
         return self._directed(columns, dt[None, :], dx, dp)
 
-    def delays(self, point: Point, moved: Moved, condition: int, slope: float) -> Array:
+    def delays(self, point: Point, moved: PointSensitivity, condition: int, slope: float) -> Array:
         """dT (m,) of the condition-th condition, met at a point where its indicator rises with `slope`."""
         m = moved.x.shape[1]
         if not m or not slope:
@@ -192,7 +192,7 @@ class EventEquations:
         x, q = self._rates(*point.values(), factors)
         return np.array(x).ravel(), np.array(q).ravel()
 
-    def along_z(self, point: Point, moved: Moved) -> Array:
+    def along_z(self, point: Point, moved: PointSensitivity) -> Array:
         """dz/dp (n_z, m) at a consistent point."""
         m = moved.x.shape[1]
         if not self.has_loops or not m:
@@ -201,8 +201,8 @@ class EventEquations:
         residual = np.array(self._along(*columns, np.zeros((1, m)), moved.x, np.zeros((len(point.z), m)), moved.p)[0])
         return -np.linalg.solve(np.array(self._by_z(*point.values())), residual.reshape(-1, m))
 
-    def fire(self, point: Point, moved: Moved, fired: Sequence[int], delays: Sequence[Array], factors: Array
-             ) -> tuple[Point, Moved]:
+    def fire(self, point: Point, moved: PointSensitivity, fired: Sequence[int], delays: Sequence[Array], factors: Array
+             ) -> tuple[Point, PointSensitivity]:
         """The point and its derivatives after the events `fired` at one instant, with the delays dT (m,) of each.
 
         All new values are those before the instant. Where events coincide that move differently with a parameter, the
@@ -229,7 +229,7 @@ class EventEquations:
                 if held is not None:
                     p[held] = new[row]
             before = after
-        return now, Moved(x, q, p)
+        return now, PointSensitivity(x, q, p)
 
     def would_change(self, point: Point, event: int) -> bool:
         """Whether the event would set anything at a point to another value than it has there."""

@@ -32,7 +32,7 @@ FIRST_STEP, GROWTH, MOST_PSEUDO_STEPS = 1e-3, 1.5, 160
 
 
 @dataclass(frozen=True)
-class Frame:
+class Scaling:
     """The usual sizes of the unknowns and the bounds that they keep to, (n,) each."""
 
     sizes: Array
@@ -49,7 +49,7 @@ class Frame:
 
 
 @dataclass(frozen=True)
-class Found:
+class NewtonResult:
     """Where a search ended: y (n,), the scaled residuals there (m,), and the steps that it took."""
 
     y: Array
@@ -105,7 +105,7 @@ def least_change(matrix: Array, right: Array) -> Array:
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a trial may go anywhere; what is no number is not taken
-def newton(system: System, y: Array, frame: Frame, most: int = MOST_STEPS) -> Found:
+def newton(system: System, y: Array, frame: Scaling, most: int = MOST_STEPS) -> NewtonResult:
     """Gauss-Newton with at most so many steps of least norm in scaled unknowns, halved until the residual falls; a step
     that leaves the bounds is cut at them."""
     y, steps = frame.within(y), 0
@@ -133,10 +133,10 @@ def newton(system: System, y: Array, frame: Frame, most: int = MOST_STEPS) -> Fo
         y, residual, jacobian = trial, new, new_jacobian
         steps += 1
     scaled = residual * weights(residual, jacobian) if residual.size and np.all(np.isfinite(jacobian)) else residual
-    return Found(y, scaled, steps)
+    return NewtonResult(y, scaled, steps)
 
 
-def settled(system: System, slowed: Callable[[Array, float], System], y: Array, frame: Frame) -> Found:
+def settled(system: System, slowed: Callable[[Array, float], System], y: Array, frame: Scaling) -> NewtonResult:
     """Where a machine comes to rest from y by itself: implicit Euler steps, short at first and then ever longer, until
     Newton's method finds the equilibrium. `slowed(y, step)` are the equations of one step.
 
@@ -144,7 +144,7 @@ def settled(system: System, slowed: Callable[[Array, float], System], y: Array, 
     Numer. Anal. 35 (1998) 508-523, doi:10.1137/S0036142996304796.
     """
     y, step, steps = frame.within(y), FIRST_STEP, 0
-    found = Found(y, np.full(1, np.inf), 0)
+    found = NewtonResult(y, np.full(1, np.inf), 0)
     for k in range(MOST_PSEUDO_STEPS):
         trial = newton(slowed(y, step), y, frame, ON_A_PATH)
         steps += trial.steps
@@ -157,10 +157,10 @@ def settled(system: System, slowed: Callable[[Array, float], System], y: Array, 
             steps += found.steps
         if found.good or step < FIRST_STEP * 1e-4 or not np.all(np.isfinite(y)):
             break
-    return Found(found.y, found.residual, steps)
+    return NewtonResult(found.y, found.residual, steps)
 
 
-def continued(family: Callable[[float], System], y: Array, frame: Frame) -> Found:
+def continued(family: Callable[[float], System], y: Array, frame: Scaling) -> NewtonResult:
     """F_s(y) = (1 - s) F_0(y_0) for s from 0 to 1, where F_1 are the equations: what is out of balance at the guess acts as
     a source that is taken away little by little, each solution being the guess for the next. Steps grow and shrink with
     success.
@@ -170,7 +170,7 @@ def continued(family: Callable[[float], System], y: Array, frame: Frame) -> Foun
     """
     y = frame.within(y)
     first, _ = family(0.0)(y)
-    found, steps, s, stride = Found(y, first, 0), 0, 0.0, 0.25
+    found, steps, s, stride = NewtonResult(y, first, 0), 0, 0.0, 0.25
     while s < 1 and stride >= SHORTEST and np.all(np.isfinite(first)):
         to = min(1.0, s + stride)
         member = family(to)
@@ -187,4 +187,4 @@ def continued(family: Callable[[float], System], y: Array, frame: Frame) -> Foun
             stride /= 4
     last, jacobian = family(1.0)(found.y)
     finite = last.size and np.all(np.isfinite(jacobian))
-    return Found(found.y, last * weights(last, jacobian) if finite else last, steps)
+    return NewtonResult(found.y, last * weights(last, jacobian) if finite else last, steps)

@@ -21,7 +21,7 @@ from heavebond.language.symbols import split, stack
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.initialise import Start
 from heavebond.numerics.run_verdict import NOT_BECOME, Finding, Verdict
-from heavebond.numerics.validity import Stretch, judged
+from heavebond.numerics.validity import RunSection, judged
 from heavebond.records.saved_runs import SavedRun, Signals, check_si, write_run
 from heavebond.text.expression import ExpressionProblem, parse_formula
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Along:
+class ForwardSensitivities:
     """Forward sensitivities in SI: d x / d p_k (m, n_x, N), d z / d p_k (m, n_z, N), how all parameters move with the
     k-th (m, n_p): itself by 1, those under `solve:` as the start requires; d quadratures / d p_k (m, n_q, N); and how the
     held variables do (m, n_h, N)."""
@@ -71,7 +71,7 @@ class Result:
     start: Start
     statistics: Mapping[str, object] = field(default_factory=dict)
     quadratures: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    along: Along | None = None
+    along: ForwardSensitivities | None = None
     held: Array = field(default_factory=lambda: np.zeros((0, 0)))
     instants: tuple[Instant, ...] = ()
     stays: tuple[Stayed, ...] = ()
@@ -309,7 +309,7 @@ def columns(result: Result, at: NDArray[np.intp] | None = None) -> tuple[Array, 
     return (result.time[None, :], result.x, result.z, with_held(result, result.p, result.held), result.u, np.ones((1, n)))
 
 
-def _stretches(result: Result) -> Iterator[Stretch]:
+def _stretches(result: Result) -> Iterator[RunSection]:
     """The run part by part, each in the states that were integrated there."""
     own = np.arange(len(result.time))
     if result.stays:
@@ -317,8 +317,8 @@ def _stretches(result: Result) -> Iterator[Stretch]:
     for part, at in ((result, own), *((stay, np.arange(len(stay.time))) for _, stay in result.stays)):
         if len(at):
             whole = len(at) == len(part.time)
-            yield Stretch(part.assembly, part.time if whole else part.time[at], part.x if whole else part.x[:, at],
-                          partial(_columns_of, part, at))
+            yield RunSection(part.assembly, part.time if whole else part.time[at], part.x if whole else part.x[:, at],
+                             partial(_columns_of, part, at))
 
 
 def _columns_of(part: Result, own: NDArray[np.intp], at: NDArray[np.intp]) -> tuple[Array, ...]:

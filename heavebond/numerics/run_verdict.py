@@ -161,7 +161,7 @@ def listening() -> Iterator[list[tuple[str, Verdict]]]:
         _HEARD.reset(token)
 
 
-def tell(name: str, found: Verdict) -> None:
+def report_verdict(name: str, found: Verdict) -> None:
     """Hand on the verdict on a run of that name: to who listens, else as a warning where it is not clean."""
     heard = _HEARD.get()
     if heard is not None:
@@ -178,7 +178,7 @@ def _depth_of_caller() -> int:
     return depth
 
 
-def together(heard: Sequence[tuple[str, Verdict]]) -> dict[str, object]:
+def verdicts_as_dict(heard: Sequence[tuple[str, Verdict]]) -> dict[str, object]:
     """The verdicts of all runs of a command for machines: the worst status, and what was found in which run."""
     whole = verdict_of_all(heard)
     findings = [{"run": name, **f.as_dict()} for name, found in dict(heard).items() for f in found.findings]

@@ -30,7 +30,7 @@ from heavebond.numerics.dae import Assembly, assemble
 from heavebond.numerics.idas import Tolerances
 from heavebond.numerics.initialise import start
 from heavebond.numerics.result import Result, columns
-from heavebond.numerics.run_verdict import tell
+from heavebond.numerics.run_verdict import report_verdict
 from heavebond.numerics.simulator import Simulator, Time
 from heavebond.text.expression import Number
 
@@ -60,7 +60,7 @@ def simulate(model: Model | Assembly, until: Time | None = None, *, every: Time 
     simulator = Simulator(assembly, until, every=every, tolerances=Tolerances(rtol, atol), sensitivities=sensitivities,
                           solver=asked, allow_fmu=allow_fmu)
     result = run_by_auto(simulator, parameters, allow_fmu) if asked == "auto" else simulator.run(parameters)
-    tell(assembly.model.name, result.verdict)
+    report_verdict(assembly.model.name, result.verdict)
     return result
 
 

@@ -21,12 +21,12 @@ from heavebond.language.model import Model
 from heavebond.language.symbols import stack
 from heavebond.numerics.co_simulation import check_allowed
 from heavebond.numerics.dae import Array, Assembly, Factors, Integrand, integrand, solved_loops, substitute_inputs
-from heavebond.numerics.dynamic_state_selection import Chart, Charts
+from heavebond.numerics.dynamic_state_selection import StateChoice, StateChoices
 from heavebond.numerics.event_integration import (
     MOST_STEPS_AHEAD,
     MOST_STEPS_BETWEEN,
     MOST_STEPS_IN_CHART,
-    Switching,
+    EventIntegration,
     settled,
 )
 from heavebond.numerics.failure_messages import Stop, check_decided, explain_failure, stop_times
@@ -35,7 +35,7 @@ from heavebond.numerics.idas import caught_errors
 from heavebond.numerics.initialise import Start, Tangent, start, tangent
 from heavebond.numerics.inputs import Pieced, pieced
 from heavebond.numerics.jumps import EventEquations
-from heavebond.numerics.result import Along, Result, Stayed
+from heavebond.numerics.result import ForwardSensitivities, Result, Stayed
 from heavebond.numerics.solvers import DEFAULT, RETYPE, Choice, Integrator, algebraic_left, chosen, integrator
 from heavebond.numerics.start_equations import Point, StartEquations
 from heavebond.numerics.trace import Frame, Trace
@@ -76,7 +76,7 @@ class Simulator:
         self.integrand = self._made(assembly, quadratures)
         self.integrals = 0 if quadratures is None else quadratures.numel() * (1 + len(self.sensitivities))
         self.stops = np.union1d(self.time, self.pieces.inner_breaks(self.time[0], self.time[-1]))
-        charts = Charts(assembly)
+        charts = StateChoices(assembly)
         self.solver: Choice = chosen(solver, assembly, charts.needed)
         self.integrator = self._integrator()
         self.loops = _loops(self.integrand)
@@ -87,15 +87,16 @@ class Simulator:
         self.switching = self._switching(charts) if assembly.flat.events or charts.needed else None
 
     def change_solvers(self) -> None:
-        """From now on, the other solver goes on from the last accepted point where one stops (see `Switching`)."""
+        """From now on, the other solver goes on from the last accepted point where one stops (see `EventIntegration`)."""
         self.switching = self._switching(self.charts, changes=True)
 
-    def _switching(self, charts: Charts, changes: bool = False) -> Switching:
+    def _switching(self, charts: StateChoices, changes: bool = False) -> EventIntegration:
         def build(name: str, made: Integrand, grid: Array) -> Integrator:
             most = MOST_STEPS_IN_CHART if charts.needed else MOST_STEPS_AHEAD if len(grid) > 2 else MOST_STEPS_BETWEEN
             return integrator(name, made, grid, self.tolerances, most)
 
-        return Switching(charts, self._framed, self.integrals, self.stops, self.inputs, build, self.solver.name, changes)
+        return EventIntegration(charts, self._framed, self.integrals, self.stops, self.inputs, build, self.solver.name,
+                                changes)
 
     def _made(self, assembly: Assembly, quadratures: ca.SX | None) -> Integrand:
         """What is integrated; with the sensitivities, parameters move that follow the start or are held, too."""
@@ -103,7 +104,7 @@ class Simulator:
                   *(held.index for held in assembly.flat.held)}
         return _with_integrals(integrand(assembly, quadratures, len(self.sensitivities), sorted(moving)), self.factors)
 
-    def _framed(self, chart: Chart) -> Frame:
+    def _framed(self, chart: StateChoice) -> Frame:
         """The equations in the states of a chart; quadratures are given in those of the first."""
         factors = ca.SX(0, 1) if self.factors is None else self.factors.symbols
         quadratures = ca.SX(0, 1) if self.quadratures is None else self.quadratures
@@ -180,7 +181,7 @@ class Simulator:
             """The run at some of its times, from x and z there in the states of an assembly."""
             stops = slice(None) if len(at) == len(self.stops) else keep[at]
             n_x, n_z = len(of.x_nominal), len(of.z_nominal)
-            along = None if moved is None else Along(
+            along = None if moved is None else ForwardSensitivities(
                 self.sensitivities, _by_direction(x[n_x:, stops], sizes), _by_direction(z[n_z:, stops], sizes),
                 (moved.p / sizes).T, _by_direction(found.quadratures[n_q:, stops], sizes),
                 found.held_along[..., stops] / sizes[:, None, None])

@@ -12,9 +12,9 @@ import numpy as np
 from heavebond.core.errors import Place
 from heavebond.equations.buffered import Buffered
 from heavebond.equations.reduce import Pivot
-from heavebond.equations.state_selection import Guess
+from heavebond.equations.state_selection import InitialGuess
 from heavebond.language.sections import Condition
-from heavebond.language.smoothing import Rounded, rounded
+from heavebond.language.smoothing import SmoothedColumn, rounded
 from heavebond.language.symbols import CORNERS, split, stack
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.text.expression import Call, Expr, Name, children, parse_formula
@@ -82,7 +82,7 @@ class StartSystem:
         return not corners and not any(ca.which_depends(self._residuals, self._unknowns, 2, True))
 
     @cached_property
-    def _rounded(self) -> tuple[Rounded, ca.Function, ca.Function]:
+    def _rounded(self) -> tuple[SmoothedColumn, ca.Function, ca.Function]:
         """The residuals with rounded corners: their values and Jacobian, and the Jacobian of what is zero at the corners."""
         found = rounded(self._residuals, self._arguments)
         arguments = [*self._arguments, found.widths]
@@ -130,7 +130,7 @@ class StartEquations:
         conditions = [c for c in self.initial.conditions.values() if c.name not in held]
         self.rows = [*self.loops, *(self._condition(c) for c in conditions if not c.guess), *self._mode()]
         self.guesses = [self._condition(c) for c in conditions if c.guess]
-        self.guess = Guess(assembly.flat)
+        self.guess = InitialGuess(assembly.flat)
 
     def _mode(self) -> list[StartRow]:
         assembly, rows = self.assembly, []

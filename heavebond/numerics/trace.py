@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from heavebond.language.symbols import stack
 from heavebond.numerics.dae import Array, Assembly, Integrand
-from heavebond.numerics.dynamic_state_selection import Chart
-from heavebond.numerics.jumps import EventEquations, Moved
+from heavebond.numerics.dynamic_state_selection import StateChoice
+from heavebond.numerics.jumps import EventEquations, PointSensitivity
 from heavebond.numerics.solvers import Integrator
 from heavebond.numerics.start_equations import Point
 
@@ -30,7 +30,7 @@ class Instant:
 
 
 @dataclass(frozen=True)
-class ChartChange:
+class StateChange:
     """Where a run went on with other states: the time, their names before and after, and why."""
 
     time: float
@@ -50,7 +50,7 @@ class SolverChange:
 
 
 @dataclass(frozen=True)
-class Stay:
+class AlternativeStates:
     """The stops (N,) of a run that were passed in other states than those of its diagram: x and z there as in `Trace`."""
 
     assembly: Assembly
@@ -71,7 +71,7 @@ class Trace:
     held_along: Array
     instants: tuple[Instant, ...]
     statistics: dict[str, object]
-    stays: tuple[Stay, ...] = ()
+    stays: tuple[AlternativeStates, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class Frame:
     """The equations in the states of one chart: what is integrated in a time of its own, t = a + d s with a and d the last
     two inputs, so that one integrator serves all stretches of so many points; events; Newton's method for the loops."""
 
-    chart: Chart
+    chart: StateChoice
     equations: EventEquations
     made: Integrand
     loops: ca.Function | None
@@ -100,7 +100,7 @@ class Frame:
 
 
 @dataclass(frozen=True)
-class Now:
+class EventState:
     """Where a run stands: scaled states with their sensitivities and integrals y, algebraic unknowns z, parameters with
     held variables p (n_p,), their directions (n_p, m) and what the integrator makes of both, which conditions are true."""
 
@@ -125,7 +125,7 @@ class Now:
                 for values, size in zip((self.y, self.z), sizes, strict=True))
         return x, z
 
-    def standing(self, point: Point, moved: Moved) -> Now:
+    def standing(self, point: Point, moved: PointSensitivity) -> EventState:
         """The same moment at another point, the integrals as they were (unless `moved` says how they moved)."""
         assembly, y = self.frame.assembly, self.y.copy()
         x_size, z_size, n_x = assembly.x_nominal, assembly.z_nominal, len(point.x)
@@ -142,7 +142,7 @@ class Now:
 class Record:
     """What is written down at the stops (N,) of a run; `passed` are the last events of conditions with their times."""
 
-    def __init__(self, first: Now, stops: Array, same: float):
+    def __init__(self, first: EventState, stops: Array, same: float):
         n = len(stops)
         self.stops, self.same, self.home = stops, same, first.frame
         self.y, self.p, self.dp = np.zeros((len(first.y), n)), np.zeros((len(first.p), n)), np.zeros((*first.dp.shape, n))
@@ -150,13 +150,13 @@ class Record:
         self.frame = np.zeros(n, int)
         self.z = [np.zeros((len(first.z), n))]
         self.instants: list[Instant] = []
-        self.changes: list[ChartChange] = []
+        self.changes: list[StateChange] = []
         self.solver_changes: list[SolverChange] = []
         self.passed: list[tuple[float, tuple[int, ...]]] = []
         self.true_at_start: list[str] | None = None  # events that did not happen there; None before it is known
         self.steps = 0
 
-    def write(self, now: Now, times: Array, y: Array, z: Array) -> None:
+    def write(self, now: EventState, times: Array, y: Array, z: Array) -> None:
         """Those of the points at times (n,), y and z (., n), that are stops."""
         if not len(times):
             return
@@ -198,13 +198,13 @@ class Record:
         return Trace(x, z, self.y[n_y - integrals:], self.p[held], self.dp[held].transpose(1, 0, 2), tuple(self.instants),
                      statistics, tuple(stays[1:]))
 
-    def _stay(self, number: int) -> Stay:
+    def _stay(self, number: int) -> AlternativeStates:
         assembly, blocks = self.frames[number].assembly, 1 + self.dp.shape[1]
         n_x = len(assembly.x_nominal) * blocks
-        return Stay(assembly, self.frame == number, self.y[:n_x] * np.tile(assembly.x_nominal, blocks)[:, None],
-                    self.z[number] * np.tile(assembly.z_nominal, blocks)[:, None])
+        return AlternativeStates(assembly, self.frame == number, self.y[:n_x] * np.tile(assembly.x_nominal, blocks)[:, None],
+                                 self.z[number] * np.tile(assembly.z_nominal, blocks)[:, None])
 
-    def _at_home(self, number: int, stay: Stay, u: Array) -> tuple[Array, Array]:
+    def _at_home(self, number: int, stay: AlternativeStates, u: Array) -> tuple[Array, Array]:
         """x and z of the home chart, with their sensitivities, at the stops of a stay."""
         n, m = int(stay.at.sum()), self.dp.shape[1]
         (n_x, n_z), home = (len(stay.assembly.x_nominal), len(stay.assembly.z_nominal)), self.home.chart

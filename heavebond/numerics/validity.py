@@ -56,7 +56,7 @@ Points = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
-class Stretch:
+class RunSection:
     """A run or a part of it in the states of one assembly: times (N,), states (n, N), and the arguments of the
     assembly's functions at points by their numbers."""
 
@@ -66,7 +66,7 @@ class Stretch:
     columns: Callable[[Points], tuple[Array, ...]]
 
 
-def judged(stretches: Sequence[Stretch], also: Sequence[Finding] = ()) -> Verdict:
+def judged(stretches: Sequence[RunSection], also: Sequence[Finding] = ()) -> Verdict:
     """The verdict on a run of one stretch or several; `also` was found during the run."""
     duration = max((float(s.time[-1]) for s in stretches), default=0.0) - min((float(s.time[0]) for s in stretches),
                                                                               default=0.0)
@@ -84,7 +84,7 @@ def at_point(assembly: Assembly, point: Point) -> Verdict:
     return verdict(list(_outside(assembly.flat.unknowns, values, np.array([point.t]), 0.0)))
 
 
-def _of_stretch(s: Stretch, duration: float, balanced: bool) -> Iterator[Finding]:
+def _of_stretch(s: RunSection, duration: float, balanced: bool) -> Iterator[Finding]:
     """What is wrong in one part of a run; the power balance, whose laws are those of all parts, where it is wanted."""
     flat, reduced, n = s.assembly.flat, s.assembly.reduced, len(s.time)
     states = {j: k for k, (j, order) in enumerate(reduced.states) if order == 0}
@@ -106,7 +106,7 @@ def _of_stretch(s: Stretch, duration: float, balanced: bool) -> Iterator[Finding
     yield from without_value(dict(zip(shown, outputs, strict=False)), s.time[chosen]).findings
 
 
-def _closely(s: Stretch, looked_at: Sequence[int], at: Points, duration: float) -> Iterator[Finding]:
+def _closely(s: RunSection, looked_at: Sequence[int], at: Points, duration: float) -> Iterator[Finding]:
     """What is wrong with some of the unknowns at more points of a run."""
     flat, arguments = s.assembly.flat, list(s.assembly.arguments)
     made = s.assembly.once(("some", *looked_at), lambda: ca.Function("some", arguments, [
@@ -155,7 +155,7 @@ def _culprit(flat: Flat, values: Array) -> str:
     return NO_VALUE.format("an equation with it")
 
 
-def _growing(s: Stretch) -> Iterator[Finding]:
+def _growing(s: RunSection) -> Iterator[Finding]:
     """States that grow exponentially over the second half of a run, to its end."""
     if len(s.time) < 4 * PARTS or not len(s.x):
         return

@@ -21,7 +21,7 @@ Indicator = Callable[[float], tuple[float, float]]
 
 
 @dataclass(frozen=True)
-class Suspects:
+class CrossingIntervals:
     """Intervals (n_c, n) in which each condition surely or possibly becomes true, and at which shares of them (n_c, n) the
     cubics are highest and lowest."""
 
@@ -36,7 +36,7 @@ class Suspects:
         return np.flatnonzero((self.certain | self.possible).any(axis=0)).tolist()
 
 
-def suspects(t: Array, indicators: Array, rates: Array, true: NDArray[np.bool_]) -> Suspects:
+def suspects(t: Array, indicators: Array, rates: Array, true: NDArray[np.bool_]) -> CrossingIntervals:
     """Look at the intervals between times t (n+1,); indicators and rates (n_c, n+1), `true` (n_c,) at the first time.
 
     Between two points an indicator is taken as the cubic with its values and rates, so that one that is positive in
@@ -52,7 +52,7 @@ def suspects(t: Array, indicators: Array, rates: Array, true: NDArray[np.bool_])
     rising, falling = (inside > 0).any(axis=2), (inside < 0).any(axis=2)
     highest, lowest = (np.take_along_axis(s, find(inside, axis=2)[:, :, None], axis=2)[:, :, 0]
                        for find in (np.argmax, np.argmin))
-    return Suspects(~left & right, (~left & ~right & rising) | (left & right & falling), highest, lowest)
+    return CrossingIntervals(~left & right, (~left & ~right & rising) | (left & right & falling), highest, lowest)
 
 
 def _extrema(step: Array, begin: Array, end: Array) -> Array:

@@ -62,7 +62,7 @@ class _Ends:
 
 
 @dataclass(frozen=True)
-class _Made:
+class _BuiltIntegrator:
     """An integrator, the numbers in it and the steps that it can keep."""
 
     fixed: Array
@@ -94,7 +94,7 @@ class Adjoint:
                                       f"Type Simulator(..., solver='{DEFAULT}'), or take forward sensitivities: "
                                       "simulate(..., sensitivities=[...]).")])
         self._chosen = [assembly.parameter_names.index(name) for name in names]
-        self._made: dict[int, _Made] = {}
+        self._made: dict[int, _BuiltIntegrator] = {}
         self._steps = 0
         self._last_sizes = np.zeros(0)
         z, p = assembly.arguments[2:4]
@@ -177,7 +177,8 @@ class Adjoint:
         back = np.divide(1.0, weights, out=np.zeros_like(weights), where=weights > 0)
         return by_x * back, by_p * back
 
-    def _called(self, made: _Made, first: Start, pulls: Array, jumps: Array) -> tuple[Array, Array, dict[str, ca.DM]]:
+    def _called(self, made: _BuiltIntegrator, first: Start, pulls: Array, jumps: Array) -> tuple[Array, Array,
+                                                                                                 dict[str, ca.DM]]:
         """Forward and back from a start with what is added to the adjoint states (stops, k, n_all) and to the multipliers
         (n_z, stops * k): the adjoint states at the start in SI (n_x, k), by p (n_p, k), and what the call gave."""
         simulator, assembly = self.simulator, self.simulator.assembly
@@ -250,7 +251,7 @@ class Adjoint:
     def _hoisted(self, p: Array) -> Array:
         return np.array(self.simulator.integrand.hoist(p, np.zeros((len(p), 0)))).ravel()
 
-    def _integrator(self, steps: int, p: Array, number: int) -> _Made:
+    def _integrator(self, steps: int, p: Array, number: int) -> _BuiltIntegrator:
         """The integrator with so many ways back, with the numbers of a run and room for its steps."""
         hoisted = self._hoisted(p)
         fixed = np.delete(hoisted, self._kept)
@@ -259,7 +260,7 @@ class Adjoint:
             made = self._made[number] = self._built(hoisted, ROOM * steps + 1000, number)
         return made
 
-    def _built(self, hoisted: Array, room: int, number: int) -> _Made:
+    def _built(self, hoisted: Array, room: int, number: int) -> _BuiltIntegrator:
         simulator = self.simulator
         dae = dict(simulator.integrand.dae)
         rest = np.setdiff1d(np.arange(len(hoisted)), self._kept)
@@ -277,7 +278,7 @@ class Adjoint:
         kept = simulator.integrand.hoist(p, ca.SX(p.numel(), 0))[self._kept.tolist()]
         pull = ca.SX.sym("l", len(self._kept), number)
         transposed = ca.Function("hoist", [p, pull], [ca.jtimes(kept, p, pull, True)])
-        return _Made(hoisted[rest], room, integrator, transposed)
+        return _BuiltIntegrator(hoisted[rest], room, integrator, transposed)
 
     # -- costs of the last values ----------------------------------------------------------------------------------
     def _end_function(self) -> ca.Function:

@@ -250,8 +250,8 @@ class Evaluator:
         gate = _gate(assembly.arguments[0], begin, min(begin, RAMP * (end - begin)))
         scaled = [_until(gate, self.factors.symbols[k] * f.signal) for k, f in enumerate(self.integrated)]
         self.quadratures = stack([_integrand(f.kind, s) for f, s in zip(self.integrated, scaled, strict=True)])
-        self._integrated = _moved(assembly, self.integrated)
-        self._finals = _moved(assembly, self.functionals)
+        self._integrated = _functional_sensitivities(assembly, self.integrated)
+        self._finals = _functional_sensitivities(assembly, self.functionals)
         modal = any(f.kind in NUMBERS for f in self.functionals)
         self._modal = ModalNumbers(assembly, modes or {}, named) if modal else None
 
@@ -284,7 +284,7 @@ class Evaluator:
     def largest(self, run: Result) -> Array:
         """The largest |signal| of each integral (n_q,) at the times of a run that lie in the window."""
         inside = run.time >= self.begin
-        return np.asarray(np.abs(_along(self._integrated, run, inside)[0]).max(axis=1, initial=0.0))
+        return np.asarray(np.abs(_signal_sensitivities(self._integrated, run, inside)[0]).max(axis=1, initial=0.0))
 
     def found_sizes(self, values: Array) -> Array:
         """The size (n_q,) of each signal as the functionals of a run tell it; zero where it cannot be told."""
@@ -316,7 +316,7 @@ class Evaluator:
         taken = [k for k, f in enumerate(self.functionals) if f.kind in ("final", *SAMPLED)]
         if taken:
             inside = result.time >= (self.begin if self.sampled else result.time[-1])
-            signals, ways = _along(self._finals, result, inside)
+            signals, ways = _signal_sensitivities(self._finals, result, inside)
             for k in taken:
                 kind = self.functionals[k].kind
                 values[k], slopes[:, k] = (signals[k, -1], ways[:, k, -1]) if kind == "final" else \
@@ -331,7 +331,7 @@ class Evaluator:
         cost, inside = self.costs[0], result.time >= self.begin
         chosen = slice(0, len(cost.functionals))
         _, by_value, _ = self._at(cost, values[chosen], references[chosen], result.p)
-        signals, moved = _along(self._integrated, result, inside)
+        signals, moved = _signal_sensitivities(self._integrated, result, inside)
         steps = np.gradient(result.time[inside])
         steps[[0, -1]] /= 2
         found = np.zeros((len(slopes), len(slopes)))
@@ -389,7 +389,7 @@ class Evaluator:
         return found
 
 
-def _moved(assembly: Assembly, functionals: list[Functional]) -> ca.Function:
+def _functional_sensitivities(assembly: Assembly, functionals: list[Functional]) -> ca.Function:
     """The signals (n,) of functionals, and how they move along dx, dz, dp."""
     t, x, z, p, u, rate = assembly.arguments
     signals = stack([f.signal for f in functionals])
@@ -401,7 +401,7 @@ def _moved(assembly: Assembly, functionals: list[Functional]) -> ca.Function:
     return ca.Function("moved", [t, x, z, p, u, rate, dx, dz, dp], [signals, moved])
 
 
-def _along(function: ca.Function, run: Result, chosen: NDArray[np.bool_]) -> tuple[Array, Array]:
+def _signal_sensitivities(function: ca.Function, run: Result, chosen: NDArray[np.bool_]) -> tuple[Array, Array]:
     """Signals (n, N) at chosen times of a run, and how they move (m, n, N) along its sensitivities."""
     given = [c[:, chosen] for c in columns(run)]
     number, n = int(np.count_nonzero(chosen)), function.size1_out(0)

@@ -23,8 +23,8 @@ from heavebond.numerics.result import Probe, Result
 from heavebond.numerics.simulator import Simulator, Time, Tolerances
 from heavebond.optimise.adjoint import Adjoint
 from heavebond.optimise.influence import in_chunks
-from heavebond.optimise.kinks import Kinks, Passing
-from heavebond.optimise.objective import TOLERANCES, Objective, Task
+from heavebond.optimise.kinks import KinkCrossing, Kinks
+from heavebond.optimise.objective import TOLERANCES, Objective, TuningProblem
 
 STEPS = (1e-2, 1e-3, 1e-4, 1e-5)  # relative to the parameter, or to 1 in its base unit where it is zero
 TIGHT = Tolerances(1e-11, 1e-13, along=1.0)
@@ -39,7 +39,7 @@ TRACED = 2000  # points at which two runs are compared for being on the same sid
 
 
 @dataclass(frozen=True)
-class Ran:
+class SampledRun:
     """Values (n, N) of a run at times (N,), none where they are no series, and the times of its events."""
 
     values: Array
@@ -47,7 +47,7 @@ class Ran:
     events: tuple[float, ...] = ()
 
 
-Runs = Callable[[Mapping[str, float]], Ran]
+Runs = Callable[[Mapping[str, float]], SampledRun]
 
 
 @dataclass(frozen=True)
@@ -103,9 +103,9 @@ def signals_of(assembly: Assembly, signals: Iterable[str], until: Time | None = 
     def runs(given: Tolerances) -> Runs:
         simulator = Simulator(assembly, until, every=every, tolerances=given)
 
-        def ran(settings: Mapping[str, float]) -> Ran:
+        def ran(settings: Mapping[str, float]) -> SampledRun:
             run = simulator.run(settings)
-            return Ran(probe.values(run), run.time, tuple(time for time, _ in run.events))
+            return SampledRun(probe.values(run), run.time, tuple(time for time, _ in run.events))
 
         return ran
 
@@ -120,7 +120,8 @@ def signals_of(assembly: Assembly, signals: Iterable[str], until: Time | None = 
                    Kinks(assembly, names), runs, exact, trace)
 
 
-def costs_of(assembly: Assembly, task: Task, *, tolerances: Tolerances | None = None, backwards: bool = False) -> Subject:
+def costs_of(assembly: Assembly, task: TuningProblem, *, tolerances: Tolerances | None = None,
+             backwards: bool = False) -> Subject:
     """The cost and the limits of a task in its first case; by runs backwards instead of forward if so wanted."""
     case = Objective(assembly, task).cases[0]
     assembly, time = case.plain.assembly, case.plain.time
@@ -132,7 +133,7 @@ def costs_of(assembly: Assembly, task: Task, *, tolerances: Tolerances | None = 
 
     def runs(given: Tolerances) -> Runs:
         plain = simulator(given)
-        return lambda settings: Ran(np.array(
+        return lambda settings: SampledRun(np.array(
             [[slope.value] for slope in evaluator.cost_slopes(plain.run(settings), references)]), np.zeros(0))
 
     def exact(given: Tolerances, names: Sequence[str]) -> Array:
@@ -186,7 +187,7 @@ def check_gradients(subject: Subject, parameters: Sequence[str], *, progress: Pr
     return found
 
 
-def _differences(middle: Ran, around: Sequence[Ran], j: int, h: float, exact: Array) -> _Differences | None:
+def _differences(middle: SampledRun, around: Sequence[SampledRun], j: int, h: float, exact: Array) -> _Differences | None:
     """Those of the j-th quantity at a step h, the `exact` derivative (N,) where no difference can tell it; None where that
     is so at most of the times."""
     found = _Differences.of(middle.values[j], [run.values[j] for run in around], h)
@@ -197,7 +198,7 @@ def _differences(middle: Ran, around: Sequence[Ran], j: int, h: float, exact: Ar
         *(np.where(out, exact, side) for side in (found.central, found.up, found.down)))
 
 
-def _between(middle: Ran, around: Sequence[Ran]) -> NDArray[np.bool_]:
+def _between(middle: SampledRun, around: Sequence[SampledRun]) -> NDArray[np.bool_]:
     """The times (N,) that lie before an event in some of the runs and behind it in others: a difference over a jump is no
     derivative. Where the runs differ in how many events they have, nothing behind the first that is missing counts."""
     runs = [middle, *around]
@@ -208,7 +209,7 @@ def _between(middle: Ran, around: Sequence[Ran]) -> NDArray[np.bool_]:
     return inside
 
 
-def _around(runs: Runs, name: str, value: float, step: float) -> list[Ran] | None:
+def _around(runs: Runs, name: str, value: float, step: float) -> list[SampledRun] | None:
     """Runs at -2, -1, 1, 2 steps; None where a run cannot be made (a mass below zero)."""
     try:
         return [runs({name: value + n * step}) for n in (-2, -1, 1, 2)]
@@ -216,7 +217,7 @@ def _around(runs: Runs, name: str, value: float, step: float) -> list[Ran] | Non
         return None
 
 
-def _passings(subject: Subject, name: str, value: float, step: float) -> list[Passing]:
+def _passings(subject: Subject, name: str, value: float, step: float) -> list[KinkCrossing]:
     try:
         return subject.kinks.apart(*(subject.trace({name: value + n * step}) for n in (-1, 1)))
     except HeavebondError:
@@ -240,7 +241,7 @@ class _Differences:
 
 
 def judge(quantity: str, parameter: str, values: Array, given: Array, tight: Array,
-          differences: Mapping[float, _Differences | None], passings: Sequence[Passing], rtol: tuple[float, float]
+          differences: Mapping[float, _Differences | None], passings: Sequence[KinkCrossing], rtol: tuple[float, float]
           ) -> Verdict:
     """The verdict on one derivative (N,), all per relative change of the parameter; `rtol` given and tight.
 
@@ -296,7 +297,7 @@ def _span(steps: Mapping[float, float]) -> str:
     return f"off by {100 * min(steps.values()):.2g} .. {100 * max(steps.values()):.2g} %"
 
 
-def _with(passings: Sequence[Passing], words: str) -> str:
+def _with(passings: Sequence[KinkCrossing], words: str) -> str:
     """The kinks in the order of time, each owner once."""
     named: dict[tuple[str, str], float] = {}
     for p in passings:

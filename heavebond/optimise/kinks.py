@@ -36,7 +36,7 @@ class Kink:
 
 
 @dataclass(frozen=True)
-class Passing:
+class KinkCrossing:
     """A kink that two runs pass at different times or on different sides, the first time at which that is so."""
 
     kink: Kink
@@ -50,12 +50,12 @@ class Kinks:
         self.kinks = [*_of_equations(assembly), *_of_signals(assembly, signals)]
         self._arguments = ca.Function("kinks", list(assembly.arguments), [stack(k.argument for k in self.kinks)])
 
-    def apart(self, one: Result, other: Result) -> list[Passing]:
+    def apart(self, one: Result, other: Result) -> list[KinkCrossing]:
         """The kinks at which two runs on the same grid are on different sides, in the order of time."""
         if not self.kinks:
             return []
         differ = self._sides(one) != self._sides(other)
-        found = [Passing(kink, float(one.time[np.argmax(row)])) for kink, row in zip(self.kinks, differ, strict=True)
+        found = [KinkCrossing(kink, float(one.time[np.argmax(row)])) for kink, row in zip(self.kinks, differ, strict=True)
                  if row.any()]
         return sorted(found, key=lambda passing: passing.time)
 

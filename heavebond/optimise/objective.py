@@ -15,7 +15,7 @@ from heavebond.core.units import Range
 from heavebond.equations.parameters import check_ranges
 from heavebond.linear.describing_function import slopes_over
 from heavebond.linear.linearisation import ModesAtStart
-from heavebond.linear.rest_stability import STABLE, AtRest, RestStability
+from heavebond.linear.rest_stability import STABLE, OperatingPointStability, RestStability
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.result import Result
 from heavebond.numerics.simulator import Simulator, Time, Tolerances, grid, seconds
@@ -55,7 +55,7 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Task:
+class TuningProblem:
     """What to tune: free parameters with ranges, a cost, limits (`peak(extension) < 3 m`), the time that is evaluated,
     the values that make the reference run, the cases over which the cost is averaged, what is set where modes are
     computed, how uncertain other parameters are (in their base units), and whether the machine must be stable at rest."""
@@ -74,7 +74,7 @@ class Task:
 
 def tuning_task(free: Mapping[str, Range | str], cost: str, *, limits: Sequence[str] = (), begin: Time = 0.0,
                 end: Time | None = None, reference: Mapping[str, float | str] | None = None,
-                cases: Mapping[str, Mapping[str, float | str]] | None = None, stable: bool = True) -> Task:
+                cases: Mapping[str, Mapping[str, float | str]] | None = None, stable: bool = True) -> TuningProblem:
     """A tuning problem for `tune`: minimise `cost` over the ranges of `free`, such that `limits` hold.
 
     `tuning_task({"controller.K_p": "0 .. 10 1/m"}, "rms(WOB)/1 kN", limits=["peak(extension) < 3 m"], begin="48 s")`.
@@ -84,8 +84,8 @@ def tuning_task(free: Mapping[str, Range | str], cost: str, *, limits: Sequence[
     `tune` raises it for unknown names and wrong units.
     """
     found = (Case("diagram", {}),) if cases is None else tuple(Case(name, dict(values)) for name, values in cases.items())
-    return Task(ranges(free), cost, tuple(limits), seconds(begin, "begin"),
-                None if end is None else seconds(end, "end"), reference, found, stable=stable)
+    return TuningProblem(ranges(free), cost, tuple(limits), seconds(begin, "begin"),
+                         None if end is None else seconds(end, "end"), reference, found, stable=stable)
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ class Evaluation:
 class Objective:
     """The cost of a task as a function of y in [0, 1]^m, the free parameters as shares of their ranges."""
 
-    def __init__(self, assembly: Assembly, task: Task):
+    def __init__(self, assembly: Assembly, task: TuningProblem):
         self.assembly, self.task = assembly, task
         self.names = list(task.free)
         check_free(assembly, task)
@@ -293,7 +293,7 @@ class Objective:
         first, found = modes.at(self.values(y))
         return np.asarray(modes.slope(first, max(found, key=lambda m: m.value.real), self.names).real * self.span)
 
-    def at_rest(self, values: Mapping[str, float]) -> tuple[Case, RestStability, AtRest] | None:
+    def at_rest(self, values: Mapping[str, float]) -> tuple[Case, RestStability, OperatingPointStability] | None:
         """The least stable case at its operating point with parameters in SI; None where a case has no equilibrium.
         StartError where one has no start."""
         found = [(case, machine, machine.at(values)) for case, machine in zip(self.task.cases, self.machines, strict=True)]
@@ -339,7 +339,7 @@ def check_smooth(cost: Cost) -> None:
                                   "Tune by peak(...), rms(...) or the like, and measure this one.")])
 
 
-def check_free(assembly: Assembly, task: Task) -> None:
+def check_free(assembly: Assembly, task: TuningProblem) -> None:
     """UsageError where what is free cannot be: an unknown name, a range in another unit, a value outside its range."""
     if not task.free:
         raise UsageError([Problem("free-empty", "nothing is free to be tuned", None,

@@ -18,7 +18,7 @@ from typing import Any, cast
 import casadi as ca
 import numpy as np
 
-from heavebond.core.cancellation import ENDED_EARLY, is_interrupt, obeyed
+from heavebond.core.cancellation import ENDED_EARLY, clear_signal, is_interrupt
 from heavebond.core.progress import Progress
 from heavebond.numerics.dae import Array
 from heavebond.optimise.objective import GROWN, KEPT, Evaluation, Objective
@@ -43,7 +43,7 @@ GOOD = 0.7  # and the next may be longer from this share on
 
 
 @dataclass(frozen=True)
-class Found:
+class SearchResult:
     """Where a search ended, why, and every point on the way."""
 
     best: Evaluation
@@ -51,8 +51,9 @@ class Found:
     path: tuple[Evaluation, ...]
 
 
-def search(problem: Objective, first: Array, method: str, most_steps: int, say: Progress, others: Sequence[Found] = (),
-           partial: bool = False) -> Found:
+def search(problem: Objective, first: Array, method: str, most_steps: int, say: Progress,
+           others: Sequence[SearchResult] = (),
+           partial: bool = False) -> SearchResult:
     """The least cost that is found from one point on; `most_steps` bounds the accepted steps. A search by `trust` that
     comes to where one of `others` has ended stops there. With `partial` Ctrl-C ends it with the best so far
     (ENDED_EARLY)."""
@@ -64,11 +65,11 @@ def search(problem: Objective, first: Array, method: str, most_steps: int, say: 
     except BaseException as error:
         if not (partial and is_interrupt(error) and any(np.isfinite(e.cost) for e in seen.path)):
             raise
-        obeyed()
+        clear_signal()
         message = ENDED_EARLY
     best = min(seen.path, key=lambda e: (not e.kept, e.cost))
     known = best.gradient is not None or message == ENDED_EARLY
-    return Found(best if known else problem.evaluate(best.at), message, tuple(seen.path))
+    return SearchResult(best if known else problem.evaluate(best.at), message, tuple(seen.path))
 
 
 class _Seen:

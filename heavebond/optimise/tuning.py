@@ -20,8 +20,8 @@ from heavebond.language.model import Model
 from heavebond.linear.floquet import DECIDED, largest_multiplier
 from heavebond.linear.rest_stability import Stability, crossing, describe
 from heavebond.numerics.dae import Array, Assembly, assemble
-from heavebond.optimise.objective import KEPT, Evaluation, Objective, Task
-from heavebond.optimise.search import APART, METHODS, Found, search
+from heavebond.optimise.objective import KEPT, Evaluation, Objective, TuningProblem
+from heavebond.optimise.search import APART, METHODS, SearchResult, search
 
 # Points of the hypercube are drawn so many times more often than they are run, where the linearised machine tells which
 # of them are beyond the stability boundary.
@@ -34,7 +34,7 @@ INSIDE, AT_END = 0.005, 1e-3
 
 
 @dataclass(frozen=True)
-class Step:
+class TuningEvaluation:
     """One evaluation on the way: the values in SI and the cost."""
 
     values: dict[str, float]
@@ -48,13 +48,13 @@ class Tuned:
     gradients of k costs by a run backwards as 2 + k/2. `stability` holds the margins of the best values; `at_end` the
     parameters that ended at the lower or the upper end of their range."""
 
-    task: Task
+    task: TuningProblem
     values: dict[str, float]
     cost: float
     before: float
     cost_of_cases: dict[str, float]
     limits: dict[str, float]
-    paths: tuple[tuple[Step, ...], ...]
+    paths: tuple[tuple[TuningEvaluation, ...], ...]
     runs: int
     simulations: float
     message: str
@@ -67,7 +67,7 @@ class Tuned:
 
 
 @reporting
-def tune(model: Model | Assembly | Objective, task: Task, *, explore: int = 5, starts: int = 1, seed: int = 0,
+def tune(model: Model | Assembly | Objective, task: TuningProblem, *, explore: int = 5, starts: int = 1, seed: int = 0,
          method: str = "trust", most_steps: int = 30, progress: Progress | None = None,
          partial: bool = False) -> Tuned:
     """Minimise the cost over the free parameters within their ranges and limits.
@@ -84,7 +84,7 @@ def tune(model: Model | Assembly | Objective, task: Task, *, explore: int = 5, s
     problem = model if isinstance(model, Objective) else \
         Objective(model if isinstance(model, Assembly) else assemble(model), task)
     say = progress or (lambda text: None)
-    found: list[Found] = []
+    found: list[SearchResult] = []
     for k, first in enumerate(starting_points(problem, explore, starts, seed, say), 1):
         found.append(search(problem, first, method, most_steps, numbered(say, "start", k, starts), found,
                             partial))
@@ -101,7 +101,8 @@ def tune(model: Model | Assembly | Objective, task: Task, *, explore: int = 5, s
     return _told(problem, task, found, best, ENDED_EARLY if early else best.message, say)
 
 
-def _told(problem: Objective, task: Task, found: Sequence[Found], best: Found, message: str, say: Progress) -> Tuned:
+def _told(problem: Objective, task: TuningProblem, found: Sequence[SearchResult], best: SearchResult, message: str,
+          say: Progress) -> Tuned:
     """The best of all searches with its margins."""
     limits = dict(zip(problem.limits, best.best.limits.tolist(), strict=True))
     values = problem.values(best.best.at)
@@ -168,13 +169,13 @@ def sweep_in_turn(problem: Objective, begin: Mapping[str, float | str], sweeps: 
     The other free parameters stand at `begin`, else at the diagram's own values. A run that breaks down costs infinity.
     """
     values = {name: problem.assembly.with_parameters(begin).parameter_values[name] for name in problem.names}
-    steps: list[tuple[Step, Evaluation]] = []
+    steps: list[tuple[TuningEvaluation, Evaluation]] = []
     for name, numbers in sweeps:
         for k, number in enumerate(numbers, 1):
             if progress:
                 progress(f"{name}, {k} of {len(numbers)}")
             found = problem.at({**values, name: number})
-            steps.append((Step({**values, name: float(number)}, found.cost), found))
+            steps.append((TuningEvaluation({**values, name: float(number)}, found.cost), found))
         values = min(steps[-len(numbers):], key=lambda pair: (not pair[1].kept, pair[1].cost))[0].values
     best, found = min(steps, key=lambda pair: (not pair[1].kept, pair[1].cost))
     runs, simulations = problem.runs, problem.simulations
@@ -184,11 +185,11 @@ def sweep_in_turn(problem: Objective, begin: Mapping[str, float | str], sweeps: 
                  ends(problem, best.values, dict(sweeps)))
 
 
-def _rank(found: Found) -> tuple[bool, float]:
+def _rank(found: SearchResult) -> tuple[bool, float]:
     return not found.best.kept, found.best.cost
 
 
-def _edges(problem: Objective, found: Found, say: Progress) -> list[Array]:
+def _edges(problem: Objective, found: SearchResult, say: Progress) -> list[Array]:
     """Points at the stability boundary along each free parameter that cost little more than what was found: there a cost
     often has another valley, when friction holds a machine still that would not stand still without it."""
     points = []
@@ -226,8 +227,8 @@ def _before(problem: Objective) -> float:
     return problem.cost(problem.start) if problem.calm(problem.start) else np.inf
 
 
-def _path(problem: Objective, found: Found) -> tuple[Step, ...]:
-    return tuple(Step(problem.values(e.at), e.cost) for e in found.path)
+def _path(problem: Objective, found: SearchResult) -> tuple[TuningEvaluation, ...]:
+    return tuple(TuningEvaluation(problem.values(e.at), e.cost) for e in found.path)
 
 
 def starting_points(problem: Objective, explore: int, starts: int, seed: int, say: Progress) -> list[Array]:
@@ -258,7 +259,7 @@ def sweep(problem: Objective, numbers: Sequence[int], *, progress: Progress | No
     return [problem.low[k] + axis * problem.span[k] for k, axis in enumerate(axes)], costs
 
 
-def tuned_diagram(model: Model, task: Task, result: Tuned, path: Path, settings: Mapping[str, str]) -> str:
+def tuned_diagram(model: Model, task: TuningProblem, result: Tuned, path: Path, settings: Mapping[str, str]) -> str:
     """The text of a diagram at `path` that extends the tuned one and sets the best values, and what was set beside them."""
     tuned = {name: quantity(value, task.free[name].unit) for name, value in result.values.items()}
     values = {**{name: quoted(text) for name, text in settings.items()}, **tuned}

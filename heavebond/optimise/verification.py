@@ -22,7 +22,7 @@ STILL, ROUNDING = 1e-3, 1e-9
 
 
 @dataclass(frozen=True)
-class Moved:
+class OutputChange:
     """How far an output moves: rms of the difference over the output's range, as the tolerances are tightened, and as the
     widths are narrowed besides; nan where that run failed."""
 
@@ -42,13 +42,13 @@ class Verification:
     """Each output with how far it moves, which widths were narrowed, what is allowed, and what the repeated runs said where
     they failed."""
 
-    outputs: tuple[Moved, ...]
+    outputs: tuple[OutputChange, ...]
     widths: tuple[str, ...]
     allowed: float
     failures: tuple[Problem, ...]
 
     @property
-    def moved(self) -> list[Moved]:
+    def moved(self) -> list[OutputChange]:
         """The outputs that moved by more than is allowed, the worst first."""
         return sorted((m for m in self.outputs if m.worst > self.allowed), key=lambda m: -m.worst)
 
@@ -85,7 +85,8 @@ def verify(result: Result, names: Sequence[str], also: Iterable[str] = (), toler
     tolerance = _shares(result, names, result.assembly, tight, failures, "with tighter tolerances")
     narrow = assemble(result.assembly.model, also, NARROWER) if widths else result.assembly
     width = _shares(result, names, narrow, tight, failures, "with a tenth of the widths") if widths else tolerance
-    return Verification(tuple(Moved(n, a, b) for n, a, b in zip(names, tolerance, width, strict=True)), widths, allowed,
+    return Verification(tuple(OutputChange(n, a, b) for n, a, b in zip(names, tolerance, width, strict=True)), widths,
+                        allowed,
                         tuple(failures))
 
 

@@ -20,7 +20,7 @@ from heavebond.core.units import ONE, Dimension, declared_unit
 from heavebond.language.model import Model
 from heavebond.language.reading import add_expression_problem
 from heavebond.language.symbols import stack
-from heavebond.language.view import WIDE, Seen
+from heavebond.language.view import WIDE, ViewShape
 from heavebond.numerics.dae import Array, Assembly, assemble
 from heavebond.numerics.result import Result
 from heavebond.numerics.simulation import simulate
@@ -169,7 +169,7 @@ def _courses(result: Result, formulas: Mapping[str, Expr], beside: Mapping[str, 
     return found
 
 
-def _check(assembly: Assembly, view: Mapping[str, Seen], apart: Mapping[str, _Apart]) -> None:
+def _check(assembly: Assembly, view: Mapping[str, ViewShape], apart: Mapping[str, _Apart]) -> None:
     """Names and units of all formulas."""
     problems, resolver = Problems(), assembly.resolver()
     places = {name: own.dimension for name, own in apart.items()}
@@ -227,7 +227,7 @@ def _motion(result: Result, time: Array, courses: Mapping[str, Array], chosen: l
     return Motion(model.name, model.summary, time, shapes, edges, shown)
 
 
-def _placed(seen: Seen, courses: Mapping[str, Array], n: int) -> Array:
+def _placed(seen: ViewShape, courses: Mapping[str, Array], n: int) -> Array:
     """x and y of both ends, W and B over time (6, n); what the edges of the picture decide is still open (nan)."""
     found = np.full((6, n), np.nan)
     given = {key: [courses[f.text] for f in part] for key, part in seen.formulas.items()}

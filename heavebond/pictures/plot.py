@@ -24,12 +24,12 @@ from heavebond.core.writable import new_file
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from heavebond.diagnosis.ladder import Rung
+    from heavebond.diagnosis.ladder import LadderEntry
     from heavebond.estimation.comparison import Channel, Comparison, RecordComparison
     from heavebond.numerics.dae import Array
     from heavebond.numerics.result import Result
     from heavebond.optimise.influence import Influence, Ranking, Rankings
-    from heavebond.optimise.objective import Task
+    from heavebond.optimise.objective import TuningProblem
     from heavebond.optimise.robustness import Ellipse
     from heavebond.optimise.tuning import Tuned
     from heavebond.records.saved_runs import SavedRun
@@ -177,7 +177,8 @@ def plot_comparison(comparison: Comparison) -> Figure:
     return figure
 
 
-def plot_surface(task: Task, tuned: Tuned, axes: Sequence[Array], costs: Array, ellipse: Ellipse | None = None) -> Figure:
+def plot_surface(task: TuningProblem, tuned: Tuned, axes: Sequence[Array], costs: Array,
+                 ellipse: Ellipse | None = None) -> Figure:
     """The cost over two free parameters from a sweep, with the ways of the search, the best point, and where the cost rises
     by less than 1 %.
 
@@ -235,7 +236,7 @@ def plot_influence(found: Rankings, *, bars: int = 12, courses: int = 4, title: 
     return figure
 
 
-def plot_ladder(rungs: Sequence[Rung], *, title: str = "The error on the ladder") -> Figure:
+def plot_ladder(rungs: Sequence[LadderEntry], *, title: str = "The error on the ladder") -> Figure:
     """The falling error: root mean square over that of what was measured, on the fitted samples and on those that were not,
     each beside what noise alone would leave there (the last model's error divided by the root of chi-square per sample)."""
     figure = NotebookFigure(figsize=(WIDTH, 2.2 + 0.62 * len(rungs)), dpi=DPI)

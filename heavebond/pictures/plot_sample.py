@@ -12,7 +12,7 @@ from matplotlib.patches import Patch
 
 from heavebond.core.presentation import number, unit_label
 from heavebond.pictures.plot import COLOURS, DPI, WIDE
-from heavebond.studies.uncertainty import QUANTILES, Indices, Slopes, Swing, drawn, groups, indices, slopes, swings
+from heavebond.studies.uncertainty import QUANTILES, Indices, Slopes, TornadoBar, drawn, groups, indices, slopes, swings
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -96,7 +96,7 @@ def tornados(result: StudyResult, picture: Picture) -> Figure:
     return figure
 
 
-def _tornado(panel: Axes, rows: list[Swing]) -> None:
+def _tornado(panel: Axes, rows: list[TornadoBar]) -> None:
     places = np.arange(len(rows))
     middle = rows[0].value if rows else 0.0
     for end, colour in (("low", COLOURS[0]), ("high", COLOURS[1])):

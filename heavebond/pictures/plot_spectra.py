@@ -16,7 +16,7 @@ from heavebond.pictures.plot_sample import SMALL, quiet
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from heavebond.records.spectra import Swinging
+    from heavebond.records.spectra import SignalAnalysis
 
 CLASSES = 20
 FEW = 10  # cycles in a class, up to which their axis is not logarithmic
@@ -24,7 +24,7 @@ WIDTH, HEIGHT = 11.0, 2.4  # inches of a row
 SHOWN = 0.9995  # of m_0 lies below the last frequency that is drawn, and a half more
 
 
-def plot_spectra(found: Sequence[Swinging]) -> Figure:
+def plot_spectra(found: Sequence[SignalAnalysis]) -> Figure:
     """A row per signal: over time, its spectral density, and how many rainflow cycles each range has."""
     with rc_context(SMALL):
         figure = Figure(figsize=(WIDTH, 0.4 + HEIGHT * len(found)), dpi=1.5 * DPI, layout="constrained")
@@ -38,11 +38,11 @@ def plot_spectra(found: Sequence[Swinging]) -> Figure:
         return figure
 
 
-def _unit(one: Swinging) -> str:
+def _unit(one: SignalAnalysis) -> str:
     return unit_label(one.course.unit) if one.course.unit else "unit of the file"
 
 
-def _course(panel: Axes, one: Swinging) -> None:
+def _course(panel: Axes, one: SignalAnalysis) -> None:
     course = one.course
     panel.plot(course.time, course.values, color=COLOURS[0], linewidth=0.7)
     panel.axhline(one.mean, color="black", linewidth=0.6, linestyle=(0, (4, 2)))
@@ -51,7 +51,7 @@ def _course(panel: Axes, one: Swinging) -> None:
     panel.set_ylabel(f"{course.name} [{_unit(one)}]")
 
 
-def _spectrum(panel: Axes, one: Swinging) -> None:
+def _spectrum(panel: Axes, one: SignalAnalysis) -> None:
     known = one.spectrum
     share = np.cumsum(known.density[1:]) / known.density[1:].sum()
     last = known.frequency[1:][int(np.searchsorted(share, SHOWN))]
@@ -68,7 +68,7 @@ def _spectrum(panel: Axes, one: Swinging) -> None:
     panel.legend(frameon=False)
 
 
-def _cycles(panel: Axes, one: Swinging) -> None:
+def _cycles(panel: Axes, one: SignalAnalysis) -> None:
     edges, counts = one.cycles.classes(CLASSES)
     panel.barh(edges[:-1], counts, np.diff(edges), align="edge", color=COLOURS[2], edgecolor="white", linewidth=0.4)
     if counts.max() > FEW:

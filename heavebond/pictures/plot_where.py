@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from heavebond.core.presentation import readable_unit, unit_label
 from heavebond.core.units import read_unit
-from heavebond.localise.misfit import Suspect, Where, noun
+from heavebond.localise.misfit import Localization, PlaceEstimate, noun
 from heavebond.numerics.dae import Array
 from heavebond.pictures.plot import COLOURS, DPI, RECORD, RECT, WIDTH
 
@@ -17,7 +17,7 @@ PANELS = 3
 MOST = 3000
 
 
-def plot_place(found: Where, place: str) -> Figure:
+def plot_place(found: Localization, place: str) -> Figure:
     """What would have to act at a place: over the variable that tells it best and two others around, with the curve through
     it, and over time with twice its standard deviation; UsageError for a place that was not estimated."""
     found.implied(place)
@@ -40,7 +40,7 @@ def plot_place(found: Where, place: str) -> Figure:
     return figure
 
 
-def plot_misfit(found: Where) -> Figure:
+def plot_misfit(found: Localization) -> Figure:
     """When the model misses its records, and the curve of each channel's error over the variable that tells it best."""
     channels = list(found.experiment.outputs)
     records = list(dict.fromkeys(s.record for s in found.stretches))
@@ -76,7 +76,7 @@ def plot_misfit(found: Where) -> Figure:
     return figure
 
 
-def _variables(suspect: Suspect) -> list[str]:
+def _variables(suspect: PlaceEstimate) -> list[str]:
     """The best variable first, then others in the order of the place."""
     if suspect.curve is None:
         return []
@@ -84,7 +84,7 @@ def _variables(suspect: Suspect) -> list[str]:
     return [best, *(n for n in suspect.curve.scores if n != best)][:PANELS]
 
 
-def _cloud(panel: Axes, suspect: Suspect, name: str, shown: str) -> None:
+def _cloud(panel: Axes, suspect: PlaceEstimate, name: str, shown: str) -> None:
     """The force over one variable, rising and falling apart by colour, and the curve through it."""
     assert suspect.curve is not None
     x = np.concatenate([i.local[name] for i in suspect.implied.values()])
@@ -108,12 +108,12 @@ def _cloud(panel: Axes, suspect: Suspect, name: str, shown: str) -> None:
     panel.set_title(f"R² {max(r2, 0.0):.2f} on data not used", loc="left", fontsize=10)
 
 
-def _unit_of(suspect: Suspect, name: str) -> str:
+def _unit_of(suspect: PlaceEstimate, name: str) -> str:
     assert suspect.curve is not None
     return suspect.curve.units.get(name, "")
 
 
-def _course(panel: Axes, suspect: Suspect, shown: str) -> None:
+def _course(panel: Axes, suspect: PlaceEstimate, shown: str) -> None:
     """The force over time, record after record."""
     per_y = read_unit(suspect.place.unit.text).scale / read_unit(shown).scale
     for k, implied in enumerate(suspect.implied.values()):

@@ -10,13 +10,13 @@ from heavebond.core.errors import DataError, UsageError
 from heavebond.core.units import UnitProblem, read_unit
 from heavebond.records.measurements import check_time, column, read_table, samples, timed
 from heavebond.records.saved_runs import read_run
-from heavebond.records.spectra import Course, evenly
+from heavebond.records.spectra import EvenSignal, evenly
 
 _HEAD = re.compile(r"(?P<name>.+?)\s*[\[(](?P<unit>[^\[\]()]*)[\])]\s*")
 
 
 def read_courses(path: Path, names: Sequence[str], *, time: str | None = None, begin: float = 0.0,
-                 end: float = float("inf")) -> list[Course]:
+                 end: float = float("inf")) -> list[EvenSignal]:
     """Signals of a file between two times (s).
 
     A saved run has units; of a record `time` is the column of the times in s (the first by default), and a unit is known
@@ -36,7 +36,7 @@ def read_courses(path: Path, names: Sequence[str], *, time: str | None = None, b
     return _of_record(path, names, time, begin, end)
 
 
-def _of_record(path: Path, names: Sequence[str], time: str | None, begin: float, end: float) -> list[Course]:
+def _of_record(path: Path, names: Sequence[str], time: str | None, begin: float, end: float) -> list[EvenSignal]:
     table = read_table(path, beside=time)
     time = time or table.header[0]
     table = timed(table, time)

@@ -28,7 +28,7 @@ STILL = 1e-12  # of its size, below which a signal does not move
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class EvenSignal:
     """A signal at even steps: `values` (n,) in `unit` at `time` (n,) in s; `note` says what was done to the samples."""
 
     name: str
@@ -124,10 +124,10 @@ class Cycles:
 
 
 @dataclass(frozen=True, eq=False)
-class Swinging:
+class SignalAnalysis:
     """All of it for one signal; `segment` (s) is how long the pieces of the spectrum are, None to choose."""
 
-    course: Course
+    course: EvenSignal
     segment: float | None = None
 
     @property
@@ -161,7 +161,7 @@ class Swinging:
         return rainflow_cycles(self.course.values)
 
 
-def evenly(name: str, unit: str, time: Array, values: Array) -> Course:
+def evenly(name: str, unit: str, time: Array, values: Array) -> EvenSignal:
     """A signal put on even steps (the median one) by straight lines where its own are not; DataError for too few samples."""
     if len(time) < LEAST:
         raise DataError([Problem("signal-short", f"'{name}' has {len(time)} samples, {LEAST} are needed at least", None,
@@ -169,12 +169,12 @@ def evenly(name: str, unit: str, time: Array, values: Array) -> Course:
     steps = np.diff(time)
     step = float(np.median(steps))
     if np.abs(steps - step).max() <= UNEVEN * step:
-        return Course(name, unit, time, values)
+        return EvenSignal(name, unit, time, values)
     even = time[0] + step * np.arange(int((time[-1] - time[0]) / step * (1 + 1e-9)) + 1)
-    return Course(name, unit, even, np.interp(even, time, values), f"samples put on even steps of {step:.4g} s")
+    return EvenSignal(name, unit, even, np.interp(even, time, values), f"samples put on even steps of {step:.4g} s")
 
 
-def waves(course: Course) -> Waves:
+def waves(course: EvenSignal) -> Waves:
     """The waves between upward crossings of the mean, these located by straight lines."""
     x = course.values - course.values.mean()
     up = np.flatnonzero((x[:-1] < 0) & (x[1:] >= 0))
@@ -183,7 +183,7 @@ def waves(course: Course) -> Waves:
     return Waves(np.array(heights), np.diff(crossings) * course.step)
 
 
-def spectrum(course: Course, segment: float | None = None, known: Waves | None = None) -> Spectrum:
+def spectrum(course: EvenSignal, segment: float | None = None, known: Waves | None = None) -> Spectrum:
     """Welch's density with Hann windows that overlap by half, the mean of each segment taken away.
 
     `segment` (s) is how long one is; by default an eighth of the record with overlap, longer where it would hold fewer than

@@ -17,7 +17,7 @@ EXPLAINS = 0.02  # of the squared error
 
 
 @dataclass(frozen=True)
-class Lateness:
+class TimeDelay:
     """seconds: by how much the channel comes later than the model; deviation: its standard error; share: the part of the
     squared error that is gone when the model is taken so much later; rest: the rms error left then, in the channel's unit
     (gain and offset free in both); interval: the channel's median sample interval, s."""
@@ -38,7 +38,7 @@ class Lateness:
         return self.noticeable and (self.rest < 1.5 * noise or self.share > 0.95)
 
 
-def lateness(time: Array, measured: Array, grid: Array, model: Array) -> Lateness | None:
+def lateness(time: Array, measured: Array, grid: Array, model: Array) -> TimeDelay | None:
     """The delay s that makes the model m, known at the times `grid` (N,), most like `measured` (n,) at `time` (n,):
 
         measured(t) = a + b m(t - s) + rest,   by Gauss-Newton steps of the regression on 1, m(t - s), -m'(t - s)
@@ -70,8 +70,8 @@ def lateness(time: Array, measured: Array, grid: Array, model: Array) -> Latenes
         if abs(step) < 1e-3 * found[1] + 1e-9 * scale:
             before = _rest(time, measured, curve, 0.0, delay)
             after = _rest(time, measured, curve, delay, delay)
-            return Lateness(delay, found[1], 1 - (after / before) ** 2 if before else 0.0, after,
-                            float(np.median(np.diff(time))))
+            return TimeDelay(delay, found[1], 1 - (after / before) ** 2 if before else 0.0, after,
+                             float(np.median(np.diff(time))))
     return None
 
 

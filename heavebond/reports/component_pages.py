@@ -14,7 +14,7 @@ from pathlib import Path
 
 from heavebond.core.presentation import number, unit_label
 from heavebond.core.writable import write_text
-from heavebond.language.definition import Component, Domain, EquationLine, Parameter, Sought, Variable
+from heavebond.language.definition import Component, Domain, EquationLine, Parameter, SearchRange, Variable
 from heavebond.language.library import bundled, example, library
 from heavebond.pictures.drawing import symbol_picture
 from heavebond.text.expression import Name
@@ -220,7 +220,7 @@ def _effects(component: Component) -> list[str]:
     return lines
 
 
-def _sought(sought: Sought) -> str:
+def _sought(sought: SearchRange) -> str:
     if sought.range is not None:
         unit = sought.range.unit
         ends = (unit.from_si(end) for end in (sought.range.low, sought.range.high))

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from heavebond.diagnosis.diagnosis import Diagnosis
-    from heavebond.diagnosis.ladder import Rung
+    from heavebond.diagnosis.ladder import LadderEntry
     from heavebond.estimation.comparison import Channel, Comparison
     from heavebond.estimation.fitting import Fit, Fitted
     from heavebond.language.model import Model
@@ -154,7 +154,7 @@ def _parameter(p: Fitted) -> tuple[str, ...]:
             f"{least} .. {most}{label}{ended}")
 
 
-def _rung(rung: Rung) -> tuple[str, ...]:
+def _rung(rung: LadderEntry) -> tuple[str, ...]:
     return (rung.name, _percent(100 * rung.error_fit), _percent(100 * rung.error_held_out), number(rung.chi2_fit, 4),
             number(rung.chi2_held_out, 4))
 

@@ -17,18 +17,18 @@ from heavebond.core.errors import HeavebondError
 from heavebond.core.presentation import count, number, path_text, readable, readable_unit
 from heavebond.core.units import read_unit
 from heavebond.diagnosis.diagnosis import Diagnosis
-from heavebond.diagnosis.ladder import Finding, Rung, meaning, misses, restrictions
+from heavebond.diagnosis.ladder import AddedEffect, LadderEntry, channel_errors, parameter_description, restrictions
 from heavebond.estimation.comparison import RecordComparison
 from heavebond.estimation.diagram_files import quantity
 from heavebond.estimation.fitting import Fit
 from heavebond.language.library import bundled
 from heavebond.language.model import Model
-from heavebond.localise.misfit import Where
+from heavebond.localise.misfit import Localization
 from heavebond.pictures.drawing import draw
 from heavebond.pictures.markup import Html, data_block, element, joined, page, table
 from heavebond.reports.report_charts import BLUE, Fall, ladder, swatch
 from heavebond.reports.report_separation import separating
-from heavebond.reports.report_series import Shown, key, packed, record_section, shown_rungs
+from heavebond.reports.report_series import ModelStyle, key, packed, record_section, shown_rungs
 from heavebond.reports.report_tables import (
     explained,
     noise,
@@ -53,7 +53,7 @@ HEADLINE = 3  # channels whose error stands at the top, those that are furthest 
 Section = tuple[str, str, Html]
 
 
-def report(diagnosis: Diagnosis, where: Where | None = None, *, written: Sequence[Path] = ()) -> str:
+def report(diagnosis: Diagnosis, where: Localization | None = None, *, written: Sequence[Path] = ()) -> str:
     """The page of a diagnosis as the text of an HTML file.
 
     `where` (see `localise.misfit`) adds in which state of motion the diagram failed before anything was added, and what
@@ -69,7 +69,8 @@ def report(diagnosis: Diagnosis, where: Where | None = None, *, written: Sequenc
                 _foot(), data_block("series", packed(shown)))
 
 
-def _sections(diagnosis: Diagnosis, shown: Sequence[Shown], where: Where | None, written: Sequence[Path]) -> list[Section]:
+def _sections(diagnosis: Diagnosis, shown: Sequence[ModelStyle], where: Localization | None,
+              written: Sequence[Path]) -> list[Section]:
     """Everything below the verdict, in the order in which an engineer asks."""
     fit = _last_fit(diagnosis)
     finding = diagnosis.findings[0] if diagnosis.findings else diagnosis.shape
@@ -117,7 +118,7 @@ def _figures(diagnosis: Diagnosis) -> Html:
     on = "held out" if held else "fitted"
     tried_ = len({s.candidate.label for step in diagnosis.steps for s in step.scores})
     fitted_ = len({t.candidate.label for step in diagnosis.steps for t in step.trials})
-    pairs = list(zip(misses(first), misses(last), strict=True))
+    pairs = list(zip(channel_errors(first), channel_errors(last), strict=True))
     worst = sorted(pairs, key=lambda pair: -pair[0].error / pair[0].noise)[:HEADLINE]
     channels = [_figure(f"{a.channel}: rms error, on records {on}", f"{a.words} → {b.words}",
                         f" noise {readable(b.noise, b.unit, 3)}") for a, b in worst]
@@ -134,7 +135,7 @@ def _figure(name: str, value: str, small: str) -> Html:
 
 
 # -- the machine and the finding ---------------------------------------------------------------------------------------
-def _machine(diagnosis: Diagnosis, where: Where | None) -> Html:
+def _machine(diagnosis: Diagnosis, where: Localization | None) -> Html:
     """The last diagram with what was found in it marked; where nothing was found, the place that asks for most."""
     model, marks = diagnosis.last.model, _marks(diagnosis)
     caption = "The diagram with what was found in it, marked." if marks else "The diagram as it stands; nothing was added."
@@ -186,11 +187,11 @@ def _found(diagnosis: Diagnosis) -> Html:
     return joined(parts)
 
 
-def _finding(k: int, finding: Finding) -> Html:
+def _finding(k: int, finding: AddedEffect) -> Html:
     candidate = finding.candidate
     asleep = candidate.attaches == "in"
     what = f"parameter of {candidate.component}:" if asleep else f"component {candidate.component}, in the diagram as"
-    rows = [(explained(p.name, meaning(finding.fit, p.name)), *valued(p),
+    rows = [(explained(p.name, parameter_description(finding.fit, p.name)), *valued(p),
              f"at the {p.ended} end of its range" if p.ended else "") for p in finding.parameters]
     parts = [element("h3", f"{k}. {candidate.kind[:1].upper()}{candidate.kind[1:]} {candidate.place}"),
              element("p", f"{candidate.description[:1].upper()}{candidate.description[1:]}; {what} ",
@@ -209,7 +210,7 @@ def _finding(k: int, finding: Finding) -> Html:
     return joined(parts)
 
 
-def _diagram(finding: Finding) -> str:
+def _diagram(finding: AddedEffect) -> str:
     """The text of a diagram that adds a finding to the one before."""
     values = {p.name: quantity(p.value, read_unit(readable_unit(p.unit, p.value))) for p in finding.parameters}
     candidate, path = finding.candidate, finding.fit.experiment.model.path
@@ -218,12 +219,12 @@ def _diagram(finding: Finding) -> str:
 
 
 # -- errors ------------------------------------------------------------------------------------------------------------
-def _series(shown: Sequence[Shown]) -> Html:
+def _series(shown: Sequence[ModelStyle]) -> Html:
     found = shown[-1].rung.comparison.records.values()
     return joined([key(), *(record_section(k, record, shown) for k, record in enumerate(found))])
 
 
-def _ladder(rungs: Sequence[Rung]) -> Html:
+def _ladder(rungs: Sequence[LadderEntry]) -> Html:
     """The errors of the ladder as bars and in figures."""
     levels = [100 * _noise_level(rungs[-1], use) for use in ("fit", "validate")]
     falls = [Fall(r.name, (("fitted", 100 * r.error_fit, levels[0]), ("held out", 100 * r.error_held_out, levels[1])))
@@ -243,7 +244,7 @@ def _ladder(rungs: Sequence[Rung]) -> Html:
                    table(head, rows, numbers=(1, 2, 3, 4))])
 
 
-def _noise_level(rung: Rung, use: str) -> float:
+def _noise_level(rung: LadderEntry, use: str) -> float:
     """The error that noise alone would leave on the records of one use; NaN where there is none."""
     shares = [_noise_share(part) for part in rung.comparison.parts if (part.use == "fit") == (use == "fit")]
     return float(np.sqrt(np.mean(shares))) if shares else math.nan

@@ -6,7 +6,7 @@ import numpy as np
 
 from heavebond.core.presentation import number, readable_unit, unit_label
 from heavebond.core.units import read_unit
-from heavebond.diagnosis.experiment_design import Predicted, Separation, Tried
+from heavebond.diagnosis.experiment_design import Predicted, Separation, SimulatedInput
 from heavebond.numerics.dae import Array
 from heavebond.pictures.markup import Html, element, joined, table
 from heavebond.reports.report_charts import BLUE, GREEN, INK, MOST_POINTS, ORANGE, PURPLE, Line, over, swatch
@@ -35,7 +35,7 @@ def _thin(values: Array) -> Array:
     return values[::max(1, -(-len(values) // MOST_POINTS))]
 
 
-def _input(found: Separation, best: Tried) -> Html:
+def _input(found: Separation, best: SimulatedInput) -> Html:
     name, unit = best.proposal.input, found.limits[best.proposal.input][1]
     shown = readable_unit(unit, float(np.max(np.abs(best.proposal.values), initial=0.0)))
     values = best.proposal.values * (read_unit(unit).scale / read_unit(shown).scale)
@@ -57,7 +57,7 @@ def _channel(found: Separation, name: str, channel: Predicted) -> list[Html]:
                  label=f"{title}, under each alternative") for courses, title, up in pictures]
 
 
-def _pairs(best: Tried) -> Html:
+def _pairs(best: SimulatedInput) -> Html:
     rows = [(p.one, p.other, p.channel, f"{number(p.at, 3)} s", number(p.size, 3), number(p.chi2, 4),
              f"{100 * p.sure:.4g} %") for p in best.pairs]
     head = ("one", "other", "differ most in", "near", "by noise levels", "χ² of the wrong one higher by", "decides in")

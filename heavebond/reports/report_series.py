@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from heavebond.core.presentation import number, readable, readable_unit, unit_label
 from heavebond.core.units import read_unit
-from heavebond.diagnosis.ladder import Rung
+from heavebond.diagnosis.ladder import LadderEntry
 from heavebond.estimation.comparison import Channel, RecordComparison
 from heavebond.numerics.dae import Array
 from heavebond.pictures.markup import Html, element, joined
@@ -26,26 +26,26 @@ QUANTA = 30.0  # of the noise, to which values are rounded
 
 
 @dataclass(frozen=True)
-class Shown:
+class ModelStyle:
     """One model of the ladder as it is drawn: its name, its style (see report.css), and whether it shows at first."""
 
     label: str
     style: int
     at_first: bool
-    rung: Rung
+    rung: LadderEntry
 
 
-def shown_rungs(ladder: Sequence[Rung]) -> list[Shown]:
+def shown_rungs(ladder: Sequence[LadderEntry]) -> list[ModelStyle]:
     """The rungs with their styles: of the first ones only the fitted diagram shows, and the last model."""
     before = 1 if len(ladder) > 2 else 0
     found = []
     for k, rung in enumerate(ladder):
         style = LAST if k == len(ladder) - 1 else BEFORE if k == before else 1 + k % 2
-        found.append(Shown(rung.name, style, k in (before, len(ladder) - 1), rung))
+        found.append(ModelStyle(rung.name, style, k in (before, len(ladder) - 1), rung))
     return found
 
 
-def packed(ladder: Sequence[Shown]) -> list[dict[str, object]]:
+def packed(ladder: Sequence[ModelStyle]) -> list[dict[str, object]]:
     """What the page's script draws: an entry for each record."""
     records = list(ladder[-1].rung.comparison.records.values())
     count = sum(len(r.channels) for r in records) * (1 + len(ladder))
@@ -61,7 +61,7 @@ def _span(record: RecordComparison) -> list[float]:
     return [begin, end if end > begin else begin + 1.0]
 
 
-def _chart(identity: str, record: RecordComparison, name: str, ladder: Sequence[Shown], most: int) -> dict[str, object]:
+def _chart(identity: str, record: RecordComparison, name: str, ladder: Sequence[ModelStyle], most: int) -> dict[str, object]:
     channel = record.channels[name]
     unit, scale, offset = _conversion(channel)
     models = [s.rung.comparison.records[record.name].channels[name].model for s in ladder]
@@ -127,7 +127,7 @@ def _quantum(noise: float, values: Array) -> float:
 
 
 # -- the page around the charts ----------------------------------------------------------------------------------------
-def record_section(index: int, record: RecordComparison, ladder: Sequence[Shown]) -> Html:
+def record_section(index: int, record: RecordComparison, ladder: Sequence[ModelStyle]) -> Html:
     """One record: its buttons and its charts, which the script fills."""
     use = "fitted" if record.use == "fit" else "held out of the fit"
     more = "; the shaded stretches were held out" if record.validate is not None else ""
@@ -139,7 +139,7 @@ def record_section(index: int, record: RecordComparison, ladder: Sequence[Shown]
                    data_record=index)
 
 
-def _toolbar(ladder: Sequence[Shown]) -> Html:
+def _toolbar(ladder: Sequence[ModelStyle]) -> Html:
     moves = [("in", "+", "zoom in"), ("out", "−", "zoom out"), ("back", "◂", "earlier"), ("on", "▸", "later"),
              ("whole", "whole record", "show the whole record")]
     models = [element("button", element("svg", element("path", d="M1 6H25", class_=f"model m{s.style}"), width="26",

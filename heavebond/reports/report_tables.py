@@ -10,10 +10,10 @@ from heavebond.core.errors import listing
 from heavebond.core.presentation import count, in_unit, number, readable, readable_unit, unit_label
 from heavebond.core.units import Unit, read_unit
 from heavebond.diagnosis.diagnosis import Diagnosis
-from heavebond.diagnosis.ladder import meaning
+from heavebond.diagnosis.ladder import parameter_description
 from heavebond.diagnosis.ranking import BY_KEY, JUDGEMENTS, Column, Entry, entries, shown_in
-from heavebond.diagnosis.residual_tests import LEVELS, Leftover
-from heavebond.diagnosis.stage import Step
+from heavebond.diagnosis.residual_tests import LEVELS, ResidualTests
+from heavebond.diagnosis.stage import Stage
 from heavebond.estimation.fitting import Fit, Fitted
 from heavebond.pictures.markup import Html, element, joined, table
 from heavebond.reports.report_charts import interval
@@ -42,7 +42,7 @@ def chance(p: float) -> str:
 
 
 # -- candidates --------------------------------------------------------------------------------------------------------
-def ranking(step: Step) -> Html:
+def ranking(step: Stage) -> Html:
     """All candidates of one step: those that were fitted with their statistics, then the others by reason."""
     ranked = entries(step)
     fitted = [e for e in ranked if e.trial is not None]
@@ -101,7 +101,8 @@ def parameters(fit: Fit, base: Fit | None) -> Html:
     """Values fitted with the last model of the ladder, and alone before anything was added (`base`), in their ranges; and
     what the records tell about them."""
     alone = {(p.name, p.record): p for p in base.parameters} if base is not None and base is not fit else {}
-    rows = [_parameter(p, alone.get((p.name, p.record)), bool(alone), meaning(fit, p.name)) for p in fit.parameters]
+    rows = [_parameter(p, alone.get((p.name, p.record)), bool(alone),
+                       parameter_description(fit, p.name)) for p in fit.parameters]
     head = ["parameter", "data sheet", *(["fitted alone", "fitted with it"] if alone else ["fitted"]), "95 % interval",
             "range", "in its range"]
     made = table(head, rows, numbers=(1, 2, 3) if alone else (1, 2), wide=True)
@@ -159,7 +160,7 @@ def shown_unit(unit: str, size: float) -> tuple[Unit, str]:
 
 
 # -- what is left ------------------------------------------------------------------------------------------------------
-def tests(steps: Sequence[Step], names: Sequence[str]) -> Html:
+def tests(steps: Sequence[Stage], names: Sequence[str]) -> Html:
     """The tests on what each model leaves of the fitted samples; `names` says which model that is."""
     rows = []
     for step, name in zip(steps, names, strict=True):
@@ -170,7 +171,7 @@ def tests(steps: Sequence[Step], names: Sequence[str]) -> Html:
     return table(("what is left by", "question", "answer", "by chance?", "limit"), rows)
 
 
-def _answer(test: str, p: float, level: float, left: Leftover) -> Html:
+def _answer(test: str, p: float, level: float, left: ResidualTests) -> Html:
     if test == "size" and p == 1.0:
         return element("span", "not asked: the noise is estimated", class_="quiet")
     return element("span", "yes", class_="tag bad") if p < level else element("span", "no", class_="tag good")

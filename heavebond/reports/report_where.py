@@ -9,10 +9,10 @@ import numpy as np
 from heavebond.core.errors import HeavebondError
 from heavebond.core.presentation import number, readable_unit, unit_label
 from heavebond.core.units import read_unit
-from heavebond.diagnosis.ladder import Finding
+from heavebond.diagnosis.ladder import AddedEffect
 from heavebond.equations.places import nodes_of
 from heavebond.localise.error_states import State
-from heavebond.localise.misfit import Suspect, Where, noun, shown, summary
+from heavebond.localise.misfit import Localization, PlaceEstimate, best_of_each_group, noun, summary
 from heavebond.numerics.dae import Array
 from heavebond.numerics.result import Result
 from heavebond.pictures.markup import Html, element, joined
@@ -22,7 +22,7 @@ PANELS = 3
 LAW, CURVE = "#000000", "#009e73"
 
 
-def failing(found: Where, finding: Finding | None) -> Html:
+def failing(found: Localization, finding: AddedEffect | None) -> Html:
     """When, in what state of motion and where the model fails; with the law of a finding drawn over what its place asks
     for."""
     parts = [element("p", line) for line in summary(found)]
@@ -35,9 +35,9 @@ def failing(found: Where, finding: Finding | None) -> Html:
     return joined(parts)
 
 
-def _chosen(found: Where, finding: Finding | None) -> list[Suspect]:
+def _chosen(found: Localization, finding: AddedEffect | None) -> list[PlaceEstimate]:
     """The best place, and that of the finding if it is another."""
-    best = list(shown(found))[:1]
+    best = list(best_of_each_group(found))[:1]
     if finding is not None:
         wanted = set(finding.candidate.where)
         there = next((s for s in found.suspects if {n.name for n in s.place.nodes} == wanted), None)
@@ -48,7 +48,7 @@ def _chosen(found: Where, finding: Finding | None) -> list[Suspect]:
 
 
 # -- when and in what state --------------------------------------------------------------------------------------------
-def _over_time(found: Where) -> list[Html]:
+def _over_time(found: Localization) -> list[Html]:
     made = []
     for record in dict.fromkeys(s.record for s in found.stretches):
         parts = [s for s in found.stretches if s.record == record]
@@ -59,14 +59,14 @@ def _over_time(found: Where) -> list[Html]:
     return made
 
 
-def _over_states(found: Where) -> list[Html]:
+def _over_states(found: Localization) -> list[Html]:
     best: dict[str, State] = {}
     for state in found.states:
         best.setdefault(state.channel, state)
     return [element("figure", _state(found, state)) for state in best.values()]
 
 
-def _state(found: Where, state: State) -> Html:
+def _state(found: Localization, state: State) -> Html:
     own = read_unit(found.experiment.outputs[state.channel].shown.unit)
     error, per_y = _shown(own.text, state.y)
     across, per_x = _shown(state.unit, state.x)
@@ -86,7 +86,7 @@ def _shown(unit: str, values: Array) -> tuple[str, float]:
 
 
 # -- at a place --------------------------------------------------------------------------------------------------------
-def _place(suspect: Suspect, finding: Finding | None) -> Html:
+def _place(suspect: PlaceEstimate, finding: AddedEffect | None) -> Html:
     unit, per = _shown(suspect.place.unit.text, np.concatenate([i.value for i in suspect.implied.values()]))
     up = f"{noun(suspect)} [{unit_label(unit)}]"
     panels = [_panel(suspect, name, finding, up, per) for name in _variables(suspect)]
@@ -105,7 +105,7 @@ def _place(suspect: Suspect, finding: Finding | None) -> Html:
                    element("div", *courses, class_="panels")])
 
 
-def _variables(suspect: Suspect) -> list[str]:
+def _variables(suspect: PlaceEstimate) -> list[str]:
     """The variable that tells it best first."""
     if suspect.curve is None:
         return []
@@ -113,7 +113,7 @@ def _variables(suspect: Suspect) -> list[str]:
     return [best, *(n for n in suspect.curve.scores if n != best)][:PANELS]
 
 
-def _panel(suspect: Suspect, name: str, finding: Finding | None, up: str, per: float) -> tuple[Html, bool]:
+def _panel(suspect: PlaceEstimate, name: str, finding: AddedEffect | None, up: str, per: float) -> tuple[Html, bool]:
     """One cloud, and whether the law stands in it."""
     curve = suspect.curve
     assert curve is not None
@@ -137,7 +137,7 @@ def _panel(suspect: Suspect, name: str, finding: Finding | None, up: str, per: f
     return drawn, law is not None
 
 
-def _law(finding: Finding, suspect: Suspect, name: str) -> Line | None:
+def _law(finding: AddedEffect, suspect: PlaceEstimate, name: str) -> Line | None:
     """What the component of a finding lets through at a place, over a variable there, in the runs with it (SI); None where
     it stands elsewhere, or has no ports of its own there."""
     xs, ys, ends = [], [], []
@@ -152,7 +152,7 @@ def _law(finding: Finding, suspect: Suspect, name: str) -> Line | None:
     return Line(np.concatenate(xs), np.concatenate(ys), LAW, ends=tuple(ends))
 
 
-def _through(finding: Finding, suspect: Suspect, result: Result, name: str) -> tuple[Array, Array] | None:
+def _through(finding: AddedEffect, suspect: PlaceEstimate, result: Result, name: str) -> tuple[Array, Array] | None:
     nodes = nodes_of(result.assembly.flat)
     for node, weight in suspect.place.weights.items():
         ports = nodes[node].ports if node in nodes else ()
@@ -167,7 +167,7 @@ def _through(finding: Finding, suspect: Suspect, result: Result, name: str) -> t
     return None
 
 
-def _course(suspect: Suspect, record: str, up: str, per: float) -> Html:
+def _course(suspect: PlaceEstimate, record: str, up: str, per: float) -> Html:
     """What acts over time in one record, between its doubtful edges."""
     implied = suspect.implied[record]
     thin = slice(None, None, max(1, -(-len(implied.time) // MOST_POINTS)))
@@ -178,7 +178,7 @@ def _course(suspect: Suspect, record: str, up: str, per: float) -> Html:
 
 
 # -- learnt curves -----------------------------------------------------------------------------------------------------
-def learnt(finding: Finding) -> Html:
+def learnt(finding: AddedEffect) -> Html:
     """The learnt curve of a finding without a name, as far as the runs with it went; empty where it has none to draw.
 
     A component that stands for an unknown law gives it as its last variable over its first, a signal's as what it adds.
@@ -200,7 +200,7 @@ def learnt(finding: Finding) -> Html:
                                             f"{finding.candidate.description} {finding.candidate.place}."))
 
 
-def _curve_names(finding: Finding, result: Result) -> Sequence[str] | None:
+def _curve_names(finding: AddedEffect, result: Result) -> Sequence[str] | None:
     leaf = result.assembly.flat.expanded.leaves.get(finding.candidate.name)
     if leaf is None or len(leaf.component.variables) < 2:
         return None

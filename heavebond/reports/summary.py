@@ -12,7 +12,7 @@ from heavebond.equations.flatten import EquationRole, Flat, FlatEquation
 from heavebond.equations.grounding import Circuit, circuits
 from heavebond.equations.state_selection import Column
 from heavebond.numerics.dae import Assembly
-from heavebond.numerics.dynamic_state_selection import Charts
+from heavebond.numerics.dynamic_state_selection import StateChoices
 from heavebond.numerics.initialise import Start, StartLine
 
 SHOWN_NAMES = 60
@@ -181,7 +181,7 @@ def summary(assembly: Assembly, start: Start | None) -> Summary:
 
 def _charts(assembly: Assembly) -> tuple[OpenChoice, ...]:
     """What may be exchanged for what where the states change during a run; nothing where one choice does for all of it."""
-    charts, flat = Charts(assembly), assembly.flat
+    charts, flat = StateChoices(assembly), assembly.flat
     if not charts.needed:
         return ()
     found = []

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from heavebond import __version__
-from heavebond.core.cancellation import obeyed
+from heavebond.core.cancellation import clear_signal
 from heavebond.core.cluster import Cluster
 from heavebond.core.errors import Problem, UsageError
 from heavebond.core.parallel import Processes, as_done, processors
@@ -116,10 +116,10 @@ def run_study(study: Study | str | Path, *, folder: Path | None = None, processe
             executor = stack.enter_context(Processes(number))
         try:
             study, calibrated = _calibrated(study, folder, fresh, executor, number, say)
-            for k, outcome in _outcomes(study, Kept.at(folder, study), fresh, executor, number, say):
+            for k, outcome in _outcomes(study, CaseStore.at(folder, study), fresh, executor, number, say):
                 found[k] = outcome
         except KeyboardInterrupt:
-            obeyed()
+            clear_signal()
             say("interrupted")
     return StudyResult(study, tuple(found[k] for k in sorted(found)), units, jobs, calibrated)
 
@@ -129,7 +129,7 @@ def _calibrated(study: Study, folder: Path | None, fresh: bool, executor: Execut
     """The study with its calibrated values, where it asks for such."""
     if study.calibration is None:
         return study, None
-    kept = Kept.at(folder, study)
+    kept = CaseStore.at(folder, study)
     told = kept.read(CALIBRATION) if kept is not None and not fresh else None
     found = Calibrated.from_dict(told) if told is not None else calibrate(study, executor, number + 1, say)
     if kept is not None and told is None:
@@ -137,7 +137,7 @@ def _calibrated(study: Study, folder: Path | None, fresh: bool, executor: Execut
     return replace(study, calibrated=found.values), found
 
 
-def _outcomes(study: Study, kept: Kept | None, fresh: bool, executor: Executor | None, number: int, say: Progress
+def _outcomes(study: Study, kept: CaseStore | None, fresh: bool, executor: Executor | None, number: int, say: Progress
               ) -> Iterator[tuple[int, Outcome]]:
     """Each job's number and what came out of it: first those done already, then the others as they are done."""
     jobs = [(k, procedure) for k in range(len(study.cases)) for procedure in study.procedures or (None,)]
@@ -151,7 +151,7 @@ def _outcomes(study: Study, kept: Kept | None, fresh: bool, executor: Executor |
             yield k, Outcome(**told)
         else:
             left.append((k, job))
-    told_so_far = _Told(say, len(jobs), done)
+    told_so_far = _StudyProgress(say, len(jobs), done)
 
     def died(k: int, _: BaseException) -> Outcome:
         case, procedure = jobs[k]
@@ -171,13 +171,13 @@ def _outcomes(study: Study, kept: Kept | None, fresh: bool, executor: Executor |
         yield k, outcome
 
 
-def _here(study: Study, left: Iterable[tuple[int, tuple[int, Procedure | None]]], told: _Told
+def _here(study: Study, left: Iterable[tuple[int, tuple[int, Procedure | None]]], told: _StudyProgress
           ) -> Iterator[tuple[int, Outcome]]:
     for k, (case, procedure) in left:
         yield k, worked(study, case, procedure, told.inside(study, case))
 
 
-class _Told:
+class _StudyProgress:
     """How far a study is: cases done, and the time left as those so far tell."""
 
     def __init__(self, say: Progress, jobs: int, done: int):
@@ -215,7 +215,7 @@ def duration(seconds: float) -> str:
 
 
 # -- what is kept ------------------------------------------------------------------------------------------------------
-class Kept:
+class CaseStore:
     """What is done as files in a folder, each with the fingerprint of what it is of."""
 
     def __init__(self, folder: Path, fingerprint: str):
@@ -227,7 +227,7 @@ class Kept:
             raise UsageError([Problem("file-unwritable", said)]) from None
 
     @classmethod
-    def at(cls, folder: Path | None, study: Study) -> Kept | None:
+    def at(cls, folder: Path | None, study: Study) -> CaseStore | None:
         """What is kept of a study in a folder, None without a folder."""
         return cls(folder, fingerprint(study)) if folder is not None else None
 

@@ -37,7 +37,7 @@ class Published:
 
 
 @dataclass(frozen=True)
-class Beside:
+class ReferenceValues:
     """What one source gives: by quantity, by the index of the case."""
 
     source: str
@@ -50,7 +50,7 @@ class Beside:
 
 
 def read_beside(node: Node | None, axes: Sequence[Axis], quantities: Sequence[str], problems: Problems
-                ) -> tuple[Beside, ...]:
+                ) -> tuple[ReferenceValues, ...]:
     """The sources under `compare_with:`; `quantities` are the names that they may give numbers for."""
     sources = reading.mapping(node, "compare_with", problems, "Write `published: {QUANTITY: NUMBER}`.")
     found = []
@@ -65,7 +65,7 @@ def read_beside(node: Node | None, axes: Sequence[Axis], quantities: Sequence[st
                              hint=suggest(name, quantities) or f"Known: {listing(quantities)}.")
                 continue
             numbers[name] = dict(_spread(given, name, dict(enumerate(axes)), {}, problems, len(axes)))
-        found.append(Beside(source, numbers))
+        found.append(ReferenceValues(source, numbers))
     return tuple(found)
 
 

@@ -12,15 +12,15 @@ from typing import Any
 import numpy as np
 
 from heavebond.core.errors import NAMES_LISTED, HeavebondError, ModelError, Place, Problems, UsageError, suggest
-from heavebond.core.parallel import Stopped, heed
+from heavebond.core.parallel import Stopped, check_cancelled
 from heavebond.core.progress import Progress
 from heavebond.core.units import Unit, read_unit
 from heavebond.equations.parameters import check_ranges
 from heavebond.language.model import Model
 from heavebond.linear.linearisation import ModesAtStart
 from heavebond.linear.modal_values import NUMBERS, chosen_mode, modal_number
-from heavebond.linear.rest_stability import summary_words
-from heavebond.linear.rest_stability import words as stability_words
+from heavebond.linear.rest_stability import stability_sentences as stability_words
+from heavebond.linear.rest_stability import summary_sentences
 from heavebond.numerics.dae import Array, Assembly, assemble
 from heavebond.numerics.result import Result, unknown_signal
 from heavebond.numerics.run_verdict import Verdict
@@ -29,7 +29,7 @@ from heavebond.optimise.costs import FUNCTIONALS, Cost, Evaluator, read_cost, re
 from heavebond.optimise.objective import Objective, check_free, check_smooth
 from heavebond.optimise.tuning import Tuned, sweep_in_turn, tune
 from heavebond.studies.axes import StudyCase, case_at, changed
-from heavebond.studies.study import COST, SIMULATIONS, Calibration, Measure, Packed, Procedure, Study
+from heavebond.studies.study import COST, SIMULATIONS, Calibration, Measure, PackedCase, Procedure, Study
 from heavebond.text.expression import ExpressionProblem, names, parse_formula
 
 # Signals of pictures are kept to so many digits, on at most so many points.
@@ -72,13 +72,13 @@ class Outcome:
         return asdict(self)
 
 
-def worked(given: Study | Packed, number: int, procedure: Procedure | None, progress: Progress | None = None) -> Outcome:
+def worked(given: Study | PackedCase, number: int, procedure: Procedure | None, progress: Progress | None = None) -> Outcome:
     """The case of that number; what goes wrong in this case is part of what came out."""
     began = clock.perf_counter()
-    study = given.study if isinstance(given, Packed) else given
+    study = given.study if isinstance(given, PackedCase) else given
     name = procedure.name if procedure is not None else ""
     try:
-        found = _worked(study, study.case(number), procedure, progress or heed)
+        found = _worked(study, study.case(number), procedure, progress or check_cancelled)
     except HeavebondError as error:
         first = error.problems[0]
         found = Outcome(number, problem=first.message + (f" {first.hint}" if first.hint else ""))
@@ -101,7 +101,7 @@ def _worked(study: Study, case: StudyCase, procedure: Procedure | None, progress
         values = {**tuned.values, COST: tuned.cost, SIMULATIONS: tuned.simulations}
         limits, message, at_end = tuned.limits, tuned.message, tuned.at_end
         stability = {**asdict(tuned.stability), "words": list(stability_words(tuned.stability, asked=study.task.stable)),
-                     "summary": summary_words(tuned.stability, asked=study.task.stable)}
+                     "summary": summary_sentences(tuned.stability, asked=study.task.stable)}
         assembly = assembly.with_parameters(tuned.values)
     by = tuple(name for level in case.levels for name in level.along)
     told, run, slopes = measured(study, assembly, by)

@@ -23,10 +23,10 @@ from heavebond.language.model import Model, find, load_beside
 from heavebond.language.renamed_keys import present
 from heavebond.language.sections import read_settings
 from heavebond.linear.rest_stability import STABLE
-from heavebond.optimise.objective import Case, Task
+from heavebond.optimise.objective import Case, TuningProblem
 from heavebond.optimise.search import METHODS
 from heavebond.studies.axes import Axis, StudyCase, case_at, indices, read_axes, read_numbers
-from heavebond.studies.published import Beside, read_beside
+from heavebond.studies.published import ReferenceValues, read_beside
 from heavebond.studies.sampling import read_ranges
 from heavebond.text.expression import constant
 from heavebond.text.yaml_source import Mapping, Node, Scalar, Source, read
@@ -96,7 +96,7 @@ class Calibration:
 class Study:
     """What a study file says. `task` is what is tuned in each case, by each of the procedures; None where nothing is.
     `calibrated` are parameters that are set on top (SI: before, after), in the cases in which they have the value before.
-    `first` is the number of its first case, where the others were left out (`Packed`)."""
+    `first` is the number of its first case, where the others were left out (`PackedCase`)."""
 
     name: str
     summary: str
@@ -107,10 +107,10 @@ class Study:
     end: float | None = None
     reference: Dictionary[str, float | str] = field(default_factory=dict)
     modes: Dictionary[str, float | str] | None = None
-    task: Task | None = None
+    task: TuningProblem | None = None
     procedures: tuple[Procedure, ...] = ()
     measures: Dictionary[str, Measure] = field(default_factory=dict)
-    beside: tuple[Beside, ...] = ()
+    beside: tuple[ReferenceValues, ...] = ()
     pictures: tuple[Picture, ...] = ()
     calibration: Calibration | None = None
     calibrated: Dictionary[str, tuple[float, float]] = field(default_factory=dict)
@@ -129,13 +129,13 @@ class Study:
         """The case of that number in `cases`."""
         return case_at(self.axes, self.model, self._index(number))
 
-    def packed(self) -> Callable[[int], Packed]:
+    def packed(self) -> Callable[[int], PackedCase]:
         """What a worker is sent of the case of a number: all that cases share is packed once for all of them."""
         shared = zlib.compress(pickle.dumps(replace(self, axes=())))
 
-        def one(number: int) -> Packed:
+        def one(number: int) -> PackedCase:
             levels = zip(self.axes, self._index(number), strict=True)
-            return Packed(shared, tuple(replace(axis, levels=(axis.levels[k],)) for axis, k in levels), number)
+            return PackedCase(shared, tuple(replace(axis, levels=(axis.levels[k],)) for axis, k in levels), number)
 
         return one
 
@@ -145,7 +145,7 @@ class Study:
         return tuple(map(int, index))
 
     @property
-    def tuning(self) -> Task:
+    def tuning(self) -> TuningProblem:
         """What is tuned; UsageError where nothing is."""
         if self.task is None:
             raise UsageError([Problem("study-untuned", f"the study '{self.name}' tunes nothing", None,
@@ -164,7 +164,7 @@ class Study:
 
 
 @dataclass(frozen=True)
-class Packed:
+class PackedCase:
     """One case of a study on its way to a worker; small however many cases there are."""
 
     shared: bytes
@@ -222,7 +222,7 @@ def _study(source: Source, model: Model, problems: Problems) -> Study:
     modes = _values(items["modes"], source, problems) if "modes" in items else None
     measures = _measures(items.get("measure"), problems)
     entry = reading.mapping(items.get("tune"), "tune", problems)
-    task: Task | None = None
+    task: TuningProblem | None = None
     procedures: tuple[Procedure, ...] = ()
     if entry is not None:
         reading.known_keys(entry, TUNE_KEYS, "tune", problems, required=("free", "cost"))
@@ -242,7 +242,7 @@ def _study(source: Source, model: Model, problems: Problems) -> Study:
 
 
 def _task(entry: Mapping, source: Source, window: tuple[float, float | None], reference: dict[str, float | str],
-          modes: Dictionary[str, float | str], problems: Problems) -> Task:
+          modes: Dictionary[str, float | str], problems: Problems) -> TuningProblem:
     items = entry.items
     words = reading.words(items.get("limits"), "limits", problems)
     limits = tuple(s.text for s in words if s.text != STABLE)
@@ -251,9 +251,10 @@ def _task(entry: Mapping, source: Source, window: tuple[float, float | None], re
         if word.text == STABLE:
             problems.add("stable-twice", "`stable` stands under `limits:` and is off", word.place,
                          hint="Remove one of them.")
-    return Task(read_ranges(items.get("free"), "free", problems), reading.text(items.get("cost"), "cost", problems), limits,
-                *window, reference, _over(items.get("over"), source, problems) or (Case("diagram", {}),), modes,
-                _widths(items.get("uncertain"), problems), stable)
+    return TuningProblem(read_ranges(items.get("free"), "free", problems),
+                         reading.text(items.get("cost"), "cost", problems), limits,
+                         *window, reference, _over(items.get("over"), source, problems) or (Case("diagram", {}),), modes,
+                         _widths(items.get("uncertain"), problems), stable)
 
 
 def _stable(node: Node | None, problems: Problems) -> bool:
@@ -321,7 +322,7 @@ def _over(node: Node | None, source: Source, problems: Problems) -> tuple[Case, 
 
 
 # -- procedures --------------------------------------------------------------------------------------------------------
-def _procedures(node: Node | None, source: Source, task: Task, problems: Problems) -> tuple[Procedure, ...]:
+def _procedures(node: Node | None, source: Source, task: TuningProblem, problems: Problems) -> tuple[Procedure, ...]:
     entries = reading.mapping(node, "by", problems, "Write one procedure a line: `gradients: {}`.")
     if entries is None:
         return (Procedure("gradients"),)
@@ -333,7 +334,7 @@ def _procedures(node: Node | None, source: Source, task: Task, problems: Problem
     return tuple(found)
 
 
-def _procedure(name: str, entry: Mapping, source: Source, task: Task, problems: Problems) -> Procedure:
+def _procedure(name: str, entry: Mapping, source: Source, task: TuningProblem, problems: Problems) -> Procedure:
     if "sweep" not in entry.items:
         reading.known_keys(entry, ("sweep", "begin", *GRADIENT_KEYS), f"'{name}'", problems)
         counts = {key: _count(entry.items.get(key), key, least, problems) for key, least in (("explore", 0), ("starts", 1))}
@@ -371,7 +372,7 @@ def _count(node: Node | None, what: str, least: int, problems: Problems) -> int 
 
 
 # -- calibration -------------------------------------------------------------------------------------------------------
-def _calibration(node: Node | None, beside: Many[Beside], problems: Problems) -> Calibration | None:
+def _calibration(node: Node | None, beside: Many[ReferenceValues], problems: Problems) -> Calibration | None:
     entry = reading.mapping(node, "calibrate", problems)
     if entry is None:
         return None

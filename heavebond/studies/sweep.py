@@ -17,7 +17,7 @@ EXAMPLE = "Write for example --over controller.K_p='1 .. 4 1/m; 9', or a list: -
 
 
 @dataclass(frozen=True)
-class Over:
+class SweepAxis:
     """What is varied: a list of values, or a range with a number of steps, or a range alone, which is sampled."""
 
     path: str
@@ -34,7 +34,7 @@ class Sweep:
     instead. It is the sweep of `name`, without one of the file's."""
 
     model: Path
-    overs: tuple[Over, ...]
+    overs: tuple[SweepAxis, ...]
     measures: tuple[tuple[str, str], ...]
     sample: str = ""
     seed: int = 1
@@ -44,14 +44,14 @@ class Sweep:
     name: str = ""
 
 
-def read_over(text: str) -> Over:
+def read_over(text: str) -> SweepAxis:
     """`controller.K_p=1 .. 4 1/m; 9`, `wave.T=8 s, 10 s`, `gas.c=42 kN/m +- 20 %`; UsageError for another form."""
     path, sign, given = (part.strip() for part in text.partition("="))
     if not sign or not path or not given:
         raise UsageError([Problem("over-form", f"--over {text}: this is not PATH=VALUES", None, EXAMPLE)])
     words, _, steps = (part.strip() for part in given.partition(";"))
     if ".." not in words and "+-" not in words:
-        return Over(path, tuple(value.strip() for value in words.split(",")))
+        return SweepAxis(path, tuple(value.strip() for value in words.split(",")))
     try:
         wanted = parse_range(words)
     except UnitProblem as problem:
@@ -59,7 +59,7 @@ def read_over(text: str) -> Over:
     if steps and (whole(steps) or 0) < 2:
         raise UsageError([Problem("number-wrong", f"--over {text}: '{steps}' is not how many values there are, both ends "
                                   "among them", None, "Write for example `; 9`.")])
-    return Over(path, (), words, wanted, whole(steps) or 0)
+    return SweepAxis(path, (), words, wanted, whole(steps) or 0)
 
 
 def read_measure(text: str) -> tuple[str, str]:
@@ -107,14 +107,14 @@ def _model(model: Path, folder: Path) -> str:
     return os.path.relpath(model.resolve(), folder.resolve())
 
 
-def _axis(over: Over) -> str:
+def _axis(over: SweepAxis) -> str:
     if over.wanted is None:
         return f"[{', '.join(map(_quoted, over.values))}]"
     written = over.wanted.unit.written
     return f"{{from: {_quoted(written(over.wanted.low))}, to: {_quoted(written(over.wanted.high))}, number: {over.number}}}"
 
 
-def _ranges(overs: Sequence[Over], indent: str) -> list[str]:
+def _ranges(overs: Sequence[SweepAxis], indent: str) -> list[str]:
     return [f"{indent}{_quoted(over.path)}: {_quoted(over.range)}" for over in overs]
 
 

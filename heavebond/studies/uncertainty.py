@@ -72,7 +72,7 @@ class Slopes:
 
 
 @dataclass(frozen=True)
-class Swing:
+class TornadoBar:
     """A number at the diagram's own values (`value`), and with one parameter at the low and the high end of its range."""
 
     parameter: str
@@ -192,11 +192,11 @@ def slopes(result: StudyResult) -> list[Slopes]:
     return found
 
 
-def swings(result: StudyResult, quantity: str) -> list[tuple[str, list[Swing]]]:
+def swings(result: StudyResult, quantity: str) -> list[tuple[str, list[TornadoBar]]]:
     """How far each parameter moves a number, the most first, by the levels of the other axes: as it was run
     (`one_at_a_time`), or by slopes to the ends of the half widths (`local`)."""
     if _sampling(result, "local") is not None:
-        return [(s.others, [Swing(name, s.value, s.value - swing, s.value + swing) for name, swing in sorted(
+        return [(s.others, [TornadoBar(name, s.value, s.value - swing, s.value + swing) for name, swing in sorted(
             zip(s.parameters, s.swing, strict=True), key=lambda pair: -abs(pair[1]))])
             for s in slopes(result) if s.quantity == quantity]
     sampling = _sampling(result, "one_at_a_time")
@@ -204,8 +204,8 @@ def swings(result: StudyResult, quantity: str) -> list[tuple[str, list[Swing]]]:
     for others, outcomes in groups(result) if sampling is not None else ():
         assert sampling is not None
         told = {result.case_of(o).levels[_at(result)].name: result.value(o, quantity) for o in outcomes.values()}
-        rows = [Swing(name, told.get(AS_GIVEN, math.nan), told.get(f"{name} low", math.nan),
-                      told.get(f"{name} high", math.nan)) for name in sampling.over]
+        rows = [TornadoBar(name, told.get(AS_GIVEN, math.nan), told.get(f"{name} low", math.nan),
+                           told.get(f"{name} high", math.nan)) for name in sampling.over]
         found.append((others, sorted(rows, key=lambda row: -np.nan_to_num(abs(row.high - row.low)))))
     return found
 
