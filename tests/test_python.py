@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 import sys
 from collections.abc import Callable
@@ -179,3 +180,13 @@ def test_text_and_numbers_of_any_type_give_the_same_numbers() -> None:
 def test_a_fit_frees_what_is_given_as_text() -> None:
     found = hb.fit("passive_rig/friction", free={"gas.c": "30 .. 70 kN/m"})
     assert list(found.values) == ["gas.c"] and 30e3 <= found.values["gas.c"] <= 70e3
+
+
+@pytest.mark.parametrize("name", [n for n in hb.__all__ if not isinstance(getattr(hb, n), type)])
+def test_the_docstring_of_a_function_names_its_parameters_and_errors(name: str) -> None:
+    function = getattr(hb, name)
+    text = inspect.getdoc(function) or ""
+    assert text.partition("\n")[0].endswith((".", "`)."))
+    missing = [p for p in inspect.signature(function).parameters if not re.search(rf"\b{p}\b", text)]
+    excused = {"experiment", "model", "free", "highlight", "colour", "name"}
+    assert not set(missing) - excused and re.search("[Rr]aises", text), missing

@@ -126,7 +126,10 @@ class Site:
 
 
 def candidates(experiment: Experiment, assembly: Assembly | None = None) -> list[Candidate]:
-    """Everything in the catalogue that fits somewhere in the experiment's diagram, in the order of the library."""
+    """All effects of the catalogue at all places of the diagram of an experiment, in the order of the library.
+
+    `assembly` is the assembled diagram where there is one. Raises ModelError for an invalid diagram or component.
+    """
     record = next(iter(experiment.records.values()))
     assembly = assembly or assemble_for(experiment, record)
     expanded = assembly.flat.expanded

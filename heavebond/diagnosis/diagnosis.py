@@ -57,11 +57,15 @@ SEVERAL = "More than one effect may be missing: --auto looks for several that ex
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What was found. `ladder` begins with the diagram as it stands and the same with its free parameters fitted;
-    `findings` and `steps` go together, but for a last step that found nothing; a fixed value that explains what no effect
-    does is the only finding, after a step of effects and one of values. `shape` is the learnt curve that lowers the
-    error most where no name can be given; `separation` the experiment that would tell alternatives apart. `verdict` is one
-    of those of `heavebond.diagnosis.verdict`, `words` says it; `searched` is the experiment on what the search looked at."""
+    """The result of a diagnosis: `verdict` (see `heavebond.diagnosis.verdict`), the same in `words`, and the evidence.
+
+    `ladder` begins with the diagram unchanged and the same with its free parameters fitted. `findings` and `steps`
+    correspond, but for a last step that found nothing; a fixed value that explains what no effect does is the only
+    finding, after a step of effects and one of values. `shape` is the identified curve that lowers the error most where
+    no effect can be named; `separation` the experiment that would distinguish the alternatives; `noise` the noise of
+    each channel with its unit; `seconds` the duration in s; `searched` is the experiment on the samples that the search
+    used.
+    """
 
     experiment: Experiment
     verdict: str
@@ -108,14 +112,14 @@ class Diagnosis:
 def diagnose(experiment: Experiment | str | Path, *, auto: bool = False, number: int | None = None,
              seconds: float | str = SECONDS, classes: Sequence[str] = (), samples: int | None = None,
              progress: Progress | None = None) -> Diagnosis:
-    """Find out which effect the diagram of an experiment lacks.
+    """Identify the effect that the diagram of an experiment lacks.
 
-    One step, or with `auto` a stepwise selection of several effects (see `diagnosis.stepwise_selection`). `number` is the
-    number of processes, by default that of the processors; a step begins no refit after `seconds` (s, or text with a unit);
-    `classes` restricts the catalogue to classes of effects. The search uses `samples` samples of long records (see
-    `estimation.excerpts`), the final fit uses all. Ctrl-C ends the search with the effects found so far; `progress` is
-    called with a text at each step. Raises ModelError and DataError where the experiment is wrong, UsageError where no
-    record is to be fitted.
+    One step, or with `auto` a stepwise selection of several effects (see `diagnosis.stepwise_selection`). `number` is
+    the number of processes, by default that of the processors; a step begins no refit after `seconds` (s, or text with a
+    unit); `classes` restricts the catalogue to classes of effects. The search uses `samples` samples of long records
+    (see `estimation.excerpts`), the final fit uses all. `progress` is called with a text at each step. Ctrl-C ends the
+    search with the effects found so far. Raises ModelError and DataError where `experiment` is wrong, UsageError where
+    no record is to be fitted.
     """
     began, seconds = clock.perf_counter(), si_value(seconds, "s", "seconds")
     experiment = _loaded(experiment)
@@ -247,11 +251,12 @@ class Attempt:
 @single_threaded
 def attempt(experiment: Experiment | str | Path, component: str, places: Sequence[str] = (), *,
             progress: Progress | None = None) -> Attempt:
-    """Put one effect into the diagram by hand and fit it: `attempt("rig.yaml", "CoulombFriction", ["platform", "crown"])`.
+    """Insert one effect into the diagram of an experiment and fit it.
 
-    `component` is the name of a component with an `effect:`, of a dormant parameter (`cylinder.leakage`) or of one that is
-    held fixed (`crown.m`); `places` name nodes, parts or outputs until one place is left. UsageError where none or several
-    fit.
+    `attempt("rig.yaml", "CoulombFriction", ["platform", "crown"])`. `component` is the name of a component with an
+    `effect:`, of a dormant parameter (`cylinder.leakage`) or of a fixed one (`crown.m`); `places` name nodes, parts or
+    outputs until one place is left. Values of the result are in SI. `progress` is called with a text at each step.
+    Raises UsageError where no place or several fit, and whatever `fit` raises.
     """
     experiment = _loaded(experiment)
     say = progress or (lambda text: None)

@@ -164,10 +164,11 @@ def _chi2(parts: Sequence[RecordComparison]) -> float:
 
 @reporting
 def ladder(experiments: Sequence[Experiment | str | Path], *, progress: Progress | None = None) -> list[LadderEntry]:
-    """Several experiments on the same records, each a model with more in it: their errors, in the order given.
+    """Compare several models with the same records: the errors of `experiments` in the order given.
 
-    Each model stands with the values of its diagram. Raises UsageError where the records or channels differ, and whatever
-    `compare` raises.
+    An error is the rms of the residual over that of the record about its mean, without unit. Each model has the values
+    of its diagram. `progress` is called with the name of each experiment. Raises UsageError where records or channels
+    differ, and whatever `compare` raises.
     """
     found = [e if isinstance(e, Experiment) else load_experiment(e) for e in experiments]
     for other in found[1:]:

@@ -179,9 +179,12 @@ class EnergyAudit:
 @cancellable
 def audit(model: Model | Assembly, until: Time | None = None, *, every: Time | None = None,
           parameters: Mapping[str, float | str] | None = None, rtol: float = 1e-9, atol: float = 1e-11) -> EnergyAudit:
-    """Run a diagram and account for its energy; arguments and errors as those of `simulate`.
+    """Simulate a diagram and account for its energy: what each component stores, dissipates and supplies, in J.
 
-    The tolerances are a tenth of the usual ones, as the errors of all steps add up in an energy.
+    The balance is the integral of the power (W) over all ports of a component. `model`, `until`, `every`, `parameters`,
+    `rtol` and `atol` are those of `simulate`, and so are the errors that it raises; SimulationError also where the
+    verdict of the run fails. The tolerances are a tenth of the usual ones, as the errors of all steps add up in an
+    energy.
     """
     assembly = model if isinstance(model, Assembly) else assemble(model)
     tolerances = Tolerances(rtol, atol)

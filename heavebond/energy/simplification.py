@@ -108,8 +108,9 @@ def simplify(model: Model, share: float | str = 0.99, limit: float | str = 0.05,
              progress: Callable[[str], None] = lambda text: None) -> Simplified:
     """Neutralise the components beyond `share` of the activity, as far as no output moves by more than `limit`.
 
-    Both are shares (0 to 1, or text such as `"99 %"`); the activity of a component is the integral of |power| over the run.
-    `found` is the audit of the diagram where it has been made. Errors as those of `simulate`.
+    Both are shares (0 to 1, or text such as `"99 %"`); the activity of a component is the integral of |power| over the
+    run. `model`, `until` and `every` are those of `simulate`; `found` is the audit of the diagram where it exists.
+    `progress` is called with the name of each component. Raises what `simulate` raises.
     """
     share, limit = si_value(share, "1", "share"), si_value(limit, "1", "limit")
     found = found or audit(model, until, every=every)

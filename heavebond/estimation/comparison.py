@@ -115,7 +115,10 @@ class RecordComparison:
 
 @dataclass(frozen=True)
 class Comparison:
-    """An experiment with its model simulated on every record."""
+    """An experiment with its model simulated on every record: `records` by name, each with its channels.
+
+    Arrays of a channel have shape (n,), its samples, in `channel.unit`; `as_dict()` holds the values for machines.
+    """
 
     experiment: Experiment
     records: dict[str, RecordComparison]
@@ -147,10 +150,12 @@ class Comparison:
 @reporting
 def compare(experiment: Experiment | str | Path, *, parameters: Mapping[str, float | str] | None = None,
             progress: Callable[[str], None] | None = None) -> Comparison:
-    """Simulate with the measured inputs and lay the records over the model.
+    """Simulate the diagram of an experiment with the measured inputs and compare it with the records.
 
-    `parameters` overrides values by name; `progress` is told the name of each record. Raises ModelError, DataError,
-    StartError or SimulationError with what is wrong.
+    For each channel the residual is measurement minus model; `error` is its rms in the unit of the channel, chi2 the
+    mean of (residual / noise)**2, which is 1 at the noise level. `parameters` overrides values by name, in SI or as text
+    with a unit; `progress` is called with the name of each record. Raises UsageError, ModelError, DataError, StartError
+    or SimulationError with what is wrong.
     """
     experiment = experiment if isinstance(experiment, Experiment) else load_experiment(experiment)
     problems, kinds = Problems(), set[type[HeavebondError]]()

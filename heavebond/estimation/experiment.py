@@ -83,7 +83,7 @@ class Free:
 
 @dataclass(frozen=True)
 class Experiment:
-    """A diagram, the records beside it, which columns drive it and which it should reproduce."""
+    """A diagram with its records: the columns that are inputs and outputs, and the free parameters with their ranges."""
 
     name: str
     path: Path
@@ -144,7 +144,10 @@ def with_inputs_moved(experiment: Experiment, to: Dictionary[str, str]) -> Exper
 
 
 def load_experiment(name: str | Path) -> Experiment:
-    """Load an experiment: the path of a file, or a bundled one (`passive_rig/friction`)."""
+    """Load an experiment: the path of a file, or the `name` of a bundled one (`passive_rig/friction`).
+
+    Raises UsageError where there is no such file, ModelError with the lines that are wrong.
+    """
     return _load(find(name, "experiment"), ())
 
 

@@ -99,11 +99,12 @@ class Fitted:
 
 @dataclass(frozen=True)
 class Fit:
-    """What a fit found. `cost` is the sum of squares per start; `history` the cost after each step of the best start.
+    """An estimate of parameters: values and intervals in SI, with the comparisons before and after.
 
-    `before` and `after` compare the model with every record; on a record that was not fitted only the initial values
-    declared `each: record` were refitted. Where no record was left to check the fit, each holds the figures of the blocks
-    held out as its `validate` part.
+    `correlation` is (m, m) for m parameters; `chi2` is the reduced chi-square of the fitted samples (1 = noise level);
+    `cost` is the sum of squares per start, `history` the cost after each step of the best start. `before` and `after`
+    compare the model with every record; on a record that was not fitted only the initial values declared `each: record`
+    were refitted. Where no record was left to check the fit, each holds the held-out blocks as its `validate` part.
     """
 
     experiment: Experiment
@@ -147,14 +148,17 @@ class Fit:
 @single_threaded
 def fit(experiment: Experiment | str | Path, *, starts: int = 1, segments: int = 1, seed: int = 0, robust: bool = False,
         free: Mapping[str, Free | str] | None = None, progress: Progress | None = None, partial: bool = False) -> Fit:
-    """Fit the free parameters of an experiment to its records with `use: fit`.
+    """Estimate the free parameters of an experiment from its records with `use: fit`.
 
-    `starts` tries that many starting points (the diagram's own, then a Latin hypercube within the ranges); `segments`
-    above 1 begins with multiple shooting (see `multiple_shooting`), for records on which one run diverges; `robust`
-    replaces squares by soft-L1 losses, which outliers pull less; `free` replaces the experiment's own list (a range
-    as text: `{"gas.c": "30 .. 70 kN/m"}`). With `partial`
-    Ctrl-C ends it with the best so far (`message` is "interrupted"), once a first run is through. Raises UsageError where
-    there is nothing to fit and ModelError or DataError where the experiment is wrong.
+    Minimises sum ((y - f(p)) / s)**2 + sum ((p - p0) / sigma)**2 within the ranges, with exact sensitivities; see the
+    module for both sums. Values of the result are in SI. `starts` is the number of starting points (the diagram's own,
+    then a Latin hypercube drawn with `seed`); `segments` above 1 begins with multiple shooting, for records on which one
+    run diverges; `robust` replaces squares by soft-L1 losses; `free` replaces the list of the experiment by ranges, also
+    as text (`{"gas.c": "30 .. 70 kN/m"}`). `progress` is called with a text at each step. With `partial` Ctrl-C returns
+    the best so far (`message` is "interrupted"), once a first run is through.
+
+    Raises UsageError where nothing is free, a name is unknown or a range has the wrong unit, ModelError or DataError
+    where the experiment is wrong and SimulationError where the model cannot be simulated near the start.
     """
     experiment = experiment if isinstance(experiment, Experiment) else load_experiment(experiment)
     if free is not None:

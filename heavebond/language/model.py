@@ -38,7 +38,10 @@ LONGEST_CHAIN = 50
 
 @dataclass(frozen=True)
 class Model:
-    """A diagram in full: everything that its file and the files that it extends say."""
+    """A diagram: all that its file and the files that it extends declare.
+
+    `load` and `loads` read one; `with_parameters` and `with_component` return a changed one.
+    """
 
     name: str
     summary: str
@@ -141,12 +144,18 @@ def _like(value: Value, before: Value | FileInput | None) -> Value:
 
 
 def load(name: str | Path) -> Model:
-    """Load a diagram: the path of a file, or the name of a bundled one (`cmc_ahc`, `cmc_ahc/passive`)."""
+    """Load a diagram: the path of a file, or the `name` of a bundled one (`cmc_ahc`, `cmc_ahc/passive`).
+
+    Raises UsageError where there is no such file, ModelError with the lines that are wrong.
+    """
     return _load(find(name), ())
 
 
 def loads(text: str, folder: Path | str = ".") -> Model:
-    """Load a diagram from a text; files and components that it names are looked up in `folder`."""
+    """Load a diagram from a `text`; files and components that it names are looked up in `folder`.
+
+    Raises ModelError with the lines that are wrong.
+    """
     return from_source(parse(text, Path(folder) / "text.yaml", "text"), ())
 
 

@@ -45,11 +45,12 @@ POINTS = 600
 
 @dataclass(frozen=True)
 class StateSpace:
-    """a (n, n), b (n, m), c (k, n), d (k, m) in SI; `higher` (2, k, m) are the factors of w' and w'', `sizes` (n,) the
-    nominal values of the states, `units` those of states, inputs and outputs in turn. `shown` are the units in which the
-    outputs are printed and drawn (`displayed`), `rigid` tells which states are positions and speeds of bodies.
+    """A linear system x' = A x + B w, y = C x + D w: a (n, n), b (n, m), c (k, n), d (k, m) in SI.
 
-    The states are those of the machine, less what derivatives of the inputs add to them (see the module).
+    `higher` (2, k, m) are the factors of w' and w'' in y, `sizes` (n,) the nominal values of the states, `units` those
+    of states, inputs and outputs in turn. `shown` are the units in which the outputs are printed and drawn
+    (`displayed`), `rigid` tells which states are positions and speeds of bodies. The states are those of the machine,
+    less what derivatives of the inputs add to them (see the module).
     """
 
     states: tuple[str, ...]
@@ -208,12 +209,14 @@ class StateSpace:
 
 def state_space(model: Model, inputs: Sequence[str], outputs: Sequence[str], *, at: Time | None = None,
                 parameters: Mapping[str, float | str] | None = None) -> StateSpace:
-    """A diagram linearised between inputs and outputs, by exact derivatives; index reduction and loops included.
+    """A diagram linearised between inputs and outputs: x' = A x + B w, y = C x + D w.
 
-    An input is a signal (what a component or formula sets is moved by it), the through variable of a node (`crown.f`: a
-    force from outside), or a parameter; an output is a variable, an output of the diagram or a formula of these.
-    `at` is None for the start, `"steady"`, or a time to which the diagram is run. UsageError for unknown names, StartError
-    and SimulationError where there is no operating point.
+    Derivatives are exact, with index reduction and algebraic loops. A (n, n), B (n, m), C (k, n) and D (k, m) are in SI
+    for m `inputs` and k `outputs`. An input is a signal, the through variable of a node (`crown.f`: an external force)
+    or a parameter; an output is a variable, an output of the diagram or a formula of these. `at` is the operating point
+    of `model`: None for the start, `"steady"`, or a time (s, or text with a unit) to which the diagram is simulated;
+    `parameters` overrides values by name. Raises UsageError for unknown names, StartError and SimulationError where
+    there is no operating point.
     """
     return StateSpaces(model, inputs, outputs, at).at(parameters)
 

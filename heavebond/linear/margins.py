@@ -189,18 +189,24 @@ def _delayed(of: crossing.Transfer, closed: Stability) -> tuple[str, tuple[str, 
 
 def loop_crossings(model: Model, signal: str, *, at: Time | None = None,
                    parameters: Mapping[str, float | str] | None = None, dead_time: Time = 0.0) -> Crossings:
-    """The crossings of the loop through a signal, whether it is stable or not; arguments as those of `loop_margins`."""
+    """The crossings of the loop through a signal, also of an unstable one.
+
+    Gains are factors, phases in degrees, delays in s, frequencies in Hz. `model`, `signal`, `at`, `parameters` and
+    `dead_time` are those of `loop_margins`; raises what `state_space` raises.
+    """
     closed = loops(model, signal, at).at(parameters)
     return crossings(open_loop(closed), closed.stability(), dead_time=seconds(dead_time, "dead_time"))
 
 
 def loop_margins(model: Model, signal: str, *, at: Time | None = None, parameters: Mapping[str, float | str] | None = None,
                  dead_time: Time = 0.0) -> Margins:
-    """The stability margins of the loop through a signal, with `dead_time` (s, or `"20 ms"`) added to it.
+    """The stability margins of the loop through a signal.
 
-    Gain margins are factors, phase margins are in degrees, delay margins in s, frequencies in Hz. Other arguments and
-    errors are those of `state_space`; UsageError where the closed loop is unstable and has no margins (`loop_crossings`
-    gives the distance to stability).
+    The loop is cut at `signal`: L is the open loop, and the closed loop has the poles of 1/(1 + L). Gain margins are
+    factors, phase margins in degrees, delay margins in s, frequencies in Hz. `at` is the operating point and
+    `parameters` are values by name, as for `state_space`, on the diagram `model`; `dead_time` (s, or `"20 ms"`) is added
+    to the loop. Raises UsageError where the closed loop is unstable and has no margins (`loop_crossings` gives the
+    distance to stability), and what `state_space` raises.
     """
     return checked(loop_crossings(model, signal, at=at, parameters=parameters, dead_time=dead_time), signal)
 

@@ -40,8 +40,9 @@ def root_locus(model: Model, parameter: str, span: Range | str, *, at: Time | No
                ) -> RootLocus:
     """The poles of a diagram over a span of a parameter: `root_locus(model, "controller.K_p", "0 .. 10 1/m")`.
 
-    `points` values are evenly spaced over the span. UsageError for an unknown parameter, a span in another unit or where
-    fewer than two values have an operating point.
+    The `points` values of `parameter` are evenly spaced over `span`; poles are in 1/s. `model` is linearised at the
+    operating point `at`, as by `state_space`. Raises UsageError for an unknown parameter, a span in another unit, or
+    where fewer than two values have an operating point.
     """
     span = si_range(span, parameter)
     operating = OperatingPoints(model, at)

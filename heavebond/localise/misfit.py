@@ -97,8 +97,11 @@ def _told(suspect: PlaceEstimate) -> str:
 
 @dataclass(frozen=True)
 class Localization:
-    """Where a model fails. `missing` tells whether anything is beyond what the parameters and noise explain, `chance` how
-    likely that would be by chance; `chi2` is that of the runs with `values` (by record) on the records to be fitted."""
+    """The location of a model error: when it occurs and the places that may cause it, the likeliest first.
+
+    `missing` tells whether there is more than parameters and noise explain, `chance` is the p value of the opposite;
+    `chi2` is the reduced chi-square of the runs with `values` (by record, in SI) on the fitted records.
+    """
 
     experiment: Experiment
     missing: bool
@@ -155,11 +158,12 @@ class Localization:
 @single_threaded
 def localize(experiment: Experiment | str | Path, *, values: Fit | Mapping[str, float | str] | None = None,
              progress: Callable[[str], None] | None = None) -> Localization:
-    """Find when, in what state of motion and at which place of its diagram a model fails its records.
+    """Localise a model error: when, in what state of motion and at which place of its diagram a model fails its records.
 
-    The estimation begins at the diagram's own parameters or at `values` (a fit, or values by name, in SI or as text with a
-    unit). Free parameters and initial values are estimated together with the input at each place, so that no fit is needed
-    before. Of long records the beginning is used (see `estimation.excerpts`). Raises what `compare` raises.
+    The unknown input at each place (in SI) is estimated together with the free parameters and initial values of
+    `experiment`, beginning at the diagram's own parameters or at `values` (a fit, or values by name, in SI or as text
+    with a unit), so that no fit is needed before. Of long records the beginning is used (see `estimation.excerpts`).
+    `progress` is called with a text at each step. Raises what `compare` raises.
     """
     experiment = experiment if isinstance(experiment, Experiment) else load_experiment(experiment)
     say = progress or (lambda text: None)

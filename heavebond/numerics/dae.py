@@ -166,8 +166,12 @@ class Assembly:
 
 
 def assemble(model: Model, also: Iterable[str] = (), widths: float = 1.0) -> Assembly:
-    """YAML meaning to runnable equations; `also` names positions wanted beside those the diagram itself names, `widths` is
-    a factor on the widths of all transitions."""
+    """Assemble a diagram: flatten, reduce the index and compile x' = f(t, x, z, p), 0 = g(t, x, z, p).
+
+    An Assembly serves many runs. `also` names positions that no equation uses; `widths` is a factor on the widths of all
+    regularised transitions. Raises ModelError with all that is wrong in the diagram. Sources: C. C. Pantelides, 1988,
+    doi:10.1137/0909014; S. E. Mattsson, G. Soederlind, 1993, doi:10.1137/0914043.
+    """
     with put_off():
         flat = flatten(model, sorted(set(also)), widths)
         check()

@@ -52,14 +52,15 @@ Stayed = tuple[NDArray[np.intp], "Result"]
 
 @dataclass(frozen=True)
 class Result:
-    """A run: `time` (N,), states x (n_x, N) and algebraic unknowns z (n_z, N) in SI, and every variable by name;
-    `quadratures` (n_q, N) are the integrals that the caller asked for. `p` (n_p,) holds at the start, `held` (n_h, N) are
-    the held variables, and `instants` what happened when; at an instant the values are those after it. `stays` are the
-    parts of the run in which other states were integrated: which times (k,), and the same there in those states.
+    """A run: `time` (N,) in s, states x (n_x, N) and algebraic unknowns z (n_z, N) in SI, and every variable by name.
 
     `result.si["pull"]` (N,) is in SI, `result.display["pull"]` (N,) in the unit declared under `show:`.
-    `result["crown.x"]` is in SI; for an output declared in another unit it raises UsageError that names the two.
-    Any formula of names may be asked for: `result["crown.x - platform.x"]`.
+    `result["crown.x"]` is in SI; for an output declared in another unit it raises UsageError that names the two. A
+    signal may be any formula of names: `result["crown.x - platform.x"]`.
+
+    `quadratures` (n_q, N) are the integrals that the caller asked for, `p` (n_p,) the parameters at the start, `held`
+    (n_h, N) the held variables, and `instants` the events; at an event the values are those after it. `stays` are the
+    parts of the run in which other states were integrated: their times (k,) and the run there in those states.
     """
 
     assembly: Assembly

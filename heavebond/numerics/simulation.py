@@ -44,15 +44,20 @@ def simulate(model: Model | Assembly, until: Time | None = None, *, every: Time 
              parameters: Mapping[str, float | str] | None = None, also: Iterable[str] = (),
              sensitivities: Iterable[str] = (), rtol: float = 1e-8, atol: float = 1e-10,
              solver: str | None = None, allow_fmu: bool = False) -> Result:
-    """Run a diagram from 0 to `until` (seconds, or `"2 min"`), with an output point `every` so often.
+    """Simulate a diagram from 0 to `until`, with an output point every `every`.
 
-    Both default to what the diagram says under `simulate:`. `parameters` overrides values by name. `sensitivities`
-    names parameters with respect to which the derivative of every signal is wanted (`result.sensitivity`). Errors are
-    controlled to rtol and to atol times each unknown's nominal size. `solver` is idas, cvodes, rosenbrock or auto (see
-    `solvers` and `run_by_auto`), by default what the diagram says, else auto; UsageError where it cannot integrate the
-    diagram. The programs in FMUs are run with `allow_fmu` only; a diagram with FMUs is refused otherwise. Warns (RunWarning)
-    unless the verdict of the run on itself (`result.verdict`) is clean. Raises StartError where no consistent start exists
-    and SimulationError where the integration fails; a given Assembly is not built anew.
+    Integrates x' = f(t, x, z), 0 = g(t, x, z) from consistent initial values; all signals of the result have shape (N,).
+    Times are in s or text (`"2 min"`) and default to `simulate:` of the diagram; `parameters` overrides values by name,
+    in SI or as text with a unit. `also` names positions that no equation uses; `sensitivities` names parameters for
+    `result.sensitivity`. The error of each step is controlled to `rtol` and to `atol` times the nominal size of each
+    unknown. `solver` is idas, cvodes, rosenbrock or auto (see `solvers` and `run_by_auto`), by default that of the
+    diagram, else auto. FMUs are executed with `allow_fmu` only. An Assembly as `model` is used without assembling it
+    again.
+
+    Warns (RunWarning) unless the verdict of the run (`result.verdict`) is clean. Raises ModelError for an invalid
+    diagram, UsageError for wrong arguments or an unsuitable solver, StartError where no consistent initial values exist
+    and SimulationError where the integration fails. Source: A. C. Hindmarsh et al., SUNDIALS, 2005,
+    doi:10.1145/1089014.1089020.
     """
     assembly = model if isinstance(model, Assembly) else assemble(model, also)
     written = assembly.model.solver

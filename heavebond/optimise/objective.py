@@ -56,9 +56,12 @@ class Case:
 
 @dataclass(frozen=True)
 class TuningProblem:
-    """What to tune: free parameters with ranges, a cost, limits (`peak(extension) < 3 m`), the time that is evaluated,
-    the values that make the reference run, the cases over which the cost is averaged, what is set where modes are
-    computed, how uncertain other parameters are (in their base units), and whether the machine must be stable at rest."""
+    """A tuning problem: free parameters with their ranges in SI, a cost, and limits (`peak(extension) < 3 m`).
+
+    `begin` and `end` are the time interval of the evaluation in s, `reference` the values of the reference run, `cases`
+    the conditions over which the cost is averaged, `modes` the values for the computation of modes, `uncertain` the
+    tolerances of other parameters; `stable` requires a stable equilibrium. `tuning_task` makes one from text.
+    """
 
     free: Mapping[str, Range]
     cost: str
@@ -78,10 +81,10 @@ def tuning_task(free: Mapping[str, Range | str], cost: str, *, limits: Sequence[
     """A tuning problem for `tune`: minimise `cost` over the ranges of `free`, such that `limits` hold.
 
     `tuning_task({"controller.K_p": "0 .. 10 1/m"}, "rms(WOB)/1 kN", limits=["peak(extension) < 3 m"], begin="48 s")`.
-    The cost is evaluated from `begin` to `end` (s, or text with a unit; by default to the end of the run) and averaged over
-    `cases`, parameter values by name of the case. `reference` are the parameter values of the run that `ref(...)` in the
-    cost refers to; `stable` requires a stable equilibrium. Raises UsageError for a range or a time that cannot be read;
-    `tune` raises it for unknown names and wrong units.
+    The cost is evaluated from `begin` to `end` (s, or text with a unit; by default to the end of the run) and averaged
+    over `cases`, parameter values by name of the case. `reference` are the parameter values of the run that `ref(...)`
+    in the cost refers to; `stable` requires a stable equilibrium. Raises UsageError for a range or a time that cannot be
+    read; `tune` raises it for unknown names and wrong units.
     """
     found = (Case("diagram", {}),) if cases is None else tuple(Case(name, dict(values)) for name, values in cases.items())
     return TuningProblem(ranges(free), cost, tuple(limits), seconds(begin, "begin"),

@@ -43,10 +43,12 @@ class TuningEvaluation:
 
 @dataclass(frozen=True)
 class Tuned:
-    """The best values in SI, their cost, the cost per case, the limits (below zero where kept, relative), the path of
-    every start, and how much was computed: `simulations` counts a run with k sensitivities as 1 + k plain runs, and the
-    gradients of k costs by a run backwards as 2 + k/2. `stability` holds the margins of the best values; `at_end` the
-    parameters that ended at the lower or the upper end of their range."""
+    """The result of a tuning: the best `values` in SI, their `cost` and the cost `before`, without unit.
+
+    `limits` are negative where satisfied (relative); `paths` hold the evaluations of every start. `simulations` counts a
+    run with k sensitivities as 1 + k plain runs, and the gradients of k costs by an adjoint run as 2 + k/2. `stability`
+    holds the margins of the best values; `at_end` the parameters at the lower or the upper end of their range.
+    """
 
     task: TuningProblem
     values: dict[str, float]
@@ -70,13 +72,15 @@ class Tuned:
 def tune(model: Model | Assembly | Objective, task: TuningProblem, *, explore: int = 5, starts: int = 1, seed: int = 0,
          method: str = "trust", most_steps: int = 30, progress: Progress | None = None,
          partial: bool = False) -> Tuned:
-    """Minimise the cost over the free parameters within their ranges and limits.
+    """Minimise the cost of a tuning problem over its free parameters, within their ranges and limits.
 
-    First the diagram's own values and `explore` points of a Latin hypercube are run without gradients: a gain beyond the
-    stability boundary has a cost whose slope leads nowhere. From the best `starts` of these a search goes on with gradients
-    (see `heavebond.optimise.search` for the methods). An Objective that is built already is used as it is. With
-    `partial` Ctrl-C ends it with the best so far (`message` is "interrupted"), once a first run is through.
-    UsageError for what is wrong in the task.
+    `model` is a diagram, an Assembly or an Objective that exists already; `task` comes from `tuning_task` or a study.
+    The diagram's own values and `explore` points of a Latin hypercube (drawn with `seed`) are simulated without
+    gradients, as the gradient of the cost beyond the stability boundary is of no use. From the best `starts` of them a
+    search with exact gradients goes on for at most `most_steps` steps; `method` is trust, slsqp or ipopt (see
+    `heavebond.optimise.search`). Values of the result are in SI. `progress` is called with a text at each step. With
+    `partial` Ctrl-C returns the best so far (`message` is "interrupted"), once a first run is through. Raises UsageError
+    for what is wrong in the task.
     """
     if method not in METHODS:
         raise UsageError([Problem("method-unknown", f"'{method}' is no method of tuning", None,

@@ -144,7 +144,11 @@ def write_run(run: SavedRun, path: str | Path) -> None:
 
 
 def read_run(path: str | Path) -> SavedRun:
-    """Read what `write_run` wrote; DataError where the file holds something else, UsageError for another suffix."""
+    """Read a run that `result.save` wrote: .csv, .parquet, .mat or .nc by the suffix of `path`.
+
+    The signals (N,) have the units in which they were saved. Raises UsageError for another suffix or a missing file,
+    DataError where the file holds something else or is incomplete.
+    """
     path = Path(path)
     read = _form(path, "read")[1]
     if not path.is_file():

@@ -41,8 +41,10 @@ DIED = "the process that worked on this case died, also when it was tried again 
 
 @dataclass(frozen=True)
 class StudyResult:
-    """What came out: the outcome of every case by every procedure, in order; fewer than `jobs` where it was stopped. `units`
-    are those in which numbers are told."""
+    """The result of a study: the outcome of every case by every procedure, in order; fewer than `jobs` if interrupted.
+
+    `units` are those in which values are printed.
+    """
 
     study: Study
     outcomes: tuple[Outcome, ...]
@@ -97,12 +99,13 @@ class StudyResult:
 @reporting
 def run_study(study: Study | str | Path, *, folder: Path | None = None, processes: int | None = None,
               executor: Executor | None = None, fresh: bool = False, progress: Progress | None = None) -> StudyResult:
-    """Work out every case of a study, each by every procedure of its tuning.
+    """Run every case of a study, each by every procedure of its tuning.
 
-    With `folder` each case is kept there as JSON when it is done; a later call with the same files takes it from there
-    (unless `fresh`). `processes` many cases are worked side by side (by default as many as there are processors), or those
-    that `executor` takes. A case whose process dies is tried again, then it is a row that says so. Ctrl-C ends it; what
-    is done by then is returned. ModelError for what is wrong in the study.
+    `study` is a Study, a path or a bundled name. With `folder` each finished case is stored there as JSON, and a later
+    call with the same files reads it (unless `fresh`). `processes` cases run in parallel, by default as many as there
+    are processors, or those that `executor` takes. A case whose process dies is repeated once and then reported as
+    failed. `progress` is called with a text after each case. Ctrl-C returns the cases finished so far. Raises ModelError
+    for what is wrong in the study.
     """
     study = study if isinstance(study, Study) else load_study(study)
     units = checked(study)

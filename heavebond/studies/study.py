@@ -185,7 +185,10 @@ def _unpacked(shared: bytes) -> Study:
 
 
 def load_study(name: str | Path) -> Study:
-    """Load a study: the path of a file, or a bundled one (`cmc_ahc/quality_index`)."""
+    """Load a study: the path of a file, or the `name` of a bundled one (`cmc_ahc/quality_index`).
+
+    Raises UsageError where there is no such file, ModelError with the lines that are wrong.
+    """
     source, problems = read(find(name, "study")), Problems()
     source = replace(source, root=present(source.root, "study", problems))
     root = source.root
