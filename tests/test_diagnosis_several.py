@@ -85,7 +85,8 @@ def climbed(monkeypatch: pytest.MonkeyPatch, table: Table, *, given: bool = True
 
     def trial(effects: str, new: str) -> Refit:
         chi2 = left(effects + new)
-        candidate = SimpleNamespace(label=new, component=new, kind=new, where=(), change=SimpleNamespace(moved={}))
+        candidate = SimpleNamespace(label=new, component=new, kind=new, where=(), change=SimpleNamespace(moved={}),
+                                    attaches="across", place="", signal="")
         return Refit(candidate, experiment(effects + new), {}, chi2 * SAMPLES, chi2, chi2, SAMPLES,  # type: ignore[arg-type]
                      SAMPLES, len(effects) + 1, (), 0.0, 0)
 
@@ -169,9 +170,13 @@ def test_another_effect_takes_the_place_of_one_that_it_beats_beside_a_later_one(
 
 
 def test_a_name_by_an_effect_that_is_taken_out_goes_back_to_what_drove_it() -> None:
+    def delay(signal: str) -> SimpleNamespace:
+        return SimpleNamespace(component="Delay", attaches="input", place=f"before {signal}", signal=signal)
+
     gone = SimpleNamespace(change=SimpleNamespace(moved={"inlet.u": "lag_inlet.u"}))
-    assert stepwise_selection._before("Delay before lag_inlet.u", gone) == "Delay before inlet.u"  # type: ignore[arg-type]
-    assert stepwise_selection._before("Delay before outlet.u", gone) == "Delay before outlet.u"  # type: ignore[arg-type]
+    same: Any = stepwise_selection._is
+    assert same(delay("inlet.u"), delay("lag_inlet.u"), gone) and same(delay("outlet.u"), delay("outlet.u"), gone)
+    assert not same(delay("lag_inlet.u"), delay("lag_inlet.u"), gone) and not same(delay("outlet.u"), delay("inlet.u"), gone)
 
 
 def test_two_laws_of_one_name_are_named_once() -> None:

@@ -21,7 +21,7 @@ from heavebond.pictures.motion import animate
 from heavebond.pictures.plot_spectra import plot_spectra
 from heavebond.pictures.plot_study import plot_study
 from heavebond.pictures.plot_where import plot_place
-from heavebond.records.spectra import Swinging, evenly
+from heavebond.records.spectra import SignalAnalysis, evenly
 from heavebond.studies.study import load_study
 from heavebond.studies.sweep import Sweep, read_over, study_text
 
@@ -184,7 +184,8 @@ def sea(folder: Path) -> Path:
     """The platform and the crown block in an irregular sea: course, spectrum, cycles."""
     run = hb.simulate(hb.load("cmc_ahc/irregular_sea"), 300.0)
     seen = run.time >= 60.0
-    found = [Swinging(evenly(name, run.unit(name), run.time[seen], run[name][seen])) for name in ("platform", "crown")]
+    found = [SignalAnalysis(evenly(name, run.unit(name), run.time[seen], run.display[name][seen]))
+             for name in ("platform", "crown")]
     return plot.save(plot_spectra(found), folder / "sea.png")
 
 
