@@ -5,21 +5,25 @@ BIN := $(VENV)/bin
 # installed once, and again when the dependencies change
 READY := $(VENV)/.ready
 
-.PHONY: demo quick test test-slow lint types pages docs bench scaling fuzz mutants false-alarms confusion detectability compensator clean
+.PHONY: demo quick test test-long test-slow lint types pages docs bench scaling fuzz mutants false-alarms confusion detectability compensator clean
 
 demo: $(READY)
 	$(BIN)/heavebond demo --output demo
 
 # one worker a processor; each takes a stretch of files, and what is left of the other when its own is done
 test: $(READY)
-	$(BIN)/python -m pytest -n logical --dist worksteal -m "not slow"
+	$(BIN)/python -m pytest -n logical --dist worksteal -m "not slow and not long"
+
+# what the continuous integration runs beside `make test`: the pages' blocks, whole studies and diagnoses
+test-long: $(READY)
+	$(BIN)/python -m pytest -n logical --dist worksteal -m "long and not slow"
 
 # under a minute: language, units, structure, start, verdict, and the library beside its formulas
 QUICK := expression units lists language names medium grounding incidence states newton corners quick signals saved \
 	measurements records_screening metrics slips stability linearisation energy validity limits numerals quoting \
 	output_files presentation painting cmc_ahc library_*
 quick: $(READY)
-	$(BIN)/python -m pytest -n logical --dist worksteal -m "not slow" $(foreach name,$(QUICK),tests/test_$(name).py)
+	$(BIN)/python -m pytest -n logical --dist worksteal -m "not slow and not long" $(foreach name,$(QUICK),tests/test_$(name).py)
 
 test-slow: $(READY)
 	$(BIN)/python -m pytest -m slow

@@ -31,6 +31,7 @@ def test_units_agree_and_equations_balance(path: Path) -> None:
     check(load(path), DOMAINS)
 
 
+@pytest.mark.long
 @every_file
 def test_power_is_stored_dissipated_or_declared(path: Path) -> None:
     report = check_power(load(path), DOMAINS)

@@ -29,6 +29,8 @@ from heavebond.estimation.fitting import Fitted, fit
 from heavebond.language.model import load, loads
 from heavebond.numerics.simulation import simulate
 
+pytestmark = pytest.mark.long
+
 NAMES = {"parameters", "noise", "limits"}  # what holds entries by names that are not keys
 PAGE = Path(__file__).parents[1] / "docs" / "diagnosis.md"
 RIG = """

@@ -14,6 +14,8 @@ from heavebond.diagnosis.scoring import scored
 from heavebond.diagnosis.stage import fitted_base, make_stage
 from heavebond.estimation.fitting import fit
 
+pytestmark = pytest.mark.long
+
 CYLINDER = ("ahc.cylinder",)
 
 

@@ -28,6 +28,7 @@ def _name(page: Path) -> str:
     return str(page.relative_to(ROOT))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("page", PAGES, ids=_name)
 def test_every_block_of_a_page_is_so(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
@@ -68,6 +69,7 @@ def test_every_page_is_reached_from_the_index() -> None:
     assert not missing
 
 
+@pytest.mark.long
 def test_pictures_can_be_drawn_anew(tmp_path: Path) -> None:
     drawing = runpy.run_path(str(ROOT / "docs" / "pictures" / "draw.py"))
     for draw in drawing["DRAWN"]:

@@ -147,6 +147,7 @@ VARIANTS = sorted(set(BUNDLED) - set(MACHINES))
 CIRCUITS = [name for name in VARIANTS if name.startswith("circuits/")]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", [pytest.param(
     name, marks=[pytest.mark.slow] if name in CIRCUITS and CIRCUITS.index(name) % 8 else []) for name in VARIANTS])
 def test_every_variant_is_drawn(name: str) -> None:

@@ -42,6 +42,7 @@ def test_only_noise_is_left_on_the_record_that_was_not_fitted(rig: Fit) -> None:
     assert rig.identifiability.words == ()
 
 
+@pytest.mark.long
 def test_the_gauss_newton_interval_agrees_with_the_profile(rig: Fit) -> None:
     """Nearly linear about the optimum: the two intervals agree to a tenth of their width."""
     p = next(q for q in rig.parameters if q.name == "string.d")
@@ -69,6 +70,7 @@ def test_a_missing_effect_shows_as_parameters_at_their_bounds() -> None:
     assert found.chi2 > 2
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not DRIVE.is_dir(), reason="the measured drive's records are not bundled: they state no licence")
 def test_measured_drive_with_friction_gives_the_published_parameters() -> None:
     """Janot, Gautier, Brunot 2019: M 95.1089 kg, F_v 203.50 N s/m, F_c 20.39 N, offset -3.165 N; asked within 3 %."""

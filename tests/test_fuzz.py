@@ -26,6 +26,7 @@ def test_random_diagrams_end_well(first: int) -> None:
     assert not [(v.seed, v.outcome, v.what) for v in verdicts if v.outcome in FAULTS]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("file", sorted(FOUND.glob("*.yaml")), ids=lambda file: file.stem)
 def test_what_random_diagrams_have_found_ends_as_it_should(file: Path) -> None:
     text = file.read_text(encoding="utf-8")

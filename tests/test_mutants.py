@@ -22,6 +22,8 @@ from heavebond.core.errors import HeavebondError
 from heavebond.language.library import bundled
 from heavebond.numerics.simulator import Simulator
 
+pytestmark = pytest.mark.long
+
 EXAMPLES = ("spring", "cylinder", "end_cushion", "thermal_resistance", "receiver", "dc_motor", "torsion_spring")
 MACHINES = (*(f"examples/{name}.yaml" for name in EXAMPLES), "quarter_car/quarter_car.yaml")
 WEIGHT = """

@@ -23,6 +23,8 @@ from heavebond.core import reporting as core_reporting
 from heavebond.diagnosis.diagnosis import Diagnosis
 from heavebond.diagnosis.ladder import ladder_entry
 
+pytestmark = pytest.mark.long
+
 ROOT = Path(__file__).parent.parent
 NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
 GAINS = hb.tuning_task({"controller.K_p": "0 .. 8 1/m", "controller.K_v": "0 .. 1.2 s/m"}, "rms(crown.x)/1 m", begin="72 s")

@@ -16,6 +16,8 @@ from heavebond.optimise.objective import Objective
 from heavebond.studies.run_case import assembled, measured, tuned_by
 from heavebond.studies.study import load_study
 
+pytestmark = pytest.mark.long
+
 STUDIES = "cmc_ahc/studies/"
 PAGE = Path(__file__).parents[1] / "docs" / "published_system.md"
 FREQUENCIES = ["0.25 Hz", "0.5 Hz", "0.75 Hz", "1 Hz", "2.5 Hz"]

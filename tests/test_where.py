@@ -22,6 +22,8 @@ from heavebond.localise.ltv_model import SourcedRecord, known_of, with_values
 from heavebond.localise.misfit import Localization, localize
 from heavebond.numerics.dae import assemble
 
+pytestmark = pytest.mark.long
+
 COMPONENT = """\
 component: Missing
 summary: A law for a test.
