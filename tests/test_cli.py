@@ -270,7 +270,7 @@ def test_library_lists_by_domain_and_the_folder_first(folder: Path) -> None:
 
 def test_library_tells_all_about_a_component() -> None:
     answer = call("library", "Cylinder")
-    for words in ("A  hydraulic", "l0       m            default 0 m", "absent at 0", "thrust (positive extends)",
+    for words in ("A  hydraulic", "l0       m            default 0 m", "absent at 0", "thrust (positive in extension)",
                   "V_A*k_A * der(A.p) = A.q - q_leak - A_A * v", "# continuity of chamber A", "dissipates",
                   "Merritt"):
         assert words in answer.stdout
