@@ -266,7 +266,7 @@ def _forget_output() -> None:
 @click.group("heavebond", cls=Commands, context_settings={"help_option_names": ["-h", "--help"]}, no_args_is_help=True)
 @click.version_option(__version__, prog_name="heavebond")
 def main() -> None:
-    """Model machines from diagrams, simulate them and lay them over their measurements.
+    """Model machines from diagrams, simulate them and compare them with measurements.
 
     Exit codes: 0 fine, 1 the model or the data is at fault, 2 wrong usage, 70 a fault of heavebond itself.
     """

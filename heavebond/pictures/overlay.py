@@ -1,4 +1,4 @@
-"""Files to be laid over each other: saved runs, experiments with their records, and plain records."""
+"""Files for a common plot: saved runs, experiments with their records, and plain records."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Overlay:
-    """What is laid over each other, by label; those called in `measured` are records."""
+    """The runs and records of a common plot, by label; the labels in `measured` are records."""
 
     runs: dict[str, SavedRun]
     measured: tuple[str, ...]
