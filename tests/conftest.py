@@ -12,3 +12,8 @@ os.environ.pop("COLUMNS", None)  # workers of the test run are told a terminal's
 def pytest_addoption(parser: pytest.Parser) -> None:
     """`--update-golden`: write what the program says now over the stored messages, to be read in the diff."""
     parser.addoption("--update-golden", action="store_true", help="rewrite the stored messages of tests/wrong")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The pages of the documentation first: a page of two minutes that begins last would leave the other processors idle."""
+    items.sort(key=lambda item: "::test_every_block_of_a_page_is_so" not in item.nodeid)
