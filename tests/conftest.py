@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import os
+import signal
 
 import pytest
 
 os.environ.pop("COLUMNS", None)  # workers of the test run are told a terminal's width, which would fold all tables
+
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # behind `nohup`, or as a job of a script; tests press Ctrl-C
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
