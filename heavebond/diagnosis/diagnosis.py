@@ -20,6 +20,7 @@ from heavebond.core.progress import Progress
 from heavebond.core.quantities import si_value
 from heavebond.core.reporting import reporting
 from heavebond.core.threads import single_threaded
+from heavebond.diagnosis.adequacy import Adequacy, adequacy
 from heavebond.diagnosis.alternatives import Alternative
 from heavebond.diagnosis.catalogue import Candidate, candidates
 from heavebond.diagnosis.experiment_design import Separation, separate
@@ -30,6 +31,7 @@ from heavebond.diagnosis.refit import Refit
 from heavebond.diagnosis.stage import (
     SECONDS,
     Stage,
+    choosing,
     following,
     make_curve_stage,
     make_stage,
@@ -63,8 +65,8 @@ class Diagnosis:
     correspond, but for a last step that found nothing; a fixed value that explains what no effect does is the only
     finding, after a step of effects and one of values. `shape` is the identified curve that lowers the error most where
     no effect can be named; `separation` the experiment that would distinguish the alternatives; `noise` the noise of
-    each channel with its unit; `seconds` the duration in s; `searched` is the experiment on the samples that the search
-    used.
+    each channel with its unit; `adequacy` that of the first finding where more than noise is left after it; `seconds` the
+    duration in s; `searched` is the experiment on the samples that the search used.
     """
 
     experiment: Experiment
@@ -79,6 +81,7 @@ class Diagnosis:
     seconds: float
     separation: Separation | None
     searched: Experiment
+    adequacy: Adequacy | None = None
 
     def __repr__(self) -> str:
         return brief(self, self.experiment.name, self.verdict, *self.words)
@@ -104,6 +107,7 @@ class Diagnosis:
             "ranking": [as_dicts(entries(s)) for s in self.steps],
             "noise": {name: {"value": value, "unit": unit, "given": given}
                       for name, (value, unit, given) in self.noise.items()},
+            "adequacy": self.adequacy and self.adequacy.as_dict(),
             "separation": self.separation and self.separation.as_dict(), "seconds": self.seconds}
 
 
@@ -145,19 +149,21 @@ def diagnose(experiment: Experiment | str | Path, *, auto: bool = False, number:
         come = _weighed(come, way, experiment, lambda beside: make_value_stage(
             as_long_as(part, _at(experiment, base)), beside=beside, number=number, seconds=seconds,
             progress=lambda text: say(f"trying other values of what is held fixed: {text}")))
-    shape = None
+    shape, judged = None, None
     if unexplained(come.ladder, come.findings, come.steps):
+        come, shape, judged = _without_name(come, way, part, experiment, number, seconds, say)
+    if shape is None and not (judged is not None and judged.stands) and unexplained(come.ladder, come.findings, come.steps):
         say("learning a curve")
         shape = _shape(as_long_as(part, now), experiment, number, seconds)
     rungs = (*come.ladder, *([shape.rung] if shape is not None else []))
-    said = verdict(base, rungs, come.findings, come.steps, shape)
+    said = verdict(base, rungs, come.findings, come.steps, shape, judged)
     apart = _separation(come.findings, say) if said == "one_of" else None
-    told = (*sentences(said, rungs, come.findings, come.steps, shape), *map(equivalent_value_words, come.values),
+    told = (*sentences(said, rungs, come.findings, come.steps, shape, judged), *map(equivalent_value_words, come.values),
             *(apart.words if apart is not None else ()),
             *_lost(come.steps),
             *([SEVERAL] if said == "shape" and come.findings and not auto else []), *_limits(classes, cut(part, experiment)))
     return Diagnosis(experiment, said, told, rungs, tuple(come.findings), tuple(come.steps), shape, base,
-                     _noise(ladder[0].comparison), clock.perf_counter() - began, apart, part)
+                     _noise(ladder[0].comparison), clock.perf_counter() - began, apart, part, judged)
 
 
 @dataclass(frozen=True)
@@ -169,6 +175,24 @@ class _SearchState:
     findings: Sequence[AddedEffect]
     steps: Sequence[Stage]
     values: Sequence[Refit] = ()
+
+
+def _without_name(come: _SearchState, way: Selection, part: Experiment, given: Experiment, number: int | None,
+                  seconds: float, say: Progress) -> tuple[_SearchState, AddedEffect | None, Adequacy | None]:
+    """The adequacy of the first finding, after which more than noise is left, by learnt curves in its place. Where one of
+    these explains most of what is left, it takes the place of the name."""
+    if not way or not come.findings or come.findings[0].candidate is not way[0].candidate:
+        return come, None, None
+    say("fitting learnt curves in place of the effect")
+    curves = make_curve_stage(way[0].step.experiment, number=number, seconds=seconds,
+                              progress=lambda text: say(f"learnt curves: {text}"))
+    judged = adequacy(way[0].chosen, way[0].step, curves)
+    if not judged.beaten or judged.flexible is None:
+        return come, None, judged
+    with finishing(say):
+        shape = _finding(SelectedEffect(choosing(curves, judged.flexible), (judged.flexible,)), given)
+    without = come.ladder[:len(come.ladder) - len(come.findings)]
+    return _SearchState(without, (), [*come.steps[:1]], come.values), shape, judged
 
 
 def _climbed(experiment: Experiment, part: Experiment, climbing: Callable[[Experiment], tuple[Selection, Stage]]

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 
 from heavebond.core.presentation import number
 from heavebond.diagnosis.catalogue import Candidate
+from heavebond.diagnosis.identity import likelihood
 from heavebond.diagnosis.refit import Refit
-from heavebond.diagnosis.stage import EARNED, Stage, indistinct, merit
+from heavebond.diagnosis.stage import EARNED, Stage
 
 Cell = float | bool | str | tuple[str, ...] | None
 
@@ -157,7 +158,7 @@ def _judged(trial: Refit, step: Stage) -> str:
         return "worse_held_out"
     if step.samples_held_out and fall <= EARNED:
         return "not_significant"
-    if step.chosen is not None and merit(trial) - merit(step.chosen) >= indistinct(step.chosen, step.merit):
+    if step.chosen is not None and likelihood(trial) > likelihood(step.chosen):
         return "larger_residual"
     return "not_justified"
 

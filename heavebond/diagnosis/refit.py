@@ -18,6 +18,7 @@ from heavebond.core.progress import Progress
 from heavebond.core.units import Range
 from heavebond.diagnosis.catalogue import Candidate
 from heavebond.diagnosis.early_stopping import made_progress, stop_inferior_starts, stop_stalled
+from heavebond.diagnosis.predictive_errors import SELECTION, TEST, PredictiveErrors, predictive_errors
 from heavebond.diagnosis.scoring import (
     BEYOND,
     Base,
@@ -30,7 +31,7 @@ from heavebond.diagnosis.scoring import (
 )
 from heavebond.estimation.experiment import Experiment, Free
 from heavebond.estimation.fitting import own_start
-from heavebond.estimation.residuals import AT_END, BROKEN, Descent, Residuals, Run
+from heavebond.estimation.residuals import AT_END, Descent, Residuals, Run
 from heavebond.numerics.dae import Array
 from heavebond.numerics.quick_simulation import QuickSimulator
 
@@ -64,7 +65,8 @@ class Refit:
     the sum of squares on what was held out would fall, more than that of the fit would rise, if all numbers moved as the fit
     lets them (of the trials that are compared closely; see `_Refit.slack`). `begun` are the first steps, from several
     starts, of a refit that may be followed further, the best first; it `falls` where one of them still fell steeply, or
-    the best of them stands at an end of an amplitude's range that no declared bound is."""
+    the best of them stands at an end of an amplitude's range that no declared bound is. `errors` are its predictive
+    errors."""
 
     candidate: Candidate
     experiment: Experiment
@@ -81,6 +83,12 @@ class Refit:
     slack: float = 0.0
     begun: tuple[Descent, ...] = field(default=(), repr=False, compare=False)
     falls: bool = False
+    errors: PredictiveErrors | None = field(default=None, repr=False, compare=False)
+
+    @property
+    def chi2_test(self) -> float:
+        """Chi-square per sample on the test data, NaN where there are none."""
+        return self.errors.mean(TEST) if self.errors is not None else float("nan")
 
     @property
     def bic(self) -> float:
@@ -392,13 +400,13 @@ class _RefitProblem:
         exact = exact_runs(problem.experiment, self.runs, self.base.exact)
         r, prior = self._residuals(inner, [exact[run.record.name] for run in self.runs]), problem.priors(inner)[0]
         values = [problem.values_of(inner, run.record.name) for run in problem.runs]
-        held = held_out(problem, inner, exact)
+        errors = predictive_errors(problem, inner, exact, r)
         at_end = tuple(c.free.name for c, end in zip(problem.columns, problem.at_end(inner), strict=True)
                        if end and c.free.name not in self.ranges)
         return Refit(self.candidate, problem.experiment, values[0], float(r @ r + prior @ prior), float(r @ r) / len(r),
-                     held[0], len(r), held[1], len(inner), at_end,
+                     errors.mean(SELECTION, TEST), len(r), errors.samples(SELECTION, TEST), len(inner), at_end,
                      max((g.gain for g in self.guesses), default=float("nan")),
-                     problem.evaluations)
+                     problem.evaluations, errors=errors)
 
     def slack(self, inner: Array) -> float:
         """What the numbers' own uncertainty does to the figure on what was held out. With r (n,) and J (n, m) the residuals
@@ -434,21 +442,3 @@ class _RefitProblem:
             parts.append(wrong)
             blocks.append(block)
         return np.concatenate(parts), np.vstack(blocks)
-
-
-def held_out(problem: Residuals, inner: Array, runs: Mapping[str, Run]) -> tuple[float, int]:
-    """Chi-square per sample on held-out data, and its samples; NaN where there is nothing of the kind."""
-    experiment = problem.experiment
-    parts = [np.zeros(0)]
-    for record in experiment.records.values():
-        run, values = runs[record.name], problem.values_of(inner, record.name)
-        if record.use != "fit":
-            values = {**values, **own_start(experiment, record, values)}
-        elif not run.checking.any():
-            continue
-        try:
-            parts.append(run.held_out(values)[0])
-        except (SimulationError, StartError):  # it breaks down there: that counts against it, and is no end of the search
-            parts.append(np.full(int((run.checking if record.use == "fit" else run.counts).sum()), BROKEN))
-    r = np.concatenate(parts)
-    return (float(r @ r) / len(r) if len(r) else float("nan")), len(r)

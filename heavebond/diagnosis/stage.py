@@ -18,7 +18,9 @@ from heavebond.core.progress import Progress
 from heavebond.diagnosis.candidate_workers import Workers
 from heavebond.diagnosis.catalogue import Candidate, candidates
 from heavebond.diagnosis.fixed_values import fixed_values
-from heavebond.diagnosis.refit import Refit, bic, held_out
+from heavebond.diagnosis.identity import STRONG, Identity, compared, likelihood
+from heavebond.diagnosis.predictive_errors import SELECTION, TEST, PredictiveErrors, predictive_errors
+from heavebond.diagnosis.refit import Refit, bic
 from heavebond.diagnosis.refit_schedule import RefitSchedule, planned
 from heavebond.diagnosis.residual_tests import ResidualTests, is_noise, leftover
 from heavebond.diagnosis.scoring import TIMES, Base, Score, finer, searched
@@ -28,11 +30,6 @@ from heavebond.estimation.residuals import Residuals
 from heavebond.numerics.dae import Array
 
 UNKNOWN = "unknown law"  # the class of learnt curves: a shape, no name
-NEARLY = 0.1  # share of what the best takes away that a rival may leave, where the noise is not given,
-MISSED = 0.25  # and share of what the best misses the noise by that a rival may miss more where that is given;
-# where the best misses it by more than chance, times its error above the noise that a rival's may be: laws that are not
-# exact have been seen to leave twice what a wrong one at their place does, and a fourth of what others leave
-RIVALS = 2.5
 CLOSELY = 6  # trials at most are followed to the very end before they are compared,
 CLOSE = 0.05  # those within this share of the logarithm of chi-square of the best
 AS_ONE = 1e-6  # nodes move as one that differ by less than this share of the largest value
@@ -48,7 +45,8 @@ class Stage:
     """One rung: the experiment that was diagnosed, its best fit of what was free (chi-square per sample on what was and was
     not fitted), the tests on what that leaves, all scores and refits, best first, what was chosen, and those that the
     records cannot tell from it (the chosen one first). `partial`: not all that was planned was refitted; `lost` are the
-    candidates whose process died."""
+    candidates whose process died. `errors` are the predictive errors without any candidate, `identity` the comparison of the
+    candidates with the chosen one."""
 
     experiment: Experiment
     values: dict[str, float]
@@ -68,6 +66,8 @@ class Stage:
     partial: bool
     seconds: float
     lost: tuple[str, ...] = ()
+    errors: PredictiveErrors | None = None
+    identity: Identity | None = None
 
     @property
     def bic(self) -> float:
@@ -77,7 +77,7 @@ class Stage:
     @property
     def merit(self) -> float:
         """That of the model without any of the candidates; see `merit`."""
-        return _merit(self.cost, self.samples, len(self.values), self.chi2_held_out, self.samples_held_out)
+        return _merit(self.cost, self.samples, len(self.values), self.errors)
 
 
 def make_stage(experiment: Experiment, *, number: int | None = None, seconds: float = SECONDS, classes: Sequence[str] = (),
@@ -113,7 +113,7 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
     began = clock.perf_counter()
     say("fitting what is free")
     base = fitted_base(experiment)
-    held, n_held = held_out(base.problem, base.inner, base.exact)
+    errors = predictive_errors(base.problem, base.inner, base.exact, base.r)
     courses = _courses(base)
     found = [c for c in found if always or _says_more(c, base, courses)]
     scores: list[Score] = []
@@ -137,7 +137,7 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
             clear_signal()
             partial, left, twins = True, leftover(base, scores), {}
     trials = list(refits.trials.values())
-    made = _judged(base, (held, n_held), left, scores, trials, twins, partial, clock.perf_counter() - began)
+    made = _judged(base, errors, left, scores, trials, twins, partial, clock.perf_counter() - began)
     return replace(made, lost=tuple(dict.fromkeys(workers.lost)))
 
 
@@ -147,7 +147,7 @@ def _polished(workers: Workers, trials: Sequence[Refit], guesses: Mapping[str, S
     order = sorted(trials, key=merit)
     if not order:
         return {}
-    margin = indistinct(order[0], merit(order[0])) + CLOSE * (order[0].samples + order[0].samples_held_out)
+    margin = STRONG + CLOSE * (order[0].samples + order[0].samples_held_out)
     lowest = min(t.bic for t in order)
     near = [t for t in order if t.candidate.label in guesses
             and (merit(t) - merit(order[0]) < margin or t.bic - lowest < margin)][:CLOSELY]
@@ -211,25 +211,37 @@ def _says_more(candidate: Candidate, base: Base, courses: Mapping[str, tuple[str
     return all(float(np.ptp(course)) > STEADY * float(np.abs(course).max()) for course in others)
 
 
-def _judged(base: Base, held: tuple[float, int], left: ResidualTests, scores: Sequence[Score], trials: Sequence[Refit],
+def _judged(base: Base, errors: PredictiveErrors, left: ResidualTests, scores: Sequence[Score], trials: Sequence[Refit],
             twins: dict[str, tuple[str, ...]], partial: bool, seconds: float) -> Stage:
     problem = base.problem
     ended = tuple(c.free.name for c, end in zip(problem.columns, problem.at_end(base.inner), strict=True) if end)
     made = Stage(
         problem.experiment, problem.values_of(base.inner, problem.runs[0].record.name), base.cost, len(base.r),
-        float(base.r @ base.r) / len(base.r), *held, ended, left, tuple(_best_of_each(scores)),
-        tuple(sorted(trials, key=merit)), None, (), twins, tuple(_unseen(scores)), partial, seconds)
+        float(base.r @ base.r) / len(base.r), errors.mean(SELECTION, TEST), errors.samples(SELECTION, TEST), ended, left,
+        tuple(_best_of_each(scores)), tuple(sorted(trials, key=merit)), None, (), twins, tuple(_unseen(scores)), partial,
+        seconds, errors=errors)
     earned = _earned(made)
-    return choosing(made, earned[0]) if earned else made
+    return choosing(made, _leader(made, earned)) if earned else made
+
+
+def _leader(made: Stage, earned: Sequence[Refit]) -> Refit:
+    """The best on the data that select, among those that the test data do not exclude either: the first that is compared
+    as well as the one with the largest likelihood on all records."""
+    best = min(earned, key=likelihood)
+    assert made.errors is not None
+    members = compared(best, earned, made.errors).members
+    return min(members, key=merit)
 
 
 def choosing(made: Stage, trial: Refit) -> Stage:
     """The step with one of its trials chosen, and what the records cannot tell from it."""
-    margin = indistinct(trial, made.merit)
-    near = [t for t in _earned(made)
-            if t is trial or min(m(t) - m(trial) for m in (merit, _joint)) < margin or _as_good(t, trial)]
-    close = [t for t in near if t is not trial and not any(_needless(t, simpler) for simpler in near)]
-    return replace(made, chosen=trial, cluster=(trial, *close, *_twins_of([trial, *close], made.twins, made.scores)))
+    assert made.errors is not None
+    earned = _earned(made)
+    found = compared(trial, [trial, *(t for t in earned if t is not trial)], made.errors)
+    near = [t for t in earned if t in found.members or _as_good(t, trial)]
+    close = [t for t in near if t is not trial and not any(_needless(t, simpler) for simpler in (trial, *near))]
+    return replace(made, chosen=trial, identity=found,
+                   cluster=(trial, *close, *_twins_of([trial, *close], made.twins, made.scores)))
 
 
 def _as_good(trial: Refit, best: Refit) -> bool:
@@ -282,48 +294,35 @@ def _unseen(scores: Sequence[Score]) -> list[Candidate]:
 
 
 def merit(trial: Refit) -> float:
-    """What ranks the refits: BIC of the fitted samples and n ln(chi-square) of the others; smaller is better."""
-    return _merit(trial.cost, trial.samples, trial.unknowns, trial.chi2_held_out, trial.samples_held_out)
+    """What ranks the refits: BIC of the fitted samples and n ln(chi-square) of the selection data; smaller is better. The
+    test data have no part in it."""
+    return _merit(trial.cost, trial.samples, trial.unknowns, trial.errors)
 
 
-def _joint(trial: Refit) -> float:
-    """The merit with what was held out as a fit to all samples would leave it: numbers that the fit leaves open by little
-    may miss other records by more than one law does more than another."""
-    held = trial.chi2_held_out - trial.slack / max(trial.samples_held_out, 1)
-    return _merit(trial.cost, trial.samples, trial.unknowns, held, trial.samples_held_out)
-
-
-def _merit(cost: float, samples: int, unknowns: int, chi2: float, held: int) -> float:
-    return bic(cost, samples, unknowns) + (held * float(np.log(max(chi2, 1e-300))) if held else 0.0)
+def _merit(cost: float, samples: int, unknowns: int, errors: PredictiveErrors | None) -> float:
+    others = errors.samples(SELECTION) if errors is not None else 0
+    chi2 = errors.mean(SELECTION) if errors is not None and others else 1.0
+    return bic(cost, samples, unknowns) + others * float(np.log(max(chi2, 1e-300)))
 
 
 def _earned(made: Stage) -> list[Refit]:
-    """The trials whose merit and chi-square on held-out data both fall by more than chance allows, best first."""
-    return [t for t in made.trials if merit(t) < made.merit - EARNED
-            and (not made.samples_held_out or _fallen(made.chi2_held_out, t) > EARNED)]
+    """The trials whose merit, and chi-square on the selection data where there are records for it, both fall by more than
+    chance allows, best first."""
+    assert made.errors is not None
+    before, samples = made.errors.mean(SELECTION), made.errors.samples(SELECTION)
+    return [t for t in made.trials if merit(t) < made.merit - EARNED and t.errors is not None
+            and (not samples or (before - t.errors.mean(SELECTION)) * samples / max(1.0, t.errors.mean(SELECTION)) > EARNED)
+            and not _worse(made.chi2_held_out, t)]
+
+
+def _worse(before: float, trial: Refit) -> bool:
+    """Whether a refit leaves more than the model without it on all that was not fitted."""
+    return bool(trial.samples_held_out) and not trial.chi2_held_out < before
 
 
 def _fallen(before: float, trial: Refit) -> float:
     """How far chi-square of all that was not fitted is below what is `before` per sample, in units of what is left."""
     return (before - trial.chi2_held_out) * trial.samples_held_out / max(1.0, trial.chi2_held_out)
-
-
-def indistinct(best: Refit, before: float) -> float:
-    """Refits whose merit is no more than this behind the best are not told from it: strong evidence in BIC is 10 (R. E.
-    Kass, A. E. Raftery, 1995, doi:10.1080/01621459.1995.10476572); and as no law is exact, 0.3 % of chi-square besides.
-    Where the noise is given and the best misses it, a rival that misses it by a quarter more is not excluded, nor, where
-    that is more than chance, one with up to 2.5 times the best's error above the noise: both are then laws that are not
-    exact, and which of them comes nearer is a matter of their forms. Where it is estimated it says little of how exact a
-    law could be: a rival that takes away nine tenths of what the best does (from the merit `before`) is not excluded."""
-    exact = 10.0 + 0.003 * (best.samples + best.samples_held_out)
-    if not best.experiment.noise_given:
-        return exact + NEARLY * (before - merit(best)) * (best.chi2_held_out > 2)
-    held = (best.chi2_held_out, best.samples_held_out) if best.samples_held_out else (best.chi2_fit, best.samples)
-    both = ((best.samples, best.chi2_fit), (best.samples_held_out, best.chi2_held_out))
-    above = [(n, c) for n, c in both if n and c > 1]
-    forms = 0.0 if is_noise(best.chi2_fit, *held) else \
-        sum(n * float(np.log((1 + RIVALS**2 * (c - 1)) / c)) for n, c in above)
-    return exact + max(forms, MISSED * sum(n * float(np.log(c)) for n, c in above))
 
 
 def following(before: Stage) -> Experiment:

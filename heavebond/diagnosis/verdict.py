@@ -1,8 +1,9 @@
-"""How sure a diagnosis is, as one of six words and in sentences.
+"""The result of a diagnosis as one of seven verdicts, and in sentences.
 
-nothing: what is left is noise. parameters: it was their values, no physics; of what is free, or of a number that the
-diagram holds fixed. effect: this one, here. one_of: one of these, which the records cannot tell apart. shape: something that
-the catalogue lacks; a place and a curve. undetermined: the records do not tell.
+nothing: the residual is noise. parameters: their values were wrong, no physics is missing; of what is free, or of a value
+that the diagram holds fixed. effect: this effect, at this place. one_of: one of these, which the records cannot distinguish.
+mainly: this effect (or one of these) explains most of the misfit, and more is missing. shape: an effect that the catalogue
+lacks; a place and a curve. undetermined: not decided by these records.
 """
 
 from __future__ import annotations
@@ -13,23 +14,16 @@ from collections.abc import Callable, Sequence
 
 from heavebond.core.errors import listing
 from heavebond.core.presentation import number, readable
+from heavebond.diagnosis.adequacy import Adequacy
 from heavebond.diagnosis.catalogue import Candidate
+from heavebond.diagnosis.decision import DECISION
 from heavebond.diagnosis.fixed_values import VALUE
 from heavebond.diagnosis.ladder import AddedEffect, LadderEntry, channel_errors
 from heavebond.diagnosis.refit import Refit
-from heavebond.diagnosis.residual_tests import NEAR, is_noise
+from heavebond.diagnosis.residual_tests import is_noise
 from heavebond.diagnosis.stage import Stage
 from heavebond.estimation.fitting import Fit
 
-# Shares of chi-square above the noise that a name must take away where the noise is not reached: near it, and far from it.
-# Where the noise is given it is a yardstick, and flexible laws at a wrong place take away more than nine tenths of a large
-# misfit: 0.85 of the error itself is asked for, 1 - (1 - 0.85)**2 of its square. Noise that is estimated leaves out what no
-# model of the machine would explain, so less is asked for.
-NEARLY = 0.9
-GONE = 1 - (1 - 0.85) ** 2
-GONE_ESTIMATED = 0.85
-LARGE = 0.15  # error, as a share of what was measured, beyond which no name is given however much is gone
-FURTHER = 0.2  # share of what is left above the noise that an effect must take away, alone or as a further one
 FILTERED = 5.0  # times an estimated noise that noise behind a filter may be; beyond it is no noise
 LESS = 0.7  # of an estimated noise: a model that leaves less shows that the estimate is too large
 CHANCE = 0.005  # p value below which fitted parameters are better than those of the data sheet
@@ -42,38 +36,25 @@ def worth_it(step: Stage) -> bool:
     assert step.chosen is not None
     before, after = (step.chi2_held_out, step.chosen.chi2_held_out) if math.isfinite(step.chi2_held_out) else \
         (step.chi2_fit, step.chosen.chi2_fit)
-    return (before - after) / max(before - 1.0, 1e-9) > FURTHER
+    return (before - after) / max(before - 1.0, 1e-9) > DECISION.further
 
 
 def is_adequate(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect]) -> bool:
-    """Whether the model with all findings leaves little more than noise, or hardly any of the error that was there without
-    them: of the better of the diagram as it stands and fitted, lest an effect be credited with what parameters do."""
-    if not findings:
-        return _held(ladder[-1]) <= NEAR
-    last, first = findings[-1].rung, [r for r in ladder[:2] if r is not findings[0].rung]
-    held = _gone(min(map(_held, first)), _held(last))
-    if not last.comparison.experiment.noise_given:
-        return _held(last) <= NEAR or held >= GONE_ESTIMATED
+    """Whether the model with all findings leaves no more than noise: the given one, or near it after one effect that took
+    most of the misfit away (several, each of which corrects what another does wrong, come near it with wrong names as well),
+    or near an estimated one."""
+    last = findings[-1].rung if findings else ladder[-1]
+    if not findings or not last.comparison.experiment.noise_given:
+        return _held(last) <= DECISION.near
     if is_noise(last.chi2_fit, last.chi2_held_out, last.samples_held_out):
         return True
-    # of several effects each mends what another does wrong: together they can come near the noise with wrong names
-    gone = min(held, _gone(min(r.chi2_fit for r in first), last.chi2_fit))
-    if len(findings) > 1 or _above_noise(last) > LARGE:
-        return False
-    return gone >= (NEARLY if near_noise(last) else GONE)
+    first = min(_held(r) for r in ladder[:2] if r is not findings[0].rung)
+    return len(findings) == 1 and near_noise(last) and _gone(first, _held(last)) >= DECISION.mainly
 
 
 def _gone(first: float, last: float) -> float:
     """The share of what is above the noise that is taken away."""
     return (first - last) / (first - 1) if first > 1 else 0.0
-
-
-def _above_noise(rung: LadderEntry) -> float:
-    """The error on held-out data as a share of what was measured, both as root mean squares over all channels, without
-    what noise alone would leave: a channel that hardly moves is all noise, and no model could be nearer to it."""
-    channels = [c for part in rung.comparison.parts if part.use != "fit" for c in part.channels.values()]
-    shares = [c.normalised**2 * max(0.0, 1 - 1 / c.chi2) if c.chi2 else 0.0 for c in channels if math.isfinite(c.normalised)]
-    return math.sqrt(sum(shares) / len(shares)) if shares else 0.0
 
 
 def _held(rung: LadderEntry) -> float:
@@ -82,7 +63,7 @@ def _held(rung: LadderEntry) -> float:
 
 def near_noise(rung: LadderEntry) -> bool:
     """Whether what a model leaves, on what was and was not fitted, is near the noise."""
-    return max(_held(rung), rung.chi2_fit) <= NEAR
+    return max(_held(rung), rung.chi2_fit) <= DECISION.near
 
 
 def unexplained(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage]) -> bool:
@@ -91,16 +72,18 @@ def unexplained(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], 
 
 
 def verdict(base: Fit | None, ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage],
-            shape: AddedEffect | None) -> str:
-    """One of the six words."""
+            shape: AddedEffect | None, adequacy: Adequacy | None = None) -> str:
+    """One of the seven."""
     if not steps[0].left.significant:
         if _still(ladder[0]) or steps[0].partial or _astray(ladder):
             return "undetermined"
         return "parameters" if base is not None and _better(base) else "nothing"
-    if findings and is_adequate(ladder, findings) and not (steps[-1].partial and _held(findings[-1].rung) > NEAR):
+    if findings and is_adequate(ladder, findings) and not (steps[-1].partial and _held(findings[-1].rung) > DECISION.near):
         if any(f.candidate.kind == VALUE for f in findings):
             return "parameters"
         return "effect" if all(f.certain for f in findings) else "one_of"
+    if findings and adequacy is not None and adequacy.stands:
+        return "mainly"
     if steps[-1].partial:
         return "undetermined"
     return "shape" if shape is not None or findings else "undetermined"
@@ -115,7 +98,7 @@ def _still(rung: LadderEntry) -> bool:
 def _astray(ladder: Sequence[LadderEntry]) -> bool:
     """Whether what was fitted shows no more than noise, but what was not does: too little was fitted to see more."""
     best = min(ladder[:2], key=_held)
-    return _held(best) > NEAR * max(1.0, best.chi2_fit)
+    return _held(best) > DECISION.near * max(1.0, best.chi2_fit)
 
 
 def _better(base: Fit) -> bool:
@@ -128,10 +111,17 @@ def _better(base: Fit) -> bool:
 
 
 def sentences(said: str, ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage],
-              shape: AddedEffect | None
-              ) -> tuple[str, ...]:
+              shape: AddedEffect | None, adequacy: Adequacy | None = None) -> tuple[str, ...]:
     """The verdict in sentences."""
-    lines = [_WORDS[said](ladder, findings, steps, shape)]
+    lines = [_mainly(findings, adequacy) if said == "mainly" and adequacy is not None else
+             _beaten(adequacy) if said == "shape" and adequacy is not None and adequacy.beaten else
+             _WORDS[said](ladder, findings, steps, shape)]
+    if adequacy is not None and (said == "mainly" or adequacy.beaten):
+        lines += _yardstick(adequacy)
+    if findings and any(s.identity is not None and s.identity.too_short for s in steps[:len(findings)]):
+        blocks = min(s.identity.blocks for s in steps[:len(findings)] if s.identity is not None and s.identity.too_short)
+        lines.append(f"The records are too short to distinguish them: they hold {number(blocks, 2)} independent blocks, and "
+                     f"about {number(DECISION.blocks, 2)} are needed.")
     if findings:
         lines.append(_fall(ladder[0], findings[-1].rung))
     if steps[0].at_end and findings and not steps[-1].at_end:
@@ -148,7 +138,7 @@ def sentences(said: str, ladder: Sequence[LadderEntry], findings: Sequence[Added
                      "look for more of its kind.")
     if said in ("effect", "one_of") and len(steps) == len(findings):
         left = _held(findings[-1].rung)
-        lines.append("The residual on held-out records is near the noise level." if left <= NEAR else
+        lines.append("The residual on held-out records is near the noise level." if left <= DECISION.near else
                      f"The residual there is still {number(left**0.5, 3)} times the noise: diagnose the new experiment "
                      "as well.")
     if said in ("effect", "one_of", "undetermined") and steps[0].left.significant:
@@ -162,7 +152,7 @@ def _of_estimates(best: LadderEntry) -> list[str]:
     """What to do about channels whose estimated noise is far from what the best model leaves there."""
     outputs = best.comparison.experiment.outputs
     own = [m for m in channel_errors(best) if outputs[m.channel].noise is None]
-    more = [f"`noise: {m.words}` at {m.channel}" for m in own if math.sqrt(NEAR) < m.error / m.noise < FILTERED]
+    more = [f"`noise: {m.words}` at {m.channel}" for m in own if math.sqrt(DECISION.near) < m.error / m.noise < FILTERED]
     less = [m.channel for m in own if m.error < LESS * m.noise]
     return [*([f"The noise is estimated, and an estimate sees only what is white. If the residual is the sensor's own (a "
                f"filter, a slow swaying), write {listing(more, 3)}: then no more is sought in it."] if more else []),
@@ -181,6 +171,42 @@ def _fall(first: LadderEntry, last: LadderEntry) -> str:
     return f"The error on {'held-out' if held else 'fitted'} data falls: {channels}. That is {number(100 * error, 3)} % " \
            f"to {number(100 * error_last, 3)} % of what was measured, reduced chi-square {number(chi2, 3)} to " \
            f"{number(chi2_last, 3)}; 1 = noise level."
+
+
+def _mainly(findings: Sequence[AddedEffect], adequacy: Adequacy) -> str:
+    """The first effect with its share, and those that were added after it."""
+    share = f"It explains {number(100 * adequacy.explained, 2)} % of the misfit (chi-square above the noise)"
+    first, *others = (_called(f.candidate) if f.certain else _alternatives(f) for f in findings)
+    unsure = "" if findings[0].certain else " The records cannot tell these apart."
+    more = f"; added after it: {listing(others, 5)}" if others else ""
+    return f"Missing: mainly {first}.{unsure} {share}{more}. More is missing."
+
+
+def _beaten(adequacy: Adequacy) -> str:
+    curve = adequacy.flexible
+    assert curve is not None
+    return f"Something is missing {curve.candidate.place} that no entry of the catalogue explains: a learnt curve there " \
+           "explains most of what the best law of the catalogue leaves."
+
+
+def _yardstick(adequacy: Adequacy) -> list[str]:
+    """What the learnt curves show of a name after which more than noise is left."""
+    curve, other = adequacy.flexible, adequacy.elsewhere
+    lines = []
+    if curve is None:
+        lines.append("No learnt curve at this place lowers the error; whether another law there would explain more is "
+                     "not decided.")
+    elif not adequacy.decided:
+        lines.append("Whether another law there would explain more is not decided: only "
+                     f"{number(100 * adequacy.covered, 2)} % of the held-out motion lies inside the motion that a learnt "
+                     "curve was fitted to.")
+    elif not adequacy.beaten:
+        lines.append("A learnt curve at this place does not explain much more (held-out chi-square per sample "
+                     f"{number(curve.chi2_held_out, 3)}), so the residual is due to something else.")
+    if other is not None:
+        lines.append(f"The place is not certain: a learnt curve {other.candidate.place} predicts as well (chi-square "
+                     f"{number(other.chi2_held_out, 3)}).")
+    return lines
 
 
 def _nothing(*_: object) -> str:
@@ -222,10 +248,13 @@ def _called(candidate: Candidate) -> str:
 
 
 def _one_of(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], *_: object) -> str:
-    parts = [" or ".join(dict.fromkeys(f"another value of {t.candidate.name}" if t.candidate.kind == VALUE else
-                                       f"{t.candidate.kind} {t.candidate.place}" for t in f.alternatives[:6]))
-             for f in findings]
-    return "Missing: " + "; and ".join(parts) + ". The records cannot tell these apart."
+    return "Missing: " + "; and ".join(map(_alternatives, findings)) + ". The records cannot tell these apart."
+
+
+def _alternatives(finding: AddedEffect) -> str:
+    """All classes and places that a finding may be."""
+    return " or ".join(dict.fromkeys(f"another value of {t.candidate.name}" if t.candidate.kind == VALUE else
+                                     f"{t.candidate.kind} {t.candidate.place}" for t in finding.alternatives))
 
 
 def _shape(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage],

@@ -21,7 +21,7 @@ from heavebond.text.yaml_source import Mapping, Node, Scalar, Source, read
 
 EXPERIMENT_KEYS = ("experiment", "summary", "extends", "model", "records", "time", "inputs", "outputs", "free", "notes")
 RECORD_KEYS = ("file", "use", "from", "to", "set", "initial", "inputs", "outputs")
-USES = ("fit", "validate")
+USES = ("fit", "validate", "test")
 EXAMPLES = {"records": "Write for example `records: {monday: {file: monday.csv, use: fit}}`.",
             "outputs": "Write for example `outputs: {crown.x: {column: crown_m, unit: m, noise: 1 mm}}`.",
             "time": "Write for example `time: {column: time_s, unit: s}`."}
@@ -131,7 +131,16 @@ class Experiment:
 
     def holds_out(self, record: Record) -> bool:
         """Whether blocks of a record are left out of the fit because no record of its own checks what comes out."""
-        return record.use == "fit" and all(r.use != "validate" for r in self.records.values())
+        return record.use == "fit" and all(r.use == "fit" for r in self.records.values())
+
+
+def is_test(experiment: Experiment, record: Record) -> bool:
+    """Whether what was not fitted of a record is test data, which no choice of a diagnosis depends on, and not selection
+    data: of records with `use: test`, where there are any, else of the last one that is not fitted. Where all records are
+    fitted, the blocks held out of them are test data."""
+    checking = [r for r in experiment.records.values() if r.use != "fit"]
+    named = [r for r in checking if r.use == "test"]
+    return any(r.name == record.name for r in named or checking[-1:]) if checking else True
 
 
 def with_inputs_moved(experiment: Experiment, to: Dictionary[str, str]) -> Experiment:
@@ -246,7 +255,7 @@ class _Reader:
         use = reading.text(entry.items.get("use"), "use", problems)
         if use and use not in USES:
             problems.add("use-unknown", f"'{use}' is no use of a record", entry.items["use"].place,
-                         hint=suggest(use, USES) or "Write `use: fit` or `use: validate`.")
+                         hint=suggest(use, USES) or "Write `use: fit`, `use: validate` or `use: test`.")
         file = entry.items.get("file")
         return Record(
             name, self.source.path.parent / reading.text(file, "file", problems), use,
@@ -381,7 +390,7 @@ class _Reader:
 
 def _check_apart(records: Sequence[Record], problems: Problems) -> None:
     """A record that checks the fit must not be one that is fitted, under whatever name."""
-    for checking in (r for r in records if r.use == "validate"):
+    for checking in (r for r in records if r.use != "fit"):
         for fitted in (r for r in records if r.use == "fit" and r.origins == checking.origins):
             if _together(fitted, checking) and _same_file(fitted.file, checking.file):
                 problems.add("records-same", f"record '{checking.name}' is to check the fit, but what it holds is fitted as "

@@ -26,7 +26,7 @@ INTERPOLATIONS = ("spline", "linear", "hold")
 
 # what a missing entry may be, where there is more to say than its name
 EXAMPLES = {"interpolation": "`interpolation: spline` (what moves smoothly), `linear`, or `hold` (what is switched)",
-            "use": "`use: fit` or `use: validate`", "file": "`file: name.csv`",
+            "use": "`use: fit`, `use: validate` or `use: test`", "file": "`file: name.csv`",
             "unit": "`unit: ...` with its unit (mm, kN, bar; 1 for a plain number)",
             "column": "`column: name_in_the_file`"}
 

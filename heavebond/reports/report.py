@@ -45,6 +45,7 @@ from heavebond.reports.report_where import failing, learnt
 KINDS = {
     "nothing": ("No effect is missing", "fine"), "parameters": ("Parameters, not physics", "fine"),
     "effect": ("Missing effect found", "found"), "one_of": ("One of these is missing", "found"),
+    "mainly": ("Mainly this effect; more is missing", "found"),
     "shape": ("Something is missing that has no name here", "open"),
     "undetermined": ("Not decided by these records", "open"),
 }
@@ -307,6 +308,7 @@ def _next(diagnosis: Diagnosis, written: Sequence[Path]) -> Html:
         "parameters": ("Write the fitted values back as a diagram:", [f"heavebond fit {name} --write fitted.yaml"]),
         "effect": ("Add the effect, and ask again whether anything is left:", [f"heavebond diagnose {name}"]),
         "one_of": ("A further record can tell them apart. Each can be put in by hand:", _tries(diagnosis, name)),
+        "mainly": ("Add the effect, and look for what is missing besides:", [f"heavebond diagnose {name}"]),
         "shape": ("Look at what the places ask for, and give it a name as a component with an entry `effect:`:",
                   [f"heavebond localize {name} --fitted --output where.png", f"heavebond candidates {name}"]),
         "undetermined": ("Record again with a larger or a longer motion, or look where the misfit sits:",

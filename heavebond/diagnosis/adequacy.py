@@ -1,0 +1,135 @@
+"""Is that all? How much of the misfit an effect explains, and whether any law at its place could explain more.
+
+What a named law leaves above the noise says nothing about the name: another effect may be missing besides. The yardstick
+is a flexible law: the learnt curves of the library (nine coefficients of a smooth curve of one variable), each fitted in
+place of the effect and judged by the same predictive errors. Where the best of them at the same place explains most of what
+the named law leaves, the law is none of the catalogue; where it does not, the name stands, whatever is left. Where one at
+another place does as well as the name, the place is uncertain. A learnt curve tells nothing outside the motion that it was
+fitted to: where too much of the held-out motion lies outside of that, adequacy is not decided.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from heavebond.core.errors import HeavebondError
+from heavebond.diagnosis.catalogue import candidates
+from heavebond.diagnosis.confidence_set import confidence_set
+from heavebond.diagnosis.decision import DECISION
+from heavebond.diagnosis.identity import ALL
+from heavebond.diagnosis.refit import Refit
+from heavebond.diagnosis.stage import Stage
+from heavebond.estimation.comparison import compare_record
+from heavebond.estimation.experiment import Experiment
+from heavebond.numerics.dae import Array
+from heavebond.numerics.result import Probe
+
+
+@dataclass(frozen=True)
+class Adequacy:
+    """How far an effect explains the misfit.
+
+    explained: share of chi-square above the noise that it takes away, cross-validated and on held-out data; flexible: the
+    learnt curve at its place that predicts best; elsewhere: one at another place that predicts as well as the effect or
+    better; beaten: whether the curve `flexible` explains most of what the effect leaves; covered: share of the held-out
+    motion that lies inside the motion that this curve was fitted to (NaN without one).
+    """
+
+    explained: float
+    flexible: Refit | None = None
+    elsewhere: Refit | None = None
+    beaten: bool = False
+    covered: float = float("nan")
+
+    @property
+    def decided(self) -> bool:
+        """Whether a flexible law was a yardstick: there is one, and it covers the held-out motion."""
+        return self.flexible is not None and not self.covered < DECISION.covered
+
+    @property
+    def stands(self) -> bool:
+        """Whether the name stands, although more than noise is left."""
+        return self.explained >= DECISION.mainly and not self.beaten
+
+    def as_dict(self) -> dict[str, object]:
+        """The figures, for machines."""
+        def named(trial: Refit | None) -> dict[str, object] | None:
+            return None if trial is None else {**trial.candidate.as_dict(), "chi2_held_out": trial.chi2_held_out}
+
+        return {"explained": self.explained, "learnt_curve": named(self.flexible), "elsewhere": named(self.elsewhere),
+                "beaten": self.beaten, "covered": self.covered, "decided": self.decided}
+
+
+def adequacy(chosen: Refit, made: Stage, curves: Stage | None) -> Adequacy:
+    """That of the effect `chosen` at a stage; `curves` is the stage of learnt curves on the same diagram and records."""
+    assert made.errors is not None and chosen.errors is not None
+    misfit = made.errors.mean(*ALL) - 1.0
+    left = chosen.errors.mean(*ALL) - 1.0
+    explained = (misfit - left) / misfit if misfit > 0 else 0.0
+    trials = [t for t in curves.trials if t.errors is not None and _helps(t, made)] if curves is not None else []
+    here = [t for t in trials if same_place(t, chosen)]
+    there = [t for t in trials if not same_place(t, chosen) and _as_good(t, chosen, misfit)]
+    flexible = min(here, key=_loss, default=None)
+    beaten, covered = False, float("nan")
+    if flexible is not None:
+        covered = coverage(flexible, made.experiment)
+        beaten = not covered < DECISION.covered and _better(flexible, chosen) \
+            and _loss(chosen) - _loss(flexible) > DECISION.mainly * max(left, 0.0) > 0
+    return Adequacy(explained, flexible, min(there, key=_loss, default=None), beaten, covered)
+
+
+def same_place(one: Refit, other: Refit) -> bool:
+    """Whether two effects act at one place: the same nodes, part, input or channel, or a part between these nodes."""
+    a, b = set(one.candidate.where), set(other.candidate.where)
+    nodes = set(one.candidate.change.nodes), set(other.candidate.change.nodes)
+    return a == b or (bool(nodes[0]) and nodes[0] == nodes[1])
+
+
+def _loss(trial: Refit) -> float:
+    assert trial.errors is not None
+    return trial.errors.mean(*ALL)
+
+
+def _helps(trial: Refit, made: Stage) -> bool:
+    """Whether a learnt curve predicts better than the model without it."""
+    assert made.errors is not None
+    return _loss(trial) < made.errors.mean(*ALL)
+
+
+def _better(one: Refit, other: Refit) -> bool:
+    """Whether the predictive errors of one are significantly smaller than those of another."""
+    assert one.errors is not None and other.errors is not None
+    if _loss(one) >= _loss(other):
+        return False
+    found = confidence_set(np.array([one.errors.sums, other.errors.sums]), one.errors.counts, one.errors.stretch)
+    return 1 not in found
+
+
+def _as_good(curve: Refit, named: Refit, misfit: float) -> bool:
+    """Whether a curve at another place predicts as well as the named effect: it leaves less, or not significantly more, or
+    more by no material share of the misfit."""
+    return _loss(curve) - _loss(named) <= DECISION.material * misfit or not _better(named, curve)
+
+
+def coverage(curve: Refit, before: Experiment) -> float:
+    """The share of the held-out times at which the variable of a learnt curve lies inside its range on the fitted records;
+    `before` is the experiment without the curve. NaN where it cannot be told."""
+    found = next((c for c in candidates(before) if c.label == curve.candidate.label), None)
+    variables = list(dict.fromkeys(n.follows for n in (found.numbers if found is not None else ()) if n.follows))
+    if not variables:
+        return float("nan")
+    experiment = curve.experiment
+    courses: dict[bool, list[Array]] = {True: [], False: []}
+    try:
+        for record in experiment.records.values():
+            known = {n: v for n, v in curve.values.items() if not n.startswith("initial.")}
+            result = compare_record(experiment, record, known).result
+            courses[record.use == "fit"].append(Probe(result.assembly, variables[:1], si=True).values(result)[0])
+    except HeavebondError:
+        return float("nan")
+    if not courses[False]:  # blocks of the fitted records are held out: the run goes through all of them
+        return 1.0
+    seen, held = np.concatenate(courses[True]), np.concatenate(courses[False])
+    return float(np.mean((held >= seen.min()) & (held <= seen.max())))
