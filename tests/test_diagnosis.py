@@ -160,7 +160,8 @@ def test_a_law_that_could_bend_further_but_does_not_is_no_rival(tmp_path: Path) 
 
     def inexact(trial: Refit, left: float) -> Refit:
         assert trial.errors is not None
-        errors = replace(trial.errors, sums=left * trial.errors.counts * (1 + 0.01 * np.cos(np.arange(len(trial.errors.sums)))))
+        varied = 1 + 0.01 * np.cos(np.arange(len(trial.errors.sums)))
+        errors = replace(trial.errors, sums=left * trial.errors.counts * varied)
         return replace(trial, cost=left * trial.samples, chi2_fit=left, chi2_held_out=left, slack=0.0, errors=errors)
 
     near = inexact(best, 4.0)

@@ -153,7 +153,7 @@ def diagnosed(name: str, folder: Path) -> tuple[dict[str, object], Diagnosis]:
     case = CASES[name]
     experiment, values = made(case, folder)
     began = clock.process_time()
-    found = hb.diagnose(experiment, auto=len(case.hidden) > 1, number=1, seconds=SECONDS)
+    found = hb.diagnose(experiment, steps=max(1, len(case.hidden)), number=1, seconds=SECONDS)
     processor = clock.process_time() - began
     truth = {**values, **case.numbers}
     last = found.findings[-1].fit if found.findings else found.fitted

@@ -35,7 +35,7 @@ def judged(rig: Rig, key: str, truths: Sequence[Truth], scale: float) -> dict[st
     """One case from making its records to what was said of them."""
     with tempfile.TemporaryDirectory() as folder:
         case = made(rig, truths, f"{keeping.DRAW}/{key}", Path(folder), scale)
-        found = hb.diagnose(case.experiment, auto=len(truths) > 1, number=1, seconds=SECONDS)
+        found = hb.diagnose(case.experiment, steps=max(1, len(truths)), number=1, seconds=SECONDS)
         return {"key": key, "rig": rig.name, "truth": [t.name for t in truths], "label": [t.label for t in truths],
                 "misfit": case.misfit, "amplitudes": list(case.amplitudes), "drawn": list(case.drawn),
                 "values": dict(case.values), **told(rig, case, found)}

@@ -23,7 +23,7 @@ def outcome(rig: Rig, case: Case, found: Diagnosis) -> str:
     if all(t.outside for t in case.truths):
         # a law that the catalogue lacks: its shape; or its class and place, where a law of that class comes near
         near = said in ("effect", "one_of", "mainly") and bool(named[0] & case.accepted[0])
-        return "right" if near else {"shape": "right", "effect": "wrong", "one_of": "wrong", "mainly": "wrong"}.get(said, "missed")
+        return "right" if near or said == "shape" else "wrong" if said in ("effect", "one_of", "mainly") else "missed"
     if said in ("nothing", "parameters", "undetermined"):
         return "missed" if case.misfit >= SEEN else "weak"
     if said == "shape":

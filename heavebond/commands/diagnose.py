@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time as clock
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,10 +23,12 @@ RANKED = 12  # candidates that are shown
 
 @click.command(short_help="Identify the physical effect that is missing in a model.")
 @click.argument("experiment")
-@click.option("--auto", is_flag=True, help="Add effect after effect until no further effect is statistically justified.")
+@click.option("--steps", type=Whole(1), metavar="N", help="Add N effects at most [default: as many as lower the error on "
+              "data that were not fitted].")
+@click.option("--auto", is_flag=True, hidden=True)
 @click.option("--only", "classes", metavar="CLASS", multiple=True, help="Try effects of this class only. May be repeated.")
 @click.option("--seconds", type=Number(0, min_open=True), default=600.0, show_default=True,
-              help="Begin no refit after so long in a step.")
+              help="Time for the whole command; the search then ends with its best result so far.")
 @click.option("--processes", type=Whole(1), help="Processes that search side by side [default: all processors].")
 @click.option("--samples", type=Whole(100), metavar="N", help="Search on the beginning of what is fitted, so many "
               "points in time [default: all, or 5000 of more than 30000].")
@@ -34,7 +37,7 @@ RANKED = 12  # candidates that are shown
 @click.option("--report", "report_file", metavar="FILE", type=click.Path(path_type=Path),
               help="The report [default: NAME_report.html in the folder].")
 @json_option
-def diagnose(experiment: str, auto: bool, classes: tuple[str, ...], seconds: float, processes: int | None,
+def diagnose(experiment: str, steps: int | None, auto: bool, classes: tuple[str, ...], seconds: float, processes: int | None,
              samples: int | None, folder: Path | None, report_file: Path | None) -> dict[str, object]:
     """Identify the physical effect that is missing in the model of EXPERIMENT, its place, and the confidence of the result.
 
@@ -42,6 +45,7 @@ def diagnose(experiment: str, auto: bool, classes: tuple[str, ...], seconds: flo
     (NAME_report.html). Held-out records decide; where there are none, sections of the records are held out. Ctrl-C ends the
     search with the best result so far.
     """
+    began = clock.perf_counter()
     from heavebond.commands import terminal
     from heavebond.core.writable import write_text
     from heavebond.diagnosis.diagnosis import diagnose as diagnosed
@@ -51,12 +55,14 @@ def diagnose(experiment: str, auto: bool, classes: tuple[str, ...], seconds: flo
 
     given = load_experiment(experiment)
     check_classes(given, classes)
+    if auto:
+        click.echo("--auto is the default now; the next release does not know it", err=True)
     targets = Targets.beside(given, folder)
     page = report_file or targets.report
     check_writable(page, (".html",))
     try:
         with terminal.working("diagnosing") as progress:
-            found = diagnosed(given, auto=auto, number=processes, seconds=seconds, classes=classes,
+            found = diagnosed(given, steps=steps, number=processes, seconds=seconds, classes=classes,
                               samples=samples, progress=progress)
     except KeyboardInterrupt:
         click.echo("ended before the first candidate was scored: there is nothing to report yet", err=True)
@@ -65,7 +71,7 @@ def diagnose(experiment: str, auto: bool, classes: tuple[str, ...], seconds: flo
     added = [*found.findings, *([found.shape] if found.shape is not None else [])]
     files = write_findings(given, added, targets)
     proposed = write_proposal(found.separation, targets.proposal) if found.separation is not None else []
-    write_text(page, report(found, _where(found), written=files))
+    write_text(page, report(found, _where(found, began + seconds - clock.perf_counter()), written=files))
     console = terminal.output()
     for path in (*files, *proposed, page):
         console.print(f"wrote {path}", soft_wrap=True)
@@ -79,15 +85,17 @@ def diagnose(experiment: str, auto: bool, classes: tuple[str, ...], seconds: flo
     return {"experiment": given.name, **found.as_dict(), "files": [str(f) for f in (*files, *proposed, page)]}
 
 
-def _where(found: Diagnosis) -> Localization | None:
-    """What the places of the first diagram ask for; None where that cannot be told, or the user ends it."""
+def _where(found: Diagnosis, seconds: float) -> Localization | None:
+    """What the places of the first diagram ask for; None where that cannot be told in the time, or the user ends it."""
     from heavebond.commands import terminal
-    from heavebond.core.cancellation import clear_signal
+    from heavebond.core.cancellation import clear_signal, time_limit
     from heavebond.core.errors import HeavebondError
     from heavebond.localise.misfit import localize
 
+    if seconds <= 0:
+        return None
     try:
-        with terminal.working("looking where it fails"):
+        with terminal.working("looking where it fails"), time_limit(seconds):
             return localize(found.searched, values=found.fitted)
     except (HeavebondError, KeyboardInterrupt):
         clear_signal()

@@ -107,6 +107,31 @@ def finishing(say: Progress) -> Iterator[None]:
         restore()
 
 
+@contextmanager
+def time_limit(seconds: float) -> Iterator[None]:
+    """Within it what runs ends after so many seconds (s) as by Ctrl-C: a KeyboardInterrupt, for searches that then give
+    their best so far. Outside the main thread, and where the system has no timer (Windows), nothing changes: those that
+    look at the time themselves end by that."""
+    if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "setitimer") \
+            or not 0 <= seconds < float("inf"):
+        yield
+        return
+
+    def late(number: int, frame: FrameType | None) -> None:
+        _heard[:] = [number]
+        raise Interrupted(number)
+
+    before = signal.signal(signal.SIGALRM, late)
+    signal.setitimer(signal.ITIMER_REAL, max(seconds, 1e-3))
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+        if _heard == [int(signal.SIGALRM)]:
+            _heard.clear()
+
+
 def is_interrupt(error: BaseException | None) -> bool:
     """Whether an exception is Ctrl-C, or is a library's answer to it: CasADi's conversion of matrices ends as a SystemError
     that was caused by it, and other calls in errors that come of its having been dropped."""

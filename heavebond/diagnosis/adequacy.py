@@ -34,7 +34,8 @@ class Adequacy:
     explained: share of chi-square above the noise that it takes away, cross-validated and on held-out data; flexible: the
     learnt curve at its place that predicts best; elsewhere: one at another place that predicts as well as the effect or
     better; beaten: whether the curve `flexible` explains most of what the effect leaves; covered: share of the held-out
-    motion that lies inside the motion that this curve was fitted to (NaN without one).
+    motion that lies inside the motion that this curve was fitted to (NaN without one); complete: whether all candidates
+    that were planned beside the effect were refitted.
     """
 
     explained: float
@@ -42,6 +43,7 @@ class Adequacy:
     elsewhere: Refit | None = None
     beaten: bool = False
     covered: float = float("nan")
+    complete: bool = True
 
     @property
     def decided(self) -> bool:
@@ -50,8 +52,10 @@ class Adequacy:
 
     @property
     def stands(self) -> bool:
-        """Whether the name stands, although more than noise is left."""
-        return self.explained >= DECISION.mainly and not self.beaten
+        """Whether the name stands, although more than noise is left: the effect explains most of the misfit (after a search
+        that was ended early so much that no other candidate could explain materially more)."""
+        least = DECISION.mainly if self.complete else 1 - DECISION.material
+        return self.explained >= least and not self.beaten
 
     def as_dict(self) -> dict[str, object]:
         """The figures, for machines."""
@@ -59,7 +63,7 @@ class Adequacy:
             return None if trial is None else {**trial.candidate.as_dict(), "chi2_held_out": trial.chi2_held_out}
 
         return {"explained": self.explained, "learnt_curve": named(self.flexible), "elsewhere": named(self.elsewhere),
-                "beaten": self.beaten, "covered": self.covered, "decided": self.decided}
+                "beaten": self.beaten, "covered": self.covered, "decided": self.decided, "complete": self.complete}
 
 
 def adequacy(chosen: Refit, made: Stage, curves: Stage | None) -> Adequacy:
@@ -77,7 +81,8 @@ def adequacy(chosen: Refit, made: Stage, curves: Stage | None) -> Adequacy:
         covered = coverage(flexible, made.experiment)
         beaten = not covered < DECISION.covered and _better(flexible, chosen) \
             and _loss(chosen) - _loss(flexible) > DECISION.mainly * max(left, 0.0) > 0
-    return Adequacy(explained, flexible, min(there, key=_loss, default=None), beaten, covered)
+    return Adequacy(explained, flexible, min(there, key=_loss, default=None), beaten, covered,
+                    not made.partial)
 
 
 def same_place(one: Refit, other: Refit) -> bool:

@@ -13,9 +13,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from heavebond.core import facade
-from heavebond.core.cancellation import clear_signal, finishing
+from heavebond.core.cancellation import clear_signal, finishing, time_limit
 from heavebond.core.errors import HeavebondError, Problem, UsageError, listing, suggest
 from heavebond.core.presentation import brief
+from heavebond.core.presentation import number as written
 from heavebond.core.progress import Progress
 from heavebond.core.quantities import si_value
 from heavebond.core.reporting import reporting
@@ -54,7 +55,10 @@ from heavebond.estimation.excerpts import as_long_as, cut, excerpt
 from heavebond.estimation.experiment import Experiment, load_experiment
 from heavebond.estimation.fitting import Fit, fit
 
-SEVERAL = "More than one effect may be missing: --auto looks for several that explain it together."
+SEVERAL = "More than one effect may be missing: `--steps` was one, and without it several are looked for."
+# Share of the time that is kept for the end: the fit of what was found to all samples, and what is written.
+KEPT = 0.1
+AGAIN = 2.0  # and as often the time of the first fit of all samples
 
 
 @dataclass(frozen=True)
@@ -113,14 +117,15 @@ class Diagnosis:
 
 @reporting
 @single_threaded
-def diagnose(experiment: Experiment | str | Path, *, auto: bool = False, number: int | None = None,
+def diagnose(experiment: Experiment | str | Path, *, steps: int | None = None, number: int | None = None,
              seconds: float | str = SECONDS, classes: Sequence[str] = (), samples: int | None = None,
              progress: Progress | None = None) -> Diagnosis:
     """Identify the effect that the diagram of an experiment lacks.
 
-    One step, or with `auto` a stepwise selection of several effects (see `diagnosis.stepwise_selection`). `number` is
-    the number of processes, by default that of the processors; a step begins no refit after `seconds` (s, or text with a
-    unit); `classes` restricts the catalogue to classes of effects. The search uses `samples` samples of long records
+    Effects are added as long as each lowers the errors on the selection data beyond chance and noticeably, `steps` at
+    most, by default 5 (see `diagnosis.stepwise_selection`). `number` is the number of processes, by default that of the
+    processors; after `seconds` (s, or text with a unit) in all the search ends with its best result so far; `classes`
+    restricts the catalogue to classes of effects. The search uses `samples` samples of long records
     (see `estimation.excerpts`), the final fit uses all. `progress` is called with a text at each step. Ctrl-C ends the
     search with the effects found so far. Raises ModelError and DataError where `experiment` is wrong, UsageError where
     no record is to be fitted.
@@ -130,38 +135,51 @@ def diagnose(experiment: Experiment | str | Path, *, auto: bool = False, number:
     say = progress or (lambda text: None)
     base = fit(experiment, progress=lambda text: say(f"fitting what is free: {text}")) if experiment.free else None
     ladder = _first_rungs(experiment, base)
+    until = began + seconds - max(KEPT * seconds, AGAIN * (clock.perf_counter() - began))
+
+    def left() -> float:
+        return max(0.0, until - clock.perf_counter())
 
     def stepping(experiment: Experiment, way: Selection) -> Stage:
         beside = f" beside {listing(added.candidate.label for added in way)}" if len(way) > 1 else ""
-        return make_stage(experiment, number=number, seconds=seconds, classes=classes, thorough=not way,
+        return make_stage(experiment, number=number, seconds=left(), classes=classes, thorough=not way,
                     progress=lambda text: say(f"step {len(way) + 1}{beside}: {text}"))
 
-    part, way, last = _climbed(experiment, excerpt(experiment, ladder[-1].comparison, samples),
-                               lambda now: select_stepwise(_at(now, base), stepping, say, MOST if auto else 1))
+    try:
+        with time_limit(left()):
+            part, way, last = _climbed(experiment, excerpt(experiment, ladder[-1].comparison, samples),
+                                       lambda now: select_stepwise(_at(now, base), stepping, say, steps or MOST))
+    except KeyboardInterrupt:
+        if left() > 0:
+            raise
+        clear_signal()
+        raise UsageError([_too_short(seconds)]) from None
     # the last step made may be that of the last effect itself
-    steps = [*(added.step for added in (way[:-1] if way and last.chosen is way[-1].chosen else way)), last]
+    made = [*(added.step for added in (way[:-1] if way and last.chosen is way[-1].chosen else way)), last]
     with finishing(say):
         findings = _confirmed(way, ladder, experiment, say)
     ladder += [f.rung for f in findings]
     now = _at(findings[-1].fit.experiment, findings[-1].fit) if findings else _at(experiment, base)
-    come = _SearchState(ladder, findings, steps)
-    if steps[0].left.significant and not steps[-1].partial and (not classes or VALUE in classes):
-        come = _weighed(come, way, experiment, lambda beside: make_value_stage(
-            as_long_as(part, _at(experiment, base)), beside=beside, number=number, seconds=seconds,
-            progress=lambda text: say(f"trying other values of what is held fixed: {text}")))
+    come = _SearchState(ladder, findings, made)
+    if made[0].left.significant and not made[-1].partial and (not classes or VALUE in classes):
+        come = _weighed(come, way, experiment, lambda beside: _within(left(), lambda: make_value_stage(
+            as_long_as(part, _at(experiment, base)), beside=beside, number=number, seconds=left(),
+            progress=lambda text: say(f"trying other values of what is held fixed: {text}"))))
     shape, judged = None, None
     if unexplained(come.ladder, come.findings, come.steps):
-        come, shape, judged = _without_name(come, way, part, experiment, number, seconds, say)
-    if shape is None and not (judged is not None and judged.stands) and unexplained(come.ladder, come.findings, come.steps):
+        come, shape, judged = _without_name(come, way, experiment, number, left(), say)
+    if shape is None and not (judged is not None and judged.stands) and not come.steps[-1].partial \
+            and unexplained(come.ladder, come.findings, come.steps):
         say("learning a curve")
-        shape = _shape(as_long_as(part, now), experiment, number, seconds)
+        shape = _shape(as_long_as(part, now), experiment, number, left())
     rungs = (*come.ladder, *([shape.rung] if shape is not None else []))
     said = verdict(base, rungs, come.findings, come.steps, shape, judged)
-    apart = _separation(come.findings, say) if said == "one_of" else None
+    apart = _separation(come.findings, say, left()) if said == "one_of" else None
     told = (*sentences(said, rungs, come.findings, come.steps, shape, judged), *map(equivalent_value_words, come.values),
             *(apart.words if apart is not None else ()),
             *_lost(come.steps),
-            *([SEVERAL] if said == "shape" and come.findings and not auto else []), *_limits(classes, cut(part, experiment)))
+            *([SEVERAL] if said in ("shape", "mainly") and come.findings and steps == 1 else []),
+            *_limits(classes, cut(part, experiment)))
     return Diagnosis(experiment, said, told, rungs, tuple(come.findings), tuple(come.steps), shape, base,
                      _noise(ladder[0].comparison), clock.perf_counter() - began, apart, part, judged)
 
@@ -177,17 +195,17 @@ class _SearchState:
     values: Sequence[Refit] = ()
 
 
-def _without_name(come: _SearchState, way: Selection, part: Experiment, given: Experiment, number: int | None,
-                  seconds: float, say: Progress) -> tuple[_SearchState, AddedEffect | None, Adequacy | None]:
+def _without_name(come: _SearchState, way: Selection, given: Experiment, number: int | None, seconds: float, say: Progress
+                  ) -> tuple[_SearchState, AddedEffect | None, Adequacy | None]:
     """The adequacy of the first finding, after which more than noise is left, by learnt curves in its place. Where one of
     these explains most of what is left, it takes the place of the name."""
     if not way or not come.findings or come.findings[0].candidate is not way[0].candidate:
         return come, None, None
     say("fitting learnt curves in place of the effect")
-    curves = make_curve_stage(way[0].step.experiment, number=number, seconds=seconds,
-                              progress=lambda text: say(f"learnt curves: {text}"))
+    curves = None if come.steps[-1].partial else _within(seconds, lambda: make_curve_stage(way[0].step.experiment, number=number, seconds=seconds,
+                                                       progress=lambda text: say(f"learnt curves: {text}")))
     judged = adequacy(way[0].chosen, way[0].step, curves)
-    if not judged.beaten or judged.flexible is None:
+    if not judged.beaten or judged.flexible is None or curves is None:
         return come, None, judged
     with finishing(say):
         shape = _finding(SelectedEffect(choosing(curves, judged.flexible), (judged.flexible,)), given)
@@ -240,15 +258,18 @@ def _confirmed(way: Selection, ladder: Sequence[LadderEntry], given: Experiment,
     return findings
 
 
-def _separation(findings: Sequence[AddedEffect], say: Progress) -> Separation | None:
+def _separation(findings: Sequence[AddedEffect], say: Progress, seconds: float) -> Separation | None:
     """The experiment that would tell apart what the first finding without one name may be, the best law of each class at
     each place; None where the search for it is ended early or one of the diagrams cannot be run."""
     unsure = next(f for f in findings if not f.certain)
     best: dict[object, Refit] = {}
     for trial in unsure.alternatives:
         best.setdefault((trial.candidate.kind, frozenset(trial.candidate.where)), trial)
+    if seconds <= 0:
+        return None
     try:
-        return separate([Alternative(f"{t.candidate.kind} {t.candidate.place}", t.experiment, t.values,
+        with time_limit(seconds):
+            return separate([Alternative(f"{t.candidate.kind} {t.candidate.place}", t.experiment, t.values,
                                      t.samples + t.samples_held_out) for t in best.values()], progress=say)
     except (KeyboardInterrupt, HeavebondError):
         clear_signal()
@@ -337,6 +358,25 @@ def _loaded(experiment: Experiment | str | Path) -> Experiment:
     return found
 
 
+def _within(seconds: float, make: Callable[[], Stage]) -> Stage | None:
+    """A step that ends early after `seconds` (s); None where it is ended before its first candidate."""
+    if seconds <= 0:
+        return None
+    try:
+        with time_limit(seconds):
+            return make()
+    except KeyboardInterrupt:
+        clear_signal()
+        return None
+
+
+def _too_short(seconds: float) -> Problem:
+    """That the time was over before the first candidate."""
+    return Problem("time-short", f"{written(seconds)} s were over before the first candidate was scored: "
+                   "the fit of the free parameters took them", None,
+                   "Give it more time (`--seconds`), or fewer samples (`--samples`, or `from:` and `to:` at a record).")
+
+
 def _first_rungs(experiment: Experiment, base: Fit | None) -> list[LadderEntry]:
     """The diagram as it stands, and with its free parameters fitted."""
     name = experiment.model.name
@@ -360,12 +400,15 @@ def _finding(added: SelectedEffect, given: Experiment) -> AddedEffect:
                    ladder_entry(f"+ {added.candidate.label}", found.after), found, added.alternatives)
 
 
-def _weighed(come: _SearchState, way: Selection, given: Experiment, trying: Callable[[Refit | None], Stage]) -> _SearchState:
+def _weighed(come: _SearchState, way: Selection, given: Experiment, trying: Callable[[Refit | None], Stage | None]
+             ) -> _SearchState:
     """What is found against other values of what the diagram holds fixed, `trying` these beside a trial that explains the
     records: a value takes its place where it is better, and stands beside it where the records cannot tell."""
     without = come.ladder[:len(come.ladder) - len(come.findings)]
     chosen = way[len(come.findings) - 1].chosen if come.findings and is_adequate(come.ladder, come.findings) else None
     made = trying(chosen)
+    if made is None:
+        return replace(come, steps=[*come.steps[:-1], replace(come.steps[-1], partial=chosen is None)])
     if (value := _value(made, given, without)) is not None:
         return _SearchState([*without, value.rung], [value], [replace(come.steps[0], chosen=None, cluster=()), made])
     if chosen is not None:
@@ -398,9 +441,11 @@ def _beside(findings: Sequence[AddedEffect], chosen: Refit, made: Stage) -> tupl
 
 def _shape(experiment: Experiment, given: Experiment, number: int | None, seconds: float) -> AddedEffect | None:
     """The learnt curve that leaves least, where one earns its place, fitted to the whole of the records."""
-    made = make_curve_stage(experiment, number=number, seconds=seconds)
+    made = _within(seconds, lambda: make_curve_stage(experiment, number=number, seconds=seconds))
+    if made is None or made.chosen is None or not worth_it(made):
+        return None
     with finishing(lambda text: None):
-        return _finding(SelectedEffect(made, made.cluster), given) if made.chosen is not None and worth_it(made) else None
+        return _finding(SelectedEffect(made, made.cluster), given)
 
 
 def _noise(comparison: Comparison) -> dict[str, tuple[float, str, bool]]:

@@ -73,7 +73,7 @@ def compared(best: Refit, trials: Sequence[Refit], before: PredictiveErrors) -> 
         near = [t for t in others if t.candidate.label in inside or not _material(best, t, misfit)]
     labels = [t.candidate.label for t in (best, *others)]
     frequency = dict(zip(labels, found.best.tolist(), strict=True)) if found is not None else {}
-    return Identity((best, *near), frequency, found.blocks if found is not None else float("nan"))
+    return Identity((best, *near), frequency, found.blocks if found is not None and not leaves_noise(best) else float("nan"))
 
 
 def _material(best: Refit, other: Refit, misfit: float) -> bool:

@@ -75,7 +75,11 @@ def select_stepwise(experiment: Experiment, stepping: Stepping, say: Progress, m
             break
         steps = []
         for way in _promising(ways, base):
-            steps.append((way, stepping(following(way[-1].step), way)))
+            try:
+                steps.append((way, stepping(following(way[-1].step), way)))
+            except KeyboardInterrupt:
+                clear_signal()
+                return ways[0], replace(ways[0][-1].step, partial=True)
             if steps[-1][1].partial or any(longer[-1].is_noise for longer in _extended(*steps[-1])):
                 break
         longer = [found for way, made in steps for found in _extended(way, made)

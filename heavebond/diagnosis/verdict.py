@@ -67,8 +67,8 @@ def near_noise(rung: LadderEntry) -> bool:
 
 
 def unexplained(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage]) -> bool:
-    """Whether more than noise is left that no name explains: time for a curve without a name."""
-    return bool(steps) and steps[0].left.significant and not steps[-1].partial and not is_adequate(ladder, findings)
+    """Whether more than noise is left that no name explains."""
+    return bool(steps) and steps[0].left.significant and not is_adequate(ladder, findings)
 
 
 def verdict(base: Fit | None, ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage],
@@ -144,8 +144,16 @@ def sentences(said: str, ladder: Sequence[LadderEntry], findings: Sequence[Added
     if said in ("effect", "one_of", "undetermined") and steps[0].left.significant:
         lines += _of_estimates(min(ladder, key=_held))
     if said != "undetermined" and any(step.partial for step in steps):
-        lines.append("The search was ended early: not every candidate was refitted.")
+        lines.append(_not_tried(steps))
     return tuple(lines)
+
+
+def _not_tried(steps: Sequence[Stage]) -> str:
+    """How far the search came where it was ended early."""
+    step = next(s for s in steps if s.partial)
+    told, refitted = {s.candidate.label for s in step.scores}, {t.candidate.label for t in step.trials}
+    return f"The search was ended early: {len(refitted)} of {len(told | refitted)} scored candidates were refitted; the " \
+           "others may explain the residual as well."
 
 
 def _of_estimates(best: LadderEntry) -> list[str]:
