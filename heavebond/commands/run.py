@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 @click.option("--rtol", metavar="NUMBER", type=Number(0, 0.1, min_open=True), default=1e-8, show_default=True,
               help="Relative tolerance of the integrator.")
 @click.option("--solver", metavar="NAME",
-              help="Which solver integrates: idas (the default), cvodes, rosenbrock (compiled), or auto.")
+              help="Integration method: auto (the default), idas, cvodes, or rosenbrock (compiled).")
 @click.option("--allow-fmu", is_flag=True,
               help="Run the programs in the FMUs of the diagram. Do so only with FMUs you trust.")
 @click.option("--verify", "verified", is_flag=True, help="Repeat with tighter tolerances and a tenth of the widths of all "
