@@ -38,6 +38,7 @@ from heavebond.commands.localize import localize
 from heavebond.commands.modes import modes
 from heavebond.commands.new import new
 from heavebond.commands.plot import plot
+from heavebond.commands.progress_lines import progress_lines
 from heavebond.commands.run import run
 from heavebond.commands.schema import schema
 from heavebond.commands.sensitivity import sensitivity
@@ -92,7 +93,7 @@ class Commands(click.Group):
         try:
             if path := json_path(given):
                 check_writable(Path(path))
-            with listening() as heard, collecting() as renamed:
+            with listening() as heard, collecting() as renamed, progress_lines(command or "heavebond"):
                 code, figures = self._run(present_options(command, given), prog_name)
         except HeavebondError as error:
             problems, figures = list(error.problems), error.figures

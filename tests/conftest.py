@@ -9,6 +9,7 @@ import pytest
 
 os.environ.pop("COLUMNS", None)  # workers of the test run are told a terminal's width, which would fold all tables
 
+os.environ.setdefault("HEAVEBOND_PROGRESS", "0")  # what a test compares must not depend on how long a command takes
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # behind `nohup`, or as a job of a script; tests press Ctrl-C
     signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -41,8 +41,8 @@ def compare(experiment: str, settings: tuple[str, ...], output: Path | None) -> 
     from heavebond.estimation.experiment import load_experiment
 
     check_picture(output)
-    with blamed_on_settings(settings), terminal.working("simulating the records"):
-        comparison = compared(_with_settings(load_experiment(experiment), settings))
+    with blamed_on_settings(settings), terminal.working("simulating the records") as progress:
+        comparison = compared(_with_settings(load_experiment(experiment), settings), progress=progress)
     console = terminal.output()
     console.print(_table(comparison))
     for part in comparison.parts:

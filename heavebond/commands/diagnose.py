@@ -95,8 +95,8 @@ def _where(found: Diagnosis, seconds: float) -> Localization | None:
     if seconds <= 0:
         return None
     try:
-        with terminal.working("looking where it fails"), time_limit(seconds):
-            return localize(found.searched, values=found.fitted)
+        with terminal.working("looking where it fails") as progress, time_limit(seconds):
+            return localize(found.searched, values=found.fitted, progress=progress)
     except (HeavebondError, KeyboardInterrupt):
         clear_signal()
         return None

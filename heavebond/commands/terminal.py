@@ -1,4 +1,4 @@
-"""The terminal: problems in colour, tables, a line that says what takes long. Plain text where nobody looks."""
+"""The terminal: problems in colour, tables, progress. Plain text in files and pipes."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from typing import IO, TYPE_CHECKING, Any, NoReturn
 
+from heavebond.commands.progress_lines import progress_lines
+from heavebond.commands.progress_lines import told as told_in_lines
 from heavebond.core.cancellation import check
 from heavebond.core.errors import Problem
 from heavebond.core.limits import PROBLEMS_SHOWN
@@ -101,9 +103,15 @@ def _print_problem(console: Console, problem: Problem) -> None:
 
 @contextlib.contextmanager
 def working(words: str) -> Iterator[Callable[[str], None]]:
-    """Say on a terminal what is being done while it is; nothing elsewhere. Gives a function that tells how far it is."""
+    """Show on a terminal what is being done; elsewhere print it every few seconds (see `progress_lines`). Gives the progress
+    callback."""
     if not sys.stderr.isatty():
-        yield lambda text: check()
+        with progress_lines(words), told_in_lines(words) as tell:
+            def follow(text: str) -> None:
+                check()
+                tell(visible(text))
+
+            yield follow
         return
     # a copy of the terminal: during an integration the solver's own words are caught from file descriptor 2
     with open(os.dup(sys.stderr.fileno()), "w", encoding=sys.stderr.encoding) as copy, \

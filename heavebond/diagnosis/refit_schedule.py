@@ -67,7 +67,7 @@ class RefitSchedule:
             if trial is not None:
                 self.trials[candidate.label] = trial
             self.say(f"refitting {done} of {len(jobs)}{others}: {candidate.label}"
-                     + (f" leaves {trial.chi2_held_out:.4g}" if trial else " cannot be simulated"))
+                     + (f" leaves {trial.chi2_held_out:.4g}" if trial else " cannot be simulated") + self._best())
         return done == len(jobs)
 
     def _follow(self, trials: Iterable[Refit], guesses: Mapping[str, Sequence[Score]], until: float) -> None:
@@ -76,7 +76,13 @@ class RefitSchedule:
         jobs = [(t, guesses[t.candidate.label]) for t in open_]
         for done, (candidate, trial) in enumerate(self.workers.follow(jobs, until), 1):
             self.trials[candidate.label] = trial
-            self.say(f"refitting {done} of {len(jobs)} further: {candidate.label} leaves {trial.chi2_held_out:.4g}")
+            self.say(f"refitting {done} of {len(jobs)} further: {candidate.label} leaves {trial.chi2_held_out:.4g}"
+                     f"{self._best()}")
+
+    def _best(self) -> str:
+        """The best refit so far, for the progress text."""
+        best = min(self.trials.values(), key=lambda t: t.cost, default=None)
+        return f", best so far {best.candidate.label} with chi-square {best.chi2_held_out:.4g}" if best is not None else ""
 
 
 def _hopeful(trials: Iterable[Refit]) -> list[Refit]:

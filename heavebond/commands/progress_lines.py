@@ -1,0 +1,143 @@
+"""Progress of long commands as plain lines on standard error, where that is no terminal: in log files and batch jobs.
+
+A line is printed every five seconds, the first after five seconds of the command. A thread prints it, as a computation may
+take longer than that between two calls of its progress callback. (CasADi holds the interpreter during an integration: a
+single integration that takes longer delays the line.)
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import sys
+import threading
+import time as clock
+from collections.abc import Callable, Iterator
+from typing import TextIO
+
+EVERY = 5.0  # seconds between two lines
+VARIABLE = "HEAVEBOND_PROGRESS"  # environment variable: another number of seconds, 0 for no lines
+COUNTED = re.compile(r"\b([0-9]+) of ([0-9]+)\b")  # the progress of a stage in its text: `refitting 3 of 24: ...`
+TELLING = 1.0  # seconds that a stage has to take before its remaining time is estimated
+
+_running: list[ProgressLines] = []  # of the command that runs
+
+
+class ProgressLines:
+    """What a command is doing (`words`), its latest progress text, and the lines made of them. Times are in s."""
+
+    def __init__(self, words: str, now: float):
+        self.words, self.text, self.began = words, "", now
+        self._stage: tuple[str, int] = ("", 0)
+        self._first = self._last = (now, 0)
+
+    def tell(self, text: str, now: float) -> None:
+        """Set the progress text; a count `3 of 24` in it is followed to estimate the remaining time."""
+        self.text = text
+        counts = list(COUNTED.finditer(text))
+        if not counts:
+            return
+        found = counts[-1]
+        done, of = int(found.group(1)), int(found.group(2))
+        stage = (text[:found.start()], of)
+        if stage != self._stage or done < self._last[1]:
+            self._stage, self._first = stage, (now, done)
+        self._last = (now, done)
+
+    def left(self, now: float) -> float | None:
+        """Seconds to the end of the stage at its mean rate so far; None where that is not known."""
+        done, took = self._last[1] - self._first[1], self._last[0] - self._first[0]
+        counted = COUNTED.search(self.text) is not None and self.text.startswith(self._stage[0])
+        if not counted or done <= 0 or took < TELLING or " left" in self.text:  # a study estimates it itself
+            return None
+        return max(0.0, took / done * (self._stage[1] - self._last[1]) - (now - self._last[0]))
+
+    def line(self, now: float) -> str:
+        """`diagnosing, 1 min 05 s: step 1: refitting 3 of 24: ...; about 40 s left for these 24`."""
+        left = self.left(now)
+        return f"{self.words}, {duration(now - self.began)}" + (f": {self.text}" if self.text else "") \
+            + (f"; about {duration(left)} left for these {self._stage[1]}" if left and round(left) else "")
+
+
+def duration(seconds: float) -> str:
+    """`25 s`, `1 min 05 s`, `2 h 10 min`."""
+    whole = round(seconds)
+    if whole < 60:
+        return f"{whole} s"
+    return f"{whole // 60} min {whole % 60:02d} s" if whole < 3600 else f"{whole // 3600} h {whole % 3600 // 60:02d} min"
+
+
+@contextlib.contextmanager
+def progress_lines(words: str) -> Iterator[None]:
+    """Within it lines are printed where standard error is no terminal; within another one nothing changes."""
+    every = interval()
+    if _running or not every or sys.stderr.isatty():
+        yield
+        return
+    lines, ended = ProgressLines(words, clock.monotonic()), threading.Event()
+    with _errors() as write:
+        thread = threading.Thread(target=_print, args=(lines, write, every, ended), daemon=True)
+        try:
+            thread.start()
+        except RuntimeError:  # a system without threads
+            yield
+            return
+        _running.append(lines)
+        try:
+            yield
+        finally:
+            _running.clear()
+            ended.set()
+            thread.join()
+
+
+@contextlib.contextmanager
+def told(words: str) -> Iterator[Callable[[str], None]]:
+    """Within it the lines say what is done now, `words`; gives the progress callback."""
+    if not _running:
+        yield lambda text: None
+        return
+    lines = _running[0]
+    before, lines.words, lines.text = lines.words, words, ""
+    try:
+        yield lambda text: lines.tell(text, clock.monotonic())
+    finally:
+        lines.words, lines.text = before, ""
+
+
+def interval() -> float:
+    """Seconds between two lines, 0 for none."""
+    try:
+        return max(0.0, float(os.environ.get(VARIABLE, EVERY)))
+    except ValueError:
+        return EVERY
+
+
+def _print(lines: ProgressLines, write: Callable[[str], None], every: float, ended: threading.Event) -> None:
+    while not ended.wait(every):
+        try:
+            write(lines.line(clock.monotonic()) + "\n")
+        except (OSError, ValueError):  # nobody reads any more
+            return
+
+
+@contextlib.contextmanager
+def _errors() -> Iterator[Callable[[str], None]]:
+    """A function that writes to standard error as it is now, without buffers: during an integration the solver's own words
+    are caught from file descriptor 2, and a lock that is held when a worker process is forked stays locked there."""
+    stream: TextIO = sys.stderr
+    try:
+        copy = os.dup(stream.fileno())
+    except (OSError, ValueError):  # no file behind it
+        yield lambda text: print(text, end="", file=stream, flush=True)
+        return
+    try:
+        yield lambda text: _whole(copy, text.encode(stream.encoding or "utf-8", "replace"))
+    finally:
+        os.close(copy)
+
+
+def _whole(descriptor: int, data: bytes) -> None:
+    while data:
+        data = data[os.write(descriptor, data):]
