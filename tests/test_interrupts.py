@@ -8,7 +8,9 @@ import sys
 import threading
 import time as clock
 from collections.abc import Iterator
+from concurrent.futures import BrokenExecutor
 from pathlib import Path
+from typing import Any
 
 import casadi as ca
 import pytest
@@ -17,6 +19,8 @@ from click.testing import CliRunner
 import heavebond as hb
 from heavebond.cli import main
 from heavebond.core.cancellation import check, clear_signal, finishing, is_interrupt, listening
+from heavebond.core.parallel import Processes
+from heavebond.diagnosis import diagnosis_files
 from heavebond.estimation.residuals import Residuals
 from heavebond.optimise.objective import Objective
 
@@ -208,6 +212,64 @@ def test_a_study_that_is_terminated_writes_what_was_done(tmp_path: Path) -> None
     assert 3 < len(rows) < 3000 and "terminated" in said
     told = json.loads((tmp_path / "told.json").read_text())
     assert not told["ok"] and told["problems"][0]["message"] == "terminated"
+
+
+def _slow(number: int) -> int:
+    clock.sleep(0.5 if number else 30)
+    return number
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="signals are sent by POSIX means")
+def test_a_worker_ends_later_than_the_process_that_collects() -> None:
+    """Where all processes of a job receive SIGTERM, workers perhaps first, none of them counts as lost."""
+    with Processes(1) as workers:
+        begun = workers.submit(_slow, 0)
+        while not begun.running():
+            clock.sleep(0.01)
+        clock.sleep(0.2)
+        for pid in list(workers.pool._processes or {}):
+            os.kill(pid, signal.SIGTERM)
+        clock.sleep(0.3)
+        assert not begun.done()
+        assert isinstance(begun.exception(timeout=20), BrokenExecutor)  # and it ends all the same
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="signals are sent by POSIX means")
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_diagnosis_that_is_ended_shows_and_writes_its_answer(tmp_path: Path, number: signal.Signals) -> None:
+    """All its processes receive the signal, workers too, as from a batch system that ends a job."""
+    begun = subprocess.Popen(
+        [sys.executable, "-c", "from heavebond.cli import main; main()", "diagnose", "receiver_rig/choked", "--only",
+         "choked flow", "--only", "lag", "--only", "delay", "--processes", "2", "--json", "told.json"],
+        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+        env={**os.environ, "HEAVEBOND_PROGRESS": "0.1"})
+    assert begun.stderr is not None
+    for line in begun.stderr:
+        if "refitting" in line:
+            os.killpg(begun.pid, number)
+            break
+    said, errors = begun.communicate(timeout=300)
+    assert begun.returncode == 0, errors
+    assert "Traceback" not in errors and "Not tried to the end" not in said
+    assert "the search was ended early" in said and "choked flow" in said
+    told = json.loads((tmp_path / "told.json").read_text())
+    assert told["partial"] and not told["lost"] and told["ladder"]
+    assert (tmp_path / "choked_report.html").stat().st_size > 10_000
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="signals are sent by POSIX means")
+def test_a_signal_while_a_diagnosis_writes_loses_nothing(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    written = diagnosis_files.write_findings
+
+    def interrupted(*args: Any) -> list[Path]:
+        terminate()
+        return written(*args)
+
+    monkeypatch.setattr(diagnosis_files, "write_findings", interrupted)
+    Path("damped.yaml").write_text(CHIRP.replace("chirp\n", "damped\n").replace("spring.d: 5 .. 80 N*s/m", ""))
+    answer = CliRunner().invoke(main, ["diagnose", "damped.yaml", "--only", "value of a parameter", "--processes", "1"])
+    assert answer.exit_code == 0, answer.output
+    assert Path("damped_report.html").exists() and "Ctrl-C once more" in answer.stderr
 
 
 CHIRP = """

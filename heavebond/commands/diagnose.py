@@ -47,6 +47,7 @@ def diagnose(experiment: str, steps: int | None, auto: bool, classes: tuple[str,
     """
     began = clock.perf_counter()
     from heavebond.commands import terminal
+    from heavebond.core.cancellation import finishing
     from heavebond.core.writable import write_text
     from heavebond.diagnosis.diagnosis import diagnose as diagnosed
     from heavebond.diagnosis.diagnosis_files import Targets, write_findings, write_proposal
@@ -67,11 +68,14 @@ def diagnose(experiment: str, steps: int | None, auto: bool, classes: tuple[str,
     except KeyboardInterrupt:
         click.echo("ended before the first candidate was scored: there is nothing to report yet", err=True)
         raise
-    _show(found)
-    added = [*found.findings, *([found.shape] if found.shape is not None else [])]
-    files = write_findings(given, added, targets)
-    proposed = write_proposal(found.separation, targets.proposal) if found.separation is not None else []
-    write_text(page, report(found, _where(found, began + seconds - clock.perf_counter()), written=files))
+    with finishing(terminal.warn):
+        _show(found)
+        added = [*found.findings, *([found.shape] if found.shape is not None else [])]
+        files = write_findings(given, added, targets)
+        proposed = write_proposal(found.separation, targets.proposal) if found.separation is not None else []
+    places = _where(found, began + seconds - clock.perf_counter())
+    with finishing(terminal.warn):
+        write_text(page, report(found, places, written=files))
     console = terminal.output()
     for path in (*files, *proposed, page):
         console.print(f"wrote {path}", soft_wrap=True)

@@ -13,6 +13,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
 from multiprocessing.synchronize import Event
+from types import FrameType
 from typing import Any, TypeVar
 
 from heavebond.core.cancellation import SIGNALS, check
@@ -25,6 +26,7 @@ ALONE = 2  # a job may never have begun when others took its process away: only 
 LISTEN = 5.0  # seconds without a result after which it is asked whether any worker is left
 WATCH = 1.0  # seconds between two looks whether the parent is there
 GRACE = 2.0  # seconds that processes have to end by themselves
+LATER = 1.0  # seconds by which SIGTERM ends a worker later than the process that collects
 PR_SET_PDEATHSIG = 1  # of Linux's prctl
 _stop: Event | None = None  # of a process that works for another one: set where what it does is not wanted any more
 
@@ -107,12 +109,19 @@ def _begun(parent: int, stop: Event, begin: Callable[..., None] | None, given: t
     _stop = stop
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that collects
     for number in set(SIGNALS) - {signal.SIGINT}:
-        signal.signal(number, signal.SIG_DFL)
+        signal.signal(number, _end_later)
     _die_with(parent)
     single()
     warnings.simplefilter("ignore", FutureWarning)  # the process that began this one has read the same files
     if begin is not None:
         begin(*given)
+
+
+def _end_later(number: int, _: FrameType | None) -> None:
+    """End this process by a signal that the whole group of processes may have received: a little later, so that the process
+    that collects has obeyed it first and does not take this one for lost."""
+    clock.sleep(LATER)
+    os._exit(128 + number)
 
 
 def _die_with(parent: int) -> None:
