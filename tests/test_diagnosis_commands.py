@@ -13,6 +13,8 @@ import pytest
 from click.testing import CliRunner, Result
 
 from heavebond import cli
+from heavebond.diagnosis.diagnosis_files import Targets
+from heavebond.estimation.experiment import load_experiment
 from heavebond.language.library import bundled
 
 # a spring that is to take the place of another one; %s is what the test gets wrong
@@ -110,10 +112,6 @@ no effect of class 'dry' fits in this diagram [class-unknown]
 '{__file__}' is no experiment: that is a YAML file [file-suffix]
   Give the experiment, whose name ends in .yaml.
 """),
-    (("diagnose", "receiver_rig/choked", "--folder", "nowhere"), """\
-there is no folder 'nowhere' [file-unwritable]
-  Make it first, or give another one.
-"""),
     (("diagnose", "receiver_rig/choked", "--report", "found.txt"), """\
 'found.txt' does not end in .html [file-suffix]
   Write for example found.html.
@@ -148,6 +146,17 @@ def test_a_folder_that_takes_no_file_is_told_before_the_search(folder: Path, mon
         answer = call(*words)
         assert (answer.exit_code, answer.stdout) == (2, "")
         assert answer.stderr.startswith(f"{place}: read-only file system [file-unwritable]\n")
+
+
+def test_a_folder_is_made_with_its_parents(folder: Path) -> None:
+    given = load_experiment("receiver_rig/choked")
+    assert Targets.beside(given, Path("results/monday")).pair(0)[1] == Path("results/monday/choked_2.yaml")
+    assert (folder / "results" / "monday").is_dir()
+    (folder / "taken").write_text("mine")
+    answer = call("diagnose", "receiver_rig/choked", "--folder", "taken/monday")
+    assert answer.exit_code == 2
+    assert answer.stderr == "the folder 'taken/monday' cannot be made: not a directory [file-unwritable]\n" \
+        "  Give another one.\n"
 
 
 @pytest.mark.parametrize("words", [("try", "receiver_rig/choked", "inlet.b_cr", "--write", "."),

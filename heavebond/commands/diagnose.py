@@ -33,7 +33,7 @@ RANKED = 12  # candidates that are shown
 @click.option("--samples", type=Whole(100), metavar="N", help="Search on the beginning of what is fitted, so many "
               "points in time [default: all, or 5000 of more than 30000].")
 @click.option("--folder", metavar="FOLDER", type=click.Path(path_type=Path, file_okay=False),
-              help="Where the files go [default: beside EXPERIMENT].")
+              help="Where the files go; made if it does not exist [default: beside EXPERIMENT].")
 @click.option("--report", "report_file", metavar="FILE", type=click.Path(path_type=Path),
               help="The report [default: NAME_report.html in the folder].")
 @json_option

@@ -63,9 +63,7 @@ class Targets:
             if path.exists():
                 raise UsageError([Problem("file-exists", f"{path} exists already", None,
                                           "Move it away, or give another folder.")])
-        if not found.folder.is_dir():
-            raise UsageError([Problem("file-unwritable", f"there is no folder '{found.folder}'", None,
-                                      "Make it first, or give another one.")])
+        make_folder(found.folder)
         if reason := why_unwritable(found.folder):
             raise UsageError([Problem("file-unwritable", f"nothing can be written in '{found.folder}': {reason}", None,
                                       "Give another one: --folder FOLDER (with `try`: --write FOLDER).")])
@@ -87,6 +85,15 @@ class Targets:
     def report(self) -> Path:
         """The page on the diagnosis of `rig.yaml`, `rig_report.html`: that of `rig_2.yaml` is another one."""
         return self.folder / f"{self.experiment}_report.html"
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder and its parents where they do not exist; UsageError where that fails."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        said = f"the folder '{folder}' cannot be made: {(error.strerror or str(error)).lower()}"
+        raise UsageError([Problem("file-unwritable", said, None, "Give another one.")]) from None
 
 
 def _counted(name: str, more: int) -> str:
