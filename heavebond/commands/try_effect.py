@@ -15,7 +15,7 @@ from heavebond.commands.arguments import json_option
 @click.option("--between", nargs=2, metavar="NODE NODE", help="The two nodes between which it stands.")
 @click.option("--at", "at", metavar="NAME", multiple=True, help="The node, part or output at which it stands.")
 @click.option("--write", "folder", metavar="FOLDER", type=click.Path(path_type=Path, file_okay=False),
-              help="Write the diagram with the effect, and the experiment on it, into FOLDER, which is made if it does not exist.")
+              help="Write the diagram with the effect, and the experiment on it, into FOLDER (made if needed).")
 @json_option
 def try_effect(experiment: str, component: str, between: tuple[str, str] | None, at: tuple[str, ...], folder: Path | None
                ) -> dict[str, object]:
