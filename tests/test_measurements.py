@@ -214,14 +214,14 @@ def test_gaps(tmp_path: Path) -> None:
     table = read_table(write(tmp_path, text))
     rows = samples(table, "t", "z")
     with pytest.raises(DataError) as caught:
-        check_gaps(table, "t", "z", rows)
+        check_gaps(table, "t", {"z": rows})
     assert where(caught.value) == [("record-gap", 10, 3), ("record-gap", 14, 4)]
     assert "'z' has no value between the times 2 (line 4) and 8 (line 10); elsewhere it has one every 1" in str(caught.value)
     assert "`gaps: bridge`" in str(caught.value) and "`from:`" in str(caught.value)
-    check_gaps(table, "t", "z", rows, begin=8, end=11)
+    check_gaps(table, "t", {"z": rows}, begin=8, end=11)
     many = read_table(write(tmp_path, "t,z\n" + "".join(f"{k},1\n" for k in range(300) if k % 20 > 6)))
     with pytest.raises(DataError) as caught:
-        check_gaps(many, "t", "z", samples(many, "t", "z"))
+        check_gaps(many, "t", {"z": samples(many, "t", "z")})
     assert len(caught.value.problems) == 5
     assert caught.value.problems[-1].notes == ("and 9 more such gaps in this file",)
 

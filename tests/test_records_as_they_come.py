@@ -227,8 +227,32 @@ def test_gaps_in_outputs_do_not_count_and_are_told(tmp_path: Path) -> None:
     columns["x"][100:150] = np.nan
     found = compare(experiment(tmp_path, columns))
     assert len(found.records["one"].channels["load.x"].time) == 351
-    assert "load.x: 1 gap in its samples, the longest from 1.98 s to 3 s" in notes(found)
+    assert "one.csv: 1 gap in the samples of 'x', the longest from 1.98 s to 3 s" in notes(found)
     assert near_noise(found.records["one"].channels["load.x"].chi2, 230)
+
+
+def test_gaps_are_told_once_for_a_file(tmp_path: Path) -> None:
+    columns = record()
+    columns["x"][100:150] = columns["F"][100:150] = np.nan
+    columns["F"][200:220] = np.nan
+    told = notes(compare(experiment(tmp_path, columns)))
+    assert told.count("gap") == 1
+    assert "one.csv: 2 gaps in the samples of 'x', 'F', the longest from 1.98 s to 3 s; nothing is compared there" in told
+
+
+def test_a_gap_in_several_inputs_of_a_file_is_told_once(tmp_path: Path) -> None:
+    columns = record()
+    columns["u"][100:108] = np.nan
+    columns["d"] = columns["u"].copy()
+    experiment(tmp_path, columns)
+    text = EXPERIMENT % {"record": "", "input": "", "x": "", "F": ""}
+    second = "inputs:\n  damper.d: {column: d, unit: N*s/m, interpolation: linear}\n"
+    (tmp_path / "both.yaml").write_text(text.replace("inputs:\n", second))
+    with pytest.raises(hb.DataError) as caught:
+        measure(given := load_experiment(tmp_path / "both.yaml"), given.records["one"])
+    assert [p.code for p in caught.value.problems] == ["record-gap"]
+    assert "a gap: 'd', 'u' have no value between the times 1.98 (line 101) and 2.16 (line 110)" in str(caught.value)
+    assert "`gaps: bridge` at these inputs" in str(caught.value)
 
 
 def test_a_gap_in_an_input_must_be_bridged_by_word(tmp_path: Path) -> None:

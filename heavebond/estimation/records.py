@@ -18,9 +18,10 @@ from heavebond.core.presentation import count, number, readable
 from heavebond.core.units import read_unit
 from heavebond.estimation.experiment import Experiment, Origin, Output, Record
 from heavebond.estimation.unit_and_sign_checks import declared_otherwise, time_seems_in
+from heavebond.language.definition import FileInput
 from heavebond.numerics.inputs import input_samples
 from heavebond.records import metrics, outliers
-from heavebond.records.measurements import BRIDGED, Table, check_time, column, gaps, read_table, samples, timed
+from heavebond.records.measurements import BRIDGED, Table, check_gaps, check_time, column, gaps, read_table, samples, timed
 from heavebond.text.expression import constant
 
 Array = NDArray[np.float64]
@@ -112,7 +113,8 @@ def measure(experiment: Experiment, record: Record) -> Measured:
             f"at least {metrics.MIN_SAMPLES} are needed to compare the two", record.place,
             "Check `from:`, `to:` and the unit of the time; so few samples do not show how a machine moves.")])
     notes = [*_unit_slips(experiment, record, files), *_time_slip(experiment, record, found),
-             *_driven(experiment, record, files), *(f"{name}: {said}" for name, c in found.items() for said in _remarks(c))]
+             *_driven(experiment, record, files), *_gap_notes(experiment, record, found),
+             *(f"{name}: {said}" for name, c in found.items() for said in _remarks(c))]
     if experiment.holds_out(record):
         found = _with_held_out(found, (float(grid[0]), float(grid[-1])))
         notes.append(_held_out_note(found))
@@ -192,14 +194,17 @@ def _window(experiment: Experiment, record: Record, files: _Files, problems: Pro
     time = time[np.isfinite(time)]
     begin, end = float(time[0]), float(time[-1])
     inputs = []
+    unbridged: dict[tuple[Path, str], dict[str, FileInput]] = {}  # of each file, by column
     for path, given in experiment.inputs_for(record).items():
         try:
             assert given.time_column is not None
             table = files.table(given.file, given.time_column, given.place, given.time_unit)
-            sampled, _ = input_samples(given, begin, end, table=table)
+            sampled, _ = input_samples(replace(given, bridge=True), begin, end, table=table)
         except HeavebondError as error:
             problems.extend(error)
             continue
+        if not given.bridge:
+            unbridged.setdefault((given.file, given.time_column), {})[given.column] = given
         inputs.append(sampled)
         usual = float(np.median(np.diff(sampled)))
         first, last = float(sampled[0]), float(sampled[-1]) + (usual if given.interpolation == "hold" else 0.0)
@@ -213,7 +218,21 @@ def _window(experiment: Experiment, record: Record, files: _Files, problems: Pro
                          hint=f"Write {' and '.join(cut)} at the record.")
             continue
         time = time[(time >= first - 1e-6 * usual) & (time <= last + 1e-6 * usual)]
+    for (file, name), columns in unbridged.items():
+        _check_input_gaps(files, file, name, columns, (begin, end), problems)
     return time, inputs
+
+
+def _check_input_gaps(files: _Files, file: Path, time: str, columns: Mapping[str, FileInput], ends: tuple[float, float],
+                      problems: Problems) -> None:
+    """Gaps in inputs of one file and time column, each told once."""
+    given = next(iter(columns.values()))
+    table, scale = files.table(file, time, given.place, given.time_unit), read_unit(given.time_unit).scale
+    try:
+        check_gaps(table, time, {name: samples(table, time, name) for name in columns}, begin=ends[0] / scale,
+                   end=ends[1] / scale)
+    except HeavebondError as error:
+        problems.extend(error)
 
 
 def _cut(experiment: Experiment, record: Record, table: Table) -> Table:
@@ -281,17 +300,30 @@ def _noise(output: Output, y: Array, estimate: float) -> tuple[float, float]:
     return noise, step
 
 
+def _gap_notes(experiment: Experiment, record: Record, found: Mapping[str, Samples]) -> list[str]:
+    """A note for each file whose output columns have gaps."""
+    columns: dict[Path, list[str]] = {}
+    apart: dict[Path, set[tuple[float, float]]] = {}
+    for name, channel in found.items():
+        file, t = experiment.origin_of(record, name).file, channel.time
+        where = gaps(t)
+        if len(where) and file is not None:
+            columns.setdefault(file, []).append(f"'{channel.output.column}'")
+            apart.setdefault(file, set()).update(zip(t[where].tolist(), t[where + 1].tolist(), strict=True))
+    said = []
+    for file, ends in apart.items():
+        begin, end = max(sorted(ends), key=lambda pair: pair[1] - pair[0])
+        said.append(f"{file.name}: {count(len(ends), 'gap')} in the samples of {listing(dict.fromkeys(columns[file]), 8)}, "
+                    f"the longest from {number(begin)} s to {number(end)} s; nothing is compared there")
+    return said
+
+
 def _remarks(channel: Samples) -> list[str]:
-    """What is noticed about a channel: gaps, steps, outliers."""
+    """What is noticed about a channel: steps, outliers."""
     said, t, unit = [], channel.time, channel.output.shown.unit
     if not np.ptp(channel.measured):
         said.append(f"all its {count(len(t), 'sample')} read {readable(float(channel.measured[0]), unit, 3)}: is it the "
                     "right column, and was the sensor connected?")
-    apart = gaps(t)
-    if len(apart):
-        k = int(apart[np.argmax(t[apart + 1] - t[apart])])
-        said.append(f"{count(len(apart), 'gap')} in its samples, the longest from {number(t[k])} s to {number(t[k + 1])} s; "
-                    "nothing is compared there")
     if channel.step:
         rounding = channel.step / math.sqrt(12)
         what = "more than the noise given" if channel.noise_given and rounding > channel.noise else \

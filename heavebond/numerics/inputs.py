@@ -75,5 +75,5 @@ def input_samples(given: FileInput, begin: float = -np.inf, end: float = np.inf,
     rows = samples(table, name, given.column, given.place, least=2)
     scale = read_unit(given.time_unit).scale
     if not given.bridge:
-        check_gaps(table, name, given.column, rows, begin=begin / scale, end=end / scale)
+        check_gaps(table, name, {given.column: rows}, begin=begin / scale, end=end / scale)
     return table.columns[name][rows] * scale, column(table, given.column)[rows]

@@ -6,7 +6,7 @@ A table knows which line of the file each row came from, so that every complaint
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -229,19 +229,30 @@ def gaps(time: Array, missing: int = 0) -> Rows:
         np.zeros(0, dtype=np.int64)
 
 
-def check_gaps(table: Table, time_name: str, name: str, rows: Rows, *, begin: float = -np.inf, end: float = np.inf) -> None:
-    """Raise DataError where more than 3 samples of column `name`, sampled in `rows` (n,), are left out between the times
-    `begin` and `end` (in the unit of the time column)."""
-    time = table.columns[time_name][rows]
-    found = [k for k in gaps(time, BRIDGED).tolist() if time[k + 1] > begin and time[k] < end]
-    steps = np.diff(time)
+def check_gaps(table: Table, time_name: str, sampled: Mapping[str, Rows], *, begin: float = -np.inf, end: float = np.inf
+               ) -> None:
+    """Raise DataError where more than 3 samples are left out between the times `begin` and `end` (in the unit of the time
+    column), each gap once with the columns that have it. `sampled` are the rows (n,) of each column's samples."""
+    time = table.columns[time_name]
+    found: dict[tuple[int, int], list[str]] = {}
+    usual = {}
+    for name, rows in sampled.items():
+        own = time[rows]
+        usual[name] = float(np.median(np.diff(own))) if len(own) > 1 else 0.0
+        for k in gaps(own, BRIDGED).tolist():
+            if own[k + 1] > begin and own[k] < end:
+                found.setdefault((int(rows[k]), int(rows[k + 1])), []).append(name)
     problems = Problems()
-    usual = float(np.median(steps)) if len(steps) else 0.0
-    said = [(f"a gap: '{name}' has no value between the times {time[k]:.7g} ({table.lines_of([rows[k]])}) and "
-             f"{time[k + 1]:.7g} ({table.lines_of([rows[k + 1]])}); elsewhere it has one every {usual:.4g}",
-             table.place(int(rows[k + 1]), name)) for k in found[:SHOWN]]
+    said = []
+    for (first, last), names in sorted(found.items())[:SHOWN]:
+        quoted = listing([f"'{name}'" for name in names], 8)
+        have, they = ("have", "they have") if len(names) > 1 else ("has", "it has")
+        said.append((f"a gap: {quoted} {have} no value between the times "
+                     f"{time[first]:.7g} ({table.lines_of([first])}) and {time[last]:.7g} ({table.lines_of([last])}); "
+                     f"elsewhere {they} one every {usual[names[0]]:.4g}", table.place(last, names[0])))
+    these = "these inputs" if any(len(names) > 1 for names in found.values()) else "this input"
     add_few(problems, "record-gap", said, len(found), "gaps",
-             "Keep one side with `from:` or `to:`, or write `gaps: bridge` at this input to go across.")
+            f"Keep one side with `from:` or `to:`, or write `gaps: bridge` at {these} to go across.")
     problems.raise_as(DataError)
 
 
