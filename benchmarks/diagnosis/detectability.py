@@ -3,7 +3,7 @@
 With s_o the direction in which an amplitude moves the channels over their noise, as far as no free parameter does (see
 `diagnosis.scoring`), z is normal with mean a |s_o| and variance 1. An effect is *seen* nine times in ten where a |s_o| is
 1.28 above the largest of the scores that chance exceeds once in a hundred tries. It is *named* nine times in ten where the
-best rival of another class or place, at the cosine c to its direction, leaves more than `indistinct` on both records, by
+best rival of another class or place, at the cosine c to its direction, leaves more than `limit` on both records, by
 1.28 standard deviations. It is expected to leave D = (a |s_o|)**2 (1 - c**2) (n + n') / n more, and sqrt(D) scatters by 1:
 
     sqrt(D) = sqrt(10 + 0.003 (n + n') + 0.25 m) + 1.28,
@@ -29,9 +29,10 @@ from benchmarks.diagnosis.making import Hidden
 from benchmarks.diagnosis.rigs import RIGS, Rig
 from benchmarks.diagnosis.truths import Truth
 from heavebond.diagnosis.catalogue import candidates
+from heavebond.diagnosis.identity import INEXACT, STRONG
 from heavebond.diagnosis.residual_tests import DRAWS, LEVELS
 from heavebond.diagnosis.scoring import Score, scored
-from heavebond.diagnosis.stage import MISSED, UNKNOWN, fitted_base
+from heavebond.diagnosis.stage import UNKNOWN, fitted_base
 from heavebond.numerics.dae import Array
 
 STUDY, CHECKS = "detectability", "detectability_checks"
@@ -64,9 +65,9 @@ def predicted(rig: Rig) -> list[dict[str, object]]:
 
 
 def limit(n: int) -> float:
-    """What `evidence.rung.indistinct` is expected to ask where the truth is among the candidates, both records having n
-    samples: a normal number is 0.4 on average where it is positive, and 0 where not."""
-    return float(10 + 0.003 * 2 * n + MISSED * 2 * np.sqrt(2 * n) / np.sqrt(2 * np.pi))
+    """By how much the likelihood must differ where the truth is among the candidates and leaves noise, both records having n
+    samples (see `diagnosis.identity`)."""
+    return STRONG + INEXACT * 2 * n
 
 
 def _row(rig: Rig, score: Score, scores: Sequence[Score], directions: Array, seen: float, n: int) -> dict[str, object]:
