@@ -34,8 +34,8 @@ class Adequacy:
     explained: share of chi-square above the noise that it takes away, cross-validated and on held-out data; flexible: the
     learnt curve at its place that predicts best; elsewhere: one at another place that predicts as well as the effect or
     better; beaten: whether the curve `flexible` explains most of what the effect leaves; covered: share of the held-out
-    motion that lies inside the motion that this curve was fitted to (NaN without one); complete: whether all candidates
-    that were planned beside the effect were refitted.
+    motion that lies inside the motion that this curve was fitted to (NaN without one); complete: whether all candidates,
+    and other values of what is held fixed, were tried beside the effect.
     """
 
     explained: float
@@ -66,8 +66,9 @@ class Adequacy:
                 "beaten": self.beaten, "covered": self.covered, "decided": self.decided, "complete": self.complete}
 
 
-def adequacy(chosen: Refit, made: Stage, curves: Stage | None) -> Adequacy:
-    """That of the effect `chosen` at a stage; `curves` is the stage of learnt curves on the same diagram and records."""
+def adequacy(chosen: Refit, made: Stage, curves: Stage | None, complete: bool = True) -> Adequacy:
+    """That of the effect `chosen` at a stage; `curves` is the stage of learnt curves on the same diagram and records;
+    `complete` as in `Adequacy`."""
     assert made.errors is not None and chosen.errors is not None
     misfit = made.errors.mean(*ALL) - 1.0
     left = chosen.errors.mean(*ALL) - 1.0
@@ -81,8 +82,7 @@ def adequacy(chosen: Refit, made: Stage, curves: Stage | None) -> Adequacy:
         covered = coverage(flexible, made.experiment)
         beaten = not covered < DECISION.covered and _better(flexible, chosen) \
             and _loss(chosen) - _loss(flexible) > DECISION.mainly * max(left, 0.0) > 0
-    return Adequacy(explained, flexible, min(there, key=_loss, default=None), beaten, covered,
-                    not made.partial)
+    return Adequacy(explained, flexible, min(there, key=_loss, default=None), beaten, covered, complete)
 
 
 def same_place(one: Refit, other: Refit) -> bool:

@@ -204,7 +204,7 @@ def _without_name(come: _SearchState, way: Selection, given: Experiment, number:
     say("fitting learnt curves in place of the effect")
     curves = None if come.steps[-1].partial else _within(seconds, lambda: make_curve_stage(
         way[0].step.experiment, number=number, seconds=seconds, progress=lambda text: say(f"learnt curves: {text}")))
-    judged = adequacy(way[0].chosen, way[0].step, curves)
+    judged = adequacy(way[0].chosen, way[0].step, curves, not come.steps[-1].partial)
     if not judged.beaten or judged.flexible is None or curves is None:
         return come, None, judged
     with finishing(say):
