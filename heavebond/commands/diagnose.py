@@ -23,8 +23,8 @@ RANKED = 12  # candidates that are shown
 
 @click.command(short_help="Identify the physical effect that is missing in a model.")
 @click.argument("experiment")
-@click.option("--steps", type=Whole(1), metavar="N", help="Add N effects at most [default: as many as lower the error on "
-              "data that were not fitted].")
+@click.option("--steps", type=Whole(1), metavar="N", default=1, show_default=True, help="Add up to N effects, as long as "
+              "each is statistically justified.")
 @click.option("--auto", is_flag=True, hidden=True)
 @click.option("--only", "classes", metavar="CLASS", multiple=True, help="Try effects of this class only. May be repeated.")
 @click.option("--seconds", type=Number(0, min_open=True), default=600.0, show_default=True,
@@ -37,7 +37,7 @@ RANKED = 12  # candidates that are shown
 @click.option("--report", "report_file", metavar="FILE", type=click.Path(path_type=Path),
               help="The report [default: NAME_report.html in the folder].")
 @json_option
-def diagnose(experiment: str, steps: int | None, auto: bool, classes: tuple[str, ...], seconds: float, processes: int | None,
+def diagnose(experiment: str, steps: int, auto: bool, classes: tuple[str, ...], seconds: float, processes: int | None,
              samples: int | None, folder: Path | None, report_file: Path | None) -> dict[str, object]:
     """Identify the physical effect that is missing in the model of EXPERIMENT, its place, and the confidence of the result.
 
@@ -57,7 +57,8 @@ def diagnose(experiment: str, steps: int | None, auto: bool, classes: tuple[str,
     given = load_experiment(experiment)
     check_classes(given, classes)
     if auto:
-        click.echo("--auto is the default now; the next release does not know it", err=True)
+        click.echo("--auto is now `--steps 5`; the next release reads only this", err=True)
+        steps = 5
     targets = Targets.beside(given, folder)
     page = report_file or targets.report
     check_writable(page, (".html",))

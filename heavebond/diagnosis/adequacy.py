@@ -63,7 +63,7 @@ class Adequacy:
             return None if trial is None else {**trial.candidate.as_dict(), "chi2_held_out": trial.chi2_held_out}
 
         return {"explained": self.explained, "learnt_curve": named(self.flexible), "elsewhere": named(self.elsewhere),
-                "beaten": self.beaten, "covered": self.covered, "decided": self.decided, "complete": self.complete}
+                "beaten": self.beaten, "covered": self.covered, "conclusive": self.decided, "complete": self.complete}
 
 
 def adequacy(chosen: Refit, made: Stage, curves: Stage | None, complete: bool = True) -> Adequacy:

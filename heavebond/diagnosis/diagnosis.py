@@ -10,6 +10,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from math import isfinite
 from pathlib import Path
 
 from heavebond.core import facade
@@ -40,7 +41,7 @@ from heavebond.diagnosis.stage import (
     merit,
     single,
 )
-from heavebond.diagnosis.stepwise_selection import DECISIVE, MOST, SelectedEffect, Selection, select_stepwise
+from heavebond.diagnosis.stepwise_selection import DECISIVE, SelectedEffect, Selection, select_stepwise
 from heavebond.diagnosis.verdict import (
     equivalent_value_words,
     is_adequate,
@@ -55,7 +56,7 @@ from heavebond.estimation.excerpts import as_long_as, cut, excerpt
 from heavebond.estimation.experiment import Experiment, load_experiment
 from heavebond.estimation.fitting import Fit, fit
 
-SEVERAL = "More than one effect may be missing: `--steps` was one, and without it several are looked for."
+SEVERAL = "More than one effect may be missing: `--steps 5` looks for several that explain it together."
 # Share of the time that is kept for the end: the fit of what was found to all samples, and what is written.
 KEPT = 0.1
 AGAIN = 2.0  # and as often the time of the first fit of all samples
@@ -117,15 +118,15 @@ class Diagnosis:
 
 @reporting
 @single_threaded
-def diagnose(experiment: Experiment | str | Path, *, steps: int | None = None, number: int | None = None,
+def diagnose(experiment: Experiment | str | Path, *, steps: int = 1, number: int | None = None,
              seconds: float | str = SECONDS, classes: Sequence[str] = (), samples: int | None = None,
              progress: Progress | None = None) -> Diagnosis:
     """Identify the effect that the diagram of an experiment lacks.
 
-    Effects are added as long as each lowers the errors on the selection data beyond chance and noticeably, `steps` at
-    most, by default 5 (see `diagnosis.stepwise_selection`). `number` is the number of processes, by default that of the
-    processors; after `seconds` (s, or text with a unit) in all the search ends with its best result so far; `classes`
-    restricts the catalogue to classes of effects. The search uses `samples` samples of long records
+    One effect, or with `steps` a stepwise selection of so many at most, as long as each lowers the errors on the selection
+    data beyond chance and noticeably (see `diagnosis.stepwise_selection`). `number` is the number of processes, by default
+    that of the processors; after `seconds` (s, or text with a unit) in all the search ends with its best result so far;
+    `classes` restricts the catalogue to classes of effects. The search uses `samples` samples of long records
     (see `estimation.excerpts`), the final fit uses all. `progress` is called with a text at each step. Ctrl-C ends the
     search with the effects found so far. Raises ModelError and DataError where `experiment` is wrong, UsageError where
     no record is to be fitted.
@@ -135,7 +136,7 @@ def diagnose(experiment: Experiment | str | Path, *, steps: int | None = None, n
     say = progress or (lambda text: None)
     base = fit(experiment, progress=lambda text: say(f"fitting what is free: {text}")) if experiment.free else None
     ladder = _first_rungs(experiment, base)
-    until = began + seconds - max(KEPT * seconds, AGAIN * (clock.perf_counter() - began))
+    until = began + seconds - (max(KEPT * seconds, AGAIN * (clock.perf_counter() - began)) if isfinite(seconds) else 0.0)
 
     def left() -> float:
         return max(0.0, until - clock.perf_counter())
@@ -148,7 +149,7 @@ def diagnose(experiment: Experiment | str | Path, *, steps: int | None = None, n
     try:
         with time_limit(left()):
             part, way, last = _climbed(experiment, excerpt(experiment, ladder[-1].comparison, samples),
-                                       lambda now: select_stepwise(_at(now, base), stepping, say, steps or MOST))
+                                       lambda now: select_stepwise(_at(now, base), stepping, say, steps))
     except KeyboardInterrupt:
         if left() > 0:
             raise
