@@ -58,8 +58,8 @@ from heavebond.estimation.fitting import Fit, fit
 
 SEVERAL = "More than one effect may be missing: `--steps 5` looks for several that explain it together."
 # Share of the time that is kept for the end: the fit of what was found to all samples, and what is written.
-KEPT = 0.1
-AGAIN = 2.0  # and as often the time of the first fit of all samples
+KEPT, MOST_KEPT = 0.1, 0.4
+AGAIN = 2.0  # and between these as often the time of the first fit of all samples
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,8 @@ def diagnose(experiment: Experiment | str | Path, *, steps: int = 1, number: int
     say = progress or (lambda text: None)
     base = fit(experiment, progress=lambda text: say(f"fitting what is free: {text}")) if experiment.free else None
     ladder = _first_rungs(experiment, base)
-    until = began + seconds - (max(KEPT * seconds, AGAIN * (clock.perf_counter() - began)) if isfinite(seconds) else 0.0)
+    first = clock.perf_counter() - began
+    until = began + seconds - (max(KEPT * seconds, min(AGAIN * first, MOST_KEPT * seconds)) if isfinite(seconds) else 0.0)
 
     def left() -> float:
         return max(0.0, until - clock.perf_counter())
@@ -154,7 +155,7 @@ def diagnose(experiment: Experiment | str | Path, *, steps: int = 1, number: int
         if left() > 0:
             raise
         clear_signal()
-        raise UsageError([_too_short(seconds)]) from None
+        raise UsageError([_too_short(seconds, first)]) from None
     # the last step made may be that of the last effect itself
     made = [*(added.step for added in (way[:-1] if way and last.chosen is way[-1].chosen else way)), last]
     with finishing(say):
@@ -371,10 +372,10 @@ def _within(seconds: float, make: Callable[[], Stage]) -> Stage | None:
         return None
 
 
-def _too_short(seconds: float) -> Problem:
-    """That the time was over before the first candidate."""
-    return Problem("time-short", f"{written(seconds)} s were over before the first candidate was scored: "
-                   "the fit of the free parameters took them", None,
+def _too_short(seconds: float, first: float) -> Problem:
+    """That the time was over before the first candidate; the fit of what is free took `first` (s)."""
+    return Problem("time-short", f"the time of {written(seconds)} s was over before the first candidate was scored: "
+                   f"the fit of the free parameters took {written(first, 2)} s, and a part is kept for the result", None,
                    "Give it more time (`--seconds`), or fewer samples (`--samples`, or `from:` and `to:` at a record).")
 
 
