@@ -23,17 +23,15 @@ ALL = (FITTED, SELECTION, TEST)
 # Strong evidence in BIC is 10 (R. E. Kass, A. E. Raftery, 1995, doi:10.1080/01621459.1995.10476572); as no law is exact,
 # 0.3 % of chi-square besides.
 STRONG, INEXACT = 10.0, 0.003
-# What a search promises to do better than the best by, before it may be left out of the comparison.
-HOPELESS = 10.0
+HOPELESS = 10.0  # times what the best leaves, from which on a candidate is outside the set without a bootstrap
 
 
 @dataclass(frozen=True)
 class Identity:
-    """Refits compared with each other: those in the answer, best first; how often each of them has the smallest error in
-    resamples of the records, by label; how many independent blocks the samples are worth (NaN where the noise decided)."""
+    """Refits compared with each other: those in the answer, best first; how many independent blocks the samples are worth
+    (NaN where the noise decided)."""
 
     members: tuple[Refit, ...]
-    frequency: dict[str, float]
     blocks: float
 
     @property
@@ -63,17 +61,14 @@ def compared(best: Refit, trials: Sequence[Refit], before: PredictiveErrors) -> 
     """The `trials` that cannot be told from the best of them, which is one of them; `before` are the predictive errors of
     the model without any."""
     others = [t for t in trials if t is not best]
-    found = _set(best, others)
     if leaves_noise(best):
         margin = STRONG + INEXACT * (best.samples + best.samples_held_out)
         near = [t for t in others if min(likelihood(t, j) - likelihood(best, j) for j in (False, True)) < margin]
-    else:
-        misfit = max(before.mean(*ALL) - 1.0, 0.0)
-        inside = {t.candidate.label for k, t in enumerate([best, *others]) if found is None or k in found}
-        near = [t for t in others if t.candidate.label in inside or not _material(best, t, misfit)]
-    labels = [t.candidate.label for t in (best, *others)]
-    frequency = dict(zip(labels, found.best.tolist(), strict=True)) if found is not None else {}
-    return Identity((best, *near), frequency, found.blocks if found is not None and not leaves_noise(best) else float("nan"))
+        return Identity((best, *near), float("nan"))
+    found = _set(best, others)
+    misfit = max(before.mean(*ALL) - 1.0, 0.0)
+    near = [t for k, t in enumerate(others, 1) if found is None or k in found or not _material(best, t, misfit)]
+    return Identity((best, *near), found.blocks if found is not None else float("nan"))
 
 
 def _material(best: Refit, other: Refit, misfit: float) -> bool:

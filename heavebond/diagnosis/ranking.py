@@ -15,7 +15,7 @@ from heavebond.core.presentation import number
 from heavebond.diagnosis.catalogue import Candidate
 from heavebond.diagnosis.identity import likelihood
 from heavebond.diagnosis.refit import Refit
-from heavebond.diagnosis.stage import EARNED, Stage
+from heavebond.diagnosis.stage import EARNED, Stage, fallen
 
 Cell = float | bool | str | tuple[str, ...] | None
 
@@ -153,7 +153,7 @@ def _judged(trial: Refit, step: Stage) -> str:
         return "chosen"
     if any(t is trial for t in step.cluster):
         return "indistinguishable"
-    fall = (step.chi2_held_out - trial.chi2_held_out) * step.samples_held_out / max(1.0, trial.chi2_held_out)
+    fall = fallen(step.chi2_held_out, trial.chi2_held_out, step.samples_held_out)
     if step.samples_held_out and fall <= 0:
         return "worse_held_out"
     if step.samples_held_out and fall <= EARNED:

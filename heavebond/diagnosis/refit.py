@@ -86,11 +86,6 @@ class Refit:
     errors: PredictiveErrors | None = field(default=None, repr=False, compare=False)
 
     @property
-    def chi2_test(self) -> float:
-        """Chi-square per sample on the test data, NaN where there are none."""
-        return self.errors.mean(TEST) if self.errors is not None else float("nan")
-
-    @property
     def bic(self) -> float:
         """n ln(cost/n) + k ln n (G. Schwarz, 1978, doi:10.1214/aos/1176344136), with an unknown scale of the noise."""
         return bic(self.cost, self.samples, self.unknowns)

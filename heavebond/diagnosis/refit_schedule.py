@@ -17,9 +17,9 @@ import numpy as np
 from heavebond.core.progress import Progress
 from heavebond.diagnosis.candidate_workers import Workers
 from heavebond.diagnosis.catalogue import Candidate
+from heavebond.diagnosis.decision import DECISION
 from heavebond.diagnosis.early_stopping import HOPE
 from heavebond.diagnosis.refit import Refit
-from heavebond.diagnosis.residual_tests import NEAR
 from heavebond.diagnosis.scoring import Score
 
 REFITS = 24  # at least so many candidates are refitted, those with the largest scores
@@ -95,7 +95,7 @@ def _hopeful(trials: Iterable[Refit]) -> list[Refit]:
 def unexplained(trials: Iterable[Refit]) -> bool:
     """Whether none of them comes near the noise: then the score, which is local, may have misled. A free parameter that the
     missing effect has moved far away turns the sign of the tangent."""
-    return all(max(t.chi2_fit, t.chi2_held_out if t.samples_held_out else 0.0) > NEAR for t in trials)
+    return all(max(t.chi2_fit, t.chi2_held_out if t.samples_held_out else 0.0) > DECISION.near for t in trials)
 
 
 def planned(scores: Sequence[Score], as_one: Mapping[str, str]

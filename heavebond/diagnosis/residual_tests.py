@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from heavebond.diagnosis.decision import DECISION
 from heavebond.diagnosis.scoring import Base, Score
 from heavebond.estimation.residuals import Run
 from heavebond.numerics.dae import Array
@@ -22,7 +23,6 @@ from heavebond.records import metrics
 LEVELS = {"score": 0.01, "size": 0.005, "memory": 0.005}
 DRAWS = 20_000  # of the largest chance score: p values down to a few in ten thousand
 LAGS = 20
-NEAR = 1.5  # chi-square per sample up to which what is left is near the noise
 SIGMAS = 3.0  # standard deviations of that figure on held-out data, up to which what is left is noise
 
 
@@ -51,7 +51,7 @@ def leftover(base: Base, scores: Sequence[Score]) -> ResidualTests:
 def is_noise(fitted: float, held_out: float, samples: int) -> bool:
     """Whether these chi-squares a sample are no more than given noise can be: on `samples` that were not fitted by chance
     alone, and near it on those that were fitted."""
-    return fitted <= NEAR and samples > 0 and held_out <= 1 + SIGMAS * (2 / samples) ** 0.5
+    return fitted <= DECISION.near and samples > 0 and held_out <= 1 + SIGMAS * (2 / samples) ** 0.5
 
 
 def _largest(scores: Sequence[Score]) -> tuple[float, float]:

@@ -238,7 +238,7 @@ def choosing(made: Stage, trial: Refit) -> Stage:
     assert made.errors is not None
     earned = _earned(made)
     found = compared(trial, [trial, *(t for t in earned if t is not trial)], made.errors)
-    near = [t for t in earned if t in found.members or _as_good(t, trial)]
+    near = [t for t in earned if any(t is m for m in found.members) or _as_good(t, trial)]
     close = [t for t in near if t is not trial and not any(_needless(t, simpler) for simpler in (trial, *near))]
     return replace(made, chosen=trial, identity=found,
                    cluster=(trial, *close, *_twins_of([trial, *close], made.twins, made.scores)))
@@ -256,7 +256,8 @@ def _needless(trial: Refit, simpler: Refit) -> bool:
     closed in the fit is the compliance beside it. That no law is exact is no excuse for one that could bend further."""
     fit = (simpler.cost - trial.cost) / max(1.0, trial.chi2_fit)
     return set(trial.candidate.where) == set(simpler.candidate.where) and trial.unknowns > simpler.unknowns \
-        and fit < EARNED and not _fallen(simpler.chi2_held_out, trial) > EARNED  # (NaN without samples held out)
+        and fit < EARNED \
+        and not fallen(simpler.chi2_held_out, trial.chi2_held_out, trial.samples_held_out) > EARNED  # (NaN: none held out)
 
 
 def leaders(made: Stage, most: int) -> list[Stage]:
@@ -311,7 +312,7 @@ def _earned(made: Stage) -> list[Refit]:
     assert made.errors is not None
     before, samples = made.errors.mean(SELECTION), made.errors.samples(SELECTION)
     return [t for t in made.trials if merit(t) < made.merit - EARNED and t.errors is not None
-            and (not samples or (before - t.errors.mean(SELECTION)) * samples / max(1.0, t.errors.mean(SELECTION)) > EARNED)
+            and (not samples or fallen(before, t.errors.mean(SELECTION), samples) > EARNED)
             and not _worse(made.chi2_held_out, t)]
 
 
@@ -320,9 +321,9 @@ def _worse(before: float, trial: Refit) -> bool:
     return bool(trial.samples_held_out) and not trial.chi2_held_out < before
 
 
-def _fallen(before: float, trial: Refit) -> float:
-    """How far chi-square of all that was not fitted is below what is `before` per sample, in units of what is left."""
-    return (before - trial.chi2_held_out) * trial.samples_held_out / max(1.0, trial.chi2_held_out)
+def fallen(before: float, after: float, samples: int) -> float:
+    """How far chi-square of so many samples has fallen, from `before` to `after` per sample, in units of what is left."""
+    return (before - after) * samples / max(1.0, after)
 
 
 def following(before: Stage) -> Experiment:
