@@ -21,6 +21,7 @@ import numpy as np
 
 from heavebond.core.errors import Problem, SimulationError
 from heavebond.equations.buffered import Buffered
+from heavebond.numerics.compiled_cvodes import CompiledCvodes
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.initialise import Start, Tangent
 from heavebond.numerics.simulator import Simulator
@@ -66,6 +67,15 @@ class QuickSimulator(Unexplained):
         return {} if self.looks_up else super()._driven(times)
 
     def _integrator(self) -> Integrator:
+        dae = self.integrand.dae
+        n = dae["x"].numel() // (1 + len(self.sensitivities)) if self.quadratures is None else 0
+        if not self.assembly.flat.events and not self.charts.needed and CompiledCvodes.fits(dae, n):
+            table = (self.pieces.breaks, self.pieces.columns) if self.looks_up else None
+            longest = LONGEST * float(np.median(np.diff(self.pieces.breaks))) if self.looks_up else 0.0
+            return CompiledCvodes(dae, n, self.stops, self.tolerances, MOST_STEPS, table, longest)
+        return self._interpreted()
+
+    def _interpreted(self) -> Integrator:
         dae, looser = self.integrand.dae, LOOSER if self.one_step else 1.0
         solver = "rosenbrock" if self.one_step else "idas" if dae["z"].numel() else "cvodes"
         tolerances = replace(self.tolerances, rtol=looser * self.tolerances.rtol, atol=looser * self.tolerances.atol)

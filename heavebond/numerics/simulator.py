@@ -76,14 +76,13 @@ class Simulator:
         self.integrand = self._made(assembly, quadratures)
         self.integrals = 0 if quadratures is None else quadratures.numel() * (1 + len(self.sensitivities))
         self.stops = np.union1d(self.time, self.pieces.inner_breaks(self.time[0], self.time[-1]))
-        charts = StateChoices(assembly)
+        self.charts = charts = StateChoices(assembly)
         self.solver: Choice = chosen(solver, assembly, charts.needed)
         self.integrator = self._integrator()
         self.loops = _loops(self.integrand)
         self._known_slopes: dict[int, ca.Function] = {}
         self._hoist = Buffered(self.integrand.hoist)
         self._keep = np.searchsorted(self.stops, self.time)
-        self.charts = charts
         self.switching = self._switching(charts) if assembly.flat.events or charts.needed else None
 
     def change_solvers(self) -> None:

@@ -1,0 +1,262 @@
+"""CVODES driven by compiled code, for the many short runs of a search.
+
+Through `ca.integrator` every evaluation of the right-hand side passes several layers and reads two clocks, which takes
+longer than the equations of a small machine. Here a program in C (`heavebond/c/cvodes.c`) calls the same CVODES, by the
+addresses of the functions in CasADi's own shared library, and evaluates the equations itself, from the list of operations
+of the CasADi function. The program is the same for all models: a process compiles it once, into a private folder that
+is deleted as soon as the library is loaded; nothing compiled is read back from disk.
+
+It serves where a C compiler is present, CasADi brings the SUNDIALS that the program was written for, and the equations are
+x' = f with smooth operations of SX (`available`, `CompiledCvodes.fits`); everywhere else searches integrate through
+CasADi as before, by the same method at the same tolerances.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import subprocess
+import sys
+import tempfile
+import weakref
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from heavebond.core.cancellation import check
+from heavebond.numerics.dae import Array
+from heavebond.numerics.idas import Tolerances
+
+SOURCE = Path(__file__).parents[1] / "c" / "cvodes.c"
+FLAGS = ("-O2", "-shared", "-fPIC", "-ffp-contract=off")
+VERSIONS = ("3.7", "3.8")  # of CasADi, whose CVODES is that of SUNDIALS 2 with double precision
+MOST_STATES = 60  # of the model: its Jacobian is dense here
+CHUNK = 2000  # stops between two looks whether the run is still wanted
+# What the program knows, in C, of the operands a and b.
+OPERATIONS = {
+    "ASSIGN": "a", "ADD": "a + b", "SUB": "a - b", "MUL": "a * b", "DIV": "a / b", "NEG": "-a", "EXP": "exp(a)",
+    "LOG": "log(a)", "POW": "pow(a, b)", "CONSTPOW": "pow(a, b)", "SQRT": "sqrt(a)", "SQ": "a * a", "TWICE": "2.0 * a",
+    "SIN": "sin(a)", "COS": "cos(a)", "TAN": "tan(a)", "ASIN": "asin(a)", "ACOS": "acos(a)", "ATAN": "atan(a)",
+    "LT": "a < b", "LE": "a <= b", "EQ": "a == b", "NE": "a != b", "NOT": "!a", "AND": "a && b", "OR": "a || b",
+    "FLOOR": "floor(a)", "CEIL": "ceil(a)", "FMOD": "fmod(a, b)", "FABS": "fabs(a)",
+    "SIGN": "a < 0 ? -1.0 : a > 0 ? 1.0 : a", "COPYSIGN": "copysign(a, b)", "IF_ELSE_ZERO": "a != 0 ? b : 0.0",
+    "ERF": "erf(a)", "FMIN": "fmin(a, b)", "FMAX": "fmax(a, b)", "INV": "1.0 / a", "SINH": "sinh(a)", "COSH": "cosh(a)",
+    "TANH": "tanh(a)", "ASINH": "asinh(a)", "ACOSH": "acosh(a)", "ATANH": "atanh(a)", "ATAN2": "atan2(a, b)",
+    "LOG1P": "log1p(a)", "EXPM1": "expm1(a)", "HYPOT": "hypot(a, b)"}
+KNOWN = {getattr(ca, f"OP_{name}"): f"({text})" for name, text in OPERATIONS.items() if hasattr(ca, f"OP_{name}")}
+# The functions of SUNDIALS in the order of the structure in C.
+FUNCTIONS = (
+    "CVodeCreate", "CVodeInit", "CVodeReInit", "CVodeSStolerances", "CVodeSetUserData", "CVodeSetMaxNumSteps",
+    "CVodeSetMaxStep", "CVodeSetStopTime", "CVodeSetErrHandlerFn", "CVSpgmr", "CVSpilsSetPreconditioner",
+    "CVSpilsSetJacTimesVecFn", "CVode", "CVodeGetNumSteps", "CVodeGetNumRhsEvals", "CVodeGetNumErrTestFails", "CVodeFree",
+    "N_VNew_Serial", "N_VGetArrayPointer", "N_VDestroy_Serial")
+MESSAGES = {-1: "mxstep steps taken before reaching tout", -2: "too much accuracy was asked for",
+            -3: "error test failures occurred too many times", -4: "convergence test failures occurred too many times",
+            -8: "the right-hand side failed", -9: "the right-hand side failed at the first call",
+            -10: "the right-hand side failed repeatedly"}
+_Pointer = ctypes.c_void_p
+
+
+class _Tape(ctypes.Structure):
+    _fields_ = [("length", ctypes.c_long), ("n_out", ctypes.c_long), ("n_constants", ctypes.c_long), ("code", _Pointer),
+                ("out", _Pointer), ("slots", _Pointer)]
+
+
+class _Problem(ctypes.Structure):
+    _fields_ = [("sundials", _Pointer), ("right", _Tape), ("slope", _Tape),
+                *((name, ctypes.c_long) for name in ("n", "blocks", "total", "n_p", "n_u", "n_pieces", "restart")),
+                *((name, _Pointer) for name in ("rows", "columns", "breaks", "pieces")), ("piece", ctypes.c_long),
+                *((name, _Pointer) for name in ("jacobian", "lu", "pivots", "memory", "x"))]
+
+
+class CompiledCvodes:
+    """An integration of x' = f from the first to the other stops, called as those of `solvers` are."""
+
+    def __init__(self, dae: Mapping[str, ca.SX], n: int, stops: Array, tolerances: Tolerances, most_steps: int,
+                 table: tuple[Array, Array] | None = None, longest: float = 0.0):
+        """`n` states of the model stand first in x, then blocks of their sensitivities, then integrals. `table` (breaks
+        (m + 1,), columns (k, m)) is looked up by time in the right-hand side; without it the inputs are given to the call,
+        for each interval between two stops, and integration begins anew at each."""
+        program = _program()
+        assert program is not None
+        self._program, self._stops = program, np.ascontiguousarray(stops, float)
+        total, self._n_u = dae["x"].numel(), dae["u"].numel()
+        given = [dae[name] for name in ("t", "x", "p", "u")]
+        x = dae["x"][:n]
+        jacobian = ca.jacobian(dae["ode"][:n], x) if n else ca.SX(0, 0)
+        right, slope = _tape(given, dae["ode"]), _tape(given, jacobian.nz[:])
+        rows, columns = (np.array(k, np.int32) for k in jacobian.sparsity().get_triplet())
+        breaks, pieces = (np.zeros(0), np.zeros((0, 0))) if table is None else table
+        pieces = np.ascontiguousarray(pieces.T)
+        breaks = np.ascontiguousarray(breaks)
+        self._counts = np.zeros(3, np.int64)
+        # what C points to must live as long as this does
+        self._kept: list[Any] = [rows, columns, breaks, pieces, np.zeros((n, n)), np.zeros((n, n)), np.zeros(n, np.int32),
+                                 right, slope]
+        self._problem = _Problem(
+            ctypes.cast(program.sundials, _Pointer), right.structure(), slope.structure(), n,
+            (total // n) if n else 0, total, dae["p"].numel(), self._n_u, len(pieces), table is None and self._n_u > 0,
+            *(_address(k) for k in (rows, columns, breaks, pieces)), 0, *(_address(k) for k in self._kept[4:7]), None, None)
+        self._totals = total, dae["p"].numel()
+        answer = program.library.prepare(
+            ctypes.byref(self._problem), self._stops[0], tolerances.rtol, tolerances.atol, most_steps, longest)
+        # before what it points to is collected
+        weakref.finalize(self, _finish, program.library, self._problem, self._kept)
+        if answer:
+            raise RuntimeError(f"CVODES could not be prepared ({answer})")
+
+    @staticmethod
+    def fits(dae: Mapping[str, ca.SX], n: int) -> bool:
+        """Whether such equations can be integrated here."""
+        return not dae["z"].numel() and 0 < n <= MOST_STATES and dae["x"].numel() > 0 and _program() is not None and \
+            _known(dae["ode"])
+
+    def size1_in(self, name: str) -> int:
+        """The number of numbers in an input."""
+        return {"x0": self._totals[0], "p": self._totals[1], "z0": 0, "u": self._n_u}[name]
+
+    def __call__(self, *, x0: Array, p: Array, z0: Array | None = None, u: Array | None = None) -> dict[str, Array]:
+        """The states (n, N) at the other stops; RuntimeError where CVODES fails."""
+        problem, stops = self._problem, self._stops
+        x, p = (np.ascontiguousarray(k, float).ravel() for k in (x0, p))
+        if (len(x), len(p)) != self._totals:
+            raise ValueError("x0 or p has a wrong length")
+        if problem.restart:
+            if u is None or np.shape(u) != (self._n_u, len(stops) - 1):
+                raise ValueError("u has a wrong shape")
+            self._held = np.ascontiguousarray(np.asarray(u, float).T)
+            problem.pieces, problem.n_pieces = _address(self._held), len(self._held)
+        found = np.empty((max(len(stops) - 1, 1), len(x)))
+        self._counts[:] = 0
+        library, at = self._program.library, ctypes.byref(problem)
+        answer = library.begin(at, stops[0], _address(x), _address(p))
+        reached, first = ctypes.c_double(float(stops[0])), 0
+        targets = stops if len(stops) > 1 else np.append(stops, stops[0] + 1.0)
+        while not answer and first < len(targets) - 1:
+            number = min(CHUNK, len(targets) - 1 - first)
+            answer = library.advance(at, number, _address(targets[first:]), first, _address(found[first:]),
+                                     ctypes.byref(reached), _address(self._counts))
+            first += number
+            check()
+        if answer:
+            raise RuntimeError(f"At t = {reached.value:.17g}, {MESSAGES.get(answer, f'CVODES answered {answer}')}")
+        return {"xf": found.T, "zf": np.zeros((0, len(found)))}
+
+    def stats(self) -> dict[str, Any]:
+        """Counts of steps and evaluations of the last call."""
+        return dict(zip(("nsteps", "nfevals", "netfails"), self._counts.tolist(), strict=True))
+
+
+def available() -> bool:
+    """Whether searches can be integrated by compiled code on this computer."""
+    return _program() is not None
+
+
+class _Listed:
+    """A function as a list of operations over an array of slots: constants, then its inputs, then results."""
+
+    def __init__(self, code: NDArray[np.int32], out: NDArray[np.int32], constants: Sequence[float], slots: int):
+        self.code, self.out, self.n_constants = np.ascontiguousarray(code), out, len(constants)
+        self.slots = np.zeros(slots)
+        self.slots[:len(constants)] = constants
+
+    def structure(self) -> _Tape:
+        """As C sees it."""
+        return _Tape(len(self.code), len(self.out), self.n_constants, _address(self.code), _address(self.out),
+                     _address(self.slots))
+
+
+def _tape(given: Sequence[ca.SX], wanted: ca.SX) -> _Listed:
+    """The operations of an expression, each result in a slot of its own."""
+    function = ca.Function("f", list(given), [ca.densify(wanted)])
+    begins = np.cumsum([0, *(g.numel() for g in given)]).tolist()
+    constant: dict[str, int] = {}
+    code: list[tuple[int, int, int, int]] = []  # operands below 0 are constants, from 0 on inputs, then results
+    at: dict[int, int] = {}  # where the value of each of CasADi's registers stands
+    out = [0] * wanted.numel()
+    number = begins[-1]
+    for k in range(function.n_instructions()):
+        operation, to, of = function.instruction_id(k), function.instruction_output(k), function.instruction_input(k)
+        if operation == ca.OP_CONST:
+            at[to[0]] = ~constant.setdefault(repr(function.instruction_constant(k)), len(constant))
+        elif operation == ca.OP_INPUT:
+            at[to[0]] = begins[of[0]] + of[1]
+        elif operation == ca.OP_OUTPUT:
+            out[to[1]] = at[of[0]]
+        else:
+            one = at[of[0]]
+            code.append((operation, number, one, at[of[1]] if len(of) > 1 else one))
+            at[to[0]] = number
+            number += 1
+    numbers = [float(value) for value in constant] or [0.0]  # an operation without operands reads the first slot
+    first = len(numbers)
+
+    def placed(slots: Any) -> NDArray[np.int32]:
+        slots = np.array(slots, np.int32)
+        return np.where(slots < 0, ~slots, slots + first).astype(np.int32)
+
+    table = np.array(code, np.int32).reshape(-1, 4)
+    table[:, 1:] = placed(table[:, 1:])
+    return _Listed(table, placed(out), numbers, first + number)
+
+
+def _known(wanted: ca.SX) -> bool:
+    """Whether all operations of an expression are known to the program."""
+    function = ca.Function("f", ca.symvar(wanted), [wanted])
+    own = {ca.OP_CONST, ca.OP_INPUT, ca.OP_OUTPUT, *KNOWN}
+    return all(function.instruction_id(k) in own for k in range(function.n_instructions()))
+
+
+def _address(values: Any) -> int | None:
+    return int(values.ctypes.data) if values.size else None
+
+
+def _finish(library: ctypes.CDLL, problem: _Problem, kept: object) -> None:
+    library.finish(ctypes.byref(problem))
+
+
+class _Program:
+    """The compiled program and the addresses of CVODES that it is given."""
+
+    def __init__(self, library: ctypes.CDLL, sundials: Any):
+        self.library, self.sundials = library, sundials
+        number, real, whole = ctypes.c_double, ctypes.c_double, ctypes.c_long
+        library.prepare.argtypes = [_Pointer, number, real, real, whole, real]
+        library.begin.argtypes = [_Pointer, number, _Pointer, _Pointer]
+        library.advance.argtypes = [_Pointer, whole, _Pointer, whole, _Pointer, _Pointer, _Pointer]
+        library.finish.argtypes = [_Pointer]
+        library.finish.restype = None
+
+
+@lru_cache(maxsize=1)
+def _program() -> _Program | None:
+    """The program, compiled at its first use; None where this computer has no compiler or another SUNDIALS."""
+    from heavebond.numerics.solvers import compiler
+
+    command = compiler()
+    if command is None or not ca.__version__.startswith(VERSIONS) or not sys.platform.startswith(("linux", "darwin")):
+        return None
+    try:
+        sundials = _sundials()
+        with tempfile.TemporaryDirectory(prefix="heavebond_", ignore_cleanup_errors=True) as folder:
+            target = Path(folder) / "cvodes.so"
+            cases = " ".join(f"case {code}: r = {text}; break;" for code, text in KNOWN.items())
+            subprocess.run([command, *FLAGS, f"-DOPERATIONS={cases}", "-o", str(target), str(SOURCE), "-lm"], check=True,
+                           capture_output=True, timeout=60)
+            return _Program(ctypes.CDLL(str(target)), sundials)
+    except (OSError, AttributeError, subprocess.SubprocessError):
+        return None
+
+
+def _sundials() -> Any:
+    """The addresses of CVODES in CasADi's library; AttributeError where one is missing."""
+    ca.has_integrator("cvodes")
+    folder = Path(ca.__file__).parent
+    found = next(path for suffix in ("so", "dylib") for path in [folder / f"libcasadi_integrator_cvodes.{suffix}"]
+                 if path.exists() or suffix == "dylib")
+    library = ctypes.CDLL(str(found))
+    return (_Pointer * len(FUNCTIONS))(*(ctypes.cast(getattr(library, name), _Pointer) for name in FUNCTIONS))
