@@ -54,7 +54,7 @@ typedef struct {
   const int *rows, *columns;                          /* of the nonzeros of the Jacobian */
   const double *breaks, *pieces;                      /* (n_pieces + 1,), (n_u, n_pieces) by columns */
   long piece;
-  double *jacobian, *lu;
+  double *jacobian, *lu, *inverse;
   int *pivots;
   void *memory;
   N_Vector x;
@@ -62,18 +62,23 @@ typedef struct {
 
 enum { BDF = 2, NEWTON = 2, NORMAL = 1, LEFT = 1, BASES = 5 };
 
+/* Each operation jumps to the next by itself, which a processor predicts better than one switch for all; LABELS and
+   OPERATIONS are made of one table in Python, whose last operation ends the list. */
 static void evaluate(const Tape *tape) {
-  double *w = tape->slots;
-  const int *c = tape->code, *end = c + 4 * tape->length;
-  for (; c < end; c += 4) {
-    const double a = w[c[2]], b = w[c[3]];
-    double r;
-    switch (c[0]) {
-      OPERATIONS
-      default: r = NAN;
-    }
-    w[c[1]] = r;
-  }
+  static const void *const labels[] = {LABELS};
+  double *const w = tape->slots;
+  const int *c = tape->code;
+#define A w[c[2]]
+#define B w[c[3]]
+#define OPERATION(name, value) \
+  name:                        \
+  w[c[1]] = value;             \
+  c += 4;                      \
+  goto *labels[*c];
+  goto *labels[*c];
+  OPERATIONS
+END:
+  return;
 }
 
 /* Put t, x and what drives the model there into the slots of a function; p stands there since the run began. */
@@ -141,6 +146,7 @@ static int setup(double t, N_Vector x, N_Vector rates, int known, int *renewed, 
       if (factor != 0.0)
         for (j = k + 1; j < n; ++j) lu[i * n + j] -= factor * lu[k * n + j];
     }
+    problem->inverse[k] = 1.0 / lu[k * n + k];
   }
   return 0;
 }
@@ -158,11 +164,15 @@ static int solve(double t, N_Vector x, N_Vector rates, N_Vector given, N_Vector 
       z[problem->pivots[i]] = z[i];
       z[i] = kept;
     }
-    for (i = 1; i < n; ++i)
-      for (j = 0; j < i; ++j) z[i] -= lu[i * n + j] * z[j];
+    for (i = 1; i < n; ++i) {
+      double left = z[i];
+      for (j = 0; j < i; ++j) left -= lu[i * n + j] * z[j];
+      z[i] = left;
+    }
     for (i = n - 1; i >= 0; --i) {
-      for (j = i + 1; j < n; ++j) z[i] -= lu[i * n + j] * z[j];
-      z[i] /= lu[i * n + i];
+      double left = z[i];
+      for (j = i + 1; j < n; ++j) left -= lu[i * n + j] * z[j];
+      z[i] = left * problem->inverse[i];
     }
   }
   return 0;
@@ -173,10 +183,14 @@ static int times(N_Vector given, N_Vector found, double t, N_Vector x, N_Vector 
   long n = problem->n, block, i, j;
   const double *v = problem->sundials->values(given);
   double *z = problem->sundials->values(found);
-  memset(z, 0, problem->total * sizeof(double));
   for (block = 0; block < problem->blocks; ++block, z += n, v += n)
-    for (i = 0; i < n; ++i)
-      for (j = 0; j < n; ++j) z[i] += problem->jacobian[i * n + j] * v[j];
+    for (i = 0; i < n; ++i) {
+      const double *row = problem->jacobian + i * n;
+      double sum = 0.0;
+      for (j = 0; j < n; ++j) sum += row[j] * v[j];
+      z[i] = sum;
+    }
+  memset(z, 0, (problem->total - n * problem->blocks) * sizeof(double));
   return 0;
 }
 

@@ -36,18 +36,20 @@ FLAGS = ("-O2", "-shared", "-fPIC", "-ffp-contract=off")
 VERSIONS = ("3.7", "3.8")  # of CasADi, whose CVODES is that of SUNDIALS 2 with double precision
 MOST_STATES = 60  # of the model: its Jacobian is dense here
 CHUNK = 2000  # stops between two looks whether the run is still wanted
-# What the program knows, in C, of the operands a and b.
+# What the program knows, in C, of the operands A and B.
 OPERATIONS = {
-    "ASSIGN": "a", "ADD": "a + b", "SUB": "a - b", "MUL": "a * b", "DIV": "a / b", "NEG": "-a", "EXP": "exp(a)",
-    "LOG": "log(a)", "POW": "pow(a, b)", "CONSTPOW": "pow(a, b)", "SQRT": "sqrt(a)", "SQ": "a * a", "TWICE": "2.0 * a",
-    "SIN": "sin(a)", "COS": "cos(a)", "TAN": "tan(a)", "ASIN": "asin(a)", "ACOS": "acos(a)", "ATAN": "atan(a)",
-    "LT": "a < b", "LE": "a <= b", "EQ": "a == b", "NE": "a != b", "NOT": "!a", "AND": "a && b", "OR": "a || b",
-    "FLOOR": "floor(a)", "CEIL": "ceil(a)", "FMOD": "fmod(a, b)", "FABS": "fabs(a)",
-    "SIGN": "a < 0 ? -1.0 : a > 0 ? 1.0 : a", "COPYSIGN": "copysign(a, b)", "IF_ELSE_ZERO": "a != 0 ? b : 0.0",
-    "ERF": "erf(a)", "FMIN": "fmin(a, b)", "FMAX": "fmax(a, b)", "INV": "1.0 / a", "SINH": "sinh(a)", "COSH": "cosh(a)",
-    "TANH": "tanh(a)", "ASINH": "asinh(a)", "ACOSH": "acosh(a)", "ATANH": "atanh(a)", "ATAN2": "atan2(a, b)",
-    "LOG1P": "log1p(a)", "EXPM1": "expm1(a)", "HYPOT": "hypot(a, b)"}
-KNOWN = {getattr(ca, f"OP_{name}"): f"({text})" for name, text in OPERATIONS.items() if hasattr(ca, f"OP_{name}")}
+    "ASSIGN": "A", "ADD": "A + B", "SUB": "A - B", "MUL": "A * B", "DIV": "A / B", "NEG": "-A", "EXP": "exp(A)",
+    "LOG": "log(A)", "POW": "pow(A, B)", "CONSTPOW": "pow(A, B)", "SQRT": "sqrt(A)", "SQ": "A * A", "TWICE": "2.0 * A",
+    "SIN": "sin(A)", "COS": "cos(A)", "TAN": "tan(A)", "ASIN": "asin(A)", "ACOS": "acos(A)", "ATAN": "atan(A)",
+    "LT": "A < B", "LE": "A <= B", "EQ": "A == B", "NE": "A != B", "NOT": "!A", "AND": "A && B", "OR": "A || B",
+    "FLOOR": "floor(A)", "CEIL": "ceil(A)", "FMOD": "fmod(A, B)", "FABS": "fabs(A)",
+    "SIGN": "A < 0 ? -1.0 : A > 0 ? 1.0 : A", "COPYSIGN": "copysign(A, B)", "IF_ELSE_ZERO": "A != 0 ? B : 0.0",
+    "ERF": "erf(A)", "FMIN": "fmin(A, B)", "FMAX": "fmax(A, B)", "INV": "1.0 / A", "SINH": "sinh(A)", "COSH": "cosh(A)",
+    "TANH": "tanh(A)", "ASINH": "asinh(A)", "ACOSH": "acosh(A)", "ATANH": "atanh(A)", "ATAN2": "atan2(A, B)",
+    "LOG1P": "log1p(A)", "EXPM1": "expm1(A)", "HYPOT": "hypot(A, B)"}
+# Their numbers in CasADi, and in the order in which C has them.
+KNOWN = {getattr(ca, f"OP_{name}"): k for k, name in enumerate(OPERATIONS) if hasattr(ca, f"OP_{name}")}
+END = len(OPERATIONS)
 # The functions of SUNDIALS in the order of the structure in C.
 FUNCTIONS = (
     "CVodeCreate", "CVodeInit", "CVodeReInit", "CVodeSStolerances", "CVodeSetUserData", "CVodeSetMaxNumSteps",
@@ -70,7 +72,7 @@ class _Problem(ctypes.Structure):
     _fields_ = [("sundials", _Pointer), ("right", _Tape), ("slope", _Tape),
                 *((name, ctypes.c_long) for name in ("n", "blocks", "total", "n_p", "n_u", "n_pieces", "restart")),
                 *((name, _Pointer) for name in ("rows", "columns", "breaks", "pieces")), ("piece", ctypes.c_long),
-                *((name, _Pointer) for name in ("jacobian", "lu", "pivots", "memory", "x"))]
+                *((name, _Pointer) for name in ("jacobian", "lu", "inverse", "pivots", "memory", "x"))]
 
 
 class CompiledCvodes:
@@ -95,12 +97,12 @@ class CompiledCvodes:
         breaks = np.ascontiguousarray(breaks)
         self._counts = np.zeros(3, np.int64)
         # what C points to must live as long as this does
-        self._kept: list[Any] = [rows, columns, breaks, pieces, np.zeros((n, n)), np.zeros((n, n)), np.zeros(n, np.int32),
-                                 right, slope]
+        self._kept: list[Any] = [rows, columns, breaks, pieces, np.zeros((n, n)), np.zeros((n, n)), np.zeros(n),
+                                 np.zeros(n, np.int32), right, slope]
         self._problem = _Problem(
             ctypes.cast(program.sundials, _Pointer), right.structure(), slope.structure(), n,
             (total // n) if n else 0, total, dae["p"].numel(), self._n_u, len(pieces), table is None and self._n_u > 0,
-            *(_address(k) for k in (rows, columns, breaks, pieces)), 0, *(_address(k) for k in self._kept[4:7]), None, None)
+            *(_address(k) for k in (rows, columns, breaks, pieces)), 0, *(_address(k) for k in self._kept[4:8]), None, None)
         self._totals = total, dae["p"].numel()
         answer = program.library.prepare(
             ctypes.byref(self._problem), self._stops[0], tolerances.rtol, tolerances.atol, most_steps, longest)
@@ -189,7 +191,7 @@ def _tape(given: Sequence[ca.SX], wanted: ca.SX) -> _Listed:
             out[to[1]] = at[of[0]]
         else:
             one = at[of[0]]
-            code.append((operation, number, one, at[of[1]] if len(of) > 1 else one))
+            code.append((KNOWN[operation], number, one, at[of[1]] if len(of) > 1 else one))
             at[to[0]] = number
             number += 1
     numbers = [float(value) for value in constant] or [0.0]  # an operation without operands reads the first slot
@@ -199,7 +201,8 @@ def _tape(given: Sequence[ca.SX], wanted: ca.SX) -> _Listed:
         slots = np.array(slots, np.int32)
         return np.where(slots < 0, ~slots, slots + first).astype(np.int32)
 
-    table = np.array(code, np.int32).reshape(-1, 4)
+    code.append((END, 0, 0, 0))
+    table = np.array(code, np.int32)
     table[:, 1:] = placed(table[:, 1:])
     return _Listed(table, placed(out), numbers, first + number)
 
@@ -244,9 +247,10 @@ def _program() -> _Program | None:
         sundials = _sundials()
         with tempfile.TemporaryDirectory(prefix="heavebond_", ignore_cleanup_errors=True) as folder:
             target = Path(folder) / "cvodes.so"
-            cases = " ".join(f"case {code}: r = {text}; break;" for code, text in KNOWN.items())
-            subprocess.run([command, *FLAGS, f"-DOPERATIONS={cases}", "-o", str(target), str(SOURCE), "-lm"], check=True,
-                           capture_output=True, timeout=60)
+            labels = ", ".join([*(f"&&{name}_" for name in OPERATIONS), "&&END"])
+            operations = " ".join(f"OPERATION({name}_, {text})" for name, text in OPERATIONS.items())
+            subprocess.run([command, *FLAGS, f"-DLABELS={labels}", f"-DOPERATIONS={operations}", "-o", str(target),
+                            str(SOURCE), "-lm"], check=True, capture_output=True, timeout=60)
             return _Program(ctypes.CDLL(str(target)), sundials)
     except (OSError, AttributeError, subprocess.SubprocessError):
         return None
