@@ -14,7 +14,7 @@ from heavebond.diagnosis.scoring import SEARCH
 from heavebond.estimation.experiment import Experiment, load_experiment
 from heavebond.estimation.residuals import Run
 from heavebond.language.library import bundled
-from heavebond.numerics import quick_simulation
+from heavebond.numerics import compiled_cvodes
 from heavebond.numerics.dae import Array
 from heavebond.numerics.quick_simulation import QuickSimulator, Unexplained
 
@@ -52,9 +52,21 @@ def differences(experiment: Experiment) -> tuple[Array, Run]:
                      *np.linalg.norm(J - J_0, axis=1) / np.linalg.norm(J_0, axis=1)]), own
 
 
+@pytest.fixture
+def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where there is no C compiler."""
+    monkeypatch.setattr(compiled_cvodes, "program", lambda: None)
+
+
 @pytest.mark.parametrize("between", ["spline", "hold"])
 def test_a_search_runs_as_idas_does(rig: Path, between: str) -> None:
     """Within a twentieth of the noise, which is what a search may err by (`scoring.ERRS`), and 1 % of each derivative."""
+    wrong, _ = differences(load_experiment(rig / f"{between}.yaml"))
+    assert wrong[0] < 0.05 and wrong[1:].max() < 0.01
+
+
+@pytest.mark.parametrize("between", ["spline", "hold"])
+def test_a_search_without_a_compiler_runs_as_idas_does(rig: Path, between: str, interpreted: None) -> None:
     wrong, own = differences(load_experiment(rig / f"{between}.yaml"))
     assert wrong[0] < 0.05 and wrong[1:].max() < 0.01
     assert isinstance(own.simulator, QuickSimulator)
@@ -70,7 +82,7 @@ def test_a_search_solves_for_algebraic_unknowns(rig: Path) -> None:
     assert wrong[0] < 0.05 and wrong[1:].max() < 0.01
 
 
-def test_steps_at_held_inputs_are_one_step_from_the_second_run_on(rig: Path) -> None:
+def test_steps_at_held_inputs_are_one_step_from_the_second_run_on(rig: Path, interpreted: None) -> None:
     """And those of another diagram on the same record from the first: what was found out once holds for it."""
     first = run(load_experiment(rig / "hold.yaml"), QuickSimulator, [])
     assert isinstance(first.simulator, QuickSimulator)
@@ -82,7 +94,7 @@ def test_steps_at_held_inputs_are_one_step_from_the_second_run_on(rig: Path) -> 
 
 
 def test_what_cannot_be_run_is_given_up_without_a_reason(rig: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(quick_simulation, "MOST_EXACT", 1)
+    monkeypatch.setattr(Unexplained, "most_steps", 1)
     experiment = load_experiment(rig / "spline.yaml")
     given_up = Run(experiment, experiment.records["train"], [], kind=Unexplained)
     with pytest.raises(SimulationError) as raised:

@@ -23,6 +23,7 @@ from heavebond.estimation.comparison import TOLERANCES, assemble_for
 from heavebond.estimation.experiment import Experiment, Free, Record
 from heavebond.estimation.records import Measured, measure
 from heavebond.numerics.dae import Array, Assembly
+from heavebond.numerics.quick_simulation import Unexplained
 from heavebond.numerics.result import Probe
 from heavebond.numerics.simulator import Simulator, Tolerances
 
@@ -133,7 +134,8 @@ class Residuals:
             raise UsageError([Problem("fit-no-record", "no record is to be fitted", None,
                                       "Mark at least one record with `use: fit`.")])
         names = list(experiment.free)
-        self.runs = list(runs) if runs is not None else [Run(experiment, record, names, tolerances) for record in chosen]
+        self.runs = list(runs) if runs is not None else [Run(experiment, record, names, tolerances, kind=Unexplained)
+                                                         for record in chosen]
         first = self.runs[0].assembly
         units = {q.name: q.unit.text for q in first.flat.parameters}
         self.columns: list[Column] = []

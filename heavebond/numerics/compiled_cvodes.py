@@ -6,9 +6,9 @@ addresses of the functions in CasADi's own shared library, and evaluates the equ
 of the CasADi function. The program is the same for all models: a process compiles it once, into a private folder that
 is deleted as soon as the library is loaded; nothing compiled is read back from disk.
 
-It serves where a C compiler is present, CasADi brings the SUNDIALS that the program was written for, and the equations are
-x' = f with smooth operations of SX (`available`, `CompiledCvodes.fits`); everywhere else searches integrate through
-CasADi as before, by the same method at the same tolerances.
+It serves on Linux where a C compiler is present, CasADi brings the SUNDIALS that the program was written for, and the
+equations are x' = f (`CompiledCvodes.fits`); everywhere else searches integrate through CasADi, by the same method with the
+same tolerances.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ SOURCE = Path(__file__).parents[1] / "c" / "cvodes.c"
 FLAGS = ("-O2", "-shared", "-fPIC", "-ffp-contract=off")
 VERSIONS = ("3.7", "3.8")  # of CasADi, whose CVODES is that of SUNDIALS 2 with double precision
 MOST_STATES = 60  # of the model: its Jacobian is dense here
-CHUNK = 2000  # stops between two looks whether the run is still wanted
+CHUNK = 100  # stops between two looks whether the run is still wanted
 # What the program knows, in C, of the operands A and B.
 OPERATIONS = {
     "ASSIGN": "A", "ADD": "A + B", "SUB": "A - B", "MUL": "A * B", "DIV": "A / B", "NEG": "-A", "EXP": "exp(A)",
@@ -83,9 +83,9 @@ class CompiledCvodes:
         """`n` states of the model stand first in x, then blocks of their sensitivities, then integrals. `table` (breaks
         (m + 1,), columns (k, m)) is looked up by time in the right-hand side; without it the inputs are given to the call,
         for each interval between two stops, and integration begins anew at each."""
-        program = _program()
-        assert program is not None
-        self._program, self._stops = program, np.ascontiguousarray(stops, float)
+        compiled = program()
+        assert compiled is not None
+        self._program, self._stops = compiled, np.ascontiguousarray(stops, float)
         total, self._n_u = dae["x"].numel(), dae["u"].numel()
         given = [dae[name] for name in ("t", "x", "p", "u")]
         x = dae["x"][:n]
@@ -100,37 +100,36 @@ class CompiledCvodes:
         self._kept: list[Any] = [rows, columns, breaks, pieces, np.zeros((n, n)), np.zeros((n, n)), np.zeros(n),
                                  np.zeros(n, np.int32), right, slope]
         self._problem = _Problem(
-            ctypes.cast(program.sundials, _Pointer), right.structure(), slope.structure(), n,
+            ctypes.cast(compiled.sundials, _Pointer), right.structure(), slope.structure(), n,
             (total // n) if n else 0, total, dae["p"].numel(), self._n_u, len(pieces), table is None and self._n_u > 0,
             *(_address(k) for k in (rows, columns, breaks, pieces)), 0, *(_address(k) for k in self._kept[4:8]), None, None)
         self._totals = total, dae["p"].numel()
-        answer = program.library.prepare(
+        answer = compiled.library.prepare(
             ctypes.byref(self._problem), self._stops[0], tolerances.rtol, tolerances.atol, most_steps, longest)
         # before what it points to is collected
-        weakref.finalize(self, _finish, program.library, self._problem, self._kept)
+        weakref.finalize(self, _finish, compiled.library, self._problem, self._kept)
         if answer:
             raise RuntimeError(f"CVODES could not be prepared ({answer})")
 
     @staticmethod
     def fits(dae: Mapping[str, ca.SX], n: int) -> bool:
         """Whether such equations can be integrated here."""
-        return not dae["z"].numel() and 0 < n <= MOST_STATES and dae["x"].numel() > 0 and _program() is not None and \
+        return not dae["z"].numel() and 0 < n <= MOST_STATES and dae["x"].numel() > 0 and program() is not None and \
             _known(dae["ode"])
 
     def size1_in(self, name: str) -> int:
         """The number of numbers in an input."""
         return {"x0": self._totals[0], "p": self._totals[1], "z0": 0, "u": self._n_u}[name]
 
-    def __call__(self, *, x0: Array, p: Array, z0: Array | None = None, u: Array | None = None) -> dict[str, Array]:
-        """The states (n, N) at the other stops; RuntimeError where CVODES fails."""
+    def __call__(self, **given: Any) -> dict[str, Array]:
+        """The states (n, N) at the other stops from x0 (n,), with p and, without a table, u (n_u, N); RuntimeError where
+        CVODES fails."""
         problem, stops = self._problem, self._stops
-        x, p = (np.ascontiguousarray(k, float).ravel() for k in (x0, p))
-        if (len(x), len(p)) != self._totals:
-            raise ValueError("x0 or p has a wrong length")
+        x, p = (np.ascontiguousarray(given[name], float).ravel() for name in ("x0", "p"))
+        assert (len(x), len(p)) == self._totals  # C reads so many
         if problem.restart:
-            if u is None or np.shape(u) != (self._n_u, len(stops) - 1):
-                raise ValueError("u has a wrong shape")
-            self._held = np.ascontiguousarray(np.asarray(u, float).T)
+            self._held = np.ascontiguousarray(np.asarray(given["u"], float).T)
+            assert self._held.shape == (max(len(stops) - 1, 1), self._n_u)
             problem.pieces, problem.n_pieces = _address(self._held), len(self._held)
         found = np.empty((max(len(stops) - 1, 1), len(x)))
         self._counts[:] = 0
@@ -151,11 +150,6 @@ class CompiledCvodes:
     def stats(self) -> dict[str, Any]:
         """Counts of steps and evaluations of the last call."""
         return dict(zip(("nsteps", "nfevals", "netfails"), self._counts.tolist(), strict=True))
-
-
-def available() -> bool:
-    """Whether searches can be integrated by compiled code on this computer."""
-    return _program() is not None
 
 
 class _Listed:
@@ -236,12 +230,12 @@ class _Program:
 
 
 @lru_cache(maxsize=1)
-def _program() -> _Program | None:
+def program() -> _Program | None:
     """The program, compiled at its first use; None where this computer has no compiler or another SUNDIALS."""
     from heavebond.numerics.solvers import compiler
 
     command = compiler()
-    if command is None or not ca.__version__.startswith(VERSIONS) or not sys.platform.startswith(("linux", "darwin")):
+    if command is None or not ca.__version__.startswith(VERSIONS) or sys.platform != "linux":
         return None
     try:
         sundials = _sundials()
@@ -257,10 +251,6 @@ def _program() -> _Program | None:
 
 
 def _sundials() -> Any:
-    """The addresses of CVODES in CasADi's library; AttributeError where one is missing."""
-    ca.has_integrator("cvodes")
-    folder = Path(ca.__file__).parent
-    found = next(path for suffix in ("so", "dylib") for path in [folder / f"libcasadi_integrator_cvodes.{suffix}"]
-                 if path.exists() or suffix == "dylib")
-    library = ctypes.CDLL(str(found))
+    """The addresses of CVODES in CasADi's library; OSError or AttributeError where they are not found."""
+    library = ctypes.CDLL(str(Path(ca.__file__).parent / "libcasadi_integrator_cvodes.so"))
     return (_Pointer * len(FUNCTIONS))(*(ctypes.cast(getattr(library, name), _Pointer) for name in FUNCTIONS))

@@ -5,15 +5,19 @@ its steps: three to six times as many as the motion asks for. Here the pieces st
 and the integrator (CVODES where there are no algebraic unknowns, which takes fewer evaluations a step than IDAS) steps over
 the samples under its error control. What a search finds is reported from runs of `Simulator`.
 
+Where a C compiler is present, a compiled program drives CVODES and evaluates the equations (see `compiled_cvodes`): two to
+four times as fast for a machine of few states.
+
 An input that jumps at its samples (`interpolation: hold`) has to be stopped at. Methods of several steps begin each stretch
-with their lowest order and their shortest steps; where that takes many evaluations a sample, a one-step method takes over,
-which needs a step or two.
+with their lowest order and their shortest steps; where that takes many evaluations a sample and nothing is compiled, a
+one-step method takes over, which needs a step or two.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -36,14 +40,51 @@ LONGEST = 2
 # Evaluations from one sample to the next from which on a one-step method costs less, each of whose steps takes eight and a
 # Jacobian. It errs by far less than it is allowed to, as its steps end at the samples: so many times as much will do.
 RESTARTED, LOOSER = 20, 10.0
+# Share of the tolerances asked for with which the compiled program checks a search.
+FINER = 0.1
 
 
 class Unexplained(Simulator):
     """A `Simulator` for one candidate among many: where it gives up it does so soon, and does not look for the reason, which
-    would cost further runs."""
+    would cost further runs. Where the compiled program can integrate its equations, it does so with tolerances that are
+    `FINER` than asked for; IDAS, which stops at every sample of an input, errs as little."""
+
+    most_steps = MOST_EXACT
+
+    @property
+    def looks_up(self) -> bool:
+        """Whether inputs are looked up in the equations."""
+        inputs = self.assembly.flat.inputs
+        return self._may_look_up and bool(inputs) and self.factors is None and \
+            all(k.source.interpolation == "spline" for k in inputs)
+
+    @property
+    def _may_look_up(self) -> bool:
+        return self._fits
+
+    @cached_property
+    def _fits(self) -> bool:
+        """Whether the compiled program integrates the equations."""
+        return not self.assembly.flat.events and not self.charts.needed and self.quadratures is None and \
+            CompiledCvodes.fits(self.integrand.dae, len(self.assembly.x_nominal))
+
+    def _driven(self, times: Array) -> dict[str, Array]:
+        return {} if self.looks_up else super()._driven(times)
 
     def _integrator(self) -> Integrator:
-        return integrator(self.solver.name, self.integrand, self.stops, self.tolerances, MOST_EXACT)
+        return self._compiled(FINER) if self._fits else \
+            integrator(self.solver.name, self.integrand, self.stops, self.tolerances, self.most_steps)
+
+    def _compiled(self, share: float) -> Integrator:
+        """The compiled program with so much of the tolerances."""
+        tolerances = replace(self.tolerances, rtol=share * self.tolerances.rtol, atol=share * self.tolerances.atol)
+        table = (self.pieces.breaks, self.pieces.columns) if self.looks_up else None
+        return CompiledCvodes(self.integrand.dae, len(self.assembly.x_nominal), self.stops, tolerances, self.most_steps,
+                              table, self._longest() if self.looks_up else 0.0)
+
+    def _longest(self) -> float:
+        """The longest step, in s, over inputs that are looked up."""
+        return LONGEST * float(np.median(np.diff(self.pieces.breaks)))
 
     def _failure(self, assembly: Assembly, first: Start, said: str) -> SimulationError:
         return SimulationError([Problem("integration-failed", "the integration stopped")])
@@ -53,44 +94,34 @@ class QuickSimulator(Unexplained):
     """A `Simulator` for searches. Where a diagram has events, or inputs with kinks or jumps at their samples, it is one in
     all but its messages."""
 
+    most_steps = MOST_STEPS
+
     def __init__(self, *given: Any, like: Simulator | None = None, **named: Any):
         self.one_step: bool = isinstance(like, QuickSimulator) and like.one_step
         super().__init__(*given, like=like, **named)
 
     @property
-    def looks_up(self) -> bool:
-        """Whether inputs are looked up in the equations."""
-        inputs = self.assembly.flat.inputs
-        return bool(inputs) and self.factors is None and all(k.source.interpolation == "spline" for k in inputs)
-
-    def _driven(self, times: Array) -> dict[str, Array]:
-        return {} if self.looks_up else super()._driven(times)
+    def _may_look_up(self) -> bool:
+        return True
 
     def _integrator(self) -> Integrator:
-        dae = self.integrand.dae
-        n = dae["x"].numel() // (1 + len(self.sensitivities)) if self.quadratures is None else 0
-        if not self.assembly.flat.events and not self.charts.needed and CompiledCvodes.fits(dae, n):
-            table = (self.pieces.breaks, self.pieces.columns) if self.looks_up else None
-            longest = LONGEST * float(np.median(np.diff(self.pieces.breaks))) if self.looks_up else 0.0
-            return CompiledCvodes(dae, n, self.stops, self.tolerances, MOST_STEPS, table, longest)
-        return self._interpreted()
-
-    def _interpreted(self) -> Integrator:
+        if self._fits:
+            return self._compiled(1.0)
         dae, looser = self.integrand.dae, LOOSER if self.one_step else 1.0
         solver = "rosenbrock" if self.one_step else "idas" if dae["z"].numel() else "cvodes"
         tolerances = replace(self.tolerances, rtol=looser * self.tolerances.rtol, atol=looser * self.tolerances.atol)
-        options = {**solver_options(solver, dae, tolerances), "max_num_steps": MOST_STEPS}
+        options = {**solver_options(solver, dae, tolerances), "max_num_steps": self.most_steps}
         given: dict[str, Any] = dict(dae)
         if self.looks_up:
             given = self._with_table()
-            options["max_step_size"] = LONGEST * float(np.median(np.diff(self.pieces.breaks)))
+            options["max_step_size"] = self._longest()
         if not dae["z"].numel():
             del given["z"], given["alg"]
         outputs = list(self.stops[1:]) if len(self.stops) > 1 else [self.stops[0] + 1.0]
         return Buffered(ca.integrator("run", solver, given, float(self.stops[0]), outputs, options), ("xf", "zf"))
 
     def attempt(self, first: Start, moved: Tangent | None = None) -> Trace:
-        stopped = bool(self.assembly.flat.inputs) and not self.looks_up
+        stopped = bool(self.assembly.flat.inputs) and not self.looks_up and not self._fits
         try:
             found = super().attempt(first, moved)
         except RuntimeError:
