@@ -193,7 +193,7 @@ def _tape(given: Sequence[ca.SX], wanted: ca.SX) -> _Listed:
 
     def placed(slots: Any) -> NDArray[np.int32]:
         slots = np.array(slots, np.int32)
-        return np.where(slots < 0, ~slots, slots + first).astype(np.int32)
+        return np.asarray(np.where(slots < 0, ~slots, slots + first), np.int32)
 
     code.append((END, 0, 0, 0))
     table = np.array(code, np.int32)
@@ -235,7 +235,7 @@ def program() -> _Program | None:
     from heavebond.numerics.solvers import compiler
 
     command = compiler()
-    if command is None or not ca.__version__.startswith(VERSIONS) or sys.platform != "linux":
+    if command is None or not ca.CasadiMeta.version().startswith(VERSIONS) or sys.platform != "linux":
         return None
     try:
         sundials = _sundials()
