@@ -159,16 +159,45 @@ def test_a_folder_is_made_with_its_parents(folder: Path) -> None:
         "  Give another one.\n"
 
 
-@pytest.mark.parametrize("words", [("try", "receiver_rig/choked", "inlet.b_cr", "--write", "."),
-                                   ("diagnose", "receiver_rig/choked")])
-@pytest.mark.parametrize("there", ["choked_2.yaml", "receiver_rig_2.yaml"])
-def test_nothing_is_written_over(words: tuple[str, ...], there: str, folder: Path) -> None:
+@pytest.mark.parametrize("there", ["choked_2.yaml", "receiver_rig_2.yaml", "choked_2_input.csv"])
+def test_nothing_is_written_over(there: str, folder: Path) -> None:
+    given = load_experiment("receiver_rig/choked")
     (folder / there).write_text("mine")
-    answer = call(*words)
-    assert answer.exit_code == 2
-    assert answer.stderr == (f"{there} exists already [file-exists]\n"
-                             "  Move it away, or give another folder.\n")
-    assert [(path.name, path.read_text()) for path in folder.iterdir()] == [(there, "mine")]
+    (folder / "choked_4.yaml").write_text("mine too")
+    (folder / "choked_report.html").write_text("an earlier one")
+    found = Targets.beside(given, None)
+    assert [found.pair(k)[1].name for k in range(3)] == ["choked_3.yaml", "choked_5.yaml", "choked_6.yaml"]
+    assert (found.proposal.name, found.report.name) == ("choked_3_input.csv", "choked_report_2.html")
+    assert found.passed == Path(there)
+
+
+def test_a_diagnosis_can_be_repeated(folder: Path) -> None:
+    """The same command again keeps the files of the first and writes others."""
+    words = ("diagnose", "receiver_rig/choked", "--only", "choked flow", "--processes", "1")
+    assert call(*words).exit_code == 0
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    again = call(*words)
+    assert again.exit_code == 0, again.stderr
+    assert "receiver_rig_2.yaml exists and is kept: the new files have the next free number" in again.stdout
+    assert "wrote choked_3.yaml" in again.stdout and "wrote choked_report_2.html" in again.stdout
+    assert {name: (folder / name).read_bytes() for name in before} == before
+    assert load_experiment(folder / "choked_3.yaml").model.path.name == "receiver_rig_3.yaml"
+
+
+def test_a_file_that_try_is_told_to_write(folder: Path) -> None:
+    """An earlier result is kept, the next free number is taken; a file of the user is refused."""
+    words = ("try", "receiver_rig/choked", "inlet.b_cr", "--write", "results/choking.yaml")
+    first, again = call(*words), call(*words)
+    assert (first.exit_code, again.exit_code) == (0, 0), again.stderr
+    assert "wrote results/choking.yaml" in first.stdout and "next free number" not in first.stdout
+    assert "results/choking_diagram.yaml exists and is kept" in again.stdout
+    assert "wrote results/choking_2.yaml" in again.stdout
+    assert load_experiment(folder / "results" / "choking_2.yaml").model.path.name == "choking_diagram_2.yaml"
+    (folder / "mine.yaml").write_text("experiment: mine")
+    refused = call(*words[:-1], "mine.yaml")
+    assert refused.exit_code == 2
+    assert refused.stderr == "mine.yaml exists already [file-exists]\n  Give another name, or remove it first.\n"
+    assert (folder / "mine.yaml").read_text() == "experiment: mine"
 
 
 @pytest.mark.parametrize(("replaces", "start", "said"), [

@@ -71,13 +71,17 @@ def diagnose(experiment: str, steps: int, auto: bool, classes: tuple[str, ...], 
         raise
     with finishing(terminal.warn):
         _show(found)
+        targets = Targets.beside(given, folder)  # another command may have written there meanwhile
         added = [*found.findings, *([found.shape] if found.shape is not None else [])]
         files = write_findings(given, added, targets)
         proposed = write_proposal(found.separation, targets.proposal) if found.separation is not None else []
     places = _where(found, began + seconds - clock.perf_counter())
     with finishing(terminal.warn):
+        page = report_file or targets.report
         write_text(page, report(found, places, written=files))
     console = terminal.output()
+    if (files or proposed) and targets.passed:
+        console.print(f"{targets.passed} exists and is kept: the new files have the next free number", soft_wrap=True)
     for path in (*files, *proposed, page):
         console.print(f"wrote {path}", soft_wrap=True)
     if any(step.partial for step in found.steps):

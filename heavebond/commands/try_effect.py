@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from heavebond.commands.arguments import json_option
+
+if TYPE_CHECKING:
+    from heavebond.diagnosis.diagnosis_files import Targets
+    from heavebond.estimation.experiment import Experiment
 
 
 @click.command("try", short_help="Try one missing effect by hand.")
@@ -14,10 +19,11 @@ from heavebond.commands.arguments import json_option
 @click.argument("component")
 @click.option("--between", nargs=2, metavar="NODE NODE", help="The two nodes between which it stands.")
 @click.option("--at", "at", metavar="NAME", multiple=True, help="The node, part or output at which it stands.")
-@click.option("--write", "folder", metavar="FOLDER", type=click.Path(path_type=Path, file_okay=False),
-              help="Write the diagram with the effect, and the experiment on it, into FOLDER (made if needed).")
+@click.option("--write", "written", metavar="FOLDER|FILE", type=click.Path(path_type=Path),
+              help="Write the diagram with the effect, and the experiment on it, into FOLDER (made if needed), or the "
+              "experiment as FILE.yaml. Names of earlier results are counted up.")
 @json_option
-def try_effect(experiment: str, component: str, between: tuple[str, str] | None, at: tuple[str, ...], folder: Path | None
+def try_effect(experiment: str, component: str, between: tuple[str, str] | None, at: tuple[str, ...], written: Path | None
                ) -> dict[str, object]:
     """Add COMPONENT to the diagram of EXPERIMENT, estimate all free parameters with it, and show the errors.
 
@@ -29,11 +35,11 @@ def try_effect(experiment: str, component: str, between: tuple[str, str] | None,
     from heavebond.commands.errors import table
     from heavebond.core.presentation import number
     from heavebond.diagnosis.diagnosis import attempt
-    from heavebond.diagnosis.diagnosis_files import Targets, write_findings
+    from heavebond.diagnosis.diagnosis_files import write_findings
     from heavebond.estimation.experiment import load_experiment
 
     given = load_experiment(experiment)
-    targets = Targets.beside(given, folder) if folder is not None else None
+    targets = _targets(given, written)
     with terminal.working("trying") as progress:
         found = attempt(given, component, [*(between or ()), *at], progress=progress)
     console = terminal.output()
@@ -42,9 +48,21 @@ def try_effect(experiment: str, component: str, between: tuple[str, str] | None,
     console.print(f"BIC changes by {number(found.bic_difference, 4)} (below -10 is strong evidence for the effect); on "
                   + ("held-out data the error falls by more than chance." if found.earned else
                      "held-out data the effect does not lower the error by more than chance."), soft_wrap=True)
+    targets = _targets(given, written)  # another command may have written there meanwhile
     files = [] if targets is None else write_findings(given, [found.finding], targets)
+    if targets is not None and targets.passed:
+        console.print(f"{targets.passed} exists and is kept: the new files have the next free number", soft_wrap=True)
     for path in files:
         console.print(f"wrote {path}", soft_wrap=True)
     if files:
         console.print(f"go on: heavebond compare {files[-1]}; heavebond diagnose {files[-1]}", soft_wrap=True)
     return {"experiment": given.name, **found.as_dict(), "files": list(map(str, files))}
+
+
+def _targets(given: Experiment, written: Path | None) -> Targets | None:
+    """What --write names: a file where it ends in .yaml, else a folder; None without it."""
+    from heavebond.diagnosis.diagnosis_files import Targets
+
+    if written is None:
+        return None
+    return Targets.named(given, written) if written.suffix in (".yaml", ".yml") else Targets.beside(given, written)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from heavebond.core.errors import Problem, UsageError
+from heavebond.core.errors import HeavebondError, Problem, UsageError
 from heavebond.core.numerals import whole
 from heavebond.core.presentation import readable_unit
 from heavebond.core.units import read_unit
@@ -17,6 +18,9 @@ from heavebond.estimation.change import block, quoted
 from heavebond.estimation.diagram_files import extended_from, fitted_values, quantity, span, write, write_new
 from heavebond.estimation.experiment import FIXED, Experiment, load_experiment
 from heavebond.language.library import bundled
+from heavebond.text.yaml_source import read
+
+LADDER = 12  # findings of a diagnosis at most, a shape included
 
 
 def finding_files(finding: AddedEffect, before: Experiment, model: Path, experiment: Path) -> tuple[str, str]:
@@ -44,47 +48,87 @@ def finding_files(finding: AddedEffect, before: Experiment, model: Path, experim
 
 @dataclass(frozen=True)
 class Targets:
-    """Where the files of findings go: pairs (diagram, experiment) of names that are free, in `folder`."""
+    """Where the files of findings go: pairs (diagram, experiment) in `folder` whose names are free. A name gets the next
+    numbers, counted from those of `experiment` plus `first`; `numbers` are those that no file has yet."""
 
     folder: Path
     model: str
     experiment: str
+    first: int = 1
+    numbers: tuple[int, ...] = ()
 
     @classmethod
     def beside(cls, experiment: Experiment, folder: Path | None) -> Targets:
         """Beside the experiment (a bundled one: in the current folder), its names counted up: rig.yaml, rig_2.yaml, ...
 
-        UsageError where the next file exists already: nothing is written over, and it is found before the search.
+        Files that exist are kept: the next free number is taken. UsageError where nothing can be written in the folder.
         """
         inside = experiment.path.resolve().is_relative_to(bundled("models").resolve())
         found = cls(folder or (Path() if inside else experiment.path.parent), experiment.model.path.stem,
-                    experiment.path.stem)
-        for path in (*found.pair(0), found.proposal):
-            if path.exists():
-                raise UsageError([Problem("file-exists", f"{path} exists already", None,
-                                          "Move it away, or give another folder.")])
+                    experiment.path.stem)._with_free_numbers()
         make_folder(found.folder)
         if reason := why_unwritable(found.folder):
             raise UsageError([Problem("file-unwritable", f"nothing can be written in '{found.folder}': {reason}", None,
                                       "Give another one: --folder FOLDER (with `try`: --write FOLDER).")])
         return found
 
-    def pair(self, k: int) -> tuple[Path, Path]:
-        """The files of the k-th finding, counted from 0."""
-        model, experiment = (_counted(name, k + 1) for name in (self.model, self.experiment))
+    @classmethod
+    def named(cls, experiment: Experiment, file: Path) -> Targets:
+        """The experiment of one finding as `file`, and its diagram as FILE_diagram.yaml beside it; with the next free number
+        where these are of an earlier result for the same experiment. UsageError where they are somebody else's."""
+        found = cls(file.parent, f"{file.stem}_diagram", file.stem, 0)._with_free_numbers()
+        if found.passed and not is_finding(file, experiment):
+            raise UsageError([Problem("file-exists", f"{found.passed} exists already", None,
+                                      "Give another name, or remove it first.")])
+        make_folder(found.folder)
+        if reason := why_unwritable(found.folder):
+            raise UsageError([Problem("file-unwritable", f"'{file}' cannot be written: {reason}")])
+        return found
+
+    def _with_free_numbers(self) -> Targets:
+        free = (k for k in itertools.count(self.first) if not any(path.exists() for path in self._files(k)))
+        return replace(self, numbers=tuple(itertools.islice(free, LADDER)))
+
+    def _pair(self, number: int) -> tuple[Path, Path]:
+        model, experiment = (_counted(name, number) for name in (self.model, self.experiment))
         model = f"{model}_diagram" if model == experiment else model
         return self.folder / f"{model}.yaml", self.folder / f"{experiment}.yaml"
+
+    def _files(self, number: int) -> tuple[Path, ...]:
+        experiment = self._pair(number)[1]
+        return *self._pair(number), experiment.with_name(f"{experiment.stem}_input.csv")
+
+    def pair(self, k: int) -> tuple[Path, Path]:
+        """The files of the k-th finding, counted from 0."""
+        return self._pair(self.numbers[k])
+
+    @property
+    def passed(self) -> Path | None:
+        """The first file that exists and keeps its name; None where there is none."""
+        taken = (path for k in range(self.first, self.numbers[0]) for path in self._files(k) if path.exists())
+        return next(taken, None)
 
     @property
     def proposal(self) -> Path:
         """The input that would tell alternatives apart: `rig_2_input.csv` beside `rig_2.yaml`."""
-        experiment = self.pair(0)[1]
-        return experiment.with_name(f"{experiment.stem}_input.csv")
+        return self._files(self.numbers[0])[-1]
 
     @property
     def report(self) -> Path:
-        """The page on the diagnosis of `rig.yaml`, `rig_report.html`: that of `rig_2.yaml` is another one."""
-        return self.folder / f"{self.experiment}_report.html"
+        """The page on the diagnosis of `rig.yaml`: `rig_report.html`, `rig_report_2.html` where that exists (the page of
+        `rig_2.yaml` is `rig_2_report.html`)."""
+        names = (f"{self.experiment}_report{f'_{k}' if k > 1 else ''}.html" for k in itertools.count(1))
+        return next(path for name in names if not (path := self.folder / name).exists())
+
+
+def is_finding(path: Path, before: Experiment) -> bool:
+    """Whether a file is an experiment that `write_findings` wrote for a finding in the experiment `before`."""
+    try:
+        root = read(path).root.items
+    except (HeavebondError, OSError):
+        return False
+    name, extended = (getattr(root.get(key), "text", "") for key in ("experiment", "extends"))
+    return name.startswith(f"{before.name}, with ") and extended == extended_from(path, before.path)
 
 
 def make_folder(folder: Path) -> None:
@@ -97,7 +141,9 @@ def make_folder(folder: Path) -> None:
 
 
 def _counted(name: str, more: int) -> str:
-    """`rig` as `rig_2`, `rig_2` as `rig_3`."""
+    """`rig` as `rig_2`, `rig_2` as `rig_3`; itself for `more` = 0."""
+    if not more:
+        return name
     base, _, number = name.rpartition("_")
     last = whole(number)
     return f"{base}_{last + more}" if base and last is not None else f"{name}_{1 + more}"
