@@ -240,6 +240,18 @@ def test_gaps_are_told_once_for_a_file(tmp_path: Path) -> None:
     assert "one.csv: 2 gaps in the samples of 'x', 'F', the longest from 1.98 s to 3 s; nothing is compared there" in told
 
 
+def test_every_command_works_across_bridged_gaps(tmp_path: Path) -> None:
+    """The inputs that `localize` estimates have the times of the samples, whose gaps are joined too."""
+    columns = record()
+    columns["x"][200:230] = columns["F"][200:230] = columns["u"][100:104] = np.nan
+    given = experiment(tmp_path, columns, input="gaps: bridge")
+    assert compare(given).records["one"].channels["load.x"].time.size == 371
+    found = hb.localize(given)
+    assert not found.missing and found.chi2 < 1.5
+    tried = hb.attempt(given, "CoulombFriction", ["base", "load"])
+    assert near_noise(tried.ladder[-1].chi2_fit, 480)
+
+
 def test_a_gap_in_several_inputs_of_a_file_is_told_once(tmp_path: Path) -> None:
     columns = record()
     columns["u"][100:108] = np.nan

@@ -144,7 +144,8 @@ def with_virtual_sources(flat: Flat, nodes: Mapping[str, Node], file: Path) -> F
         place = flat.equations[row].place
         name = f"virtual.{node.name}"
         symbols = ca.vertcat(*(ca.SX.sym("d" * k + name) for k in range(4)))
-        source = FileInput(file, node.name, node.unit.text, "linear", place, "time")
+        # its file has the times of the samples: where these have a gap, the estimate is joined across it
+        source = FileInput(file, node.name, node.unit.text, "linear", place, "time", bridge=True)
         inputs.append(KnownInput(name, source, node.unit, symbols))
         # what flows into the components sums to what the source delivers
         residuals[row] = residuals[row] - symbols[0]
