@@ -50,13 +50,16 @@ def compare(experiment: str, settings: tuple[str, ...], output: Path | None) -> 
                       f"reduced chi-square {number(part.chi2, 3)}", soft_wrap=True)
     for line in noticed(comparison, console.width):
         console.print(line)
+    for line in comparison.advice:
+        console.print(line, soft_wrap=True)
     files = []
     if output is not None:
         from heavebond.pictures.plot import plot_comparison, save
 
         files.append(save(plot_comparison(comparison), output))
         console.print(f"wrote {output}", soft_wrap=True)
-    return {"experiment": comparison.experiment.name, "records": comparison.as_dict(), "files": list(map(str, files))}
+    return {"experiment": comparison.experiment.name, "records": comparison.as_dict(), "advice": list(comparison.advice),
+            "files": list(map(str, files))}
 
 
 def noticed(comparison: Comparison, width: int) -> list[str]:

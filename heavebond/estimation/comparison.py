@@ -15,6 +15,7 @@ from heavebond.core.errors import NAMES_LISTED, DataError, HeavebondError, Model
 from heavebond.core.presentation import brief, count, number, readable_time
 from heavebond.core.reporting import place, reporting
 from heavebond.core.units import dimension_text, read_unit
+from heavebond.estimation.constant_bias import all_advice
 from heavebond.estimation.experiment import Experiment, Output, Record, load_experiment
 from heavebond.estimation.records import Mask, Measured, Samples, measure, moments
 from heavebond.estimation.unit_and_sign_checks import seems_in_another_unit, seems_turned, seems_without_sign
@@ -141,6 +142,16 @@ class Comparison:
     def parts(self) -> list[RecordComparison]:
         """Every record, and behind it the part of it that is held out where there is one."""
         return [part for r in self.records.values() for part in (r, r.validate) if part is not None]
+
+    @property
+    def advice(self) -> tuple[str, ...]:
+        """A line for each channel whose bias is equal on all records."""
+        names = [name for name in self.experiment.outputs
+                 if not any(any(_slips(r.channels[name], self.experiment.outputs[name])) for r in self.records.values())]
+        residuals = {name: [(c.measured - c.model)[~c.outlier] for c in (r.channels[name] for r in self.records.values())]
+                     for name in names}
+        noise = {name: max(r.channels[name].noise for r in self.records.values()) for name in names}
+        return tuple(all_advice(self.experiment, residuals, noise))
 
     def as_dict(self) -> dict[str, object]:
         """All figures, for machines."""

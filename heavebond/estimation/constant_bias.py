@@ -1,0 +1,102 @@
+"""Biases of channels that are equal on all records: offsets of sensors or of inputs.
+
+The bias of a record is the mean of its residuals. Residuals are hardly ever white, so that its standard error is not that of
+n independent samples: it is taken from the means of ten batches of successive samples (R. W. Conway, Management Science 10
+(1963) 47-61, doi 10.1287/mnsc.10.1.47), which are nearly independent where the residuals are correlated over less than a
+tenth of the record.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from heavebond.core.errors import listing
+from heavebond.core.presentation import number, path_text, readable_unit
+from heavebond.core.units import read_unit
+from heavebond.estimation.experiment import Experiment, Output
+from heavebond.numerics.dae import Array
+
+BATCHES = 10  # of successive samples
+LEAST = 5  # samples in a batch
+SIGNIFICANT = 3.25  # standard errors: 1 % (two-sided) of Student's t with 9 degrees of freedom
+INTERVAL = 2.262  # and 5 %
+SIMILAR = 0.3  # share of the common bias by which that of a record may differ; more where its standard error is large
+NEAR = 3.0  # reduced chi-square of residuals without their bias up to which little else is wrong
+NOTICEABLE = 0.3  # of the channel's noise: a smaller bias changes chi-square by less than a tenth
+
+
+@dataclass(frozen=True)
+class Bias:
+    """The mean residual of a channel in one record, and its standard error, in the channel's unit."""
+
+    value: float
+    deviation: float
+
+    @property
+    def significant(self) -> bool:
+        """Whether it differs from zero."""
+        return abs(self.value) > SIGNIFICANT * self.deviation
+
+
+def mean_residual(residuals: Array) -> Bias | None:
+    """The mean of residuals (n,) in the order of their times, with a standard error that allows for their correlation; None
+    for fewer than 50 samples."""
+    if len(residuals) < BATCHES * LEAST:
+        return None
+    means = [float(np.mean(part)) for part in np.array_split(residuals, BATCHES)]
+    return Bias(float(np.mean(residuals)), float(np.std(means, ddof=1)) / math.sqrt(BATCHES))
+
+
+def common_bias(biases: Sequence[Bias | None], noise: float) -> Bias | None:
+    """The bias that all records share, weighted by their precision; None where there is only one record, where one of them
+    is not significant, or where they differ in sign or size."""
+    found = [bias for bias in biases if bias is not None and bias.significant]
+    if len(found) < len(biases) or len(found) < 2:
+        return None
+    weights = np.array([1 / max(bias.deviation, 1e-3 * abs(bias.value))**2 for bias in found])
+    mean = float(weights @ [bias.value for bias in found] / weights.sum())
+    alike = all(bias.value * mean > 0 and abs(bias.value - mean) <= max(SIMILAR * abs(mean), 2 * bias.deviation)
+                for bias in found)
+    return Bias(mean, float(1 / np.sqrt(weights.sum()))) if alike and abs(mean) > NOTICEABLE * noise else None
+
+
+def advice(experiment: Experiment, name: str, bias: Bias, chi2: float) -> str:
+    """A line on a channel whose bias is equal on all records, with what to write and to try. `chi2` is the reduced
+    chi-square without the bias: where it is far from the noise, missing physics may have caused the bias too."""
+    output = experiment.outputs[name]
+    value, unit = _written(output, bias.value)
+    half = _written(output, INTERVAL * bias.deviation, beside=bias.value)[0]
+    size = f"{number(value, 3)} +- {number(half, 2)}{unit} (95 %)"
+    sign = "+" if value > 0 else "-"
+    attempt = f"heavebond try {path_text(experiment.path)} SensorOffset --at"
+    inputs = dict.fromkeys([*experiment.inputs, *(n for r in experiment.records.values() for n in r.inputs)])
+    other = f" or of an input (--at {listing(inputs, 3)})" if inputs else ""
+    cause = f"which suggests an offset of the sensor{other}" if chi2 < NEAR else \
+        f"from an offset of the sensor{other}, or from a missing effect, as without it chi-square is still {number(chi2, 3)}"
+    return f"{name}: bias equal on all records, {size}, {cause}: " \
+        f"`{attempt} {name}` estimates it; `is: {output.shown.text} {sign} {number(abs(value), 3)}{unit}` at this output " \
+        "corrects the sensor"
+
+
+def _written(output: Output, value: float, beside: float | None = None) -> tuple[float, str]:
+    """A difference of a channel as a number and its unit: of degC in K."""
+    text = output.shown.unit
+    unit = read_unit(text)
+    if unit.offset:
+        return value * unit.scale, " K"
+    shown = readable_unit(text, value if beside is None else beside)
+    if shown != text:
+        value = value * unit.scale / read_unit(shown).scale
+    return value, "" if shown == "1" else f" {shown}"
+
+
+def all_advice(experiment: Experiment, residuals: Mapping[str, Sequence[Array]], noise: Mapping[str, float]) -> list[str]:
+    """The lines for all channels; `residuals` (n,) of each by record, measured less model, in its unit."""
+    found = {name: common_bias([mean_residual(part) for part in parts], noise[name]) for name, parts in residuals.items()}
+    rest = {name: max((float(np.var(part)) / noise[name]**2 for part in parts if len(part)), default=0.0)
+            for name, parts in residuals.items() if found[name] is not None}
+    return [advice(experiment, name, bias, rest[name]) for name, bias in found.items() if bias is not None]

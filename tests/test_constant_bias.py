@@ -1,0 +1,110 @@
+"""A bias that is equal on all records: an offset of a sensor or of an input."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import heavebond as hb
+from heavebond.cli import main
+from heavebond.estimation.constant_bias import Bias, common_bias, mean_residual
+
+MODEL = """
+model: rig
+components:
+  foot:   {is: PositionSource, u: 0 m}
+  spring: {is: SpringDamper, c: 1 kN/m, d: 40 N*s/m}
+  cart:   {is: Mass, m: 5 kg}
+nodes: {base: [foot.a, spring.a], load: [spring.b, cart.a]}
+initial: {load.x: 0 m, load.v: 0 m/s}
+"""
+EXPERIMENT = """
+experiment: rig
+model: rig.yaml
+records: {one: {file: one.csv, use: fit}, two: {file: two.csv, use: validate}}
+time: {column: t, unit: s}
+inputs: {foot.u: {column: u, unit: mm, interpolation: spline}}
+outputs: {load.x: {column: x, unit: mm, noise: 0.5 mm}}
+"""
+
+
+def coloured(random: np.random.Generator, n: int, memory: float) -> np.ndarray:
+    """First-order autoregressive noise of standard deviation 1."""
+    found = random.standard_normal(n)
+    for k in range(1, n):
+        found[k] = memory * found[k - 1] + np.sqrt(1 - memory**2) * found[k]
+    return found
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.9, 0.97])
+def test_the_standard_error_allows_for_correlation(memory: float) -> None:
+    """A mean of zero counts as significant in about 1 % of draws, where that of independent samples would in half."""
+    random = np.random.default_rng(3)
+    found = [mean_residual(coloured(random, 1500, memory)) for _ in range(200)]
+    assert sum(bias is not None and bias.significant for bias in found) <= 10
+    shifted = [mean_residual(2 + coloured(random, 1500, memory)) for _ in range(20)]
+    assert all(bias is not None and bias.significant for bias in shifted)
+    assert mean_residual(np.ones(49)) is None
+
+
+def test_only_what_all_records_share_counts() -> None:
+    assert common_bias([Bias(2.0, 0.1), Bias(2.2, 0.1)], 0.5) is not None
+    assert common_bias([Bias(2.0, 0.1)], 0.5) is None  # one record
+    assert common_bias([Bias(2.0, 0.1), Bias(-2.0, 0.1)], 0.5) is None  # signs
+    assert common_bias([Bias(2.0, 0.1), Bias(5.0, 0.1)], 0.5) is None  # sizes
+    assert common_bias([Bias(2.0, 0.1), Bias(2.0, 1.0)], 0.5) is None  # not significant in one of them
+    assert common_bias([Bias(2.0, 0.1), Bias(2.0, 0.1)], 10.0) is None  # far below the noise
+    assert common_bias([Bias(2.0, 0.1), None], 0.5) is None
+
+
+def write(folder: Path, offsets: tuple[float, float], unit: str = "mm") -> None:
+    (folder / "rig.yaml").write_text(MODEL)
+    (folder / "beside.yaml").write_text(EXPERIMENT.replace("noise: 0.5 mm", f"noise: 0.5 {unit}").replace(
+        "column: x, unit: mm", f"column: x, unit: {unit}"))
+    random = np.random.default_rng(1)
+    for name, offset, period in zip(("one", "two"), offsets, (1.7, 1.1), strict=True):
+        time = np.arange(0, 20, 0.02)
+        u = 20 * np.sin(2 * np.pi * time / period) * (1 - np.exp(-time))
+        (folder / "u.csv").write_text("t,u\n" + "".join(f"{t:.2f},{v:.6f}\n" for t, v in zip(time, u, strict=True)))
+        run = hb.simulate(hb.loads(MODEL.replace("u: 0 m", "u: {file: u.csv, column: u, unit: mm, interpolation: spline, "
+                                                 "time: {column: t, unit: s}}")), until=19.98, every=0.02)
+        x = 1e3 * run["load.x"] + offset + 0.5 * coloured(random, len(time), 0.8)
+        rows = zip(time, u, x, strict=True)
+        (folder / f"{name}.csv").write_text("t,u,x\n" + "".join(f"{t:.2f},{a:.6f},{b:.5f}\n" for t, a, b in rows))
+
+
+def test_compare_suggests_an_offset(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path, (2.0, 2.0))
+    said = CliRunner().invoke(main, ["compare", "beside.yaml"]).stdout.splitlines()
+    lines = [line for line in said if "bias equal on all records" in line]
+    assert len(lines) == 1
+    found = re.match(r"load.x: bias equal on all records, (\S+) \+- (\S+) mm \(95 %\)", lines[0])
+    assert found and abs(float(found[1]) - 2) < 2 * float(found[2]) < 0.4
+    assert "which suggests an offset of the sensor or of an input" in lines[0]
+    assert "`heavebond try beside.yaml SensorOffset --at load.x`" in lines[0] and "(--at foot.u)" in lines[0]
+    # what is advised can be typed
+    formula = re.search(r"`(is: load.x \+ \S+ mm)`", lines[0])
+    assert formula
+    text = (tmp_path / "beside.yaml").read_text()
+    (tmp_path / "beside.yaml").write_text(text.replace("load.x: {column", f"load.x: {{{formula[1]}, column"))
+    corrected = hb.compare("beside.yaml")
+    assert corrected.advice == () and all(abs(r.channels["load.x"].bias) < 0.2 for r in corrected.records.values())
+
+
+def test_a_bias_among_larger_errors_may_have_another_cause() -> None:
+    """The choked valve of the receiver: its pressure is too high on all records, but not by a constant."""
+    line, = hb.compare("receiver_rig/choked").advice
+    assert "or from a missing effect, as without it chi-square is still" in line
+
+
+@pytest.mark.parametrize("offsets", [(0.0, 0.0), (2.0, -2.0), (2.0, 0.0), (1.0, 4.0)])
+def test_nothing_is_advised_where_the_records_differ(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+                                                     offsets: tuple[float, float]) -> None:
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path, offsets)
+    assert hb.compare("beside.yaml").advice == ()
