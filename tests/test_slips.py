@@ -5,7 +5,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
+from heavebond.cli import main
 from heavebond.core.errors import DataError, HeavebondError, ModelError
 from heavebond.diagnosis import verdict
 from heavebond.diagnosis.ladder import LadderEntry
@@ -14,7 +16,9 @@ from heavebond.estimation.experiment import load_experiment
 from heavebond.estimation.fitting import fit
 from heavebond.estimation.unit_and_sign_checks import (
     declared_otherwise,
+    length_seems_in,
     seems_in_another_unit,
+    seems_of_another_sign,
     seems_turned,
     seems_without_sign,
     time_seems_in,
@@ -262,3 +266,72 @@ inputs: {{push.u: {{column: push, unit: N, interpolation: {between}}}}}
 outputs: {{load.x: {{column: load, unit: mm}}}}
 """)
     assert any("`interpolation: linear`" in note for note in compare(path).records["one"].notes) == told
+
+
+# -- of two hints that exclude each other the likelier ----------------------------------------------------------------
+def test_one_hint_about_an_input_that_is_held(tmp_path: Path) -> None:
+    """All channels look early; to shift each of them would be the other way to correct the same."""
+    test_an_input_that_should_not_be_held_is_told(tmp_path, "hold", True)
+    notes = compare(tmp_path / "beside.yaml").records["one"].notes
+    assert not any("write `shift:" in note or "if shifted in time" in note for note in notes)
+
+
+def test_one_hint_about_a_sign() -> None:
+    below = MOTION - np.max(MOTION)  # never above zero
+    assert seems_without_sign(-below, below, "x") and seems_turned(-below, below, "x")
+    assert "is: -(x)" in (seems_of_another_sign(-below, below, "x") or "")
+    below = MOTION - 0.85
+    assert "is: abs(x)" in (seems_of_another_sign(np.abs(below), below, "x") or "")
+
+
+def test_one_hint_about_a_unit(tmp_path: Path) -> None:
+    """What the file says of a column is likelier than what the size of its values suggests, and all of it likelier than an
+    offset."""
+    path = written(tmp_path, BESIDE.replace("column: load, unit: mm", "column: 'load [um]', unit: mm"))
+    for file in ("one.csv", "two.csv"):
+        cells = [row.split(",") for row in (tmp_path / file).read_text().splitlines()[1:]]
+        (tmp_path / file).write_text("\n".join(["t,foot,load [um]", *(
+            f"{t},{foot},{100 + 0.1 * float(x):.5f}" for t, foot, x in cells)]) + "\n")
+    found = compare(path)
+    for record in found.records.values():
+        assert sum("unit: " in note for note in record.notes) == 1, record.notes
+        assert any("gives 'load [um]' in um" in note for note in record.notes)
+    assert found.advice == ()
+
+
+def test_one_hint_about_the_time(tmp_path: Path) -> None:
+    """Times in ms that are read as s: that the channel seems late comes of it."""
+    t = np.arange(0, 4.01, 0.02)
+    path = written(tmp_path, load=20 * np.sin(2 * np.pi * (t - 0.03)) * (1 - np.exp(-t)))
+    for file in ("one.csv", "two.csv"):
+        head, *rows = (tmp_path / file).read_text().splitlines()
+        cells = [row.split(",", 1) for row in rows]
+        (tmp_path / file).write_text("\n".join([head, *(f"{1000 * float(t):.0f},{rest}" for t, rest in cells)]) + "\n")
+    found = compare(path)
+    assert all(len(r.notes) == 1 and "is its time in ms?" in r.notes[0] for r in found.records.values())
+    assert found.advice == ()
+
+
+def test_a_unit_of_time_is_likelier_than_an_input_that_ends_early(tmp_path: Path) -> None:
+    assert length_seems_in(0.004, 4.0, "ms") == "s" and length_seems_in(3.0, 4.0, "s") == ""
+    own_time = BESIDE.replace("column: foot, unit: mm,", "column: foot, unit: mm, time: {column: s, unit: ms},")
+    path = written(tmp_path, own_time)
+    for file in ("one.csv", "two.csv"):
+        head, *rows = (tmp_path / file).read_text().splitlines()
+        (tmp_path / file).write_text("\n".join([f"{head},s", *(f"{row},{row.split(',')[0]}" for row in rows)]) + "\n")
+    with pytest.raises(DataError) as caught:
+        compare(path)
+    assert "In s the times of this input would be as long: correct the `unit:`" in str(caught.value)
+    assert "Write `to:" not in str(caught.value)
+
+
+def test_the_end_of_a_range_says_nothing_of_what_is_not_seen(tmp_path: Path) -> None:
+    """Without motion of its own the mass is not identifiable: that it ends at its range is no sign of a missing effect."""
+    path = written(tmp_path, BESIDE + "free: {load.m: 10 .. 20 kg, spring.c: 0.5 .. 2 kN/m}\n")
+    (tmp_path / "rig.yaml").write_text(RIG.replace("c: 1 kN/m}", "c: 1 MN/m}").replace("d: 100 N*s/m", "d: 1 MN*s/m"))
+    path.write_text(path.read_text().replace("0.5 .. 2 kN/m", "0.5 .. 2 MN/m"))
+    found = fit(path)
+    said = CliRunner().invoke(main, ["fit", str(path)]).stdout
+    for p in found.parameters:
+        assert not (p.name in found.identifiability.unseen_names and f"{p.name} ended at" in said)
+    assert "load.m" in found.identifiability.unseen_names and any(p.at_bound for p in found.parameters if p.name == "load.m")

@@ -87,7 +87,9 @@ def diagnose(experiment: str, steps: int, auto: bool, classes: tuple[str, ...], 
     if any(step.partial for step in found.steps):
         console.print("the search was ended early: the same command searches anew, --only CLASS narrows it, --seconds "
                       "gives it more time", soft_wrap=True)
-    if files:
+    if files and any(step.partial for step in found.steps):
+        console.print(f"look at it: heavebond compare {files[-1]}", soft_wrap=True)
+    elif files:
         console.print(f"go on: heavebond compare {files[-1]}; heavebond diagnose {files[-1]}", soft_wrap=True)
     elif found.verdict == "parameters":
         console.print(f"go on: heavebond fit {experiment} --write fitted.yaml", soft_wrap=True)

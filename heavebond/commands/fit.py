@@ -68,7 +68,10 @@ def fit(experiment: str, starts: int, segments: int, robust: bool, profiled: tup
     for name, p in told.items():
         said = p.known(partial(quantity, unit=found.experiment.free[name].range.unit))
         console.print(f"{name}: {said} by profile likelihood", soft_wrap=True)
-    at_bounds = [p.name for p in found.parameters if p.at_bound]
+    # the end of a range says nothing of what the records cannot see
+    unseen = found.identifiability.unseen_names
+    at_bounds = [p.name for p in found.parameters
+                 if p.at_bound and p.name + (f" ({p.record})" if p.record else "") not in unseen]
     if at_bounds:
         console.print(f"{', '.join(at_bounds)} ended at the end of the range: often a sign that an effect is missing.",
                       soft_wrap=True)

@@ -55,7 +55,8 @@ def try_effect(experiment: str, component: str, between: tuple[str, str] | None,
     for path in files:
         console.print(f"wrote {path}", soft_wrap=True)
     if files:
-        console.print(f"go on: heavebond compare {files[-1]}; heavebond diagnose {files[-1]}", soft_wrap=True)
+        further = f"; heavebond diagnose {files[-1]}" if found.earned else ""
+        console.print(f"go on: heavebond compare {files[-1]}{further}", soft_wrap=True)
     return {"experiment": given.name, **found.as_dict(), "files": list(map(str, files))}
 
 

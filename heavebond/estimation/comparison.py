@@ -18,7 +18,7 @@ from heavebond.core.units import dimension_text, read_unit
 from heavebond.estimation.constant_bias import all_advice
 from heavebond.estimation.experiment import Experiment, Output, Record, load_experiment
 from heavebond.estimation.records import Mask, Measured, Samples, measure, moments
-from heavebond.estimation.unit_and_sign_checks import seems_in_another_unit, seems_turned, seems_without_sign
+from heavebond.estimation.unit_and_sign_checks import seems_in_another_unit, seems_of_another_sign
 from heavebond.language import reading
 from heavebond.numerics.dae import Array, Assembly, assemble
 from heavebond.numerics.result import Probe, Result
@@ -85,7 +85,8 @@ class Channel:
 @dataclass(frozen=True)
 class RecordComparison:
     """All channels of one record. `validate` is the part that is held out of the fit where no record of its own checks
-    it, else None; `notes` say what a reader of the figures must know."""
+    it, else None; `notes` say what a reader of the figures must know; `doubtful` are channels whose unit, sign or time seems
+    to be another one than the experiment says."""
 
     name: str
     use: str
@@ -94,6 +95,7 @@ class RecordComparison:
     result: Result
     validate: RecordComparison | None = None
     notes: tuple[str, ...] = ()
+    doubtful: frozenset[str] = frozenset()
 
     @property
     def normalised(self) -> float:
@@ -146,8 +148,7 @@ class Comparison:
     @property
     def advice(self) -> tuple[str, ...]:
         """A line for each channel whose bias is equal on all records."""
-        names = [name for name in self.experiment.outputs
-                 if not any(any(_slips(r.channels[name], self.experiment.outputs[name])) for r in self.records.values())]
+        names = [name for name in self.experiment.outputs if not any(name in r.doubtful for r in self.records.values())]
         residuals = {name: [(c.measured - c.model)[~c.outlier] for c in (r.channels[name] for r in self.records.values())]
                      for name in names}
         noise = {name: max(r.channels[name].noise for r in self.records.values()) for name in names}
@@ -208,13 +209,22 @@ def compare_record(experiment: Experiment, record: Record,
             checking[name] = _channel(name, found, model[found.index], found.checking, astray, late)
     held_out = RecordComparison(f"{record.name}, held out", "validate", record.file, checking, result) if checking else None
     held_inputs = [name for name, given in experiment.inputs_for(record).items() if given.interpolation == "hold"]
-    notes = (*_notes(measured, fitted), *_held_too_long(fitted, held_inputs), *changes_of(result, states=False))
-    return RecordComparison(record.name, record.use, record.file, fitted, result, held_out, notes)
+    slips = {c.name: _slips(c, measured.channels[c.name].output) for c in fitted.values()
+             if c.name not in measured.declared and not measured.time_suspect}
+    notes = (*_notes(measured, fitted, slips, held_inputs), *changes_of(result, states=False))
+    doubtful = frozenset(fitted) - {name for name, told in slips.items() if not told}
+    return RecordComparison(record.name, record.use, record.file, fitted, result, held_out, notes, doubtful)
 
 
-def _notes(measured: Measured, channels: Mapping[str, Channel]) -> tuple[str, ...]:
-    slips = [f"{c.name} {said}" for c in channels.values() for said in _slips(c, measured.channels[c.name].output) if said]
-    late = [c for c in channels.values() if c.late is not None and c.late.noticeable]
+def _notes(measured: Measured, channels: Mapping[str, Channel], slips: Mapping[str, Sequence[str]],
+           held_inputs: Sequence[str]) -> tuple[str, ...]:
+    """What is noticed about a record. Of two hints that exclude each other only the likelier is given: a wrong unit of time
+    explains all that is odd about channels, a wrong unit or sign of a channel its shift in time, an input that is held the
+    shifts of all channels."""
+    if measured.time_suspect:
+        return measured.notes
+    held = _held_too_long(channels, held_inputs)
+    late = [c for c in channels.values() if c.late is not None and c.late.noticeable and not held and not slips.get(c.name)]
     sure = {c.name: c for c in late if c.late is not None and c.late.explains(c.noise)}
     notes = [f"{c.name}: {count(int(c.astray.sum()), 'more sample')} far from the model where those around are not, at "
              f"{moments(c.time[c.astray])}; `heavebond fit --robust` lets such samples pull less"
@@ -225,7 +235,7 @@ def _notes(measured: Measured, channels: Mapping[str, Channel]) -> tuple[str, ..
     if other:
         notes.append(f"nearer if shifted in time: {other}; but more than a shift is wrong, and missing physics shifts "
                      "phases too: fit first")
-    return (*measured.notes, *slips, *notes)
+    return (*measured.notes, *(f"{name} {said}" for name, told in slips.items() for said in told), *notes, *held)
 
 
 def _held_too_long(channels: Mapping[str, Channel], inputs: Sequence[str]) -> list[str]:
@@ -238,11 +248,11 @@ def _held_too_long(channels: Mapping[str, Channel], inputs: Sequence[str]) -> li
             "try `interpolation: linear`"]
 
 
-def _slips(channel: Channel, output: Output) -> tuple[str | None, ...]:
+def _slips(channel: Channel, output: Output) -> list[str]:
     measured, model = channel.measured[channel.counts], channel.model[channel.counts]
     formula = output.shown.text
-    return seems_in_another_unit(measured, model, channel.unit), seems_turned(measured, model, formula), \
-        seems_without_sign(measured, model, formula)
+    found = (seems_in_another_unit(measured, model, channel.unit), seems_of_another_sign(measured, model, formula))
+    return [said for said in found if said]
 
 
 def _late_note(channel: Channel, declared: float) -> str:

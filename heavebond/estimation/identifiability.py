@@ -37,6 +37,12 @@ class Identifiability:
         """The directions that the data cannot see."""
         return self.directions[self.deviations > UNSEEN]
 
+    @property
+    def unseen_names(self) -> set[str]:
+        """The parameters that take part in directions that the data cannot see."""
+        shares = [np.abs(direction) for direction in self.unseen]
+        return {name for share in shares for name, own in zip(self.names, share, strict=True) if own > SMALL * share.max()}
+
 
 def identifiability(jacobian: Array, names: Sequence[str], logarithmic: Sequence[bool]) -> Identifiability:
     """Singular values of the noise-weighted Jacobian (n, m) in relative parameters; see `Identifiability`.

@@ -17,7 +17,7 @@ from heavebond.core.errors import DataError, HeavebondError, Place, Problem, Pro
 from heavebond.core.presentation import count, number, readable
 from heavebond.core.units import read_unit
 from heavebond.estimation.experiment import Experiment, Origin, Output, Record
-from heavebond.estimation.unit_and_sign_checks import declared_otherwise, time_seems_in
+from heavebond.estimation.unit_and_sign_checks import declared_otherwise, length_seems_in, time_seems_in
 from heavebond.language.definition import FileInput
 from heavebond.numerics.inputs import input_samples
 from heavebond.records import metrics, outliers
@@ -31,6 +31,7 @@ Mask = NDArray[np.bool_]
 STRETCHES = (12, 6, 3)
 EVERY = 3
 LEAST = 10
+TIME = "\0time"  # the times of a record among the names of its outputs
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,12 +71,18 @@ class Samples:
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """A record: `grid` (N,) are the times at which its model is wanted, s; `notes` what a reader of figures must know."""
+    """A record: `grid` (N,) are the times at which its model is wanted, s; `notes` what a reader of figures must know.
+
+    `time_suspect` tells whether its times seem to be in another unit, `declared` are the outputs whose file gives another
+    unit: what else is noticed follows from these then, and is no hint of its own.
+    """
 
     record: Record
     grid: Array
     channels: dict[str, Samples]
     notes: tuple[str, ...] = ()
+    time_suspect: bool = False
+    declared: frozenset[str] = frozenset()
 
     def on_grid(self) -> tuple[Array, Mask, Mask]:
         """The measured values (channels, N) in SI, NaN where a channel was not sampled, which of them are fitted, and which
@@ -112,13 +119,14 @@ def measure(experiment: Experiment, record: Record) -> Measured:
             "record-short", f"no channel of record '{record.name}' has more than {count(most, 'sample')} in the run; "
             f"at least {metrics.MIN_SAMPLES} are needed to compare the two", record.place,
             "Check `from:`, `to:` and the unit of the time; so few samples do not show how a machine moves.")])
-    notes = [*_unit_slips(experiment, record, files), *_time_slip(experiment, record, found),
-             *_driven(experiment, record, files), *_gap_notes(experiment, record, found),
+    slips, declared = _unit_slips(experiment, record, files)
+    slow = [] if TIME in declared else _time_slip(experiment, record, found)  # what the file itself says is the likelier
+    notes = [*slips, *slow, *_driven(experiment, record, files), *_gap_notes(experiment, record, found),
              *(f"{name}: {said}" for name, c in found.items() for said in _remarks(c))]
     if experiment.holds_out(record):
         found = _with_held_out(found, (float(grid[0]), float(grid[-1])))
         notes.append(_held_out_note(found))
-    return Measured(record, grid, found, tuple(notes))
+    return Measured(record, grid, found, tuple(notes), bool(slow), frozenset(declared - {TIME}))
 
 
 class _Files:
@@ -137,18 +145,20 @@ class _Files:
         return self._tables[file, time]
 
 
-def _unit_slips(experiment: Experiment, record: Record, files: _Files) -> list[str]:
-    """Where a file gives another unit than the experiment, for the times and each channel, once each."""
-    asked = [(record.file, experiment.time_column, experiment.time_column, experiment.time_unit, record.place)]
+def _unit_slips(experiment: Experiment, record: Record, files: _Files) -> tuple[list[str], set[str]]:
+    """Where a file gives another unit than the experiment, for the times and each channel, once each; and the outputs
+    (TIME for times) that this concerns."""
+    asked = [(TIME, record.file, experiment.time_column, experiment.time_column, experiment.time_unit, record.place)]
     for given in experiment.inputs_for(record).values():
-        asked.append((given.file, given.time_column or "", given.column, given.unit, given.place))
+        asked.append(("", given.file, given.time_column or "", given.column, given.unit, given.place))
     for name, output in experiment.outputs.items():
         origin = experiment.origin_of(record, name)
         assert origin.file is not None and origin.time_column is not None
-        asked += [(origin.file, origin.time_column, column, unit, output.place) for column, unit in (
-            (origin.time_column, origin.time_unit), (output.column, output.shown.unit))]
-    said = [declared_otherwise(files.table(file, time, place), column, unit) for file, time, column, unit, place in asked]
-    return list(dict.fromkeys(s for s in said if s))
+        asked += [(what, origin.file, origin.time_column, column, unit, output.place) for what, column, unit in (
+            (TIME, origin.time_column, origin.time_unit), (name, output.column, output.shown.unit))]
+    found = [(what, declared_otherwise(files.table(file, time, place), column, unit))
+             for what, file, time, column, unit, place in asked]
+    return list(dict.fromkeys(said for _, said in found if said)), {what for what, said in found if said}
 
 
 def _time_slip(experiment: Experiment, record: Record, found: Mapping[str, Samples]) -> list[str]:
@@ -213,9 +223,11 @@ def _window(experiment: Experiment, record: Record, files: _Files, problems: Pro
         cut = [f"`{word}: {at:.10g} s`" for word, at, beyond in (
             ("from", first, first - begin > slack), ("to", last, end - last > slack)) if beyond]
         if cut:
+            other = length_seems_in(last - first, end - begin, given.time_unit)
             problems.add("record-end", f"the input {path} is known from {first:.10g} s to {last:.10g} s, the record "
                          f"'{record.name}' goes from {begin:.10g} s to {end:.10g} s", given.place,
-                         hint=f"Write {' and '.join(cut)} at the record.")
+                         hint=f"In {other} the times of this input would be as long: correct the `unit:` of its `time:`, "
+                         "or that of the record." if other else f"Write {' and '.join(cut)} at the record.")
             continue
         time = time[(time >= first - 1e-6 * usual) & (time <= last + 1e-6 * usual)]
     for (file, name), columns in unbridged.items():

@@ -26,7 +26,9 @@ ZERO = 0.05  # share of a record's largest value that noise may take it below ze
 BELOW = 0.2  # share of its size to which a model goes below zero, from where on it clearly does
 CLEARLY = 0.2  # by how much the size alone must correlate better
 TIMES = ("us", "ms", "s", "min", "h")
+ALIKE_LONG = 0.1  # share by which two lengths of time may differ that are the same in the right unit
 SCARCE = 40.0  # times, by which both the length and the step of a record differ from a run's where the unit of time is wrong
+BETTER = 0.01  # by how much where the opposite sign explains the record too
 OPPOSITE = -0.9  # below it the sign does; a model out of tune is hardly so much against the record
 
 
@@ -61,6 +63,15 @@ def time_seems_in(time: Array, until: float, every: float, unit: str) -> str:
     return ""
 
 
+def length_seems_in(length: float, whole: float, unit: str) -> str:
+    """The unit in which a length of time, read in `unit`, would be nearly the `whole` (both in s); empty where in none."""
+    for other in TIMES:
+        factor = read_unit(other).scale / read_unit(unit).scale
+        if other != unit and length > 0 and abs(length * factor / whole - 1) < ALIKE_LONG:
+            return other
+    return ""
+
+
 def seems_in_another_unit(measured: Array, model: Array, unit: str) -> str | None:
     """A remark where the record (n,) moves as the model (n,) does, both read in `unit`, but is larger or smaller by what one
     usual unit is to another. The spreads about the means are compared: an offset is another matter."""
@@ -75,6 +86,15 @@ def seems_in_another_unit(measured: Array, model: Array, unit: str) -> str | Non
         return None
     size = f"{number(factor, 2)} times as large" if factor > 1 else f"{number(1 / factor, 2)} times smaller"
     return f"moves as the model does, but is {size}: with `unit: {best}` in place of `unit: {unit}` they would be near"
+
+
+def seems_of_another_sign(measured: Array, model: Array, formula: str) -> str | None:
+    """The likelier of both remarks below: of a model that is hardly ever above zero, a sensor that counts the other way and
+    one that cannot tell the direction show nearly the same."""
+    turned, unsigned = seems_turned(measured, model, formula), seems_without_sign(measured, model, formula)
+    if turned and unsigned:
+        return unsigned if _likeness(measured, np.abs(model))[1] > -_likeness(measured, model)[1] + BETTER else turned
+    return turned or unsigned
 
 
 def seems_turned(measured: Array, model: Array, formula: str) -> str | None:
