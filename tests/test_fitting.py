@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 import heavebond as hb
+from heavebond.cli import main
+from heavebond.commands.fit import own_words
 from heavebond.core.errors import Place
 from heavebond.core.units import parse_range
 from heavebond.estimation.comparison import compare
@@ -92,6 +96,33 @@ def test_initial_states_of_each_record_are_found(tmp_path: Path) -> None:
     assert starts == pytest.approx({"one": 0.05, "two": -0.03}, abs=2e-4)
     assert found.values["spring.c"] == pytest.approx(1200, rel=1e-3)
     assert found.after.records["three"].chi2 == pytest.approx(1.0, abs=0.25)
+    own = found.held_out["three"]
+    assert own.values == pytest.approx({"initial.load.x": 0.02}, abs=5e-4)
+    run = found.after.records["three"].result.time
+    assert own.seconds == pytest.approx(0.1 * (run[-1] - run[0]), rel=0.02)
+
+
+def test_fit_tells_what_it_does_with_values_of_each_record(tmp_path: Path) -> None:
+    """A row for each record, the held-out one too, and how its value was found; a parameter as well as an initial value."""
+    _swing(tmp_path, {"one": 0.05, "two": -0.03, "three": 0.02})
+    path = tmp_path / "experiment.yaml"
+    path.write_text(path.read_text() + "  spring.l0: {range: -5 .. 5 mm, each: record}\n")
+    answer = CliRunner().invoke(main, ["fit", str(path), "--json", str(tmp_path / "told.json")])
+    assert answer.exit_code == 0, answer.output
+    for name in ("initial.load.x", "spring.l0"):
+        rows = [line for line in answer.stdout.splitlines() if line.startswith(f"{name} (")]
+        assert [row[:row.index(")") + 1] for row in rows[:3]] == [f"{name} ({record})" for record in (
+            "one", "two", "three, held out")]
+    told, = (line for line in answer.stdout.splitlines() if "(each: record)" in line)
+    assert told.startswith("initial.load.x, spring.l0 (each: record): on held-out records fitted too, to the first 0.4 s of "
+                           "three, with all other values given")
+    held_out = json.loads((tmp_path / "told.json").read_text())["held_out"]
+    assert held_out["three"]["values"]["initial.load.x"] == pytest.approx(0.02, abs=5e-3)
+
+
+def test_a_fit_without_such_values_says_nothing_of_them() -> None:
+    found = fit("receiver_rig/choked")
+    assert not found.held_out and own_words(found) == []
 
 
 def test_several_starts_reach_the_same_optimum(tmp_path: Path) -> None:

@@ -58,6 +58,8 @@ def fit(experiment: str, starts: int, segments: int, robust: bool, profiled: tup
         profiles = {} if early else {name: profile(found, name, progress=progress) for name in profiled}
     console = terminal.output()
     console.print(parameters(found))
+    for line in own_words(found):
+        console.print(line, soft_wrap=True)
     console.print(_records(found))
     for line in noticed(found.after, console.width):
         console.print(line)
@@ -117,8 +119,39 @@ def parameters(found: Fit) -> object:
         of = "" if unit.text in ("1", "") else f" {unit.text}"
         rows.append((name, f"{before}{of}", f"{value}{of}", p.known(partial(in_unit, unit=unit, digits=p.digits), of),
                      f"{least} .. {most}{of}" + (f", at its {p.at_bound} end" if p.at_bound else "")))
+    rows += [_own_row(found, record, p.name) for record, own in found.held_out.items()
+             for p in {p.name: p for p in found.parameters if p.name in own.values}.values()]
     return terminal.table(f"{found.experiment.name}: {found.samples} samples, reduced chi-square {found.chi2:.4g}",
                           HEAD, rows)
+
+
+def _own_row(found: Fit, record: str, name: str) -> tuple[str, str, str, str, str]:
+    """A value that a held-out record has for itself, in the columns of the parameters."""
+    from heavebond.core.presentation import in_unit
+
+    p = next(p for p in found.parameters if p.name == name)
+    unit = found.experiment.free[name].range.unit
+    of = "" if unit.text in ("1", "") else f" {unit.text}"
+    value, least, most = (in_unit(v, unit, 6) for v in (found.held_out[record].values[name], p.low, p.high))
+    return f"{name} ({record}, held out)", "-", f"{value}{of}", "-", f"{least} .. {most}{of}"
+
+
+def own_words(found: Fit) -> list[str]:
+    """What is done with values `each: record` on records that are held out."""
+    from heavebond.core.errors import listing
+    from heavebond.core.presentation import number
+
+    names = listing([name for name, free in found.experiment.free.items() if free.each], 4)
+    fitted = [f"the first {number(own.seconds, 3)} s of {record}" for record, own in found.held_out.items() if own.values]
+    failed = [record for record, own in found.held_out.items() if not own.values]
+    said = []
+    if fitted:
+        said.append(f"{names} (each: record): on held-out records fitted too, to {listing(fitted, 4)}, with all other "
+                    "values given; the held-out errors contain these samples.")
+    if failed:
+        said.append(f"{names} (each: record): could not be fitted on {listing(failed, 4)}, where the model cannot be "
+                    "simulated; the values of the diagram are used there.")
+    return said
 
 
 def _records(found: Fit) -> object:

@@ -20,7 +20,7 @@ from heavebond.estimation.experiment import FIXED, Experiment, load_experiment
 from heavebond.language.library import bundled
 from heavebond.text.yaml_source import read
 
-LADDER = 12  # findings of a diagnosis at most, a shape included
+LADDER = 200  # free numbers that are looked for: more than a diagnosis has findings
 
 
 def finding_files(finding: AddedEffect, before: Experiment, model: Path, experiment: Path) -> tuple[str, str]:

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -98,13 +98,23 @@ class Fitted:
 
 
 @dataclass(frozen=True)
+class OwnValues:
+    """Values of a held-out record that are its own (`each: record`), in SI, fitted to its first `seconds` with all other
+    values given; none where the model could not be simulated there, so that those of the diagram hold."""
+
+    values: Mapping[str, float]
+    seconds: float
+
+
+@dataclass(frozen=True)
 class Fit:
     """An estimate of parameters: values and intervals in SI, with the comparisons before and after.
 
     `correlation` is (m, m) for m parameters; `chi2` is the reduced chi-square of the fitted samples (1 = noise level);
     `cost` is the sum of squares per start, `history` the cost after each step of the best start. `before` and `after`
-    compare the model with every record; on a record that was not fitted only the initial values declared `each: record`
-    were refitted. Where no record was left to check the fit, each holds the held-out blocks as its `validate` part.
+    compare the model with every record; on a record that was not fitted only the values declared `each: record` were
+    fitted, to its beginning: `held_out` has them by record, in SI. Where no record was left to check the fit, each holds
+    the held-out blocks as its `validate` part.
     """
 
     experiment: Experiment
@@ -119,6 +129,7 @@ class Fit:
     message: str
     before: Comparison
     after: Comparison
+    held_out: Mapping[str, OwnValues] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         return brief(self, self.experiment.name, f"chi-square {self.chi2:.4g} per sample, {self.message}",
@@ -138,6 +149,7 @@ class Fit:
         return {
             "parameters": {p.name + (f" ({p.record})" if p.record else ""): {**p.as_dict(), "before": p.before}
                            for p in self.parameters},
+            "held_out": {name: {"values": dict(own.values), "seconds": own.seconds} for name, own in self.held_out.items()},
             "correlation": self.correlation.tolist(), "identifiability": list(self.identifiability.words),
             "chi2_per_sample": self.chi2, "samples": self.samples, "cost_of_each_start": list(self.cost),
             "history": list(self.history), "evaluations": self.evaluations, "message": self.message,
@@ -230,9 +242,9 @@ def _finished(problem: Residuals, best: Descent, costs: list[float]) -> Fit:
     spans = [c.free.range.high - c.free.range.low for c in problem.columns]
     relative = jacobian * np.array([1.0 if c.logarithmic else s for c, s in zip(problem.columns, spans, strict=True)])
     verdict = identifiability(relative / np.sqrt(inflation), labels, [c.logarithmic for c in problem.columns])
+    before, (after, own) = _compared(problem, problem.start)[0], _compared(problem, best.x)
     return Fit(problem.experiment, parameters, correlation, verdict, chi2, len(residuals), tuple(costs),
-               best.history, problem.evaluations, best.message, _compared(problem, problem.start),
-               _compared(problem, best.x))
+               best.history, problem.evaluations, best.message, before, after, own)
 
 
 def _fitted(column: Column, inner: float, deviation: float) -> Fitted:
@@ -254,24 +266,30 @@ def _within(column: Column, inner: float) -> float:
     return column.outer(float(np.clip(inner, low, high)))
 
 
-def _compared(problem: Residuals, inner: Array) -> Comparison:
-    """Every record with the fitted values; on the others, initial values of their own are refitted first."""
+def _compared(problem: Residuals, inner: Array) -> tuple[Comparison, dict[str, OwnValues]]:
+    """Every record with the fitted values; on those that were not fitted, values of their own are fitted first."""
     records: dict[str, RecordComparison] = {}
+    own: dict[str, OwnValues] = {}
+    has_own = any(free.each for free in problem.experiment.free.values())
     fitted = {run.record.name for run in problem.runs}
     for record in problem.experiment.records.values():
         values = problem.values_of(inner, record.name)
-        if record.name not in fitted:
-            values = {**values, **own_start(problem.experiment, record, values)}
+        if record.name not in fitted and has_own:
+            own[record.name] = own_values(problem.experiment, record, values)
+            values = {**values, **own[record.name].values}
         records[record.name] = compare_record(problem.experiment, record, values)
-    return Comparison(problem.experiment, records)
+    return Comparison(problem.experiment, records), own
 
 
 def own_start(experiment: Experiment, record: Record, values: Mapping[str, float]) -> dict[str, float]:
-    """Initial values of a held-out record that are its own (`each: record`), from its first tenth (from ten samples of each
-    channel where that is longer), all other values given."""
+    """Values of a held-out record that are its own (`each: record`); see `own_values`."""
+    return dict(own_values(experiment, record, values).values) if any(f.each for f in experiment.free.values()) else {}
+
+
+def own_values(experiment: Experiment, record: Record, values: Mapping[str, float]) -> OwnValues:
+    """Values of a held-out record that are its own, from its first tenth (from ten samples of each channel where that is
+    longer), all other values given."""
     own = {n: f for n, f in experiment.free.items() if f.each}
-    if not own:
-        return {}
     found = measure(experiment, record)
     ends = [found.grid[len(found.grid) // 10], *(c.time[:11][-1] for c in found.channels.values())]
     short = replace(record, end=float(max(ends)))
@@ -280,8 +298,8 @@ def own_start(experiment: Experiment, record: Record, values: Mapping[str, float
         problem = Residuals(replace(experiment, model=pinned, free=own), [short])
         best = problem.minimise(problem.start, False, lambda text: None)
     except HeavebondError:
-        return {}
-    return problem.values_of(best.x, record.name)
+        return OwnValues({}, max(ends) - found.grid[0])
+    return OwnValues(problem.values_of(best.x, record.name), max(ends) - found.grid[0])
 
 
 def profile(result: Fit, name: str, *, progress: Progress | None = None) -> tuple[float, float]:
