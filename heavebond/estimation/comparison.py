@@ -14,7 +14,7 @@ from heavebond.core import facade
 from heavebond.core.errors import NAMES_LISTED, DataError, HeavebondError, ModelError, Place, Problems, listing, suggest
 from heavebond.core.presentation import brief, count, number, readable_time
 from heavebond.core.reporting import place, reporting
-from heavebond.core.units import dimension_text, read_unit
+from heavebond.core.units import Unit, dimension_text, read_unit
 from heavebond.estimation.constant_bias import all_advice
 from heavebond.estimation.experiment import Experiment, Output, Record, load_experiment
 from heavebond.estimation.records import Mask, Measured, Samples, measure, moments
@@ -209,10 +209,10 @@ def compare_record(experiment: Experiment, record: Record,
             checking[name] = _channel(name, found, model[found.index], found.checking, astray, late)
     held_out = RecordComparison(f"{record.name}, held out", "validate", record.file, checking, result) if checking else None
     held_inputs = [name for name, given in experiment.inputs_for(record).items() if given.interpolation == "hold"]
-    slips = {c.name: _slips(c, measured.channels[c.name].output) for c in fitted.values()
-             if c.name not in measured.declared and not measured.time_suspect}
+    slips = {} if measured.time_suspect else {
+        c.name: _slips(c, measured.channels[c.name].output, measured.declared.get(c.name)) for c in fitted.values()}
     notes = (*_notes(measured, fitted, slips, held_inputs), *changes_of(result, states=False))
-    doubtful = frozenset(fitted) - {name for name, told in slips.items() if not told}
+    doubtful = frozenset(fitted) - {name for name, told in slips.items() if not told and name not in measured.declared}
     return RecordComparison(record.name, record.use, record.file, fitted, result, held_out, notes, doubtful)
 
 
@@ -224,7 +224,8 @@ def _notes(measured: Measured, channels: Mapping[str, Channel], slips: Mapping[s
     if measured.time_suspect:
         return measured.notes
     held = _held_too_long(channels, held_inputs)
-    late = [c for c in channels.values() if c.late is not None and c.late.noticeable and not held and not slips.get(c.name)]
+    late = [c for c in channels.values() if c.late is not None and c.late.noticeable and not held
+            and not slips.get(c.name) and c.name not in measured.declared]
     sure = {c.name: c for c in late if c.late is not None and c.late.explains(c.noise)}
     notes = [f"{c.name}: {count(int(c.astray.sum()), 'more sample')} far from the model where those around are not, at "
              f"{moments(c.time[c.astray])}; `heavebond fit --robust` lets such samples pull less"
@@ -248,10 +249,10 @@ def _held_too_long(channels: Mapping[str, Channel], inputs: Sequence[str]) -> li
             "try `interpolation: linear`"]
 
 
-def _slips(channel: Channel, output: Output) -> list[str]:
+def _slips(channel: Channel, output: Output, declared: Unit | None) -> list[str]:
     measured, model = channel.measured[channel.counts], channel.model[channel.counts]
     formula = output.shown.text
-    found = (seems_in_another_unit(measured, model, channel.unit), seems_of_another_sign(measured, model, formula))
+    found = (seems_in_another_unit(measured, model, channel.unit, declared), seems_of_another_sign(measured, model, formula))
     return [said for said in found if said]
 
 

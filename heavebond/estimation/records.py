@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from heavebond.core.errors import DataError, HeavebondError, Place, Problem, Problems, listing
 from heavebond.core.presentation import count, number, readable
-from heavebond.core.units import read_unit
+from heavebond.core.units import Unit, read_unit
 from heavebond.estimation.experiment import Experiment, Origin, Output, Record
 from heavebond.estimation.unit_and_sign_checks import declared_otherwise, length_seems_in, time_seems_in
 from heavebond.language.definition import FileInput
@@ -73,8 +73,8 @@ class Samples:
 class Measured:
     """A record: `grid` (N,) are the times at which its model is wanted, s; `notes` what a reader of figures must know.
 
-    `time_suspect` tells whether its times seem to be in another unit, `declared` are the outputs whose file gives another
-    unit: what else is noticed follows from these then, and is no hint of its own.
+    `time_suspect` tells whether its times seem to be in another unit; `declared` are the units of outputs whose file gives
+    another one than the experiment. What else is noticed follows from these then, and is no hint of its own.
     """
 
     record: Record
@@ -82,7 +82,7 @@ class Measured:
     channels: dict[str, Samples]
     notes: tuple[str, ...] = ()
     time_suspect: bool = False
-    declared: frozenset[str] = frozenset()
+    declared: Mapping[str, Unit] = field(default_factory=dict)
 
     def on_grid(self) -> tuple[Array, Mask, Mask]:
         """The measured values (channels, N) in SI, NaN where a channel was not sampled, which of them are fitted, and which
@@ -126,7 +126,7 @@ def measure(experiment: Experiment, record: Record) -> Measured:
     if experiment.holds_out(record):
         found = _with_held_out(found, (float(grid[0]), float(grid[-1])))
         notes.append(_held_out_note(found))
-    return Measured(record, grid, found, tuple(notes), bool(slow), frozenset(declared - {TIME}))
+    return Measured(record, grid, found, tuple(notes), bool(slow), {n: unit for n, unit in declared.items() if n in found})
 
 
 class _Files:
@@ -145,9 +145,9 @@ class _Files:
         return self._tables[file, time]
 
 
-def _unit_slips(experiment: Experiment, record: Record, files: _Files) -> tuple[list[str], set[str]]:
-    """Where a file gives another unit than the experiment, for the times and each channel, once each; and the outputs
-    (TIME for times) that this concerns."""
+def _unit_slips(experiment: Experiment, record: Record, files: _Files) -> tuple[list[str], dict[str, Unit]]:
+    """Where a file gives another unit than the experiment, for the times and each channel, once each; and these units, by
+    output (TIME for times)."""
     asked = [(TIME, record.file, experiment.time_column, experiment.time_column, experiment.time_unit, record.place)]
     for given in experiment.inputs_for(record).values():
         asked.append(("", given.file, given.time_column or "", given.column, given.unit, given.place))
@@ -156,9 +156,14 @@ def _unit_slips(experiment: Experiment, record: Record, files: _Files) -> tuple[
         assert origin.file is not None and origin.time_column is not None
         asked += [(what, origin.file, origin.time_column, column, unit, output.place) for what, column, unit in (
             (TIME, origin.time_column, origin.time_unit), (name, output.column, output.shown.unit))]
-    found = [(what, declared_otherwise(files.table(file, time, place), column, unit))
-             for what, file, time, column, unit, place in asked]
-    return list(dict.fromkeys(said for _, said in found if said)), {what for what, said in found if said}
+    notes, units = dict[str, None](), dict[str, Unit]()
+    for what, file, time, name, unit, place in asked:
+        table = files.table(file, time, place)
+        said, declared = declared_otherwise(table, name, unit), table.unit_of(name)
+        if said and declared is not None:
+            notes[said] = None
+            units[what] = declared[1]
+    return list(notes), units
 
 
 def _time_slip(experiment: Experiment, record: Record, found: Mapping[str, Samples]) -> list[str]:

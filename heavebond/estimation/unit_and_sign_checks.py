@@ -72,9 +72,10 @@ def length_seems_in(length: float, whole: float, unit: str) -> str:
     return ""
 
 
-def seems_in_another_unit(measured: Array, model: Array, unit: str) -> str | None:
+def seems_in_another_unit(measured: Array, model: Array, unit: str, declared: Unit | None = None) -> str | None:
     """A remark where the record (n,) moves as the model (n,) does, both read in `unit`, but is larger or smaller by what one
-    usual unit is to another. The spreads about the means are compared: an offset is another matter."""
+    usual unit is to another. The spreads about the means are compared: an offset is another matter. Where the file itself
+    gives a unit, `declared`, only a remark that agrees with it."""
     factor, alike = _likeness(measured, model)
     if alike < ALIKE or max(factor, 1 / factor) < FAR:
         return None
@@ -83,6 +84,8 @@ def seems_in_another_unit(measured: Array, model: Array, unit: str) -> str | Non
            for other in [read_unit(text)] if _same_kind(given, other)}
     best = min(off, key=lambda text: off[text], default=unit)
     if best == unit or off[best] > math.log(NEAR):
+        return None
+    if declared is not None and not math.isclose(read_unit(best).scale, declared.scale, rel_tol=1e-6):
         return None
     size = f"{number(factor, 2)} times as large" if factor > 1 else f"{number(1 / factor, 2)} times smaller"
     return f"moves as the model does, but is {size}: with `unit: {best}` in place of `unit: {unit}` they would be near"
