@@ -11,9 +11,11 @@ import pytest
 from heavebond.core.cancellation import clear_signal, time_limit
 from heavebond.core.errors import UsageError
 from heavebond.diagnosis.adequacy import Adequacy
+from heavebond.diagnosis.catalogue import candidates
 from heavebond.diagnosis.confidence_set import block_length, confidence_set, resampled
 from heavebond.diagnosis.diagnosis import diagnose
 from heavebond.diagnosis.predictive_errors import FITTED, SELECTION, TEST, Series, binned, cross_validated, predictive_errors
+from heavebond.diagnosis.refit import begun
 from heavebond.diagnosis.scoring import Base, searched
 from heavebond.diagnosis.stage import fitted_base
 from heavebond.estimation.experiment import Experiment, is_test, load_experiment
@@ -150,3 +152,11 @@ def test_the_time_is_one_for_the_whole_search() -> None:
 def test_a_time_that_is_over_before_the_first_candidate_is_told() -> None:
     with pytest.raises(UsageError, match="before the first candidate"):
         diagnose("receiver_rig/choked", number=1, seconds=0.01)
+
+
+@pytest.mark.parametrize(("covered", "decided"), [(0.95, True), (0.5, False), (float("nan"), False)])
+def test_a_curve_decides_only_where_it_covers_the_held_out_motion(base: Base, covered: float, decided: bool) -> None:
+    """Also where no variable of the curve can be looked up, so that its cover cannot be told."""
+    curve = next(filter(None, (begun(base, c) for c in candidates(base.problem.experiment) if c.vanishes)))
+    assert curve is not None
+    assert Adequacy(0.83, curve, covered=covered).decided is decided

@@ -48,7 +48,7 @@ class Adequacy:
     @property
     def decided(self) -> bool:
         """Whether a flexible law was a yardstick: there is one, and it covers the held-out motion."""
-        return self.flexible is not None and not self.covered < DECISION.covered
+        return self.flexible is not None and self.covered >= DECISION.covered  # (NaN: it could not be told)
 
     @property
     def stands(self) -> bool:
@@ -80,7 +80,7 @@ def adequacy(chosen: Refit, made: Stage, curves: Stage | None, complete: bool = 
     beaten, covered = False, float("nan")
     if flexible is not None:
         covered = coverage(flexible, made.experiment)
-        beaten = not covered < DECISION.covered and _better(flexible, chosen) \
+        beaten = covered >= DECISION.covered and _better(flexible, chosen) \
             and _loss(chosen) - _loss(flexible) > DECISION.mainly * max(left, 0.0) > 0
     return Adequacy(explained, flexible, min(there, key=_loss, default=None), beaten, covered, complete)
 

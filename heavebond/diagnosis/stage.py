@@ -261,9 +261,14 @@ def _needless(trial: Refit, simpler: Refit) -> bool:
 
 
 def leaders(made: Stage, most: int) -> list[Stage]:
-    """The step with each of the best trials chosen that earn their place, one of each class at each place."""
+    """The step with each of the best trials chosen that earn their place, one of each class at each place; the leader
+    first, without those that the test data exclude beside it."""
+    earned = _earned(made)
+    if not earned:
+        return []
+    first = _leader(made, earned)
     best: dict[object, Refit] = {}
-    for trial in _earned(made):
+    for trial in [first, *(t for t in earned if merit(t) > merit(first))]:
         best.setdefault((trial.candidate.kind, frozenset(trial.candidate.where)), trial)
     return [choosing(made, trial) for trial in list(best.values())[:most]]
 

@@ -205,9 +205,10 @@ def _yardstick(adequacy: Adequacy) -> list[str]:
         lines.append("No learnt curve at this place lowers the error; whether another law there would explain more is "
                      "not decided.")
     elif not adequacy.decided:
-        lines.append("Whether another law there would explain more is not decided: only "
-                     f"{number(100 * adequacy.covered, 2)} % of the held-out motion lies inside the motion that a learnt "
-                     "curve was fitted to.")
+        inside = "it could not be determined how much of the held-out motion lies" if math.isnan(adequacy.covered) else \
+            f"only {number(100 * adequacy.covered, 2)} % of the held-out motion lies"
+        lines.append(f"Whether another law there would explain more is not decided: {inside} inside the motion that a "
+                     "learnt curve was fitted to.")
     elif not adequacy.beaten:
         lines.append("A learnt curve at this place does not explain much more (held-out chi-square per sample "
                      f"{number(curve.chi2_held_out, 3)}), so the residual is due to something else.")
