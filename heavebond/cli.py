@@ -59,7 +59,8 @@ if TYPE_CHECKING:
 # other names of commands, and former names of their options, which warn
 ALIASES = {"where": "localize", "ladder": "errors"}
 FORMER_OPTIONS = {"plot": {"--to": "--until"}, "sweep": {"--to": "--until"}, "signal": {"--to": "--until"},
-                  "sensitivity": {"--to": "--parameter"}, "check-gradient": {"--to": "--parameter"}}
+                  "sensitivity": {"--to": "--parameter"}, "check-gradient": {"--to": "--parameter"},
+                  "diagnose": {"--auto": "--steps=5"}}
 FINE, AT_FAULT, WRONG_USAGE, OWN_FAULT, SIGNALLED = 0, 1, 2, 70, 128
 
 
@@ -223,8 +224,9 @@ def present_options(command: str, given: Sequence[str]) -> list[str]:
         if old not in former:
             continue
         new = former[old]
-        if any(other == new or other.startswith(f"{new}=") for other in given):
-            raise UsageError([Problem("option-renamed", f"{old} is the former name of {new}, which is given too", None,
+        name = new.partition("=")[0]
+        if any(other == name or other.startswith(f"{name}=") for other in given):
+            raise UsageError([Problem("option-renamed", f"{old} is the former name of {new}, and {name} is given too", None,
                                       f"Leave {old} out.")])
         warn(f"warning: {old} is now {new}. The next release reads only the new name.")
         found[k] = new + sign + value

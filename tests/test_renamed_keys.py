@@ -11,8 +11,8 @@ import pytest
 from click.testing import CliRunner
 
 import heavebond as hb
-from heavebond.cli import main
-from heavebond.core.errors import ModelError
+from heavebond.cli import main, present_options
+from heavebond.core.errors import ModelError, UsageError
 from heavebond.core.renamed import RenamedKeyWarning, collecting
 from heavebond.language import component_file, effects, reading
 from heavebond.language.renamed_keys import RENAMED
@@ -176,6 +176,13 @@ def test_a_former_option_means_what_the_present_one_means_and_warns(folder: Path
 def test_an_option_under_both_names_is_refused(folder: Path) -> None:
     said = told("signal", "one.csv", "--signal", "y", "--to=1 s", "--until", "2 s", code=2)
     assert "--to is the former name of --until" in said and "Leave --to out." in said
+
+
+def test_a_former_flag_may_mean_an_option_with_a_value(capsys: pytest.CaptureFixture[str]) -> None:
+    assert present_options("diagnose", ["a.yaml", "--auto"]) == ["a.yaml", "--steps=5"]
+    assert "--auto is now --steps=5" in capsys.readouterr().err
+    with pytest.raises(UsageError, match="--steps is given too"):
+        present_options("diagnose", ["--auto", "--steps", "2"])
 
 
 @pytest.mark.parametrize(("alias", "name"), [("where", "localize"), ("ladder", "errors")])

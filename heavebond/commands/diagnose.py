@@ -23,9 +23,8 @@ RANKED = 12  # candidates that are shown
 
 @click.command(short_help="Identify the physical effect that is missing in a model.")
 @click.argument("experiment")
-@click.option("--steps", type=Whole(1), metavar="N", default=1, show_default=True, help="Add up to N effects, as long as "
-              "each is statistically justified.")
-@click.option("--auto", is_flag=True, hidden=True)
+@click.option("--steps", type=Whole(1), metavar="N", default=5, show_default=True, help="Add up to N effects, as long as "
+              "more than the noise is left and each is statistically justified.")
 @click.option("--only", "classes", metavar="CLASS", multiple=True, help="Try effects of this class only. May be repeated.")
 @click.option("--seconds", type=Number(0, min_open=True), default=600.0, show_default=True,
               help="Time for the whole command; the search then ends with its best result so far.")
@@ -37,7 +36,7 @@ RANKED = 12  # candidates that are shown
 @click.option("--report", "report_file", metavar="FILE", type=click.Path(path_type=Path),
               help="The report [default: NAME_report.html in the folder].")
 @json_option
-def diagnose(experiment: str, steps: int, auto: bool, classes: tuple[str, ...], seconds: float, processes: int | None,
+def diagnose(experiment: str, steps: int, classes: tuple[str, ...], seconds: float, processes: int | None,
              samples: int | None, folder: Path | None, report_file: Path | None) -> dict[str, object]:
     """Identify the physical effect that is missing in the model of EXPERIMENT, its place, and the confidence of the result.
 
@@ -56,9 +55,6 @@ def diagnose(experiment: str, steps: int, auto: bool, classes: tuple[str, ...], 
 
     given = load_experiment(experiment)
     check_classes(given, classes)
-    if auto:
-        click.echo("--auto is now `--steps 5`; the next release reads only this", err=True)
-        steps = 5
     targets = Targets.beside(given, folder)
     page = report_file or targets.report
     check_writable(page, (".html",))
@@ -75,7 +71,9 @@ def diagnose(experiment: str, steps: int, auto: bool, classes: tuple[str, ...], 
         added = [*found.findings, *([found.shape] if found.shape is not None else [])]
         files = write_findings(given, added, targets)
         proposed = write_proposal(found.separation, targets.proposal) if found.separation is not None else []
-    places = _where(found, began + seconds - clock.perf_counter())
+    ended_early = any(step.partial for step in found.steps)
+    # who ends a search waits for its answer alone
+    places = None if ended_early else _where(found, began + seconds - clock.perf_counter())
     with finishing(terminal.warn):
         page = report_file or targets.report
         write_text(page, report(found, places, written=files))
@@ -84,10 +82,10 @@ def diagnose(experiment: str, steps: int, auto: bool, classes: tuple[str, ...], 
         console.print(f"{targets.passed} exists and is kept: the new files have the next free number", soft_wrap=True)
     for path in (*files, *proposed, page):
         console.print(f"wrote {path}", soft_wrap=True)
-    if any(step.partial for step in found.steps):
+    if ended_early:
         console.print("the search was ended early: the same command searches anew, --only CLASS narrows it, --seconds "
                       "gives it more time", soft_wrap=True)
-    if files and any(step.partial for step in found.steps):
+    if files and ended_early:
         console.print(f"look at it: heavebond compare {files[-1]}", soft_wrap=True)
     elif files:
         console.print(f"go on: heavebond compare {files[-1]}; heavebond diagnose {files[-1]}", soft_wrap=True)
