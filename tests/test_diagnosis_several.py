@@ -73,27 +73,28 @@ def errors(chi2: float) -> PredictiveErrors:
 Table = Mapping[str, float]
 
 
-def climbed(monkeypatch: pytest.MonkeyPatch, table: Table, *, given: bool = True, most: int = 5) -> tuple[str, list[str]]:
+def climbed(monkeypatch: pytest.MonkeyPatch, table: Table, *, given: bool = True, most: int = 5,
+            left: float = np.inf) -> tuple[str, list[str]]:
     """The effects that are found, and the diagrams on which a step was made; what is not in the table leaves what is left
     without any one of its effects, at best."""
     made: list[str] = []
 
-    def left(effects: str) -> float:
+    def chi2_of(effects: str) -> float:
         name = "".join(sorted(effects))
-        return table[name] if name in table else min((left(name.replace(e, "")) for e in name), default=1000.0)
+        return table[name] if name in table else min((chi2_of(name.replace(e, "")) for e in name), default=1000.0)
 
     def trial(effects: str, new: str) -> Refit:
-        chi2 = left(effects + new)
+        chi2 = chi2_of(effects + new)
         candidate = SimpleNamespace(label=new, component=new, kind=new, where=(), change=SimpleNamespace(moved={}),
                                     attaches="across", place="", signal="")
         return Refit(candidate, experiment(effects + new), {}, chi2 * SAMPLES, chi2, chi2, SAMPLES,  # type: ignore[arg-type]
                      SAMPLES, len(effects) + 1, (), 0.0, 0, errors=errors(chi2))
 
     def step(effects: str, new: Sequence[str]) -> Stage:
-        chi2 = left(effects)
+        chi2 = chi2_of(effects)
         trials = sorted((trial(effects, e) for e in new if e not in effects), key=lambda t: t.cost)
         bare = Stage(experiment(effects), dict.fromkeys(effects, 0.0), chi2 * SAMPLES, SAMPLES,  # type: ignore[arg-type]
-                     chi2, chi2, SAMPLES, (), ResidualTests(0, 0, 0, 9), (), tuple(trials), None, (), {}, (), False, 0.0,
+                     chi2, chi2, SAMPLES, (), ResidualTests(0, 0, 0, 9), (), tuple(trials), None, (), {}, (), False, 10.0,
                      errors=errors(chi2))
         best = stepwise_selection.leaders(bare, 1)
         return best[0] if best else bare
@@ -108,7 +109,7 @@ def climbed(monkeypatch: pytest.MonkeyPatch, table: Table, *, given: bool = True
     monkeypatch.setattr(stepwise_selection, "following", lambda made: made.chosen.experiment)
     monkeypatch.setattr(stepwise_selection, "candidates", lambda at: [trial("", e).candidate for e in "ABCD"])
     monkeypatch.setattr(stepwise_selection, "single", lambda at, candidate, say: step(at.effects, [candidate.label]))
-    way, _ = select_stepwise(experiment(""), stepping, lambda text: None, most)  # type: ignore[arg-type]
+    way, _ = select_stepwise(experiment(""), stepping, lambda text: None, most, lambda: left)  # type: ignore[arg-type]
     return "".join(added.candidate.label for added in way), made
 
 
@@ -124,6 +125,11 @@ def test_the_best_first_effect_need_not_be_one_of_the_two(monkeypatch: pytest.Mo
 
 def test_one_step_is_one_effect(monkeypatch: pytest.MonkeyPatch) -> None:
     assert climbed(monkeypatch, MISLED, most=1) == ("C", [""])
+
+
+def test_a_step_that_would_not_end_in_time_is_not_begun(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The step before took 10 s."""
+    assert climbed(monkeypatch, MISLED, left=9.0) == ("C", [""])
 
 
 def test_noise_ends_the_search(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -41,7 +41,7 @@ from heavebond.diagnosis.stage import (
     merit,
     single,
 )
-from heavebond.diagnosis.stepwise_selection import DECISIVE, SelectedEffect, Selection, select_stepwise
+from heavebond.diagnosis.stepwise_selection import DECISIVE, MOST, SelectedEffect, Selection, select_stepwise
 from heavebond.diagnosis.verdict import (
     equivalent_value_words,
     is_adequate,
@@ -56,7 +56,7 @@ from heavebond.estimation.excerpts import as_long_as, cut, excerpt
 from heavebond.estimation.experiment import Experiment, load_experiment
 from heavebond.estimation.fitting import Fit, fit
 
-SEVERAL = "More than one effect may be missing: `--steps 5` looks for several that explain it together."
+SHORT = "More than the noise is left, and the time did not suffice for a further step: `--seconds` gives it more."
 # Share of the time that is kept for the end: the fit of what was found to all samples, and what is written.
 KEPT, MOST_KEPT = 0.1, 0.4
 AGAIN = 2.0  # and between these as often the time of the first fit of all samples
@@ -118,16 +118,16 @@ class Diagnosis:
 
 @reporting
 @single_threaded
-def diagnose(experiment: Experiment | str | Path, *, steps: int = 1, number: int | None = None,
+def diagnose(experiment: Experiment | str | Path, *, steps: int = MOST, number: int | None = None,
              seconds: float | str = SECONDS, classes: Sequence[str] = (), samples: int | None = None,
              progress: Progress | None = None) -> Diagnosis:
     """Identify the effect that the diagram of an experiment lacks.
 
-    One effect, or with `steps` a stepwise selection of so many at most, as long as each lowers the errors on the selection
-    data beyond chance and noticeably (see `diagnosis.stepwise_selection`). `number` is the number of processes, by default
-    that of the processors; after `seconds` (s, or text with a unit) in all the search ends with its best result so far;
-    `classes` restricts the catalogue to classes of effects. The search uses `samples` samples of long records
-    (see `estimation.excerpts`), the final fit uses all. `progress` is called with a text at each step. Ctrl-C ends the
+    Stepwise selection of at most `steps` effects, as long as more than the noise is left and each lowers the errors on the
+    selection data beyond chance and noticeably (see `diagnosis.stepwise_selection`). `number` is the number of processes,
+    by default that of the processors; after `seconds` (s, or text with a unit) in all the search ends with its best result
+    so far; `classes` restricts the catalogue to classes of effects. The search uses `samples` samples of long records (see
+    `estimation.excerpts`), the final fit uses all. `progress` is called with a text at each step. Ctrl-C ends the
     search with the effects found so far. Raises ModelError and DataError where `experiment` is wrong, UsageError where
     no record is to be fitted.
     """
@@ -150,13 +150,14 @@ def diagnose(experiment: Experiment | str | Path, *, steps: int = 1, number: int
     try:
         with time_limit(left()):
             part, way, last = _climbed(experiment, excerpt(experiment, ladder[-1].comparison, samples),
-                                       lambda now: select_stepwise(_at(now, base), stepping, say, steps))
+                                       lambda now: select_stepwise(_at(now, base), stepping, say, steps, left))
     except KeyboardInterrupt:
         if left() > 0:
             raise
         clear_signal()
         raise UsageError([_too_short(seconds, first)]) from None
     # the last step made may be that of the last effect itself
+    short = bool(way) and last.chosen is way[-1].chosen and not last.partial and len(way) < steps and not way[-1].is_noise
     made = [*(added.step for added in (way[:-1] if way and last.chosen is way[-1].chosen else way)), last]
     with finishing(say):
         findings = _confirmed(way, ladder, experiment, say)
@@ -180,7 +181,7 @@ def diagnose(experiment: Experiment | str | Path, *, steps: int = 1, number: int
     told = (*sentences(said, rungs, come.findings, come.steps, shape, judged), *map(equivalent_value_words, come.values),
             *(apart.words if apart is not None else ()),
             *_lost(come.steps),
-            *([SEVERAL] if said in ("shape", "mainly") and come.findings and steps == 1 else []),
+            *([SHORT] if short else []),
             *_limits(classes, cut(part, experiment)))
     return Diagnosis(experiment, said, told, rungs, tuple(come.findings), tuple(come.steps), shape, base,
                      _noise(ladder[0].comparison), clock.perf_counter() - began, apart, part, judged)

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from math import inf
 
 from heavebond.core.cancellation import clear_signal
 from heavebond.core.progress import Progress
@@ -64,10 +65,12 @@ Selection = tuple[SelectedEffect, ...]
 Stepping = Callable[[Experiment, Selection], Stage]
 
 
-def select_stepwise(experiment: Experiment, stepping: Stepping, say: Progress, most: int = MOST) -> tuple[Selection, Stage]:
+def select_stepwise(experiment: Experiment, stepping: Stepping, say: Progress, most: int = MOST,
+                    left: Callable[[], float] = lambda: inf) -> tuple[Selection, Stage]:
     """The ladder of at most `most` effects that leaves least, and the last step that was made from its last rung (with the
     chosen effect on it, or with none that is worth it); `stepping` makes a step on an experiment, the ladder that leads
-    there given."""
+    there given. A further step begins only where as much time is `left` (s) as the step before took, and one that the time
+    cuts short counts only where it reaches the noise."""
     last = stepping(experiment, ())
     base, ways = last.merit, _extended((), last)
     for _ in range(2 * most):
@@ -75,6 +78,8 @@ def select_stepwise(experiment: Experiment, stepping: Stepping, say: Progress, m
             break
         steps = []
         for way in _promising(ways, base):
+            if left() < way[-1].step.seconds:
+                break
             try:
                 steps.append((way, stepping(following(way[-1].step), way)))
             except KeyboardInterrupt:
@@ -82,6 +87,10 @@ def select_stepwise(experiment: Experiment, stepping: Stepping, say: Progress, m
                 return ways[0], replace(ways[0][-1].step, partial=True)
             if steps[-1][1].partial or any(longer[-1].is_noise for longer in _extended(*steps[-1])):
                 break
+        cut = bool(steps) and steps[-1][1].partial and left() <= 0  # by the time, not by the user
+        if not steps or (cut and not any(longer[-1].is_noise for longer in _extended(*steps[-1]))):
+            last = ways[0][-1].step
+            break
         longer = [found for way, made in steps for found in _extended(way, made)
                   if worth_it(found[-1].step) and _merit(found) < _merit(ways[0])]
         if longer:
@@ -89,7 +98,7 @@ def select_stepwise(experiment: Experiment, stepping: Stepping, say: Progress, m
         last = replace(ways[0][-1].step if longer else steps[0][1], partial=steps[-1][1].partial)
         if not longer:
             break
-        if not last.partial:
+        if not last.partial and left() > 0:
             ways[0], partial = _looked_back(ways[0], stepping, say)
             last = replace(ways[0][-1].step, partial=partial)
     return (ways[0] if ways else ()), last
