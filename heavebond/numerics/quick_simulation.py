@@ -86,6 +86,9 @@ class Unexplained(Simulator):
         """The longest step, in s, over inputs that are looked up."""
         return LONGEST * float(np.median(np.diff(self.pieces.breaks)))
 
+    def _check_rates(self, assembly: Assembly, first: Start) -> None:
+        """Nothing: the number of steps is limited."""
+
     def _failure(self, assembly: Assembly, first: Start, said: str) -> SimulationError:
         return SimulationError([Problem("integration-failed", "the integration stopped")])
 

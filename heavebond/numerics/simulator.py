@@ -318,7 +318,7 @@ class Simulator:
         return self._trace(x, z, q, statistics)
 
     def _settled(self, x: Array, z: Array, p: ca.DM | Array, times: Array) -> Array:
-        return settled(self.loops, x, z, p, times, self.inputs(times))
+        return z if self.loops is None else settled(self.loops, x, z, p, times, self.inputs(times))
 
 
 def _by_direction(values: Array, sizes: Array) -> Array:
