@@ -23,7 +23,7 @@ from heavebond.estimation.comparison import TOLERANCES, assemble_for
 from heavebond.estimation.experiment import Experiment, Free, Record
 from heavebond.estimation.records import Measured, measure
 from heavebond.numerics.dae import Array, Assembly
-from heavebond.numerics.quick_simulation import Unexplained
+from heavebond.numerics.quick_simulation import FitSimulator
 from heavebond.numerics.result import Probe
 from heavebond.numerics.simulator import Simulator, Tolerances
 
@@ -134,7 +134,7 @@ class Residuals:
             raise UsageError([Problem("fit-no-record", "no record is to be fitted", None,
                                       "Mark at least one record with `use: fit`.")])
         names = list(experiment.free)
-        self.runs = list(runs) if runs is not None else [Run(experiment, record, names, tolerances, kind=Unexplained)
+        self.runs = list(runs) if runs is not None else [Run(experiment, record, names, tolerances, kind=FitSimulator)
                                                          for record in chosen]
         first = self.runs[0].assembly
         units = {q.name: q.unit.text for q in first.flat.parameters}

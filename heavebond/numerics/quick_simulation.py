@@ -25,6 +25,7 @@ import numpy as np
 
 from heavebond.core.errors import Problem, SimulationError
 from heavebond.equations.buffered import Buffered
+from heavebond.numerics import idas
 from heavebond.numerics.compiled_cvodes import CompiledCvodes
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.initialise import Start, Tangent
@@ -91,6 +92,12 @@ class Unexplained(Simulator):
 
     def _failure(self, assembly: Assembly, first: Start, said: str) -> SimulationError:
         return SimulationError([Problem("integration-failed", "the integration stopped")])
+
+
+class FitSimulator(Unexplained):
+    """A `Simulator` for the runs of a fit, of which none is given up before a plain run would be."""
+
+    most_steps = idas.MOST_STEPS
 
 
 class QuickSimulator(Unexplained):
