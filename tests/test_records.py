@@ -10,6 +10,7 @@ import pytest
 import heavebond as hb
 from heavebond.estimation.comparison import Comparison, compare
 from heavebond.estimation.experiment import load_experiment
+from heavebond.records.measurements import read_table
 
 DRIVE = Path(__file__).parents[2] / "shared" / "data" / "real" / "emps"
 HIDDEN = ("passive_rig/friction", "passive_rig/nothing", "cylinder_rig/leakage", "receiver_rig/choked")
@@ -114,3 +115,16 @@ inputs: {vessel.u: {column: heave_m, unit: m, interpolation: spline}}
 outputs: {load.x: {column: x_m, unit: m, noise: 1 mm}}
 """, encoding="utf-8")
     assert compare(tmp_path / "rig.yaml").records["one"].channels["load.x"].chi2 == pytest.approx(1.0, abs=1e-6)
+
+
+def test_a_file_that_is_written_anew_is_read_anew(tmp_path: Path) -> None:
+    """Files are kept by their text, so neither their times nor their sizes matter; what is kept cannot be changed."""
+    file = tmp_path / "one.csv"
+    for value in ("1", "2"):
+        file.write_text(f"t,x\n0,{value}\n1,{value}\n")
+        table = read_table(file)
+        assert table.columns["x"].tolist() == [float(value)] * 2
+        table.columns["y"] = table.columns["x"]
+        with pytest.raises(ValueError, match="read-only"):
+            table.columns["x"][0] = 9.0
+    assert set(read_table(file).columns) == {"t", "x"}

@@ -30,7 +30,7 @@ from heavebond.numerics.compiled_cvodes import CompiledCvodes
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.initialise import Start, Tangent
 from heavebond.numerics.simulator import Simulator
-from heavebond.numerics.solvers import Integrator, integrator, solver_options
+from heavebond.numerics.solvers import Choice, Integrator, integrator, solver_options
 from heavebond.numerics.trace import Trace
 
 # Steps between two output points after which a candidate is given up: in the search, and in what is reported of it.
@@ -61,10 +61,10 @@ class Unexplained(Simulator):
 
     @property
     def _may_look_up(self) -> bool:
-        return self._fits
+        return self.compiled
 
     @cached_property
-    def _fits(self) -> bool:
+    def compiled(self) -> bool:
         """Whether the compiled program integrates the equations."""
         return not self.assembly.flat.events and not self.charts.needed and self.quadratures is None and \
             CompiledCvodes.fits(self.integrand.dae, len(self.assembly.x_nominal))
@@ -73,11 +73,12 @@ class Unexplained(Simulator):
         return {} if self.looks_up else super()._driven(times)
 
     def _integrator(self) -> Integrator:
-        return self._compiled(FINER) if self._fits else \
+        return self._program(FINER) if self.compiled else \
             integrator(self.solver.name, self.integrand, self.stops, self.tolerances, self.most_steps)
 
-    def _compiled(self, share: float) -> Integrator:
+    def _program(self, share: float) -> Integrator:
         """The compiled program with so much of the tolerances."""
+        self.solver = Choice("cvodes", "driven by compiled code")
         tolerances = replace(self.tolerances, rtol=share * self.tolerances.rtol, atol=share * self.tolerances.atol)
         table = (self.pieces.breaks, self.pieces.columns) if self.looks_up else None
         return CompiledCvodes(self.integrand.dae, len(self.assembly.x_nominal), self.stops, tolerances, self.most_steps,
@@ -115,8 +116,8 @@ class QuickSimulator(Unexplained):
         return True
 
     def _integrator(self) -> Integrator:
-        if self._fits:
-            return self._compiled(1.0)
+        if self.compiled:
+            return self._program(1.0)
         dae, looser = self.integrand.dae, LOOSER if self.one_step else 1.0
         solver = "rosenbrock" if self.one_step else "idas" if dae["z"].numel() else "cvodes"
         tolerances = replace(self.tolerances, rtol=looser * self.tolerances.rtol, atol=looser * self.tolerances.atol)
@@ -131,7 +132,7 @@ class QuickSimulator(Unexplained):
         return Buffered(ca.integrator("run", solver, given, float(self.stops[0]), outputs, options), ("xf", "zf"))
 
     def attempt(self, first: Start, moved: Tangent | None = None) -> Trace:
-        stopped = bool(self.assembly.flat.inputs) and not self.looks_up and not self._fits
+        stopped = bool(self.assembly.flat.inputs) and not self.looks_up and not self.compiled
         try:
             found = super().attempt(first, moved)
         except RuntimeError:

@@ -99,8 +99,8 @@ def read_table(path: Path | str, *, place: Place | None = None, beside: str | No
     suffix = path.suffix.lower()
     if suffix in TEXT_SUFFIXES:
         text = read_text_columns(path)
-        return Table(path, text.header, text.lines, text.columns, text.text, text.separator, units=text.units,
-                     words=text.words)
+        return Table(path, text.header, text.lines, dict(text.columns), text.text, text.separator, units=dict(text.units),
+                     words=dict(text.words))
     if suffix in PARQUET_SUFFIXES:
         return _read_parquet(path)
     if suffix in MATLAB_SUFFIXES:

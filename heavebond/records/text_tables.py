@@ -10,6 +10,7 @@ import csv
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,7 @@ Array = NDArray[np.float64]
 Cells = list[tuple[int, list[str]]]
 SEPARATORS = {"\t": "tabs", ";": "semicolons", ",": "commas"}
 SHOWN = 5
+MOST_KEPT = 50_000_000  # characters of a file that is kept
 # The last column of a saved run: the number of rows that follow. A file that was cut off does not end with 0.
 ROWS_LEFT = "rows left [1]"
 _MISSING = {"", "nan", "na", "n/a", "null", "none", "-", "?"}
@@ -53,8 +55,23 @@ class TextColumns:
 
 
 def read_text_columns(path: Path) -> TextColumns:
-    """Read a file of text; DataError with all that is wrong in it (a column without any number is left aside)."""
+    """Read a file of text; DataError with all that is wrong in it (a column without any number is left aside).
+
+    The last few files are kept by their text: a comparison reads a record for its inputs and for its outputs, and a
+    diagnosis compares many times."""
     text = _decode(path)
+    return _kept(path, text) if len(text) <= MOST_KEPT else _columns(path, text)
+
+
+@lru_cache(maxsize=4)
+def _kept(path: Path, text: str) -> TextColumns:
+    found = _columns(path, text)
+    for values in (found.lines, *found.columns.values()):
+        values.flags.writeable = False  # they are shared
+    return found
+
+
+def _columns(path: Path, text: str) -> TextColumns:
     sheet = _cut(str(path), text)
     problems = Problems()
     _check_header(sheet, problems)
