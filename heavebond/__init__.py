@@ -27,8 +27,9 @@ if TYPE_CHECKING:
         StartError,
         UsageError,
     )
+    from heavebond.diagnosis.attempt import attempt
     from heavebond.diagnosis.catalogue import candidates
-    from heavebond.diagnosis.diagnosis import Diagnosis, attempt, diagnose
+    from heavebond.diagnosis.diagnosis import Diagnosis, diagnose
     from heavebond.diagnosis.ladder import ladder
     from heavebond.energy.audit import audit
     from heavebond.energy.simplification import simplify
@@ -65,7 +66,8 @@ _EXPORTS = {
     "records.saved_runs": ("read_run", "SavedRun"),
     "diagnosis.catalogue": ("candidates",),
     "estimation.comparison": ("compare", "Comparison"),
-    "diagnosis.diagnosis": ("attempt", "diagnose", "Diagnosis"),
+    "diagnosis.attempt": ("attempt",),
+    "diagnosis.diagnosis": ("diagnose", "Diagnosis"),
     "estimation.experiment": ("Experiment", "load_experiment"),
     "diagnosis.ladder": ("ladder",),
     "estimation.fitting": ("Fit", "fit"),

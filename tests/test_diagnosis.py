@@ -17,8 +17,9 @@ from benchmarks.diagnosis.rigs import RIGS
 from benchmarks.diagnosis.truths import TRUTHS
 from heavebond.cli import main
 from heavebond.diagnosis import identity, refit_schedule, residual_tests, stage
+from heavebond.diagnosis.attempt import attempt
 from heavebond.diagnosis.decision import DECISION
-from heavebond.diagnosis.diagnosis import Diagnosis, attempt, diagnose
+from heavebond.diagnosis.diagnosis import Diagnosis, diagnose
 from heavebond.diagnosis.experiment_design import AdditionalSensor
 from heavebond.diagnosis.fixed_values import fixed_values
 from heavebond.diagnosis.ladder import ladder_entry as rung_of

@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 
 from benchmarks.diagnosis.compensator import CASES, LEAKAGE, made
+from heavebond.diagnosis.attempt import attempt
 from heavebond.diagnosis.catalogue import candidates
-from heavebond.diagnosis.diagnosis import Diagnosis, attempt, diagnose
+from heavebond.diagnosis.diagnosis import Diagnosis, diagnose
 from heavebond.diagnosis.scoring import scored
 from heavebond.diagnosis.stage import fitted_base, make_stage
 from heavebond.estimation.fitting import fit

@@ -34,7 +34,7 @@ def try_effect(experiment: str, component: str, between: tuple[str, str] | None,
     from heavebond.commands.diagnose import parameters
     from heavebond.commands.errors import table
     from heavebond.core.presentation import number
-    from heavebond.diagnosis.diagnosis import attempt
+    from heavebond.diagnosis.attempt import attempt
     from heavebond.diagnosis.diagnosis_files import write_findings
     from heavebond.estimation.experiment import load_experiment
 

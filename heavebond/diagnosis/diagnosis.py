@@ -15,7 +15,7 @@ from pathlib import Path
 
 from heavebond.core import facade
 from heavebond.core.cancellation import clear_signal, finishing, time_limit
-from heavebond.core.errors import HeavebondError, Problem, UsageError, listing, suggest
+from heavebond.core.errors import HeavebondError, Problem, UsageError, listing
 from heavebond.core.presentation import brief
 from heavebond.core.presentation import number as written
 from heavebond.core.progress import Progress
@@ -24,22 +24,20 @@ from heavebond.core.reporting import reporting
 from heavebond.core.threads import single_threaded
 from heavebond.diagnosis.adequacy import Adequacy, adequacy
 from heavebond.diagnosis.alternatives import Alternative
-from heavebond.diagnosis.catalogue import Candidate, candidates
 from heavebond.diagnosis.experiment_design import Separation, separate
-from heavebond.diagnosis.fixed_values import VALUE, fixed_values
-from heavebond.diagnosis.ladder import AddedEffect, LadderEntry, ladder_entry, with_limits
+from heavebond.diagnosis.fixed_values import VALUE
+from heavebond.diagnosis.full_runs import at_fit, confirmed, first_entries, loaded
+from heavebond.diagnosis.ladder import AddedEffect, LadderEntry
 from heavebond.diagnosis.ranking import as_dicts, entries
 from heavebond.diagnosis.refit import Refit
 from heavebond.diagnosis.stage import (
     SECONDS,
     Stage,
     choosing,
-    following,
     make_curve_stage,
     make_stage,
     make_value_stage,
     merit,
-    single,
 )
 from heavebond.diagnosis.stepwise_selection import DECISIVE, MOST, SelectedEffect, Selection, select_stepwise
 from heavebond.diagnosis.verdict import (
@@ -51,9 +49,9 @@ from heavebond.diagnosis.verdict import (
     verdict,
     worth_it,
 )
-from heavebond.estimation.comparison import Comparison, compare
+from heavebond.estimation.comparison import Comparison
 from heavebond.estimation.excerpts import as_long_as, cut, excerpt
-from heavebond.estimation.experiment import Experiment, load_experiment
+from heavebond.estimation.experiment import Experiment
 from heavebond.estimation.fitting import Fit, fit
 
 SHORT = "More than the noise is left, and the time did not suffice for a further step: `--seconds` gives it more."
@@ -132,10 +130,10 @@ def diagnose(experiment: Experiment | str | Path, *, steps: int = MOST, number: 
     no record is to be fitted.
     """
     began, seconds = clock.perf_counter(), si_value(seconds, "s", "seconds")
-    experiment = _loaded(experiment)
+    experiment = loaded(experiment)
     say = progress or (lambda text: None)
     base = fit(experiment, progress=lambda text: say(f"fitting what is free: {text}")) if experiment.free else None
-    ladder = _first_rungs(experiment, base)
+    ladder = first_entries(experiment, base)
     first = clock.perf_counter() - began
     until = began + seconds - (max(KEPT * seconds, min(AGAIN * first, MOST_KEPT * seconds)) if isfinite(seconds) else 0.0)
 
@@ -150,7 +148,7 @@ def diagnose(experiment: Experiment | str | Path, *, steps: int = MOST, number: 
     try:
         with time_limit(left()):
             part, way, last = _climbed(experiment, excerpt(experiment, ladder[-1].comparison, samples),
-                                       lambda now: select_stepwise(_at(now, base), stepping, say, steps, left))
+                                       lambda now: select_stepwise(at_fit(now, base), stepping, say, steps, left))
     except KeyboardInterrupt:
         if left() > 0:
             raise
@@ -160,13 +158,13 @@ def diagnose(experiment: Experiment | str | Path, *, steps: int = MOST, number: 
     short = bool(way) and last.chosen is way[-1].chosen and not last.partial and len(way) < steps and not way[-1].is_noise
     made = [*(added.step for added in (way[:-1] if way and last.chosen is way[-1].chosen else way)), last]
     with finishing(say):
-        findings = _confirmed(way, ladder, experiment, say)
+        findings = _all_confirmed(way, ladder, experiment, say)
     ladder += [f.rung for f in findings]
-    now = _at(findings[-1].fit.experiment, findings[-1].fit) if findings else _at(experiment, base)
+    now = at_fit(findings[-1].fit.experiment, findings[-1].fit) if findings else at_fit(experiment, base)
     come = _SearchState(ladder, findings, made)
     if made[0].left.significant and not made[-1].partial and (not classes or VALUE in classes):
         come = _weighed(come, way, experiment, lambda beside: _within(left(), lambda: make_value_stage(
-            as_long_as(part, _at(experiment, base)), beside=beside, number=number, seconds=left(),
+            as_long_as(part, at_fit(experiment, base)), beside=beside, number=number, seconds=left(),
             progress=lambda text: say(f"trying other values of what is held fixed: {text}"))))
     shape, judged = None, None
     if unexplained(come.ladder, come.findings, come.steps):
@@ -211,7 +209,7 @@ def _without_name(come: _SearchState, way: Selection, given: Experiment, number:
     if not judged.beaten or judged.flexible is None or curves is None:
         return come, None, judged
     with finishing(say):
-        shape = _finding(SelectedEffect(choosing(curves, judged.flexible), (judged.flexible,)), given)
+        shape = confirmed(SelectedEffect(choosing(curves, judged.flexible), (judged.flexible,)), given)
     without = come.ladder[:len(come.ladder) - len(come.findings)]
     return _SearchState(without, (), [*come.steps[:1]], come.values), shape, judged
 
@@ -249,13 +247,13 @@ def _limits(classes: Sequence[str], looked: str) -> list[str]:
     return [*([only] if classes else []), *([part] if looked else [])]
 
 
-def _confirmed(way: Selection, ladder: Sequence[LadderEntry], given: Experiment, say: Progress) -> list[AddedEffect]:
+def _all_confirmed(way: Selection, ladder: Sequence[LadderEntry], given: Experiment, say: Progress) -> list[AddedEffect]:
     """The effects of a ladder with intervals and figures from full runs on the whole of the `given` records. What the first
     one explains by itself is not taken back because several together do not reach the noise: then it stands alone."""
     findings: list[AddedEffect] = []
     for added in way:
         say(f"confirming {added.candidate.label}")
-        findings.append(_finding(added, given))
+        findings.append(confirmed(added, given))
     if len(findings) > 1 and is_adequate(ladder, findings[:1]) and not is_adequate(ladder, findings):
         return [replace(findings[0], alternatives=way[0].step.cluster)]
     return findings
@@ -279,88 +277,6 @@ def _separation(findings: Sequence[AddedEffect], say: Progress, seconds: float) 
         return None
 
 
-@dataclass(frozen=True)
-class Attempt:
-    """One effect tried by hand: the ladder without and with it, the finding, how far BIC falls, and whether it earns its
-    place on held-out data."""
-
-    ladder: tuple[LadderEntry, ...]
-    finding: AddedEffect
-    bic_difference: float
-    earned: bool
-
-    def as_dict(self) -> dict[str, object]:
-        """The figures, for machines."""
-        return {"ladder": [r.as_dict() for r in self.ladder], "step": self.finding.as_dict(),
-                "bic_difference": self.bic_difference, "earned": self.earned}
-
-
-@reporting
-@single_threaded
-def attempt(experiment: Experiment | str | Path, component: str, places: Sequence[str] = (), *,
-            progress: Progress | None = None) -> Attempt:
-    """Insert one effect into the diagram of an experiment and fit it.
-
-    `attempt("rig.yaml", "CoulombFriction", ["platform", "crown"])`. `component` is the name of a component with an
-    `effect:`, of a dormant parameter (`cylinder.leakage`) or of a fixed one (`crown.m`); `places` name nodes, parts or
-    outputs until one place is left. Values of the result are in SI. `progress` is called with a text at each step.
-    Raises UsageError where no place or several fit, and whatever `fit` raises.
-    """
-    experiment = _loaded(experiment)
-    say = progress or (lambda text: None)
-    values = [c for c in fixed_values(experiment) if c.name == component]
-    chosen = _named([*candidates(experiment), *values], component, places)
-    base = fit(experiment, progress=say) if experiment.free else None
-    rungs = _first_rungs(experiment, base)
-    made = single(_at(experiment, base), chosen, say)
-    if made.chosen is None and not made.trials:
-        raise UsageError([Problem("try-broken", f"the diagram with {chosen.label} cannot be simulated", None,
-                                  "Try another place, or attach it in a diagram of your own and run that.")])
-    trial = made.trials[0]
-    found = _finding(SelectedEffect(replace(made, chosen=trial), (trial,)), experiment)
-    return Attempt((*rungs, found.rung), found, trial.bic - made.bic, made.chosen is not None)
-
-
-def _named(found: Sequence[Candidate], component: str, places: Sequence[str]) -> Candidate:
-    """The one candidate that is meant; UsageError with those that could be."""
-    kinds = [c for c in found if component in (c.component, c.name)]
-    if not kinds and any(c.kind == component for c in found):
-        alike = [c for c in found if c.kind == component]
-        laws = dict.fromkeys(c.component for c in alike if _at_all(places, {*c.where, *c.change.nodes}))
-        raise UsageError([Problem("try-class", f"'{component}' is a class of effects, not one of them", None,
-                                  f"Try {listing(laws, 8)}." if laws else "`heavebond candidates` lists where it fits.")])
-    if len(set(places)) < len(places):
-        raise UsageError([Problem("try-place", f"'{places[0]}' is named twice; an effect between two nodes needs two", None,
-                                  "Write --between and the names of two different nodes.")])
-    if not kinds:
-        names = dict.fromkeys([*(c.component for c in found), *(c.name for c in found if c.attaches == "in")])
-        raise UsageError([Problem("try-unknown", f"no effect '{component}' fits anywhere in this diagram", None,
-                                  suggest(component, names) or "`heavebond candidates` lists what does.")])
-    here = [c for c in kinds if _at_all(places, {*c.where, *c.change.nodes})]
-    exact = [c for c in here if _at_all(places, set(c.where)) and len(places) == len(c.where)]
-    if len(here) == 1 or len(exact) == 1:
-        return (exact or here)[0]
-    listed = listing((c.place for c in here or kinds), 8)
-    if not here:
-        raise UsageError([Problem("try-place", f"{component} does not fit at {listing(places)}", None,
-                                  f"It fits {listed}.")])
-    raise UsageError([Problem("try-places", f"{component} fits at several places", None,
-                              f"Say which, with --between NODE NODE or --at NAME: {listed}.")])
-
-
-def _at_all(places: Sequence[str], known: set[str]) -> bool:
-    """Whether each place is among the names of nodes, parts and outputs, or a port of a part among them (`inlet.a`)."""
-    return all(place in known or place.rpartition(".")[0] in known for place in places)
-
-
-def _loaded(experiment: Experiment | str | Path) -> Experiment:
-    found = experiment if isinstance(experiment, Experiment) else load_experiment(experiment)
-    if not any(r.use == "fit" for r in found.records.values()):
-        raise UsageError([Problem("fit-no-record", "no record is to be fitted", None,
-                                  "Mark at least one record with `use: fit`.")])
-    return found
-
-
 def _within(seconds: float, make: Callable[[], Stage]) -> Stage | None:
     """A step that ends early after `seconds` (s); None where it is ended before its first candidate."""
     if seconds <= 0:
@@ -378,29 +294,6 @@ def _too_short(seconds: float, first: float) -> Problem:
     return Problem("time-short", f"the time of {written(seconds)} s was over before the first candidate was scored: "
                    f"the fit of the free parameters took {written(first, 2)} s, and a part is kept for the result", None,
                    "Give it more time (`--seconds`), or fewer samples (`--samples`, or `from:` and `to:` at a record).")
-
-
-def _first_rungs(experiment: Experiment, base: Fit | None) -> list[LadderEntry]:
-    """The diagram as it stands, and with its free parameters fitted."""
-    name = experiment.model.name
-    if base is None:
-        return [ladder_entry(name, compare(experiment))]
-    return [ladder_entry(name, base.before), ladder_entry(f"{name}, parameters fitted", base.after)]
-
-
-def _at(experiment: Experiment, fitted: Fit | None) -> Experiment:
-    """The experiment with the fitted values in its diagram."""
-    if fitted is None:
-        return experiment
-    return replace(experiment, model=experiment.model.with_parameters(fitted.values))
-
-
-def _finding(added: SelectedEffect, given: Experiment) -> AddedEffect:
-    """The chosen effect with intervals and figures from full runs on the whole of the records."""
-    found = with_limits(added.candidate, fit(as_long_as(given, following(added.step))))
-    own = {n.name for n in added.candidate.numbers}
-    return AddedEffect(added.candidate, tuple(p for p in found.parameters if p.name in own),
-                   ladder_entry(f"+ {added.candidate.label}", found.after), found, added.alternatives)
 
 
 def _weighed(come: _SearchState, way: Selection, given: Experiment, trying: Callable[[Refit | None], Stage | None]
@@ -427,7 +320,7 @@ def _value(made: Stage, given: Experiment, ladder: Sequence[LadderEntry]) -> Add
     if made.partial or made.chosen is None or not worth_it(made) or any(t.candidate.kind != VALUE for t in made.cluster):
         return None
     with finishing(lambda text: None):
-        found = _finding(SelectedEffect(made, made.cluster), given)
+        found = confirmed(SelectedEffect(made, made.cluster), given)
     return found if near_noise(found.rung) and is_adequate([*ladder, found.rung], [found]) else None
 
 
@@ -448,7 +341,7 @@ def _shape(experiment: Experiment, given: Experiment, number: int | None, second
     if made is None or made.chosen is None or not worth_it(made):
         return None
     with finishing(lambda text: None):
-        return _finding(SelectedEffect(made, made.cluster), given)
+        return confirmed(SelectedEffect(made, made.cluster), given)
 
 
 def _noise(comparison: Comparison) -> dict[str, tuple[float, str, bool]]:

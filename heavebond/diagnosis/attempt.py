@@ -1,0 +1,94 @@
+"""One effect put into a diagram by hand and fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from heavebond.core.errors import Problem, UsageError, listing, suggest
+from heavebond.core.progress import Progress
+from heavebond.core.reporting import reporting
+from heavebond.core.threads import single_threaded
+from heavebond.diagnosis.catalogue import Candidate, candidates
+from heavebond.diagnosis.fixed_values import fixed_values
+from heavebond.diagnosis.full_runs import at_fit, confirmed, first_entries, loaded
+from heavebond.diagnosis.ladder import AddedEffect, LadderEntry
+from heavebond.diagnosis.stage import single
+from heavebond.diagnosis.stepwise_selection import SelectedEffect
+from heavebond.estimation.experiment import Experiment
+from heavebond.estimation.fitting import fit
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """One effect tried by hand: the ladder without and with it, the finding, how far BIC falls, and whether it earns its
+    place on held-out data."""
+
+    ladder: tuple[LadderEntry, ...]
+    finding: AddedEffect
+    bic_difference: float
+    earned: bool
+
+    def as_dict(self) -> dict[str, object]:
+        """The figures, for machines."""
+        return {"ladder": [r.as_dict() for r in self.ladder], "step": self.finding.as_dict(),
+                "bic_difference": self.bic_difference, "earned": self.earned}
+
+
+@reporting
+@single_threaded
+def attempt(experiment: Experiment | str | Path, component: str, places: Sequence[str] = (), *,
+            progress: Progress | None = None) -> Attempt:
+    """Insert one effect into the diagram of an experiment and fit it.
+
+    `attempt("rig.yaml", "CoulombFriction", ["platform", "crown"])`. `component` is the name of a component with an
+    `effect:`, of a dormant parameter (`cylinder.leakage`) or of a fixed one (`crown.m`); `places` name nodes, parts or
+    outputs until one place is left. Values of the result are in SI. `progress` is called with a text at each step.
+    Raises UsageError where no place or several fit, and whatever `fit` raises.
+    """
+    experiment = loaded(experiment)
+    say = progress or (lambda text: None)
+    values = [c for c in fixed_values(experiment) if c.name == component]
+    chosen = _named([*candidates(experiment), *values], component, places)
+    base = fit(experiment, progress=say) if experiment.free else None
+    rungs = first_entries(experiment, base)
+    made = single(at_fit(experiment, base), chosen, say)
+    if made.chosen is None and not made.trials:
+        raise UsageError([Problem("try-broken", f"the diagram with {chosen.label} cannot be simulated", None,
+                                  "Try another place, or attach it in a diagram of your own and run that.")])
+    trial = made.trials[0]
+    found = confirmed(SelectedEffect(replace(made, chosen=trial), (trial,)), experiment)
+    return Attempt((*rungs, found.rung), found, trial.bic - made.bic, made.chosen is not None)
+
+
+def _named(found: Sequence[Candidate], component: str, places: Sequence[str]) -> Candidate:
+    """The one candidate that is meant; UsageError with those that could be."""
+    kinds = [c for c in found if component in (c.component, c.name)]
+    if not kinds and any(c.kind == component for c in found):
+        alike = [c for c in found if c.kind == component]
+        laws = dict.fromkeys(c.component for c in alike if _at_all(places, {*c.where, *c.change.nodes}))
+        raise UsageError([Problem("try-class", f"'{component}' is a class of effects, not one of them", None,
+                                  f"Try {listing(laws, 8)}." if laws else "`heavebond candidates` lists where it fits.")])
+    if len(set(places)) < len(places):
+        raise UsageError([Problem("try-place", f"'{places[0]}' is named twice; an effect between two nodes needs two", None,
+                                  "Write --between and the names of two different nodes.")])
+    if not kinds:
+        names = dict.fromkeys([*(c.component for c in found), *(c.name for c in found if c.attaches == "in")])
+        raise UsageError([Problem("try-unknown", f"no effect '{component}' fits anywhere in this diagram", None,
+                                  suggest(component, names) or "`heavebond candidates` lists what does.")])
+    here = [c for c in kinds if _at_all(places, {*c.where, *c.change.nodes})]
+    exact = [c for c in here if _at_all(places, set(c.where)) and len(places) == len(c.where)]
+    if len(here) == 1 or len(exact) == 1:
+        return (exact or here)[0]
+    listed = listing((c.place for c in here or kinds), 8)
+    if not here:
+        raise UsageError([Problem("try-place", f"{component} does not fit at {listing(places)}", None,
+                                  f"It fits {listed}.")])
+    raise UsageError([Problem("try-places", f"{component} fits at several places", None,
+                              f"Say which, with --between NODE NODE or --at NAME: {listed}.")])
+
+
+def _at_all(places: Sequence[str], known: set[str]) -> bool:
+    """Whether each place is among the names of nodes, parts and outputs, or a port of a part among them (`inlet.a`)."""
+    return all(place in known or place.rpartition(".")[0] in known for place in places)

@@ -1,0 +1,48 @@
+"""What a diagnosis reports, from runs over the whole of the records: the first entries of the ladder, and an added effect
+fitted with everything else that is free."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from heavebond.core.errors import Problem, UsageError
+from heavebond.diagnosis.ladder import AddedEffect, LadderEntry, ladder_entry, with_limits
+from heavebond.diagnosis.stage import following
+from heavebond.diagnosis.stepwise_selection import SelectedEffect
+from heavebond.estimation.comparison import compare
+from heavebond.estimation.excerpts import as_long_as
+from heavebond.estimation.experiment import Experiment, load_experiment
+from heavebond.estimation.fitting import Fit, fit
+
+
+def loaded(experiment: Experiment | str | Path) -> Experiment:
+    """An experiment, read where it is a file; UsageError where no record of it is fitted."""
+    found = experiment if isinstance(experiment, Experiment) else load_experiment(experiment)
+    if not any(r.use == "fit" for r in found.records.values()):
+        raise UsageError([Problem("fit-no-record", "no record is to be fitted", None,
+                                  "Mark at least one record with `use: fit`.")])
+    return found
+
+
+def first_entries(experiment: Experiment, base: Fit | None) -> list[LadderEntry]:
+    """The diagram as it stands, and with its free parameters fitted."""
+    name = experiment.model.name
+    if base is None:
+        return [ladder_entry(name, compare(experiment))]
+    return [ladder_entry(name, base.before), ladder_entry(f"{name}, parameters fitted", base.after)]
+
+
+def at_fit(experiment: Experiment, fitted: Fit | None) -> Experiment:
+    """The experiment with the fitted values in its diagram."""
+    if fitted is None:
+        return experiment
+    return replace(experiment, model=experiment.model.with_parameters(fitted.values))
+
+
+def confirmed(added: SelectedEffect, given: Experiment) -> AddedEffect:
+    """The chosen effect with intervals and figures from full runs on the whole of the records."""
+    found = with_limits(added.candidate, fit(as_long_as(given, following(added.step))))
+    own = {n.name for n in added.candidate.numbers}
+    return AddedEffect(added.candidate, tuple(p for p in found.parameters if p.name in own),
+                   ladder_entry(f"+ {added.candidate.label}", found.after), found, added.alternatives)
