@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import reference_cmc_ahc as reference
 
 from benchmarks import published_search as search
 from benchmarks import published_structures as structures
@@ -82,3 +83,50 @@ def test_sentences_on_the_results() -> None:
     stated = re.search(r"With all four gains and the eigenfrequency, at most (\w+) cells are met", text)
     assert stated and stated[1] == {9: "nine", 8: "eight", 7: "seven"}[
         max(most[box, "with all gains and 0.23 Hz"] for box in search.BOXES)]
+
+
+def test_counts_of_the_numbers_that_are_met() -> None:
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in PAGE.read_text(encoding="utf-8").splitlines()]
+    counts = np.array([[int(row[1]), int(row[2])] for row in rows if len(row) == 3 and row[1].isdigit()])
+    found = [sum(search.misses(np.array(kept["numbers"])) == 0 for kept in RESULTS[box].values()) for box in search.BOXES]
+    assert np.array_equal(counts, np.transpose(found))
+
+
+def backward_euler(p: dict[str, float], step: float) -> tuple[np.ndarray, np.ndarray]:
+    """Times and force on the formation of the nonlinear equations, by Backward Euler with a fixed step."""
+    state, preload, seabed = reference.steady(p)
+    scaled, size, identity = state / reference.SIZES, reference.SIZES, np.eye(11)
+
+    def rate(t: float, y: np.ndarray) -> np.ndarray:
+        return np.asarray(reference.derivative(t, y * size, p, preload, seabed) / size)
+
+    times, forces = step * np.arange(1, round(96 / step) + 1), []
+    for t in times:
+        guess, jacobian = scaled.copy(), identity
+        for k in range(25):
+            if k in (0, 1, 4, 8, 12, 16, 20):
+                base = rate(t, guess)
+                columns = [(rate(t, guess + 1e-7 * direction) - base) / 1e-7 for direction in identity]
+                jacobian = identity - step * np.array(columns).T
+            change = np.linalg.solve(jacobian, scaled + step * rate(t, guess) - guess)
+            guess = guess + change
+            if np.abs(change).max() < 1e-9:
+                break
+        scaled = guess
+        forces.append(reference.contact(scaled * size, p, seabed))
+    return times, np.array(forces)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("friction", "f_n", "K_p", "K_v", "expected"), [
+    (True, 0.75, 3.29, 0.521, 2.66), (True, 2.5, 2.70, 0.527, 1.57), (False, 0.75, 5.3, 0.512, 1.40),
+    (False, 1.0, 6.2, 0.515, 0.89)])
+def test_nonlinear_equations_by_backward_euler(friction: bool, f_n: float, K_p: float, K_v: float, expected: float) -> None:
+    found = RESULTS["data sheet"]["backward Euler, crown block and hook as one mass"]["values"]
+    p = {**reference.ACTIVE, **({} if friction else reference.FRICTIONLESS), "m_2": found["hook"],
+         "m_3": 133e3 - found["hook"], "k_wire": 2e8, "d_wire": 2e6,
+         "d_string": found["d_string"], "d_form": found["d_formation"],
+         "A_eq": 69e-4 * found["equalised"] / 1.027, "beta": found["beta"], "leak_piston": found["leakage"],
+         "zeta": found["zeta"], "t_m": found["T_1"], "f_n": f_n, "K_p": K_p, "K_v": K_v}
+    times, forces = backward_euler(p, found["step"])
+    assert np.abs(forces[times >= 72] - 30e3).max() / 1e3 == pytest.approx(expected, rel=0.05)

@@ -5,6 +5,8 @@ What it gives stands once, in the table of docs/published_system.md; here the mo
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -206,3 +208,62 @@ def test_the_storm_ends_at_the_stops() -> None:
         assert 1 < found.value(of, "largest force") < 10     # MN
     active = found.of("active")
     assert found.value(active, "upper impacts") > 5 and found.value(active, "lower impacts") > 3
+
+
+# -- numbers in sentences ----------------------------------------------------------------------------------------------
+def stated(pattern: str) -> list[float]:
+    """Numbers that a sentence of the page states; its line breaks are spaces."""
+    text = " ".join(PAGE.read_text(encoding="utf-8").split())
+    found = re.search(pattern, text)
+    assert found, f"the page has no sentence like this: {pattern}"
+    return [float(number) for number in found.groups()]
+
+
+def wob(model: str, **parameters: float) -> np.ndarray:
+    """kN around 30, over the last two periods."""
+    given = {name.replace("__", "."): value for name, value in parameters.items()}
+    return hb.simulate(hb.load(model), parameters=given).display["WOB"][3600:-1] - 30
+
+
+def test_sentences_on_forces() -> None:
+    speed, high = (2 * np.pi / 12 * a for a in (0.5, 1.75))
+    assert stated(r"the platform moves at ([\d.]+) m/s; gas damping") == pytest.approx([speed], rel=0.01)
+    assert stated(r"viscous and Coulomb friction are ([\d.]+) \+ ([\d.]+) \+ 12 = ([\d.]+) kN") == pytest.approx(
+        [52 * speed, 10 * speed, 62 * speed + 12], rel=0.01)
+    assert stated(r"mass moves (\d+) % further") == pytest.approx([100 / (1 - (1 / 12 / 0.2392) ** 2) - 100], abs=0.5)
+    assert stated(r"platform's ([\d.]+) m/s, is (\d+) kN") == pytest.approx([high, 52 * high], rel=0.01)
+    assert stated(r"\((\d+) kN from stiction to stiction\)") == pytest.approx([2 * 22.8], rel=0.02)
+    static = 1 / (1 / 4000 + 1 / 298 + 1 / 1000)
+    assert stated(r"stiffness of (\d+) kN/m, so a slow motion of 2 cm corresponds to ([\d.]+) kN") == pytest.approx(
+        [static, 0.02 * static], rel=0.01)
+
+
+def test_sentences_on_the_optimum_at_three_quarter_hertz() -> None:
+    ours = [on_the_page()[friction, "0.75 Hz"] for friction in PUBLISHED]
+    numbers = stated(r"K_p \(([\d.]+) 1/m\) is (\d+) % above the published 3.02 and K_v \(([\d.]+) s/m\) is (\d+) %")
+    assert numbers == pytest.approx([ours[0]["K_p"], 100 * (ours[0]["K_p"] / 3.02 - 1), ours[0]["K_v"],
+                                     100 * (1 - ours[0]["K_v"] / 0.55)], abs=0.5)
+    gains = [{"controller__K_p": one["K_p"], "controller__K_v": one["K_v"]} for one in ours]
+    dry, smooth = wob("cmc_ahc", **gains[0]), wob("cmc_ahc/active_frictionless", **gains[1])
+    added = abs(dry).max() - abs(smooth).max()
+    assert stated(r"Friction adds ([\d.]+) kN; in the paper") == pytest.approx([added], abs=0.06)
+    slow = 2 * abs(np.mean(dry * np.exp(-2j * np.pi * np.arange(len(dry)) * 0.02 / 12)))
+    assert stated(r"Of the ([\d.]+) kN here, ([\d.]+) are the slow motion") == pytest.approx(
+        [abs(dry).max(), slow], rel=0.03)
+
+
+def test_sentences_on_the_unstable_optimum() -> None:
+    """Without friction at 2.5 Hz, where stability is the active limit."""
+    machine = hb.assemble(hb.load("cmc_ahc/active_frictionless")).with_parameters({"ahc.valve.f_n": 2.5})
+    task = replace(load_study("cmc_ahc/quality_index").tuning, stable=False)
+    found = hb.tune(machine, task, explore=8)
+    k_p, low = stated(r"would lead to K_p ([\d.]+) 1/m, with ([\d.]+) kN")
+    assert found.values["controller.K_p"] == pytest.approx(k_p, rel=0.01)
+    runs = [hb.simulate(machine, parameters={**found.values, "wave.a": a}).display["WOB"][3600:] - 30 for a in (0.5, 0.25)]
+    assert abs(runs[0]).max() == pytest.approx(low, rel=0.02)
+    assert stated(r"in a wave of 0.25 m the WOB oscillates by (\d+) kN") == pytest.approx([abs(runs[1]).max()], rel=0.05)
+
+
+def test_sentence_on_the_high_wave() -> None:
+    assert stated(r"of 2.5 Hz the 1.75 m wave gives ([\d.]+) kN") == pytest.approx(
+        [abs(wob("cmc_ahc/fast_valve", wave__a=1.75)).max()], rel=0.01)
