@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import heavebond as hb
+from heavebond.linear.linearisation import ModesAtStart
 from heavebond.optimise.objective import Objective
 from heavebond.studies.run_case import assembled, measured, tuned_by
 from heavebond.studies.study import load_study
@@ -267,3 +268,37 @@ def test_sentences_on_the_unstable_optimum() -> None:
 def test_sentence_on_the_high_wave() -> None:
     assert stated(r"of 2.5 Hz the 1.75 m wave gives ([\d.]+) kN") == pytest.approx(
         [abs(wob("cmc_ahc/fast_valve", wave__a=1.75)).max()], rel=0.01)
+
+
+def test_sentences_on_assumed_values() -> None:
+    critical = [2 * np.sqrt(c * m) for c, m in ((4e6, 68e3), (298e3, 65e3), (1e6, 65e3))]
+    assert stated(r"([\d.]+) and ([\d.]+) % of critical, with the masses below") == pytest.approx(
+        [100 * 50e3 / critical[0], 100 * 15e3 / critical[1]], rel=0.02)
+    assert stated(r"\| (\d+) %; rock radiates waves") == pytest.approx([100 * 220e3 / critical[2]], rel=0.02)
+    flow = 2e-11 * 100e5 * 60e3
+    assert stated(r"(\d+) L/min at 100 bar over both pistons, ([\d.]+) % of the rated flow") == pytest.approx(
+        [flow, 100 * flow / 920], rel=0.02)
+    area = np.pi / 4 * 0.4**2
+    pressure = (163 * 9.81 - 30) / area / 100
+    assert stated(r"400 mm\) \| 100 to 200 bar under the load \| (\d+) bar") == pytest.approx([pressure], rel=0.01)
+    assert stated(r"mid stroke, which is their purpose \(to (\d+) %\)") == pytest.approx(
+        [100 * 2 * 69e-4 * pressure * 1e5 / 4 / 42e3], rel=0.01)
+
+
+def test_sentences_on_a_third_of_the_string_at_the_hook() -> None:
+    frequency, k_p = stated(r"the eigenfrequency \(([\d.]+) Hz\) and K_p \(([\d.]+) 1/m\) are the published ones")
+    passive = ModesAtStart(hb.assemble(hb.load("cmc_ahc/passive_frictionless")).with_parameters({"drilling.hook.m": 76.7e3}))
+    slowest = min((mode for mode in passive.at({})[1] if mode.swings), key=lambda mode: mode.frequency)
+    assert slowest.frequency == pytest.approx(frequency, rel=0.01)
+    machine = hb.assemble(hb.load("cmc_ahc")).with_parameters({"drilling.hook.m": 76.7e3})
+    assert hb.tune(machine, load_study("cmc_ahc/quality_index").tuning, explore=8).values["controller.K_p"] == pytest.approx(
+        k_p, rel=0.03)
+
+
+def test_sentence_on_two_minima() -> None:
+    """With friction at 1 Hz."""
+    k_p, higher = stated(r"the other, at K_p ([\d.]+) 1/m, is ([\d.]+) % higher")
+    machine = hb.assemble(hb.load("cmc_ahc")).with_parameters({"ahc.valve.f_n": 1.0})
+    objective = Objective(machine, load_study("cmc_ahc/quality_index").tuning)
+    other = objective.at({"controller.K_p": k_p, "controller.K_v": 0.524}).cost
+    assert 100 * (other / on_the_page()["with", "1 Hz"]["phi"] - 1) == pytest.approx(higher, abs=0.5)
