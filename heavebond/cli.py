@@ -32,6 +32,7 @@ from heavebond.commands.energy import energy
 from heavebond.commands.errors import errors
 from heavebond.commands.export import export
 from heavebond.commands.fit import fit
+from heavebond.commands.import_model import import_model
 from heavebond.commands.library import library
 from heavebond.commands.linear import linear
 from heavebond.commands.localize import localize
@@ -276,6 +277,6 @@ def main() -> None:
 
 
 for _command in (check, draw, run, plot, animate, compare, fit, localize, candidates, try_effect, diagnose, errors, tune,
-                 study, sweep, signal, modes, linear, energy, sensitivity, check_gradient, library, demo, export, schema,
-                 new):
+                 study, sweep, signal, modes, linear, energy, sensitivity, check_gradient, library, demo, export,
+                 import_model, schema, new):
     main.add_command(_command)

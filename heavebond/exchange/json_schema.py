@@ -168,7 +168,9 @@ def component_file(known: Library) -> Schema:
         "when": _each(event, "what happens at an instant"), **BODY, "stores": _said("energy stored", FORMULA),
         "dissipates": _said("power lost", FORMULA), "unbalanced": _object({"power": FORMULA, "why": TEXT}, ["power", "why"]),
         "power": _said("`source`, or `controlled,` and why"), "requires": _said("relations between parameters", WORDS),
-        "effect": _effect(domain), "sliding": _each(QUANTITY, "what makes its dry friction slide where it is linearised")},
+        "effect": _effect(domain), "sliding": _each(QUANTITY, "what makes its dry friction slide where it is linearised"),
+        "placeholder": _said("why its law is missing"),
+        "units": {"enum": ["unchecked"], "description": "its equations are between plain numbers in SI"}},
         ["component", "summary"])
 
 

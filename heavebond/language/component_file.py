@@ -33,7 +33,7 @@ T = TypeVar("T")
 COMPONENT_KEYS = (
     "component", "summary", "restrictions", "source", "ports", "parameters", "variables", "equations", "when",
     "components", "nodes", "stores", "dissipates", "unbalanced", "power", "requires", "effect", "domain", "symbol",
-    "sliding")
+    "sliding", "units", "placeholder")
 _EQUALS = re.compile(r"(?<![<>=!])=(?!=)")
 _EACH = re.compile(r"each\s+([A-Za-z_]\w*)\s+in\s+(.+?)\.\.(.+?):\s*")
 
@@ -84,7 +84,16 @@ class _Parser:
             symbol=reading.text(root.items.get("symbol"), "symbol", problems),
             effect=effects.effect(root.items.get("effect")),
             sliding=self._sliding(root.items.get("sliding"), parameters, variables),
+            placeholder=reading.text(root.items.get("placeholder"), "placeholder", problems),
+            units_checked=self._units_checked(root.items.get("units")),
         )
+
+    def _units_checked(self, node: Node | None) -> bool:
+        said = reading.text(node, "units", self.problems)
+        if node is not None and said != "unchecked":
+            self.problems.add("units-unknown", f"`units: {said}` has no meaning", node.place,
+                              hint="Write `units: unchecked`, or leave the key out: units are checked then.")
+        return node is None
 
     def _sliding(self, node: Node | None, parameters: Dictionary[str, Parameter], variables: Dictionary[str, Variable]
                  ) -> dict[str, float]:

@@ -342,6 +342,8 @@ class Component:
     symbol: str = ""
     effect: Effect | None = None
     sliding: dict[str, float] = field(default_factory=dict)
+    placeholder: str = ""  # why its law is missing: it stands for something that was not translated
+    units_checked: bool = True  # False: the equations are between numbers in SI, as in an imported component
     foreign: Foreign | None = None
 
     @property

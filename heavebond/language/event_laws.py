@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from heavebond.core.errors import Problems, listing, suggest
-from heavebond.core.units import dimension_text, is_generic
+from heavebond.core.units import ONE, dimension_text, is_generic
 from heavebond.language import reading
 from heavebond.language.definition import Component, EventDefinition, Formula, Reset
 from heavebond.text.dimensions import SECOND, TRUTH, Lookup, dimension, number_dimension
@@ -121,9 +121,9 @@ def _reset(component: Component, reset: Reset, lookup: Lookup, problems: Problem
     except ExpressionProblem as problem:
         reading.add_expression_problem(problem, reset.value.place, problems)
         return
-    if found is not None and found != wanted and not is_generic(found) and not is_generic(wanted):
-        problems.add("units-differ", f"'{target.text}' is in {dimension_text(wanted)}, its new value is in "
-                     f"{dimension_text(found)}", reset.value.place, hint="Check the factors of the formula.")
+    if None not in (found, wanted) and found != wanted and not is_generic(found or ONE) and not is_generic(wanted or ONE):
+        problems.add("units-differ", f"'{target.text}' is in {dimension_text(wanted or ONE)}, its new value is in "
+                     f"{dimension_text(found or ONE)}", reset.value.place, hint="Check the factors of the formula.")
 
 
 def _is_given(component: Component, target: Name) -> bool:

@@ -22,7 +22,7 @@ from heavebond.language.definition import (
     Variable,
 )
 from heavebond.language.event_laws import check_events
-from heavebond.text.dimensions import SECOND, TRUTH, Lookup, check_equation, dimension
+from heavebond.text.dimensions import ANY, SECOND, TRUTH, Lookup, check_equation, dimension
 from heavebond.text.expression import Binary, Expr, ExpressionProblem, Name, constant, names
 
 Domains = Mapping[str, Domain]
@@ -39,7 +39,12 @@ class Scope:
         for group in (component.parameters, component.variables, component.signals):
             self.plain.update({name: item.unit.dimension for name, item in group.items()})
 
-    def __call__(self, name: Name) -> Dimension:
+    def __call__(self, name: Name) -> Dimension | None:
+        """The dimension of a name; None (any) in a component whose units are not checked."""
+        found = self._dimension(name)
+        return found if self.component.units_checked else ANY
+
+    def _dimension(self, name: Name) -> Dimension:
         words = [part for part in name.parts if isinstance(part, str)]
         if len(words) == 1 and words[0] in self.plain:
             self._indexed(words[0], name)

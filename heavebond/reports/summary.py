@@ -84,6 +84,7 @@ class Summary:
     start_mode: str
     start: tuple[StartLine, ...]
     solved: tuple[StartLine, ...]
+    placeholders: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, object]:
         """Everything, for machines; values in SI."""
@@ -106,6 +107,7 @@ class Summary:
                                              for path in paths)))
         rows.append(("nodes", f"{len(self.nodes)}: {listing(self.nodes, SHOWN_NAMES)}"))
         rows += [("medium", words) for words in self.media]
+        rows += [("placeholder", words) for words in self.placeholders]
         if self.inputs:
             rows.append(("measured", ", ".join(self.inputs)))
         if self.events:
@@ -176,7 +178,9 @@ def summary(assembly: Assembly, start: Start | None) -> Summary:
         loops=tuple(_loop(assembly, loop.equations, loop.torn, loop.left) for loop in reduced.loops),
         start_mode=model.initial.mode or "",
         start=tuple(_tidy(line, sizes.get(line.name, 0.0)) for line in table if line.name not in asked),
-        solved=tuple(line for line in table if line.name in asked))
+        solved=tuple(line for line in table if line.name in asked),
+        placeholders=tuple(f"{path}: {leaf.component.placeholder}" for path, leaf in expanded.leaves.items()
+                           if leaf.component.placeholder))
 
 
 def _charts(assembly: Assembly) -> tuple[OpenChoice, ...]:

@@ -25,7 +25,7 @@ from heavebond.text.expression import (
 ANY = None  # a bare 0 fits any unit
 TRUTH: Dimension = (("truth", Fraction(1)),)
 SECOND: Dimension = (("s", Fraction(1)),)
-Lookup = Callable[[Name], Dimension]
+Lookup = Callable[[Name], Dimension | None]
 LARGEST_EXPONENT = 100
 
 _DIMENSIONLESS = {"exp", "log", "sin", "cos", "tan", "tanh", "asin", "acos", "atan", "floor"}

@@ -1,0 +1,43 @@
+"""`heavebond import`: a 20-sim model as a diagram with its components."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from heavebond.commands.arguments import json_option
+from heavebond.core.errors import Problem, UsageError
+
+
+@click.command("import", short_help="Translate a 20-sim model (.emx) into a diagram with its components.")
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("-o", "--output", metavar="FOLDER", type=click.Path(path_type=Path),
+              help="The folder to write to; without it, a folder with the name of the model.")
+@json_option
+def import_model(file: Path, output: Path | None) -> dict[str, object]:
+    """Translate the 20-sim model FILE (.emx) into a folder with a diagram and component files.
+
+    What cannot be translated is listed with its submodel and line. Nothing in the file is executed.
+    """
+    from heavebond.commands import terminal
+    from heavebond.core.quoting import visible
+    from heavebond.import_20sim.importer import import_emx
+    from heavebond.language.library import library
+
+    if file.suffix.lower() != ".emx":
+        raise UsageError([Problem("emx-suffix", f"'{file}' is no 20-sim model", None, "Name a file that ends in .emx.")])
+    if not file.is_file():
+        raise UsageError([Problem("file", f"there is no file '{file}'")])
+    with terminal.working("translating"):
+        made = import_emx(file, frozenset(library().names()))
+        folder = output or Path(made.name)
+        written = made.write(folder)
+    console = terminal.output()
+    console.print(f"wrote {written[0]} and {len(written) - 1} components", soft_wrap=True, markup=False)
+    for item in made.untranslated:
+        console.print(visible(f"not translated: {file.name}:{item.line}: {item.submodel}: {item.reason}"), soft_wrap=True,
+                      markup=False)
+    console.print(f"go on: heavebond check {written[0]}", soft_wrap=True, markup=False)
+    return {"model": made.name, "files": [str(path) for path in written],
+            "untranslated": [{"submodel": u.submodel, "line": u.line, "reason": u.reason} for u in made.untranslated]}

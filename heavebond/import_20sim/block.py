@@ -1,0 +1,249 @@
+"""Submodels made of submodels: parts and nodes, from connections."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from heavebond.import_20sim.component import Component, Item
+from heavebond.import_20sim.emx_file import EmxFile
+from heavebond.import_20sim.equations import Builder
+from heavebond.import_20sim.evaluate import fold
+from heavebond.import_20sim.expressions_parser import Unreadable
+from heavebond.import_20sim.names import camel, identifier
+from heavebond.import_20sim.sidops_tree import Connection, Do, Port, Submodel
+
+GENERIC = {"Submodel", "SubmodelEquation", "SubmodelGraphical", "Mainmodel", "SubmodelTryout"}
+Made = "Component | Block"
+
+
+@dataclass
+class Part:
+    """A part of a block, with what it is, its values, and its place."""
+
+    name: str
+    what: Component | Block
+    x: float
+    y: float
+    inputs: dict[str, str] = field(default_factory=dict)
+    elements: dict[str, list[str]] = field(default_factory=dict)  # of each 20-sim port
+
+
+@dataclass
+class Block:
+    """A block or diagram: parts, nodes, ports, and equations between its own ports."""
+
+    name: str
+    summary: str
+    parts: dict[str, Part] = field(default_factory=dict)
+    nodes: dict[str, list[str]] = field(default_factory=dict)
+    items: dict[str, Item] = field(default_factory=dict)
+    equations: list[tuple[str, str]] = field(default_factory=list)
+    elements: dict[str, list[str]] = field(default_factory=dict)
+    untranslated: list[tuple[int, str]] = field(default_factory=list)
+
+
+def title(submodel: Submodel, library: frozenset[str] = frozenset()) -> str:
+    """The name of the component for a submodel: its type, or its own name where the type says nothing or is taken."""
+    kind = camel(submodel.type)
+    name = camel(submodel.name) if kind in GENERIC or kind in library or not submodel.type else kind
+    return f"Own{name}" if name in library else name
+
+
+def elements_of(port: Port) -> list[str]:
+    """The names of the elements of a port of fixed size."""
+    sizes = [round(fold(e, {}) or 1) for e in port.size]
+    rows, columns = (*sizes, 1, 1)[:2] if sizes else (1, 1)
+    base = identifier(port.name)
+    if rows * columns == 1 or rows * columns > 2000:
+        return [base]
+    return [f"{base}_{i + 1}" for i in range(rows)] if columns == 1 else \
+        [f"{base}_{i + 1}_{k + 1}" for i in range(rows) for k in range(columns)]
+
+
+class Nets:
+    """Ends of connections that are one node."""
+
+    def __init__(self) -> None:
+        self.parent: dict[str, str] = {}
+
+    def find(self, end: str) -> str:
+        self.parent.setdefault(end, end)
+        while self.parent[end] != end:
+            self.parent[end] = self.parent[self.parent[end]]
+            end = self.parent[end]
+        return end
+
+    def join(self, a: str, b: str) -> None:
+        self.parent[self.find(b)] = self.find(a)
+
+    def groups(self) -> list[list[str]]:
+        found: dict[str, list[str]] = {}
+        for end in self.parent:
+            found.setdefault(self.find(end), []).append(end)
+        return list(found.values())
+
+
+class Translator:
+    """The tree of submodels of one model as components and blocks."""
+
+    def __init__(self, emx: EmxFile, comments: Mapping[int, str], library: frozenset[str]):
+        self.emx, self.comments, self.library = emx, comments, library
+        self.components: list[tuple[str, Component]] = []  # by dotted path of the new diagram
+        self.blocks: list[tuple[str, Block]] = []
+
+    def submodel(self, submodel: Submodel, old: str, new: str,
+                 ends: list[tuple[str, str, str]]) -> Component | Block:
+        """A submodel with its path in 20-sim (`a\\b`) and in the diagram (`a.b`)."""
+        if submodel.equations is None and (submodel.submodels or submodel.connections):
+            return self.block(submodel, old, new)
+        builder = Builder(submodel, self.comments, ends)
+        made = builder.build()
+        made.line = submodel.line
+        made.name = title(submodel, self.library)
+        if submodel.equations is None and submodel.ports:
+            made.untranslated.append((submodel.line, "it has no implementation"))
+        self._experiment(made, old, builder)
+        self.components.append((new, made))
+        return made
+
+    def _experiment(self, made: Component, old: str, builder: Builder) -> None:
+        """Values and initial values of the experiment."""
+        values: dict[str, float] = {}
+        for item in made.of_kind("parameter"):
+            stated = self.emx.parameters.get(f"{old}\\{item.name}")
+            if stated is not None:
+                item.value = stated
+            if item.value is not None:
+                values[item.name] = item.value
+        for own, shared in made.shared.items():
+            if shared in self.emx.parameters:
+                values[own] = self.emx.parameters[shared]
+                made.items[own].value = values[own]
+        for variable, first in list(made.initial.items()):
+            stated = self.emx.initials.get(f"{old}\\{variable}_initial")
+            value = fold(first, {**builder.numbers, **values}) if stated is None else stated
+            if value is None:
+                made.untranslated.append((builder.submodel.line, f"the initial value of '{variable}' is not a number"))
+            made.initial[variable] = first.__class__("number", value=value or 0.0)
+
+    def block(self, submodel: Submodel, old: str, new: str) -> Block:
+        """The parts of a submodel and their nodes."""
+        made = Block(title(submodel, self.library), "")
+        made.untranslated += submodel.problems
+        for port in submodel.ports:
+            made.elements[port.name] = elements_of(port)
+            for name in made.elements[port.name]:
+                kind = port.direction if port.domain == "signal" else "bond"
+                made.items[name] = Item(name, kind, port.unit if kind != "bond" else "",
+                                        "" if port.domain in ("signal", "power") else port.domain)
+        by_name = {part.name: part for part in submodel.submodels}
+        nets, ends = self._ends(submodel, by_name)
+        for part in submodel.submodels:
+            if _alias(part, ends.get(part.name, [])):
+                continue
+            name = identifier(part.name)
+            inner = self.submodel(part, f"{old}\\{part.name}" if old else part.name, f"{new}.{name}" if new else name,
+                                  ends.get(part.name, []))
+            placed = Part(name, inner, part.x, part.y)
+            for port in part.ports:
+                if port.many:
+                    width = len(elements_of(port))
+                    placed.elements.update({label: [identifier(label)] if width == 1 else
+                                            [f"{identifier(label)}_{k + 1}" for k in range(width)]
+                                            for own, label, _ in ends.get(part.name, []) if own == port.name})
+                else:
+                    placed.elements[port.name] = elements_of(port)
+            made.parts[part.name] = placed
+        self._nodes(made, nets)
+        self.blocks.append((new, made))
+        return made
+
+    def _ends(self, submodel: Submodel, by_name: Mapping[str, Submodel]
+              ) -> tuple[Nets, dict[str, list[tuple[str, str, str]]]]:
+        """Connections as nets, and for each knot its ends: (port, name of the end, direction)."""
+        ends: dict[str, list[tuple[str, str, str]]] = {}
+        labelled: list[tuple[str, str]] = []
+        for connection in submodel.connections:
+            pair = []
+            for end, way in ((connection.start, "out"), (connection.stop, "in")):
+                name, _, port = end.rpartition("\\")
+                part = by_name.get(name)
+                declared = next((p for p in part.ports if p.name == port), None) if part else None
+                if part is not None and declared is not None and declared.many:
+                    own = ends.setdefault(name, [])
+                    label = f"{port}_{sum(p == port for p, *_ in own) + 1}"
+                    own.append((port, label, way))
+                    pair.append(f"{name}\\{label}")
+                else:
+                    if part is not None and part.knot and declared is not None:
+                        ends.setdefault(name, []).append((port, port, way))
+                    pair.append(end)
+            labelled.append((pair[0], pair[1]))
+        nets = Nets()
+        for a, b in labelled:
+            alias = [f"{e.rpartition(chr(92))[0]}\\" if (e.rpartition("\\")[0] in by_name and _alias(
+                by_name[e.rpartition("\\")[0]], ends.get(e.rpartition("\\")[0], []))) else e for e in (a, b)]
+            nets.join(alias[0], alias[1])
+        return nets, ends
+
+    def _nodes(self, made: Block, nets: Nets) -> None:
+        for group in nets.groups():
+            inner = [(made.parts[e.rpartition("\\")[0]], e.rpartition("\\")[2]) for e in group
+                     if e.rpartition("\\")[0] in made.parts]
+            own = [e for e in group if e in made.elements]
+            widths = {len(p.elements.get(port, [port])) for p, port in inner} | {len(made.elements[e]) for e in own}
+            if len(widths) > 1:
+                made.untranslated.append((0, f"the ends of {', '.join(group)} have different sizes"))
+            for k in range(min(widths, default=0)):
+                self._node(made, [(p, p.elements.get(port, [port])[k]) for p, port in inner],
+                           [made.elements[e][k] for e in own])
+        for part in made.parts.values():
+            self._free(made, part)
+
+    def _node(self, made: Block, inner: list[tuple[Part, str]], own: list[str]) -> None:
+        inner = [(p, e) for p, e in inner if e in p.what.items]
+        kinds = {e: made.items[e].kind for e in own}
+        sources = [(p, e) for p, e in inner if p.what.items[e].kind == "out"]
+        given = [e for e in own if kinds[e] == "in"]
+        outs = [e for e in own if kinds[e] == "out"]
+        ends = [f"{p.name}.{e}" for p, e in (*sources, *((p, e) for p, e in inner if (p, e) not in sources))]
+        if given and outs:
+            made.equations += [(out, given[0]) for out in outs]
+            outs = []
+        elif len(outs) > 1:
+            made.equations += [(out, outs[0]) for out in outs[1:]]
+            outs = outs[:1]
+        ends += [e for e in own if kinds[e] == "bond"] + given + outs
+        if not inner or len(ends) < 2:
+            return
+        first, element = (sources or inner)[0]
+        name = f"{first.name}_{element}"
+        made.nodes[name] = ends
+
+    def _free(self, made: Block, part: Part) -> None:
+        """Power ports on no connection are free ends; inputs on none are 0, as in 20-sim."""
+        joined = {end for ends in made.nodes.values() for end in ends}
+        for item in part.what.items.values():
+            if f"{part.name}.{item.name}" in joined:
+                continue
+            if item.kind == "bond":
+                made.nodes[f"{part.name}_{item.name}"] = [f"{part.name}.{item.name}"]
+            elif item.kind == "in" and item.name not in getattr(part.what, "shared", {}):
+                part.inputs[item.name] = "0"
+
+
+def _alias(part: Submodel, ends: list[tuple[str, str, str]]) -> bool:
+    """Whether a knot is nothing but a node: a splitter, or a 0-junction whose effort no signal takes."""
+    if not part.knot or part.equations is None:
+        return False
+    lines = part.equations.equations
+    if all(not isinstance(s, Do) and getattr(getattr(s, "left", None), "name", "").lower() == "collect" for s in lines):
+        return bool(lines)
+    if any(port != "p" for port, *_ in ends) or any(p.domain in ("translation", "rotation") for p in part.ports):
+        return False
+    equal = [s.call.args[0] for s in lines if isinstance(s, Do) and s.call.name.lower() == "equal" and s.call.args]
+    return bool(equal) and equal[0].op == "call" and bool(equal[0].args) and equal[0].args[0].name in ("p.e", "p.a", "p.p")
+
+
+__all__ = ["Block", "Connection", "Part", "Translator", "Unreadable"]

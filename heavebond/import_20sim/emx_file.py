@@ -1,0 +1,124 @@
+"""Reading .emx files: XML with SIDOPS text and experiments, read without entities and with limits of size and nesting."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from xml.parsers import expat
+
+from heavebond.core.errors import ModelError, Place, Problem
+
+MOST_BYTES = 50_000_000
+DEEPEST = 100
+MOST_ELEMENTS = 1_000_000
+
+
+@dataclass
+class EmxFile:
+    """The SIDOPS text with its first line, and the run settings, values and plotted variables of the default experiment."""
+
+    path: Path
+    sidops: str = ""
+    first_line: int = 1
+    finish: float | None = None
+    step: float | None = None
+    method: str = ""
+    parameters: dict[str, float] = field(default_factory=dict)
+    initials: dict[str, float] = field(default_factory=dict)
+    plotted: list[str] = field(default_factory=list)
+
+
+class _Handler:
+    """Collects the texts of the elements that the importer uses."""
+
+    def __init__(self, parser: expat.XMLParserType, found: EmxFile):
+        self.parser, self.found = parser, found
+        self.path: list[str] = []
+        self.text: list[str] = []
+        self.elements = 0
+        self.experiments = 0
+        self.name = ""
+
+    def begin(self, tag: str, attributes: dict[str, str]) -> None:
+        self.elements += 1
+        self.path.append(tag)
+        if len(self.path) > DEEPEST or self.elements > MOST_ELEMENTS:
+            raise _refused(self.found.path, self.parser.CurrentLineNumber, "emx-nesting", "its XML is nested too deeply "
+                           "or has too many elements")
+        if tag == "Experiment":
+            self.experiments += 1
+        if tag == "Sidops":
+            self.found.first_line = self.parser.CurrentLineNumber
+        self.text = []
+
+    def data(self, text: str) -> None:
+        self.text.append(text)
+
+    def end(self, tag: str) -> None:
+        text = "".join(self.text)
+        if tag == "Sidops" and not self.found.sidops:
+            self.found.sidops = text
+        elif self.experiments == 1:
+            self._experiment(tag, text.strip())
+        self.path.pop()
+        self.text = []
+
+    def _experiment(self, tag: str, text: str) -> None:
+        parent = self.path[-2] if len(self.path) > 1 else ""
+        if parent == "Variable" and tag == "Name":
+            self.name = text
+        elif parent == "Variable" and tag == "Value" and (value := _number(text)) is not None:
+            group = self.path[-3] if len(self.path) > 2 else ""
+            if group == "Parameters":
+                self.found.parameters[self.name] = value
+            elif group == "Initials":
+                self.found.initials[self.name] = value
+        elif tag == "VarName" and parent == "YCurveData" and text not in self.found.plotted:
+            self.found.plotted.append(text)
+        elif tag == "FinishTime":
+            self.found.finish = _number(text)
+        elif tag in ("CurrentIntegrationMethod", "ActiveIntegrationMethod", "IntegrationMethodName"):
+            self.found.method = text
+
+
+def _number(text: str) -> float | None:
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None
+
+
+def _refused(path: Path, line: int, code: str, why: str) -> ModelError:
+    return ModelError([Problem(code, f"'{path.name}' is not read: {why}", Place(path.name, max(1, line)))])
+
+
+def read_emx(path: Path) -> EmxFile:
+    """Read a file; raises ModelError for what is no .emx file, for document types and entities, and beyond the limits."""
+    if path.stat().st_size > MOST_BYTES:
+        raise _refused(path, 1, "emx-size", f"it has more than {MOST_BYTES // 1_000_000} MB")
+    found = EmxFile(path)
+    parser = expat.ParserCreate()
+    handler = _Handler(parser, found)
+    parser.StartElementHandler, parser.EndElementHandler = handler.begin, handler.end
+    parser.CharacterDataHandler = handler.data
+    parser.buffer_text = True
+
+    def refuse(*_: object) -> None:
+        raise _refused(path, parser.CurrentLineNumber, "emx-doctype", "it declares a document type or entities, "
+                       "which a 20-sim model does not")
+
+    parser.StartDoctypeDeclHandler, parser.EntityDeclHandler = refuse, refuse
+    content = path.read_bytes()
+    try:
+        parser.Parse(content, True)
+    except (expat.ExpatError, ValueError) as error:
+        if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
+            refuse()
+        if not found.sidops:
+            raise _refused(path, getattr(error, "lineno", 1), "emx-xml", f"its XML is wrong: {error}") from None
+    if not re.search(r"\bmodel\b", found.sidops):
+        raise _refused(path, 1, "emx-xml", "it has no SIDOPS text; 20-sim models of version 4 and later have one")
+    return found

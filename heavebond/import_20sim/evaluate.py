@@ -1,0 +1,267 @@
+"""Expressions of SIDOPS evaluated to matrices of scalar expressions: vectors, functions, calculus, events."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from heavebond.import_20sim import formula_text as f
+from heavebond.import_20sim.expressions_parser import Unreadable
+from heavebond.import_20sim.sidops_tree import Expr
+
+Matrix = list[list[Expr]]
+SAME = {"sin": "sin", "cos": "cos", "tan": "tan", "tanh": "tanh", "exp": "exp", "ln": "log", "log": "log", "sqrt": "sqrt",
+        "abs": "abs", "sign": "sign", "arcsin": "asin", "asin": "asin", "arccos": "acos", "acos": "acos", "arctan": "atan",
+        "atan": "atan"}
+MEMBERS = {"power": ("e", "f"), "hydraulic": ("p", "phi"), "translation": ("F", "v"), "rotation": ("T", "omega"),
+           "electric": ("u", "i"), "thermal": ("T", "dS"), "pseudothermal": ("T", "dQ"), "pneumatic": ("p", "phi"),
+           "mechanical": ("F", "v"), "acoustic": ("p", "phi"), "magnetic": ("um", "phi"), "diffusion": ("mu", "dN"),
+           "petrinet": ("e", "f"), "hydraulic psi": ("p", "phi")}
+MOST_ELEMENTS = 2000
+
+
+class Calculus(Protocol):
+    """What the component that is being made does for an expression."""
+
+    def state(self, rate: Expr, first: Expr | None, line: int) -> Expr: ...
+    def event(self, kind: str, args: list[Expr], line: int) -> Expr: ...
+    def step_count(self, ratio: Expr, line: int) -> Expr: ...
+    def noise(self, line: int) -> Expr: ...
+
+
+@dataclass
+class Evaluator:
+    """Names to elements, and the numbers that are known (constants, loop variables)."""
+
+    names: Mapping[str, Matrix]
+    numbers: dict[str, float]
+    make: Calculus
+    values: dict[str, Expr] = field(default_factory=dict)  # elements that have been assigned before
+
+    def scalar(self, expr: Expr) -> Expr:
+        found = self(expr)
+        if len(found) != 1 or len(found[0]) != 1:
+            raise Unreadable(expr.line, "a vector stands where a number is needed")
+        return found[0][0]
+
+    def whole(self, expr: Expr) -> int:
+        """A whole number that is known: a size or an index."""
+        value = fold(self.scalar(expr), self.numbers)
+        if value is None or abs(value) > MOST_ELEMENTS:
+            raise Unreadable(expr.line, "a size or an index is not a known whole number")
+        return round(value)
+
+    def __call__(self, expr: Expr) -> Matrix:
+        op = expr.op
+        if op == "number":
+            return [[f.number(expr.value)]]
+        if op == "name":
+            return self._name(expr)
+        if op == "matrix":
+            return self._matrix(expr)
+        if op == "index":
+            return self._index(expr)
+        if op == "call":
+            return self._call(expr)
+        if op == "if":
+            condition, then, otherwise = self.scalar(expr.args[0]), self(expr.args[1]), self(expr.args[2])
+            return _each(lambda a, b: Expr("if", (condition, a, b)), then, otherwise, expr.line)
+        if op == "*":
+            return _product(self(expr.args[0]), self(expr.args[1]), expr.line)
+        if op in ("negative", "not"):
+            return [[f.negative(e) if op == "negative" else Expr("not", (e,)) for e in row] for row in self(expr.args[0])]
+        if op in ("text", "range"):
+            raise Unreadable(expr.line, "a text stands where a number is needed")
+        return _each(lambda a, b: self._pair(op, a, b, expr.line), self(expr.args[0]), self(expr.args[1]), expr.line)
+
+    def _pair(self, op: str, a: Expr, b: Expr, line: int) -> Expr:
+        if op in (".*", "./"):
+            op = op[1]
+        if op in ("mod", "div"):
+            count = self.make.step_count(Expr("/", (a, b)), line)
+            return count if op == "div" else Expr("-", (a, f.multiply(b, count)))
+        if op == "xor":
+            return Expr("!=", (_number(a), _number(b)))
+        if op == "+":
+            return f.add(a, b)
+        return Expr(op, (a, b))
+
+    def _name(self, expr: Expr) -> Matrix:
+        if expr.name in self.numbers:
+            return [[f.number(self.numbers[expr.name])]]
+        if expr.name in self.names:
+            return [[self.values.get(f.text(e), e) if e.op == "name" else e for e in row] for row in self.names[expr.name]]
+        known = {"pi": f.name("pi"), "time": f.name("time"), "starttime": f.number(0), "true": f.number(1),
+                 "false": f.number(0), "major": f.number(1), "twopi": f.multiply(f.number(2), f.name("pi")),
+                 "g": f.number(9.80665)}
+        if expr.name.lower() in known:
+            return [[known[expr.name.lower()]]]
+        raise Unreadable(expr.line, f"'{expr.name}' is not declared")
+
+    def _matrix(self, expr: Expr) -> Matrix:
+        blocks = [self(e) for e in expr.args]
+        rows: Matrix = []
+        for k in range(0, len(blocks), expr.columns):
+            row = blocks[k:k + expr.columns]
+            if len({len(b) for b in row}) != 1:
+                raise Unreadable(expr.line, "the parts of a matrix have different heights")
+            rows += [[e for b in row for e in b[i]] for i in range(len(row[0]))]
+        return rows
+
+    def _index(self, expr: Expr) -> Matrix:
+        base = self(expr.args[0])
+        if len(expr.args) == 2 and len(base) > 1 and len(base[0]) > 1:
+            base = [[e] for row in base for e in row]
+        if len(expr.args) == 2 and len(base) == 1:
+            base = [[e] for e in base[0]]
+        columns = self._range(expr.args[2], len(base[0])) if len(expr.args) > 2 else [0]
+        if expr.args[1].op != "range" and fold(index := self.scalar(expr.args[1]), self.numbers) is None:
+            return [[_chosen(index, [row[k] for row in base]) for k in columns]]
+        rows = self._range(expr.args[1], len(base))
+        return [[base[i][k] for k in columns] for i in rows]
+
+    def _range(self, expr: Expr, size: int) -> list[int]:
+        first, last = expr.args if expr.op == "range" else (expr, expr)
+        found = list(range(self.whole(first) - 1, self.whole(last)))
+        if not found or found[0] < 0 or found[-1] >= size:
+            raise Unreadable(expr.line, "an index lies outside its vector")
+        return found
+
+    def _call(self, expr: Expr) -> Matrix:
+        name = expr.name.lower()
+        if name in ("int", "ddt"):
+            inner = self(expr.args[0])
+            first = self(expr.args[1]) if len(expr.args) > 1 and name == "int" else None
+            if name == "ddt":
+                return [[f.call("der", e) for e in row] for row in inner]
+            spread = first if first is None or (len(first), len(first[0])) == (len(inner), len(inner[0])) else \
+                [[first[0][0] for _ in row] for row in inner]
+            return [[self.make.state(e, spread[i][k] if spread else None, expr.line) for k, e in enumerate(row)]
+                    for i, row in enumerate(inner)]
+        if name == "transpose":
+            rows = self(expr.args[0])
+            return [[row[k] for row in rows] for k in range(len(rows[0]))]
+        if name == "inverse":
+            return _inverse(self(expr.args[0]), expr.line)
+        if name in ("inner", "norm"):
+            flat = [e for row in self(expr.args[0]) for e in row]
+            other = flat if name == "norm" else [e for row in self(expr.args[1]) for e in row]
+            total = f.number(0)
+            for a, b in zip(flat, other, strict=False):
+                total = f.add(total, f.multiply(a, b))
+            return [[f.call("sqrt", total) if name == "norm" else total]]
+        if name in ("sum", "msum"):
+            total = f.number(0)
+            for e in (e for arg in expr.args for row in self(arg) for e in row):
+                total = f.add(total, e)
+            return [[total]]
+        args = [self.scalar(a) for a in expr.args if a.op != "text"]
+        return [[self._function(name, args, expr)]]
+
+    def _function(self, name: str, args: list[Expr], expr: Expr) -> Expr:
+        if name in SAME and len(args) == 1:
+            return f.call(SAME[name], *args)
+        if name in ("min", "max") and args:
+            return f.call(name, *args)
+        if name in ("event", "eventup", "eventdown", "timeevent", "frequencyevent"):
+            return self.make.event(name, args, expr.line)
+        if name in ("gauss", "ran"):
+            return self.make.noise(expr.line)
+        try:
+            return FUNCTIONS[name](*args)
+        except (KeyError, TypeError):
+            raise Unreadable(expr.line, f"the function `{expr.name}` is not translated") from None
+
+
+FUNCTIONS: dict[str, Callable[..., Expr]] = {
+    "sqr": lambda x: Expr("^", (x, f.number(2))),
+    "exp2": lambda x: Expr("^", (f.number(2), x)),
+    "log10": lambda x: Expr("/", (f.call("log", x), f.call("log", f.number(10)))),
+    "log2": lambda x: Expr("/", (f.call("log", x), f.call("log", f.number(2)))),
+    "limit": lambda x, low, high: f.call("min", f.call("max", x, low), high),
+    "step": lambda t: Expr("if", (Expr("<", (f.name("time"), t)), f.number(0), f.number(1))),
+    "ramp": lambda t: f.call("max", Expr("-", (f.name("time"), t)), f.number(0)),
+    "impulse": lambda t, w: Expr("if", (Expr("and", (Expr(">=", (f.name("time"), t)),
+                                                     Expr("<", (f.name("time"), f.add(t, w))))),
+                                        Expr("/", (f.number(1), w)), f.number(0))),
+    "sinh": lambda x: Expr("/", (Expr("-", (f.call("exp", x), f.call("exp", f.negative(x)))), f.number(2))),
+    "cosh": lambda x: Expr("/", (f.add(f.call("exp", x), f.call("exp", f.negative(x))), f.number(2))),
+    "atan2": lambda y, x: f.multiply(f.number(2), f.call("atan", Expr("/", (y, f.add(f.call("sqrt", f.add(
+        Expr("^", (x, f.number(2))), Expr("^", (y, f.number(2))))), x))))),
+    "hold": lambda x: x,
+}
+FUNCTIONS["arctan2"] = FUNCTIONS["atan2"]
+
+
+def _chosen(index: Expr, elements: list[Expr]) -> Expr:
+    """The element of an index that is computed in the run."""
+    found = elements[-1]
+    for k in range(len(elements) - 1, 0, -1):
+        found = Expr("if", (Expr("<", (index, f.number(k + 0.5))), elements[k - 1], found))
+    return found
+
+
+def _number(expr: Expr) -> Expr:
+    return Expr("if", (expr, f.number(1), f.number(0)))
+
+
+def _each(pair: Callable[[Expr, Expr], Expr], a: Matrix, b: Matrix, line: int) -> Matrix:
+    if len(a) == 1 and len(a[0]) == 1:
+        a = [[a[0][0] for _ in row] for row in b]
+    if len(b) == 1 and len(b[0]) == 1:
+        b = [[b[0][0] for _ in row] for row in a]
+    if (len(a), len(a[0])) != (len(b), len(b[0])):
+        raise Unreadable(line, "two vectors have different sizes")
+    return [[pair(x, y) for x, y in zip(row, other, strict=True)] for row, other in zip(a, b, strict=True)]
+
+
+def _product(a: Matrix, b: Matrix, line: int) -> Matrix:
+    if (len(a) == 1 and len(a[0]) == 1) or (len(b) == 1 and len(b[0]) == 1):
+        return _each(f.multiply, a, b, line)
+    if len(a[0]) != len(b):
+        raise Unreadable(line, "the sizes of a matrix product do not match")
+    found: Matrix = []
+    for row in a:
+        found.append([])
+        for k in range(len(b[0])):
+            total = f.number(0)
+            for e, other in zip(row, b, strict=True):
+                total = f.add(total, f.multiply(e, other[k]))
+            found[-1].append(total)
+    return found
+
+
+def _inverse(m: Matrix, line: int) -> Matrix:
+    if len(m) == 1 and len(m[0]) == 1:
+        return [[Expr("/", (f.number(1), m[0][0]))]]
+    if len(m) != 2 or len(m[0]) != 2:
+        raise Unreadable(line, "the inverse of a matrix larger than 2 x 2 is not translated")
+    (a, b), (c, d) = m
+    size = Expr("-", (f.multiply(a, d), f.multiply(b, c)))
+    return [[Expr("/", (d, size)), Expr("/", (f.negative(b), size))],
+            [Expr("/", (f.negative(c), size)), Expr("/", (a, size))]]
+
+
+def fold(expr: Expr, numbers: Mapping[str, float]) -> float | None:
+    """The value of an expression of known numbers; None where it is not known."""
+    if expr.op == "number":
+        return expr.value
+    if expr.op == "name":
+        return numbers.get(expr.name)
+    values = [fold(e, numbers) for e in expr.args]
+    if expr.op not in ("+", "-", "*", "/", "negative", "^") or None in values:
+        return None
+    try:
+        a, b = (*values, 0.0)[:2]
+        assert a is not None and b is not None
+        if expr.op == "negative":
+            return -a
+        if expr.op in "+-":
+            return a + b if expr.op == "+" else a - b
+        if expr.op in "*/":
+            return a*b if expr.op == "*" else a/b
+        return math.pow(a, b)
+    except (ZeroDivisionError, OverflowError, ValueError):
+        return None

@@ -1,0 +1,285 @@
+"""Expressions, statements and declarations of SIDOPS by recursive descent."""
+
+from __future__ import annotations
+
+from heavebond.core.errors import ModelError, Place, Problem
+from heavebond.import_20sim.sidops_lexer import Lexed, Token
+from heavebond.import_20sim.sidops_tree import Assign, Declared, Do, Expr, For, If, Statement
+
+DEEPEST = 60
+SECTIONS = {"constants", "parameters", "variables", "externals", "initialequations", "equations", "code", "dynamic",
+            "function", "implementation_end", "specification_end", "finalequations"}
+KINDS = {"real", "integer", "boolean", "string"}
+WORDS = {"global", "hidden", "interesting", "favorite", "import", "export", "observable", "shared", "static"}
+LEVELS = (("or", "xor"), ("and",), ("==", "<>", "!=", "<", ">", "<=", ">=", "="), ("+", "-"),
+          ("*", "/", ".*", "./", "mod", "div"))
+COMPARE = 2
+
+
+class Unreadable(Exception):
+    """A construct that the parser does not know; holds the line and the reason."""
+
+    def __init__(self, line: int, reason: str):
+        super().__init__(reason)
+        self.line, self.reason = line, reason
+
+
+class Reader:
+    """A position in the tokens of a text."""
+
+    def __init__(self, lexed: Lexed, file: str):
+        self.tokens, self.comments, self.file = lexed.tokens, lexed.comments, file
+        self.at, self.depth = 0, 0
+
+    @property
+    def now(self) -> Token:
+        return self.tokens[self.at]
+
+    def take(self) -> Token:
+        token = self.now
+        if token.kind != "end":
+            self.at += 1
+        return token
+
+    def skip(self, *texts: str) -> bool:
+        """Take the next token where it is one of these."""
+        if self.now.text.lower() in texts and self.now.kind in ("name", "sign"):
+            self.at += 1
+            return True
+        return False
+
+    def need(self, text: str) -> Token:
+        if self.now.text.lower() != text:
+            raise Unreadable(self.now.line, f"'{text}' is missing before '{self.now.text[:30]}'")
+        return self.take()
+
+    def to_semicolon(self) -> None:
+        while self.now.kind != "end" and self.now.text != ";" and self.now.word not in SECTIONS:
+            self.at += 1
+        self.skip(";")
+
+    def deeper(self) -> None:
+        self.depth += 1
+        if self.depth > DEEPEST:
+            raise ModelError([Problem("emx-nesting", f"more than {DEEPEST} constructs lie within each other",
+                                      Place(self.file, self.now.line))])
+
+    # -- expressions -------------------------------------------------------------------------------------------------
+    def expression(self, level: int = 0, *, equals: bool = True) -> Expr:
+        """An expression; without `equals` a single `=` ends it."""
+        self.deeper()
+        try:
+            if level == len(LEVELS):
+                return self._sign()
+            if level == COMPARE and self.now.word == "not":
+                line = self.take().line
+                return Expr("not", (self.expression(level, equals=equals),), line=line)
+            left = self.expression(level + 1, equals=equals)
+            while self.now.text.lower() in LEVELS[level] and (equals or self.now.text != "="):
+                sign = self.take()
+                op = {"=": "==", "<>": "!=", ".*": ".*"}.get(sign.text, sign.text.lower())
+                left = Expr(op, (left, self.expression(level + 1, equals=equals)), line=sign.line)
+            return left
+        finally:
+            self.depth -= 1
+
+    def _sign(self) -> Expr:
+        self.deeper()
+        try:
+            if self.now.text in ("-", "+"):
+                sign = self.take()
+                inner = self._sign()
+                return Expr("negative", (inner,), line=sign.line) if sign.text == "-" else inner
+            base = self._postfix()
+            if self.now.text in ("^", ".^"):
+                line = self.take().line
+                return Expr("^", (base, self._sign()), line=line)
+            return base
+        finally:
+            self.depth -= 1
+
+    def _postfix(self) -> Expr:
+        found = self._primary()
+        while self.now.text == "[":
+            line = self.take().line
+            found = Expr("index", (found, *self._list("]", ranges=True)), line=line)
+        return found
+
+    def _list(self, end: str, *, ranges: bool = False) -> list[Expr]:
+        found: list[Expr] = []
+        while self.now.text != end:
+            first = self.expression()
+            if ranges and self.skip(":"):
+                first = Expr("range", (first, self.expression()), line=first.line)
+            found.append(first)
+            if not self.skip(","):
+                break
+        self.need(end)
+        return found
+
+    def _primary(self) -> Expr:
+        token = self.take()
+        if token.kind == "number":
+            return Expr("number", value=float(token.text), line=token.line)
+        if token.kind == "string":
+            return Expr("text", name=token.text[1:-1], line=token.line)
+        if token.text == "(":
+            inner = self.expression()
+            self.need(")")
+            return inner
+        if token.text == "[":
+            return self._matrix(token)
+        if token.word == "if":
+            return self._conditional(token)
+        if token.kind == "name" and token.word not in ("then", "else", "end", *SECTIONS):
+            if self.skip("("):
+                return Expr("call", tuple(self._list(")")), name=token.text, line=token.line)
+            return Expr("name", name=token.text, line=token.line)
+        raise Unreadable(token.line, f"'{token.text[:30]}' is no expression")
+
+    def _conditional(self, token: Token) -> Expr:
+        condition = self.expression()
+        self.need("then")
+        then = self.expression()
+        if self.now.word in ("elsif", "elseif"):
+            return Expr("if", (condition, then, self._conditional(self.take())), line=token.line)
+        self.need("else")
+        otherwise = self.expression()
+        self.need("end")
+        return Expr("if", (condition, then, otherwise), line=token.line)
+
+    def _matrix(self, token: Token) -> Expr:
+        rows: list[list[Expr]] = [[]]
+        while self.now.text != "]":
+            rows[-1].append(self.expression())
+            if self.skip(";"):
+                rows.append([])
+            elif not self.skip(","):
+                break
+        self.need("]")
+        if len({len(row) for row in rows}) != 1 or not rows[0]:
+            raise Unreadable(token.line, "the rows of a matrix have different lengths")
+        return Expr("matrix", tuple(e for row in rows for e in row), line=token.line, columns=len(rows[0]))
+
+    # -- statements --------------------------------------------------------------------------------------------------
+    def statements(self, *ends: str) -> list[Statement]:
+        """Statements up to a keyword of `ends` or the next section; one that cannot be read is kept as an error."""
+        found: list[Statement] = []
+        while self.now.kind != "end" and self.now.word not in SECTIONS and self.now.word not in ends:
+            if self.skip(";"):
+                continue
+            if self.now.kind == "string":  # a description in the text
+                self.take()
+                continue
+            start = self.at
+            try:
+                found.append(self._statement())
+            except Unreadable as problem:
+                found.append(Do(Expr("text"), problem.line, problem.reason))
+                self.at = max(self.at, start + 1)
+                self.to_semicolon()
+        return found
+
+    def _statement(self) -> Statement:
+        self.deeper()
+        try:
+            return self._one_statement()
+        finally:
+            self.depth -= 1
+
+    def _one_statement(self) -> Statement:
+        token = self.now
+        if token.word == "if":
+            self.take()
+            return self._if(token)
+        if token.word == "for":
+            return self._for()
+        if token.word in ("while", "repeat", "switch"):
+            self.take()
+            raise Unreadable(token.line, f"`{token.word}` is not translated")
+        left = self.expression(equals=False)
+        if left.op == "call" and self.now.text != "=":
+            self.skip(";")
+            return Do(left, token.line)
+        self.need("=")
+        right = self.expression()
+        if self.now.text != ";" and self.now.word not in (*SECTIONS, "end", "else"):
+            raise Unreadable(self.now.line, f"';' is missing before '{self.now.text[:30]}'")
+        self.skip(";")
+        return Assign(left, right, token.line)
+
+    def _if(self, token: Token) -> If:
+        condition = self.expression()
+        self.need("then")
+        then = self.statements("else", "end", "elsif", "elseif")
+        otherwise: list[Statement] = []
+        if self.now.word in ("elsif", "elseif"):
+            otherwise = [self._if(self.take())]
+            return If(condition, tuple(then), tuple(otherwise), token.line)
+        if self.skip("else"):
+            otherwise = self.statements("end")
+        self.need("end")
+        self.skip(";")
+        return If(condition, tuple(then), tuple(otherwise), token.line)
+
+    def _for(self) -> For:
+        line, name = self.take().line, self.take().text
+        self.need("=")
+        first = self.expression()
+        self.need("to")
+        last = self.expression()
+        self.need("do")
+        body = self.statements("end")
+        self.need("end")
+        self.skip(";")
+        return For(name, first, last, tuple(body), line)
+
+    # -- declarations ------------------------------------------------------------------------------------------------
+    def declarations(self, problems: list[tuple[int, str]]) -> list[Declared]:
+        """Declarations up to the next section or `end`."""
+        found: list[Declared] = []
+        while self.now.kind != "end" and self.now.word not in SECTIONS and self.now.word not in ("end", "restrictions",
+                                                                                              "ports", "description"):
+            if self.skip(";"):
+                continue
+            try:
+                if self.now.word not in KINDS:
+                    raise Unreadable(self.now.line, f"'{self.now.text[:30]}' is no declaration")
+                found += self._declared()
+            except Unreadable as problem:
+                problems.append((problem.line, problem.reason))
+                if self.now.word not in SECTIONS:
+                    self.take()
+                self.to_semicolon()
+        return found
+
+    def _declared(self) -> list[Declared]:
+        kind, words, found = self.take().word, [], []
+        while self.now.word in WORDS:
+            words.append(self.take().word)
+        while True:
+            token = self.take()
+            if token.kind != "name":
+                raise Unreadable(token.line, f"'{token.text[:30]}' is no name")
+            size: list[Expr] = []
+            value: Expr | None = None
+            unit = ""
+            while True:
+                if self.skip("("):
+                    self._list(")")
+                elif self.skip("["):
+                    size = self._list("]")
+                elif self.skip("="):
+                    value = self.expression()
+                elif self.now.kind == "unit":
+                    unit = self.take().text[1:-1].strip()
+                elif self.now.kind == "string":
+                    self.take()
+                else:
+                    break
+            found.append(Declared(token.text, kind, token.line, tuple(words), tuple(size), value, unit,
+                                  self.comments.get(token.line, "")))
+            if not self.skip(","):
+                break
+        self.skip(";")
+        return found

@@ -1,0 +1,109 @@
+"""Scalar expressions as text of the formula language."""
+
+from __future__ import annotations
+
+from heavebond.import_20sim.sidops_tree import Expr
+
+ADD, MULTIPLY, SIGN, POWER, ATOM = 4, 5, 6, 7, 8
+LEVEL = {"or": 0, "and": 1, "not": 2, "==": 3, "!=": 3, "<": 3, ">": 3, "<=": 3, ">=": 3, "+": ADD, "-": ADD,
+         "*": MULTIPLY, "/": MULTIPLY, "negative": SIGN, "^": POWER}
+TRUTHS = {"or", "and", "not", "==", "!=", "<", ">", "<=", ">="}
+
+
+def number(value: float) -> Expr:
+    return Expr("number", value=value)
+
+
+def name(text: str) -> Expr:
+    return Expr("name", name=text)
+
+
+def call(function: str, *args: Expr) -> Expr:
+    return Expr("call", args, name=function)
+
+
+def negative(inner: Expr) -> Expr:
+    """-inner, without a double sign."""
+    if inner.op == "negative":
+        return inner.args[0]
+    return number(-inner.value) if inner.op == "number" else Expr("negative", (inner,))
+
+
+def add(left: Expr, right: Expr) -> Expr:
+    """left + right, without zeros and double signs."""
+    if left == number(0):
+        return right
+    if right == number(0):
+        return left
+    if right.op == "negative":
+        return Expr("-", (left, right.args[0]))
+    return Expr("+", (left, right))
+
+
+def multiply(left: Expr, right: Expr) -> Expr:
+    """left * right, without zeros and ones."""
+    if number(0) in (left, right):
+        return number(0)
+    if left == number(1):
+        return right
+    return left if right == number(1) else Expr("*", (left, right))
+
+
+def truth(expr: Expr) -> Expr:
+    """An expression where a condition is needed: a number is true where it is not zero."""
+    if expr.op in ("or", "and", "not"):
+        return Expr(expr.op, tuple(truth(e) for e in expr.args))
+    if expr.op in TRUTHS:
+        return expr
+    if expr.op == "if":
+        a, b, c = truth(expr.args[0]), truth(expr.args[1]), truth(expr.args[2])
+        return Expr("or", (Expr("and", (a, b)), Expr("and", (Expr("not", (a,)), c))))
+    if expr.op == "number":
+        return Expr(">" if expr.value else "<", (number(1), number(0)))
+    return Expr("!=", (expr, number(0)))
+
+
+def text(expr: Expr) -> str:
+    """The text of a scalar expression."""
+    return _text(expr)[0]
+
+
+def _number(value: float) -> str:
+    return f"{value:.0f}" if value == int(value) and abs(value) < 1e6 else f"{value!r}"
+
+
+def _text(expr: Expr) -> tuple[str, int]:
+    op = expr.op
+    if op == "number":
+        return (_number(expr.value), ATOM) if expr.value >= 0 else (_number(expr.value), SIGN)
+    if op in ("name", "prev"):
+        return expr.name, ATOM
+    if op == "call":
+        return f"{expr.name}({', '.join(_value(e) for e in expr.args)})", ATOM
+    if op == "if":
+        return f"if_else({text(truth(expr.args[0]))}, {_value(expr.args[1])}, {_value(expr.args[2])})", ATOM
+    level = LEVEL[op]
+    if op in ("negative", "not"):
+        inner = _within(expr.args[0] if op == "negative" else truth(expr.args[0]), level + (op == "negative"))
+        return f"{'-' if op == 'negative' else 'not '}{inner}", level
+    if op in ("and", "or"):
+        return f" {op} ".join(_within(truth(e), level if k == 0 else level + 1) for k, e in enumerate(expr.args)), level
+    left, right = expr.args
+    if op == "^":
+        return f"{_within(left, ATOM)}**{_within(right, POWER)}", level
+    sign = f" {op} " if level <= ADD else op
+    if level == MULTIPLY and (len(text(left)) > 3 and len(text(right)) > 3):
+        sign = f" {op} "
+    return f"{_within(left, level + (level == 3))}{sign}{_within(right, level + 1)}", level
+
+
+def _value(expr: Expr) -> str:
+    """A number: a comparison becomes 1 or 0."""
+    return f"if_else({text(truth(expr))}, 1, 0)" if expr.op in TRUTHS else text(expr)
+
+
+def _within(expr: Expr, level: int) -> str:
+    if expr.op in TRUTHS and level > 3:
+        return _value(expr)
+    found, own = _text(expr)
+    return found if own >= level else f"({found})"

@@ -1,0 +1,186 @@
+"""Import of a 20-sim model: an .emx file to a folder with a diagram and its components."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from heavebond.core.errors import Place, Problem
+from heavebond.core.quoting import file_stem
+from heavebond.core.writable import write_text
+from heavebond.import_20sim.block import Block, Translator
+from heavebond.import_20sim.component import Component, Item
+from heavebond.import_20sim.emx_file import EmxFile, read_emx
+from heavebond.import_20sim.evaluate import fold
+from heavebond.import_20sim.names import identifier, snake
+from heavebond.import_20sim.sidops_lexer import tokenise
+from heavebond.import_20sim.sidops_parser import parse_sidops
+from heavebond.import_20sim.write import (
+    block_text,
+    component_text,
+    mapping,
+    parts_text,
+    quantity,
+    scalar,
+)
+
+
+@dataclass(frozen=True)
+class Untranslated:
+    """A construct that has no translation: submodel, line of the .emx file, reason."""
+
+    submodel: str
+    line: int
+    reason: str
+
+
+@dataclass
+class Imported:
+    """The files of an import by their name, the diagram first, and what is not translated."""
+
+    name: str
+    files: dict[str, str] = field(default_factory=dict)
+    untranslated: list[Untranslated] = field(default_factory=list)
+    warnings: list[Problem] = field(default_factory=list)
+
+    def write(self, folder: Path) -> list[Path]:
+        """Write all files below a folder, which is made where it is missing."""
+        (folder / "components").mkdir(parents=True, exist_ok=True)
+        for name, text in self.files.items():
+            write_text(folder / name, text)
+        return [folder / name for name in self.files]
+
+
+def import_emx(path: Path, library: frozenset[str] = frozenset()) -> Imported:
+    """Translate a file; `library` holds the names of components that the result must not take. Raises ModelError."""
+    emx = read_emx(path)
+    root = parse_sidops(emx.sidops, path.name, emx.first_line)
+    translator = Translator(emx, tokenise(emx.sidops, path.name, emx.first_line).comments, library)
+    top = translator.block(root, "", "")
+    return _Writer(emx, translator, top, library).imported()
+
+
+class _Writer:
+    """Names of files, shared quantities, initial conditions and outputs of one import."""
+
+    def __init__(self, emx: EmxFile, translator: Translator, top: Block, library: frozenset[str]):
+        self.emx, self.translator, self.top, self.library = emx, translator, top, library
+        self.result = Imported(identifier(file_stem(emx.path.stem)))
+        self.names: dict[int, str] = {}
+        self.texts: dict[tuple[str, str], str] = {}  # wanted name and text without its name: the name
+        self.taken: set[str] = set()
+        self.globals: dict[str, tuple[float, str]] = {}
+        self.set: list[tuple[str, str]] = []
+
+    def imported(self) -> Imported:
+        """All files."""
+        self._shared()
+        everything: list[tuple[str, Component | Block]] = [*self.translator.components, *self.translator.blocks]
+        for path, made in everything:
+            self.result.untranslated += [Untranslated(path or self.emx.path.stem, line, why)
+                                         for line, why in made.untranslated]
+            if isinstance(made, Component):
+                self.result.untranslated += [Untranslated(path, line, why) for line, why in made.omitted]
+        self.result.files[f"{self.result.name}.yaml"] = ""
+        self._place(self.top)
+        self.result.files[f"{self.result.name}.yaml"] = self._diagram()
+        return self.result
+
+    def _shared(self) -> None:
+        """Global parameters become parameters of the diagram; global variables, inputs of what reads them."""
+        missing: set[str] = set()
+        givers = {label: f"{path}.{own}" for path, made in self.translator.components for own, label in made.gives.items()}
+        units: dict[str, str] = {}
+        for _, made in self.translator.components:
+            for own, label in made.shared.items():
+                item = made.items[own]
+                if item.kind == "parameter" and item.value is not None and label not in self.globals:
+                    self.globals[label] = (item.value, item.unit)
+                    units[label] = item.unit
+        for path, made in self.translator.components:
+            for own, label in made.shared.items():
+                item = made.items[own]
+                if label in self.globals:
+                    item.unit = units[label]
+                    if item.kind != "parameter":
+                        item.kind, item.value = "parameter", None
+                    item.value = self.globals[label][0] if item.value is None else item.value
+                    self.set.append((f"{path}.{own}", f"={identifier(label)}"))
+                elif label in givers:
+                    item.kind, item.value = "in", None
+                    self.set.append((f"{path}.{own}", f"={givers[label]}"))
+                else:
+                    base = re.sub(r"(_\d+)+$", "", label)
+                    if base not in missing:
+                        self.result.untranslated.append(Untranslated(path, made.line, f"the global quantity '{base}' has no "
+                                                                     "value; 0 is used"))
+                    missing.add(base)
+                    item.kind, item.value = "parameter", 0.0
+
+    def _place(self, made: Block) -> None:
+        """Write what a block consists of, the inner files first."""
+        for part in made.parts.values():
+            what = part.what
+            if isinstance(what, Block):
+                self._place(what)
+                what.summary = f"Submodel {what.name} of the 20-sim model {self.emx.path.stem}."
+                parts = parts_text(what, self.names, {}, *_origin(what))
+                self._file(what, what.name, lambda name, what=what, parts=parts: block_text(what, name, parts))
+            else:
+                what.summary = f"Submodel {what.name} of the 20-sim model {self.emx.path.stem}."
+                self._file(what, what.name, lambda name, what=what: component_text(what, name))
+
+    def _file(self, what: Component | Block, wanted: str, text: object) -> None:
+        assert callable(text)
+        key = (wanted, text(""))
+        if key not in self.texts:
+            name, k = wanted, 1
+            while name.lower() in self.taken:
+                k, name = k + 1, f"{wanted}{k + 1}"
+            self.taken.add(name.lower())
+            self.texts[key] = name
+            self.result.files[f"components/{snake(name)}.yaml"] = text(name)
+        self.names[id(what)] = self.texts[key]
+
+    def _diagram(self) -> str:
+        lines = [f"model: {self.result.name}", f"summary: {scalar(f'Imported from the 20-sim model {self.emx.path.name}.')}"]
+        if self.globals:
+            lines += ["parameters:", *(f"  {identifier(n)}: {quantity(v, u)}" for n, (v, u) in self.globals.items())]
+        lines += parts_text(self.top, self.names, {}, *_origin(self.top))
+        if self.set:
+            lines += ["set:", *(f"  {path}: {scalar(value)}" for path, value in self.set)]
+        initial = [(f"{path}.{name}", quantity(fold(value, {}) or 0.0, made.items[name].unit if name in made.items and
+                                               made.items[name].kind == "variable" else ""))
+                   for path, made in self.translator.components for name, value in made.initial.items()]
+        if initial:
+            lines += ["initial:", *(f"  {path}: {value}" for path, value in initial)]
+        lines += self._show()
+        if self.emx.finish:
+            lines.append(f"simulate: {mapping([('until', quantity(self.emx.finish, 's'))])}")
+        return "\n".join(lines) + "\n"
+
+    def _show(self) -> list[str]:
+        """The plotted variables of the experiment."""
+        items: dict[str, Item] = {}
+        everything: list[tuple[str, Component | Block]] = [*self.translator.components, *self.translator.blocks]
+        for path, made in everything:
+            own: dict[str, Item] = made.items
+            items.update({f"{path}.{name}" if path else name: item for name, item in own.items() if item.kind != "bond"})
+        names: dict[str, str] = {}
+        for plotted in self.emx.plotted:
+            path = ".".join(identifier(word) for word in plotted.split("\\"))
+            label = identifier(plotted.replace("\\", "_"))
+            if path in items and label not in names:
+                item = items[path]
+                unit = item.unit if item.kind in ("variable", "held", "parameter") else ""
+                names[label] = mapping([("is", path), ("unit", unit or "1")])
+        return ["show:", *(f"  {label}: {entry}" for label, entry in names.items())] if names else []
+
+    def problems(self) -> list[Problem]:
+        return [Problem("emx-untranslated", f"{u.submodel}: {u.reason}", Place(self.emx.path.name, u.line))
+                for u in self.result.untranslated]
+
+
+def _origin(made: Block) -> tuple[float, float]:
+    return (min((p.x for p in made.parts.values()), default=0.0), max((p.y for p in made.parts.values()), default=0.0))

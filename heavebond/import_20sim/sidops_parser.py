@@ -1,0 +1,212 @@
+"""The structure of a SIDOPS text: submodels, ports, implementations and connections."""
+
+from __future__ import annotations
+
+from heavebond.core.errors import ModelError, Place, Problem
+from heavebond.import_20sim.expressions_parser import Reader, Unreadable
+from heavebond.import_20sim.sidops_lexer import tokenise
+from heavebond.import_20sim.sidops_tree import Connection, Equations, Port, Submodel
+
+DIRECTIONS = {"in", "out", "none"}
+PORT_WORDS = {"knot", "duplicatable", "psi", "boolean", "integer", "real", "interesting", "hidden", "global", "string"}
+
+
+def parse_sidops(text: str, file: str, first_line: int = 1) -> Submodel:
+    """The main model of a SIDOPS text; raises ModelError where its structure cannot be read."""
+    reader = Reader(tokenise(text, file, first_line), file)
+    try:
+        reader.need("model")
+        return _submodel(reader, "model")
+    except Unreadable as problem:
+        raise ModelError([Problem("emx-structure", f"the SIDOPS text cannot be read: {problem.reason}",
+                                  Place(file, problem.line))]) from None
+
+
+def _numbers(reader: Reader) -> list[float]:
+    found = []
+    while reader.now.kind == "number" or reader.now.text == "-":
+        sign = -1.0 if reader.skip("-") else 1.0
+        if reader.now.kind == "number":
+            found.append(sign * float(reader.take().text))
+    return found
+
+
+def _submodel(reader: Reader, name: str) -> Submodel:
+    """What follows the name of a submodel."""
+    reader.deeper()
+    found = Submodel(name, reader.now.line)
+    place = _numbers(reader)
+    found.x, found.y = (*place, 0.0, 0.0)[:2]
+    if reader.skip("specifications"):
+        _specifications(reader, found)
+    else:
+        _body(reader, found)
+    reader.depth -= 1
+    return found
+
+
+def _specifications(reader: Reader, found: Submodel) -> None:
+    """One of several implementations: the active one is kept."""
+    reader.need("active")
+    active = reader.take().text
+    while reader.skip("specification"):
+        chosen = reader.take().text == active
+        inner = Submodel(found.name, reader.now.line, found.x, found.y)
+        _body(reader, inner)
+        reader.need("specification_end")
+        reader.skip(";")
+        if chosen:
+            found.__dict__.update(inner.__dict__)
+    reader.need("end")
+    reader.skip(";")
+
+
+def _body(reader: Reader, found: Submodel) -> None:
+    _description(reader)
+    found.knot = reader.now.word == "knot"
+    if not reader.skip("type", "knot"):
+        raise Unreadable(reader.now.line, f"'type' is missing before '{reader.now.text[:30]}'")
+    found.type = reader.take().text.strip("'")
+    while reader.now.kind != "end" and not reader.skip("end"):
+        if reader.skip("ports"):
+            while reader.now.kind == "name" and reader.now.word not in ("end", "parameters", "restrictions", "variables",
+                                                                        "description"):
+                found.ports.append(_port(reader))
+        elif reader.skip("parameters"):
+            found.parameters += reader.declarations(found.problems)
+        elif reader.skip("variables", "constants"):
+            found.variables += reader.declarations(found.problems)
+        elif reader.skip("restrictions"):
+            while reader.now.word in ("causality", "fixed", "constraint"):
+                reader.to_semicolon()
+        else:
+            reader.take()
+    reader.skip(";")
+    while reader.now.word in ("icon", "description", "help"):
+        if reader.now.word == "icon":
+            _drawing(reader)
+        else:
+            _description(reader)
+    if not reader.skip("implementation"):
+        return
+    kind = reader.take().word
+    if kind == "bg":
+        _graph(reader, found)
+    elif kind == "eq":
+        found.equations = _equations(reader)
+    else:
+        found.problems.append((reader.now.line, f"an implementation `{kind}` is not translated"))
+        while reader.now.kind != "end" and reader.now.word != "implementation_end":
+            reader.take()
+    reader.need("implementation_end")
+    reader.skip(";")
+
+
+def _description(reader: Reader) -> None:
+    while reader.skip("description", "help"):
+        while reader.now.kind == "string":
+            reader.take()
+        reader.skip(";")
+
+
+def _drawing(reader: Reader) -> None:
+    """Skip an icon, up to the `end` at the beginning of a statement; groups nest."""
+    depth, starts = 1, True
+    reader.take()
+    while depth and reader.now.kind != "end":
+        token = reader.take()
+        if starts and token.word == "end":
+            depth -= 1
+        elif starts and token.word == "group":
+            depth += 1
+        starts = token.text == ";" or token.word in ("figures", "terminals", "group") or (starts and token.kind == "name")
+    reader.skip(";")
+
+
+def _port(reader: Reader) -> Port:
+    line, domain = reader.now.line, reader.take().word
+    words: list[str] = []
+    name = ""
+    while reader.now.kind == "name":
+        token = reader.take()
+        if token.word in PORT_WORDS | DIRECTIONS and reader.now.kind == "name":
+            words.append(token.word)
+        else:
+            name = token.text
+            break
+    size, unit = [], ""
+    while reader.now.text not in (";", ""):
+        if reader.skip("["):
+            while reader.now.text not in ("]", ";", ""):
+                size.append(reader.expression())
+                reader.skip(",")
+            reader.skip("]")
+        elif reader.now.kind == "unit":
+            unit = reader.take().text[1:-1].strip()
+        else:
+            reader.take()
+    reader.skip(";")
+    if not name:
+        raise Unreadable(line, "a port has no name")
+    direction = next((w for w in words if w in DIRECTIONS), "none")
+    return Port(name, domain, direction, line, "duplicatable" in words, tuple(size), unit)
+
+
+def _equations(reader: Reader) -> Equations:
+    found = Equations()
+    declared = {"constants": found.constants, "parameters": found.parameters, "variables": found.variables,
+                "externals": found.externals}
+    written = {"initialequations": found.initial, "equations": found.equations, "code": found.code,
+               "dynamic": found.equations}
+    while reader.now.kind != "end" and reader.now.word != "implementation_end":
+        token = reader.take()
+        if token.word in declared:
+            declared[token.word] += reader.declarations(found.problems)
+        elif token.word in written:
+            written[token.word] += reader.statements()
+        elif token.text not in ("", ";") and token.kind != "string":
+            found.problems.append((token.line, f"'{token.text[:30]}' is not translated"))
+            while reader.now.kind != "end" and reader.now.word not in (*declared, *written, "implementation_end"):
+                reader.take()
+    return found
+
+
+def _graph(reader: Reader, found: Submodel) -> None:
+    while reader.now.kind != "end" and reader.now.word != "implementation_end":
+        if reader.skip("submodels"):
+            while reader.now.kind in ("name", "string") and reader.now.word != "end":
+                _part(reader, found)
+            reader.need("end")
+            reader.skip(";")
+        elif reader.skip("connections"):
+            while reader.now.kind == "name" and reader.now.word != "end":
+                found.connections.append(_connection(reader))
+            reader.need("end")
+            reader.skip(";")
+        elif reader.now.word in ("figures", "variables", "parameters"):
+            while reader.now.kind != "end" and reader.now.word not in ("submodels", "connections", "implementation_end"):
+                reader.take()
+        else:
+            reader.take()
+
+
+def _part(reader: Reader, found: Submodel) -> None:
+    token = reader.take()
+    if token.word == "plug" and reader.now.kind == "name":
+        reader.to_semicolon()
+        return
+    found.submodels.append(_submodel(reader, token.text.strip("'")))
+
+
+def _connection(reader: Reader) -> Connection:
+    line, start = reader.now.line, reader.take().text
+    sign = reader.take().text
+    if sign == "<" or sign == "=":  # pragma: no cover - written apart
+        sign += reader.take().text
+    stop = reader.take().text
+    reader.to_semicolon()
+    if sign in ("->", "=>"):
+        return Connection(start, stop, sign == "=>", line)
+    if sign in ("<-", "<="):
+        return Connection(stop, start, sign == "<=", line)
+    raise Unreadable(line, f"'{sign}' is no connection")

@@ -1,0 +1,133 @@
+"""The parts of a SIDOPS text as values: submodels, ports, declarations, statements, expressions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class Expr:
+    """A node of an expression. `op` is number, name, text, call, index, matrix, range, if, or the sign of an operation."""
+
+    op: str
+    args: tuple[Expr, ...] = ()
+    name: str = ""
+    value: float = 0.0
+    line: int = 0
+    columns: int = 0  # of a matrix: how many elements a row has
+
+
+@dataclass(frozen=True)
+class Assign:
+    """`left = right`; in `code` sections an assignment, in `equations` an equation."""
+
+    left: Expr
+    right: Expr
+    line: int
+
+
+@dataclass(frozen=True)
+class If:
+    """A conditional statement."""
+
+    condition: Expr
+    then: tuple[Statement, ...]
+    otherwise: tuple[Statement, ...]
+    line: int
+
+
+@dataclass(frozen=True)
+class For:
+    """A loop over whole numbers."""
+
+    name: str
+    first: Expr
+    last: Expr
+    body: tuple[Statement, ...]
+    line: int
+
+
+@dataclass(frozen=True)
+class Do:
+    """A call for its effect (`stopsimulation ('...')`), or a statement that cannot be read (`error` says why)."""
+
+    call: Expr
+    line: int
+    error: str = ""
+
+
+Statement = Assign | If | For | Do
+
+
+@dataclass(frozen=True)
+class Declared:
+    """A parameter, variable, constant or external quantity."""
+
+    name: str
+    kind: str  # real, integer, boolean, string
+    line: int
+    words: tuple[str, ...] = ()  # global, hidden, import, export ...
+    size: tuple[Expr, ...] = ()
+    value: Expr | None = None
+    unit: str = ""
+    doc: str = ""
+
+    @property
+    def is_global(self) -> bool:
+        return "global" in self.words
+
+
+@dataclass(frozen=True)
+class Port:
+    """A port of a submodel; `domain` is signal, power, hydraulic ...; `direction` in, out or none."""
+
+    name: str
+    domain: str
+    direction: str
+    line: int
+    many: bool = False  # of a knot: one port for each connection
+    size: tuple[Expr, ...] = ()
+    unit: str = ""
+
+
+@dataclass(frozen=True)
+class Connection:
+    """A bond or a signal from one end to the other; an end is a path with `\\`."""
+
+    start: str
+    stop: str
+    bond: bool
+    line: int
+
+
+@dataclass
+class Equations:
+    """The sections of an implementation by equations."""
+
+    constants: list[Declared] = field(default_factory=list)
+    parameters: list[Declared] = field(default_factory=list)
+    variables: list[Declared] = field(default_factory=list)
+    externals: list[Declared] = field(default_factory=list)
+    initial: list[Statement] = field(default_factory=list)
+    equations: list[Statement] = field(default_factory=list)
+    code: list[Statement] = field(default_factory=list)
+    problems: list[tuple[int, str]] = field(default_factory=list)
+
+
+@dataclass
+class Submodel:
+    """A submodel with its place in the drawing; made of equations or of submodels."""
+
+    name: str
+    line: int
+    x: float = 0.0
+    y: float = 0.0
+    type: str = ""
+    knot: bool = False
+    ports: list[Port] = field(default_factory=list)
+    parameters: list[Declared] = field(default_factory=list)
+    variables: list[Declared] = field(default_factory=list)
+    equations: Equations | None = None
+    submodels: list[Submodel] = field(default_factory=list)
+    connections: list[Connection] = field(default_factory=list)
+    problems: list[tuple[int, str]] = field(default_factory=list)

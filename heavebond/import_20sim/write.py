@@ -1,0 +1,122 @@
+"""Diagrams, blocks and components of an imported model as YAML that is good to read."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+
+from heavebond.import_20sim import formula_text as f
+from heavebond.import_20sim.block import Block, Part
+from heavebond.import_20sim.component import Component, Item
+
+LONGEST_LINE = 120
+
+
+def scalar(text: str) -> str:
+    """A plain scalar of YAML, in quotes where it needs them; control characters become spaces."""
+    plain = " ".join("".join(c if c.isprintable() else " " for c in text).split())
+    if re.fullmatch(r"[A-Za-z0-9_(=.-][\w ().*/+=-]*", plain, re.ASCII) and not plain.endswith(" ") and " #" not in plain:
+        return plain
+    return '"' + plain.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+def quantity(value: float, unit: str) -> str:
+    number = f"{value:.0f}" if value == int(value) and abs(value) < 1e6 else f"{value!r}"
+    return f"{number} {unit}" if unit else number
+
+
+def mapping(entries: Iterable[tuple[str, str]]) -> str:
+    """`{a: 1, b: 2}` of texts that are scalars already."""
+    return "{" + ", ".join(f"{key}: {value}" for key, value in entries) + "}"
+
+
+def _ports(items: Iterable[Item]) -> list[str]:
+    lines = []
+    for item in items:
+        doc = " ".join(filter(None, (item.doc, f"[{item.unit}]" if item.unit else "")))
+        if item.kind == "bond":
+            lines.append(f"  {item.name}: " + (mapping([("domain", "bond"), ("doc", scalar(doc))]) if doc else "bond"))
+        elif item.kind in ("in", "out"):
+            entries = [("signal", item.kind), ("unit", "1"), *([("doc", scalar(doc))] if doc else [])]
+            lines.append(f"  {item.name}: {mapping(entries)}")
+    return ["ports:", *lines] if lines else []
+
+
+def _declared(made: Component) -> list[str]:
+    lines = []
+    for title, kinds in (("parameters", ("parameter",)), ("variables", ("variable", "held"))):
+        items = made.of_kind(*kinds)
+        if items:
+            lines.append(f"{title}:")
+        for item in items:
+            entries = [("unit", item.unit or "1")]
+            if item.kind == "held":
+                entries.append(("held", quantity(item.value or 0.0, item.unit)))
+            if item.kind == "parameter" and item.value is not None:
+                entries.append(("default", quantity(item.value, item.unit)))
+            if item.doc:
+                entries.append(("doc", scalar(item.doc)))
+            lines.append(f"  {item.name}: {mapping(entries)}")
+    return lines
+
+
+def component_text(made: Component, name: str) -> str:
+    """The file of a component made of equations."""
+    lines = [f"component: {name}", f"summary: {scalar(made.summary)}"]
+    if made.untranslated:
+        lines.append(f"placeholder: {scalar('; '.join(f'line {k}: {w}' for k, w in made.untranslated))}")
+    if made.omitted:
+        lines.append(f"restrictions: {scalar('; '.join(w for _, w in made.omitted))}")
+    lines += ["units: unchecked", *_ports(made.items.values()), *_declared(made)]
+    if made.equations:
+        lines.append("equations: |")
+        width = max((len(f.text(left)) for left, *_ in made.equations if len(f.text(left)) < 16), default=0)
+        for left, right, comment in made.equations:
+            said = f"   # {' '.join(comment.split())}" if comment else ""
+            lines.append(f"  {f.text(left):<{width}} = {_side(right)}{said}")
+    if made.events:
+        lines.append("when:")
+        for event, (key, formula, then) in made.events.items():
+            values = mapping((n, scalar_formula(f.text(v))) for n, v in then.items())
+            lines.append(f"  {event}: {{{key}: {scalar_formula(formula)}, then: {values}}}")
+    if any(item.kind == "bond" for item in made.items.values()):
+        lines.append('power: "controlled, imported equations whose power balance is not checked"')
+    return "\n".join(lines) + "\n"
+
+
+def _side(expr: object) -> str:
+    from heavebond.import_20sim.sidops_tree import Expr
+
+    assert isinstance(expr, Expr)
+    return f.text(expr) if expr.op not in f.TRUTHS else f"if_else({f.text(expr)}, 1, 0)"
+
+
+def scalar_formula(text: str) -> str:
+    return f'"{text}"'
+
+
+def parts_text(made: Block, names: Mapping[int, str], values: Mapping[int, Iterable[tuple[str, str]]], x: float, y: float
+               ) -> list[str]:
+    """`components:` and `nodes:` of a block or diagram."""
+    lines = ["components:"]
+    width = max((len(p.name) for p in made.parts.values()), default=0) + 1
+    for part in made.parts.values():
+        entries = [("is", names[id(part.what)]), *values.get(id(part.what), ()),
+                   *((n, v) for n, v in part.inputs.items()),
+                   ("at", f"[{(part.x - x) / 40:.4g}, {(y - part.y) / 40:.4g}]")]
+        lines.append(f"  {part.name + ':':<{width}} {mapping(entries)}")
+    if made.nodes:
+        lines.append("nodes:")
+        lines += [f"  {name}: [{', '.join(ends)}]" for name, ends in made.nodes.items()]
+    return lines
+
+
+def block_text(made: Block, name: str, parts: list[str]) -> str:
+    """The file of a block."""
+    lines = [f"component: {name}", f"summary: {scalar(made.summary)}", *_ports(made.items.values()), *parts]
+    if made.equations:
+        lines += ["equations: |", *(f"  {left} = {right}" for left, right in made.equations)]
+    return "\n".join(lines) + "\n"
+
+
+__all__ = ["Part", "block_text", "component_text", "mapping", "parts_text", "quantity", "scalar", "scalar_formula"]
