@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 
 from heavebond.import_20sim import formula_text as f
 from heavebond.import_20sim.component import Component, Item
@@ -64,7 +65,7 @@ class Builder:
     # -- symbols -----------------------------------------------------------------------------------------------------
     def _declare(self) -> None:
         for constant in self.source.constants:
-            self._guard(lambda c=constant: self._constant(c), constant.line)
+            self._guard(partial(self._constant, constant), constant.line)
         everything = [*self.submodel.parameters, *self.source.parameters]
         for parameter in everything:  # sizes may need whole parameters
             if parameter.kind == "integer" and parameter.value is not None and not parameter.size:
@@ -72,13 +73,13 @@ class Builder:
                 if value is not None:
                     self.numbers[parameter.name] = value
         for port in self.submodel.ports:
-            self._guard(lambda p=port: self._port(p), port.line)
+            self._guard(partial(self._port, port), port.line)
         for parameter in everything:
-            self._guard(lambda p=parameter: self._parameter(p), parameter.line)
+            self._guard(partial(self._parameter, parameter), parameter.line)
         for parameter in everything:
             self.numbers.pop(parameter.name, None) if not parameter.size else None
         for variable in [*self.submodel.variables, *self.source.variables, *self.source.externals]:
-            self._guard(lambda v=variable: self._variable(v), variable.line)
+            self._guard(partial(self._variable, variable), variable.line)
 
     def _guard(self, action: Callable[[], None], line: int) -> None:
         try:
@@ -184,7 +185,7 @@ class Builder:
             if several & set(_assigned(statement)):
                 self._run([statement], again)
             else:
-                self._guard(lambda s=statement: self._top(s, written), statement.line)
+                self._guard(partial(self._top, statement, written), statement.line)
         for name, value in again.items():
             self._code_result(name, value, start, written)
         code: Env = {}
