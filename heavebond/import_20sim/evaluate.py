@@ -245,7 +245,12 @@ def _inverse(m: Matrix, line: int) -> Matrix:
 
 
 def fold(expr: Expr, numbers: Mapping[str, float]) -> float | None:
-    """The value of an expression of known numbers; None where it is not known."""
+    """The value of an expression of known numbers; None where it is not known, or not finite."""
+    value = _fold(expr, numbers)
+    return value if value is not None and math.isfinite(value) else None
+
+
+def _fold(expr: Expr, numbers: Mapping[str, float]) -> float | None:
     if expr.op == "number":
         return expr.value
     if expr.op == "name":

@@ -7,6 +7,7 @@ from heavebond.import_20sim.sidops_lexer import Lexed, Token
 from heavebond.import_20sim.sidops_tree import Assign, Declared, Do, Expr, For, If, Statement
 
 DEEPEST = 60
+LARGEST = 1e100
 SECTIONS = {"constants", "parameters", "variables", "externals", "initialequations", "equations", "code", "dynamic",
             "function", "implementation_end", "specification_end", "finalequations"}
 KINDS = {"real", "integer", "boolean", "string"}
@@ -119,6 +120,8 @@ class Reader:
 
     def _primary(self) -> Expr:
         token = self.take()
+        if token.kind == "number" and float(token.text) > LARGEST:
+            raise Unreadable(token.line, f"the number {token.text[:30]} is too large")
         if token.kind == "number":
             return Expr("number", value=float(token.text), line=token.line)
         if token.kind == "string":
