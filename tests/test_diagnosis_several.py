@@ -18,10 +18,10 @@ from heavebond.diagnosis import stepwise_selection, verdict
 from heavebond.diagnosis.diagnosis import _beside, _noticeable, _SearchState, _weighed, diagnose
 from heavebond.diagnosis.fixed_values import VALUE
 from heavebond.diagnosis.ladder import AddedEffect
-from heavebond.diagnosis.predictive_errors import FITTED, SELECTION, PredictiveErrors
+from heavebond.diagnosis.predictive_errors import FITTED, SELECTION, TEST, PredictiveErrors
 from heavebond.diagnosis.refit import Refit
 from heavebond.diagnosis.residual_tests import ResidualTests
-from heavebond.diagnosis.stage import Stage
+from heavebond.diagnosis.stage import Stage, leaders, merit
 from heavebond.diagnosis.stepwise_selection import Selection, select_stepwise
 
 SAMPLES = 1000
@@ -222,3 +222,21 @@ def test_values_are_tried_where_nothing_was_found() -> None:
     come = _weighed(_SearchState([near], [], [EMPTY]), (), None, trying)  # type: ignore[arg-type]
     assert tried == [None]
     assert [s.partial for s in come.steps] == [True]
+
+
+def test_a_candidate_that_the_test_data_exclude_does_not_lead() -> None:
+    def made_of(fitted: float, selection: float, test: float) -> PredictiveErrors:
+        means = np.repeat([fitted, selection, test], 400)
+        return PredictiveErrors(means, np.ones(1200), np.repeat([0, 1, 2], 400), np.repeat([FITTED, SELECTION, TEST], 400))
+
+    def trial(name: str, found: PredictiveErrors) -> Refit:
+        candidate = SimpleNamespace(label=name, component=name, kind=name, where=(name,))
+        return Refit(candidate, SimpleNamespace(noise_given=True), {}, found.mean(FITTED) * 400,  # type: ignore[arg-type]
+                     found.mean(FITTED), found.mean(SELECTION, TEST), 400, 800, 1, (), 0.0, 0, errors=found)
+
+    before = made_of(20, 20, 20)
+    by_merit, robust = trial("A", made_of(3, 3, 15)), trial("B", made_of(3.1, 3.1, 3))
+    made = Stage(SimpleNamespace(noise_given=True), {}, 8000, 400, 20, 20, 800, (),  # type: ignore[arg-type]
+                 ResidualTests(0, 0, 0, 9), (), (by_merit, robust), None, (), {}, (), False, 0.0, errors=before)
+    assert merit(by_merit) < merit(robust)
+    assert [stage.chosen.candidate.label for stage in leaders(made, 2) if stage.chosen] == ["B"]
