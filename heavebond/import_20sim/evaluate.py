@@ -94,8 +94,7 @@ class Evaluator:
         if expr.name in self.names:
             return [[self.values.get(f.text(e), e) if e.op == "name" else e for e in row] for row in self.names[expr.name]]
         known = {"pi": f.name("pi"), "time": f.name("time"), "starttime": f.number(0), "true": f.number(1),
-                 "false": f.number(0), "major": f.number(1), "twopi": f.multiply(f.number(2), f.name("pi")),
-                 "g": f.number(9.80665)}
+                 "false": f.number(0), "major": f.number(1), "twopi": f.multiply(f.number(2), f.name("pi"))}
         if expr.name.lower() in known:
             return [[known[expr.name.lower()]]]
         raise Unreadable(expr.line, f"'{expr.name}' is not declared")
@@ -190,7 +189,6 @@ FUNCTIONS: dict[str, Callable[..., Expr]] = {
     "cosh": lambda x: Expr("/", (f.add(f.call("exp", x), f.call("exp", f.negative(x))), f.number(2))),
     "atan2": lambda y, x: f.multiply(f.number(2), f.call("atan", Expr("/", (y, f.add(f.call("sqrt", f.add(
         Expr("^", (x, f.number(2))), Expr("^", (y, f.number(2))))), x))))),
-    "hold": lambda x: x,
 }
 FUNCTIONS["arctan2"] = FUNCTIONS["atan2"]
 
