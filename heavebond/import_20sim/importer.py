@@ -90,7 +90,13 @@ class _Writer:
     def _shared(self) -> None:
         """Global parameters become parameters of the diagram; global variables, inputs of what reads them."""
         missing: set[str] = set()
-        givers = {label: f"{path}.{own}" for path, made in self.translator.components for own, label in made.gives.items()}
+        givers: dict[str, str] = {}
+        for path, made in self.translator.components:
+            for own, label in made.gives.items():
+                if label in givers:
+                    why = f"the global quantity '{label}' is computed by '{givers[label]}' too, which is used"
+                    self.result.untranslated.append(Untranslated(path, made.line, why))
+                givers.setdefault(label, f"{path}.{own}")
         units: dict[str, str] = {}
         for _, made in self.translator.components:
             for own, label in made.shared.items():
