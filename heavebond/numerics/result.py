@@ -80,7 +80,7 @@ class Result:
     @cached_property
     def verdict(self) -> Verdict:
         """Whether the values of this run mean something: `print(result.verdict)` tells it in a line."""
-        return judged(list(_stretches(self)), self._true_at_start())
+        return judged(list(_stretches(self)), [*self._true_at_start(), *self._placeholders()])
 
     def _true_at_start(self) -> list[Finding]:
         """Events that would have happened if their conditions had become true at the start instead of being so."""
@@ -89,6 +89,13 @@ class Result:
         texts = {event.name: event.text for event in self.assembly.flat.events}
         return [Finding("true-at-start", name, name.rpartition(".")[0], float(self.time[0]), 1.0, None, "",
                         NOT_BECOME.format(texts[name])) for name in names]
+
+    def _placeholders(self) -> list[Finding]:
+        """Parts that stand for something that was not translated."""
+        leaves = self.assembly.flat.expanded.leaves
+        return [Finding("placeholder", path, path, float(self.time[0]), 0.0, None, "",
+                        f"{leaf.component.placeholder.partition(';')[0]}. Write its law, or take it out")
+                for path, leaf in leaves.items() if leaf.component.placeholder]
 
     def plot(self, *names: str) -> Figure:
         """A matplotlib figure of signals over time, of the outputs under `show:` where none is named: one axes per unit."""

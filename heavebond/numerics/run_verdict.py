@@ -58,6 +58,8 @@ class Finding:
             return f"{self.name} grows exponentially, to {value} at the end"
         if self.kind == "true-at-start":
             return f"the condition of {self.name} is true at the start, which lets nothing happen"
+        if self.kind == "placeholder":
+            return f"{self.name} has no law: it is a placeholder"
         limit = readable(self.limit or 0.0, self.unit)
         if self.kind == "runaway":
             return f"{self.name} goes to {value}, beyond {limit} (a million typical sizes) from {t} on"
@@ -70,7 +72,8 @@ class Finding:
 
 # whether a run with such a finding is worthless
 KINDS = {"not-finite": True, "runaway": True, "energy": True, "range": False, "larger": False, "growth": False,
-         "true-at-start": False}
+         "true-at-start": False, "placeholder": False}
+FAILURES = tuple(kind for kind, failed in KINDS.items() if failed)
 
 
 @dataclass(frozen=True)
@@ -111,7 +114,7 @@ class Verdict:
         """Where something left its range before, as the cause may be there."""
         earliest = min(self.findings, key=lambda f: f.time)
         return f"{earliest.name} was the first to leave its range, at {earliest.time:.4g} s. " \
-            if first.failed and earliest.time < first.time and earliest.kind not in ("growth", "true-at-start") else ""
+            if first.failed and earliest.time < first.time and earliest.kind in ("range", "larger", *FAILURES) else ""
 
     @property
     def problem(self) -> Problem:
