@@ -14,7 +14,8 @@ from click.testing import CliRunner
 
 from heavebond.cli import main
 from heavebond.commands import terminal
-from heavebond.commands.progress_lines import ProgressLines, duration
+from heavebond.commands.progress_lines import ProgressLines
+from heavebond.core.progress import duration
 
 SLOW = """
 import time

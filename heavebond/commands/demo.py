@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from heavebond.commands.arguments import check_writable, json_option
-from heavebond.core.errors import Problem, UsageError
+from heavebond.core.writable import make_folder
 
 if TYPE_CHECKING:
     from heavebond.numerics.dae import Array
@@ -97,11 +97,7 @@ def demo(output: Path) -> dict[str, object]:
 
 
 def _make(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UsageError([Problem("file-unwritable", f"the folder '{folder}' cannot be made: "
-                                  f"{error.strerror or error}")]) from None
+    make_folder(folder)
     for sea in SEAS:
         check_writable(folder / f"{sea.file}.png")
 

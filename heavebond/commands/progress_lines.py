@@ -16,6 +16,8 @@ import time as clock
 from collections.abc import Callable, Iterator
 from typing import TextIO
 
+from heavebond.core.progress import duration
+
 EVERY = 5.0  # seconds between two lines
 VARIABLE = "HEAVEBOND_PROGRESS"  # environment variable: another number of seconds, 0 for no lines
 COUNTED = re.compile(r"\b([0-9]+) of ([0-9]+)\b")  # the progress of a stage in its text: `refitting 3 of 24: ...`
@@ -58,14 +60,6 @@ class ProgressLines:
         left = self.left(now)
         return f"{self.words}, {duration(now - self.began)}" + (f": {self.text}" if self.text else "") \
             + (f"; about {duration(left)} left for these {self._stage[1]}" if left and round(left) else "")
-
-
-def duration(seconds: float) -> str:
-    """`25 s`, `1 min 05 s`, `2 h 10 min`."""
-    whole = round(seconds)
-    if whole < 60:
-        return f"{whole} s"
-    return f"{whole // 60} min {whole % 60:02d} s" if whole < 3600 else f"{whole // 3600} h {whole % 3600 // 60:02d} min"
 
 
 @contextlib.contextmanager

@@ -10,3 +10,11 @@ Progress = Callable[[str], None]
 def numbered(say: Progress, what: str, number: int, of: int) -> Progress:
     """Progress that begins with `start 2 of 5: `, where there are several."""
     return lambda text: say(f"{what} {number} of {of}: {text}" if of > 1 else text)
+
+
+def duration(seconds: float) -> str:
+    """`25 s`, `1 min 05 s`, `2 h 10 min`."""
+    whole = round(seconds)
+    if whole < 60:
+        return f"{whole} s"
+    return f"{whole // 60} min {whole % 60:02d} s" if whole < 3600 else f"{whole // 3600} h {whole % 3600 // 60:02d} min"

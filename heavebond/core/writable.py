@@ -12,6 +12,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from heavebond.core.errors import Problem, UsageError
+
 LONGEST_STEM = 100  # characters of the name that the name of an unfinished file repeats; a name may have 255 bytes
 
 
@@ -94,3 +96,12 @@ def why_unwritable(folder: Path) -> str:
             return ""
     except OSError as error:
         return (error.strerror or str(error)).lower()
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder and its parents where they do not exist; UsageError where that fails."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        said = f"the folder '{folder}' cannot be made: {(error.strerror or str(error)).lower()}"
+        raise UsageError([Problem("file-unwritable", said, None, "Give another one.")]) from None

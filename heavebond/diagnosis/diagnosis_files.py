@@ -11,7 +11,7 @@ from heavebond.core.errors import HeavebondError, Problem, UsageError
 from heavebond.core.numerals import whole
 from heavebond.core.presentation import readable_unit
 from heavebond.core.units import read_unit
-from heavebond.core.writable import why_unwritable
+from heavebond.core.writable import make_folder, why_unwritable
 from heavebond.diagnosis.experiment_design import Separation
 from heavebond.diagnosis.ladder import AddedEffect
 from heavebond.estimation.change import block, quoted
@@ -129,15 +129,6 @@ def is_finding(path: Path, before: Experiment) -> bool:
         return False
     name, extended = (getattr(root.get(key), "text", "") for key in ("experiment", "extends"))
     return name.startswith(f"{before.name}, with ") and extended == extended_from(path, before.path)
-
-
-def make_folder(folder: Path) -> None:
-    """Make a folder and its parents where they do not exist; UsageError where that fails."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        said = f"the folder '{folder}' cannot be made: {(error.strerror or str(error)).lower()}"
-        raise UsageError([Problem("file-unwritable", said, None, "Give another one.")]) from None
 
 
 def _counted(name: str, more: int) -> str:

@@ -21,11 +21,11 @@ from heavebond.core.cluster import Cluster
 from heavebond.core.errors import Problem, UsageError
 from heavebond.core.parallel import Processes, as_done, processors
 from heavebond.core.presentation import brief
-from heavebond.core.progress import Progress
+from heavebond.core.progress import Progress, duration
 from heavebond.core.quoting import file_stem
 from heavebond.core.reporting import place, reporting
 from heavebond.core.units import Unit
-from heavebond.core.writable import write_text
+from heavebond.core.writable import make_folder, write_text
 from heavebond.language.definition import FileInput
 from heavebond.studies.axes import StudyCase
 from heavebond.studies.calibration import Calibrated, calibrate
@@ -210,24 +210,13 @@ class _StudyProgress:
         return f"{begin}, {duration((clock.perf_counter() - self.began) / here * left)} left"
 
 
-def duration(seconds: float) -> str:
-    """`40 s`, `3 min`, `2.5 h`."""
-    if seconds < 100:
-        return f"{max(1, round(seconds))} s"
-    return f"{round(seconds / 60)} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"
-
-
 # -- what is kept ------------------------------------------------------------------------------------------------------
 class CaseStore:
     """What is done as files in a folder, each with the fingerprint of what it is of."""
 
     def __init__(self, folder: Path, fingerprint: str):
         self.folder, self.fingerprint = folder / KEPT, fingerprint
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            said = f"'{folder}' cannot be written: {error.strerror or error}"
-            raise UsageError([Problem("file-unwritable", said)]) from None
+        make_folder(self.folder)
 
     @classmethod
     def at(cls, folder: Path | None, study: Study) -> CaseStore | None:
