@@ -1,4 +1,4 @@
-"""`heavebond compare`: lay a model over measured records; errors per channel and a picture."""
+"""`heavebond compare`: compare a model with measured records; errors per channel and a picture."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def compare(experiment: str, settings: tuple[str, ...], output: Path | None) -> 
 
 
 def noticed(comparison: Comparison, width: int) -> list[str]:
-    """The notes on all records as lines of a terminal."""
+    """The notes on all records, formatted for a terminal of `width` characters."""
     from heavebond.core.presentation import columns
 
     rows = [(name if k == 0 else "", note) for name, record in comparison.records.items()
@@ -72,7 +72,7 @@ def noticed(comparison: Comparison, width: int) -> list[str]:
 
 
 def _with_settings(experiment: Experiment, settings: tuple[str, ...]) -> Experiment:
-    """The command line wins over what the experiment sets for a single record."""
+    """The experiment with `--set` values, which override those set for a single record."""
     changed = with_settings(experiment.model, settings)
     given = {path: value for path, value in changed.settings.items() if experiment.model.settings.get(path) != value}
     return replace(experiment, model=changed, records={
@@ -92,7 +92,7 @@ def _table(comparison: Comparison) -> object:
 
 
 def _row(channel: Channel, largest: float) -> tuple[str, ...]:
-    """All of a channel's values in the unit that suits the `largest` of them: they are to be compared."""
+    """A row of the table; all values in the unit that suits the `largest`, so that they can be compared."""
     from heavebond.core.presentation import number, readable
 
     error, bias, noise = (readable(v, channel.unit, 3, beside=largest) for v in (channel.error, channel.bias, channel.noise))

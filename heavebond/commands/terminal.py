@@ -1,4 +1,4 @@
-"""The terminal: problems in colour, tables, progress. Plain text in files and pipes."""
+"""Terminal output: problems in colour, tables, progress. Plain text in files and pipes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-PIPE_CLOSED = 141  # what a shell reports of a program whose reader went away
+PIPE_CLOSED = 141  # exit code that shells report for SIGPIPE
 PLAIN_WIDTH = 120  # of tables that go to a file or a pipe
 
 
@@ -42,17 +42,17 @@ def _console(file: IO[str]) -> Console:
             raise BrokenPipeError
 
         def render(self, *given: Any, **options: Any) -> Iterator[Segment]:
-            """What is printed, without characters of names and records that would steer the terminal."""
+            """Segments of the output, with control characters from names and records made visible."""
             for segment in super().render(*given, **options):
                 yield segment if segment.control else segment._replace(text=visible(segment.text))
 
-    # a file has no width; 80 characters would fold tables for nobody's sake
+    # a file has no width; the default of 80 characters would fold tables
     width = None if file.isatty() or "COLUMNS" in os.environ else PLAIN_WIDTH
     return Terminal(file=file, width=width, highlight=False, markup=False, emoji=False, soft_wrap=False)
 
 
 def table(title: str, head: Sequence[str], rows: Sequence[Sequence[str]], *, text: int = 1) -> Table:
-    """A table; the first `text` columns are words, the others numbers."""
+    """A table; the first `text` columns are aligned left, the others, numbers, right."""
     from rich import box
     from rich.table import Table
 
@@ -66,12 +66,12 @@ def table(title: str, head: Sequence[str], rows: Sequence[Sequence[str]], *, tex
 
 
 def warn(line: str) -> None:
-    """A line on standard error that ends nothing."""
+    """Print a warning on standard error."""
     messages().print(line, style="yellow", soft_wrap=True)
 
 
 def print_problems(problems: Sequence[Problem]) -> None:
-    """Problems on standard error, as `str(Problem)` has them, with a count where there are several."""
+    """Print problems on standard error in the form of `str(Problem)`, with their number where there are several."""
     console = messages()
     for k, problem in enumerate(problems[:PROBLEMS_SHOWN]):
         if k:
@@ -97,14 +97,16 @@ def _print_problem(console: Console, problem: Problem) -> None:
         styled.append(Text(line, style="yellow" if caret else ""))
     styled += [Text(line, style="green") for line in lines[len(lines) - hint:]]
     for line_text in styled:
-        # a long line is left to the terminal: a break inside would end a name that somebody wants to copy
+        # no line breaks of our own: they could split a name that is to be copied
         console.print(line_text, soft_wrap=True)
 
 
 @contextlib.contextmanager
 def working(words: str) -> Iterator[Callable[[str], None]]:
-    """Show on a terminal what is being done; elsewhere print it every few seconds (see `progress_lines`). Gives the progress
-    callback."""
+    """Show `words` and the progress on a terminal, or print them every few seconds elsewhere (see `progress_lines`).
+
+    Yields the progress callback, which also raises KeyboardInterrupt after a request to end (see `cancellation.check`).
+    """
     if not sys.stderr.isatty():
         with progress_lines(words), told_in_lines(words) as tell:
             def follow(text: str) -> None:
@@ -113,7 +115,7 @@ def working(words: str) -> Iterator[Callable[[str], None]]:
 
             yield follow
         return
-    # a copy of the terminal: during an integration the solver's own words are caught from file descriptor 2
+    # a duplicate of the terminal: during an integration the solver's messages are captured from file descriptor 2
     with open(os.dup(sys.stderr.fileno()), "w", encoding=sys.stderr.encoding) as copy, \
             _console(copy).status(words, spinner="dots") as status:
         def told(text: str) -> None:

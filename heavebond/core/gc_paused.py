@@ -1,4 +1,4 @@
-"""Python's search for garbage in circles, put off while much is made that stays."""
+"""Suspension of Python's cyclic garbage collection while many long-lived objects are created."""
 
 from __future__ import annotations
 
@@ -9,8 +9,11 @@ from contextlib import contextmanager
 
 @contextmanager
 def put_off() -> Iterator[None]:
-    """No search for garbage in circles inside: where hundreds of thousands of objects are made that all stay, each search
-    goes through all of them again. What is not in a circle is freed as ever."""
+    """Disable the cyclic garbage collector in the body of a `with` statement.
+
+    While hundreds of thousands of long-lived objects are created, each collection traverses all of them again. Reference
+    counting still frees objects without cycles.
+    """
     enabled = gc.isenabled()
     gc.disable()
     try:

@@ -1,4 +1,4 @@
-"""How far something long is: a function that is told in words."""
+"""Progress callbacks of long computations: functions that take a line of text."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ Progress = Callable[[str], None]
 
 
 def numbered(say: Progress, what: str, number: int, of: int) -> Progress:
-    """Progress that begins with `start 2 of 5: `, where there are several."""
+    """A callback that puts `{what} 2 of 5: ` before each text; with `of` = 1 the text is passed on unchanged."""
     return lambda text: say(f"{what} {number} of {of}: {text}" if of > 1 else text)
 
 

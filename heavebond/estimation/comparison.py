@@ -1,4 +1,4 @@
-"""The model laid over the measurements: what it misses, per channel, with the noise level beside it."""
+"""Comparison of a model with measured records: residuals and error measures per channel, with the noise level."""
 
 from __future__ import annotations
 
@@ -46,23 +46,24 @@ from heavebond.text.expression import ExpressionProblem, names
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Share of a sample interval from which on channels are early enough to blame that an input is held.
+# Smallest lead of all channels, as a share of a sample interval, that suggests a held input as the cause.
 _SOONER = 0.15
-# A record is simulated to far less than its noise; tighter only costs time.
+# Integration errors far below the noise of a record; tighter tolerances only cost time.
 TOLERANCES = Tolerances(1e-7, 1e-9)
 MANY = 10_000  # samples from which on the compiled program compares
 
 
 @dataclass(frozen=True)
 class Channel:
-    """One measured channel beside the model, n samples of its own, both in the channel's unit. All figures are of the
-    samples that `counts` (n,): dropped outliers and the other part of a record that is held out in part do not.
+    """One measured channel with n samples and the model at these times, both in the unit of the channel. The error
+    measures use the samples selected by `counts` (n,), which excludes dropped outliers and the other part of a record
+    that is held out in part.
 
     error: rms of model - measured, same unit; normalised: error / rms of measured about its mean;
     relative: error / rms of measured; fit: 100 (1 - normalised) %; chi2: mean of (error/noise)**2, 1 where the model
-    is right; white: p value of the Ljung-Box test that what is left has no memory; step: that of a sensor that counts,
-    else 0; outlier (n,): samples far from their neighbours; astray (n,): others whose difference from the model is far from
-    that of their neighbours; late: by how much the channel looks later than the model.
+    is right; white: p value of the Ljung-Box test for uncorrelated residuals; step: resolution of a quantised sensor,
+    else 0; outlier (n,): samples far from their neighbours; astray (n,): other samples whose residual is far from those
+    of their neighbours; late: estimated delay of the channel relative to the model.
     """
 
     name: str
@@ -86,7 +87,7 @@ class Channel:
     late: TimeDelay | None
 
     def figures(self) -> dict[str, object]:
-        """The figures alone, for tables and machines."""
+        """The error measures without the samples, for tables and JSON."""
         late = self.late and {"seconds": self.late.seconds, "deviation": self.late.deviation, "share": self.late.share,
                               "noticeable": self.late.noticeable, "explains": self.late.explains(self.noise)}
         return {"unit": self.unit, "error": self.error, "normalised": self.normalised, "relative": self.relative,
@@ -98,9 +99,9 @@ class Channel:
 
 @dataclass(frozen=True)
 class RecordComparison:
-    """All channels of one record. `validate` is the part that is held out of the fit where no record of its own checks
-    it, else None; `notes` say what a reader of the figures must know; `doubtful` are channels whose unit, sign or time seems
-    to be another one than the experiment says."""
+    """All channels of one record. `validate` is the held-out part of the record, where the experiment has no validation
+    record, else None; `notes` are remarks on the interpretation of the values; `doubtful` are channels whose unit, sign or
+    time seems to differ from that in the experiment."""
 
     name: str
     use: str
@@ -113,8 +114,8 @@ class RecordComparison:
 
     @property
     def normalised(self) -> float:
-        """Root mean square of the channels' normalised errors: one number for the record. A channel whose readings are all
-        the same has none; NaN where all are."""
+        """Root mean square of the channels' normalised errors. Constant channels have no normalised error and are left out;
+        NaN where all channels are constant."""
         found = [c.normalised for c in self.channels.values() if math.isfinite(c.normalised)]
         return float(np.sqrt(np.mean(np.square(found)))) if found else math.nan
 
@@ -156,7 +157,7 @@ class Comparison:
 
     @property
     def parts(self) -> list[RecordComparison]:
-        """Every record, and behind it the part of it that is held out where there is one."""
+        """Every record, each followed by its held-out part where it has one."""
         return [part for r in self.records.values() for part in (r, r.validate) if part is not None]
 
     @property
@@ -212,7 +213,7 @@ def _simulated(assembly: Assembly, grid: Array) -> Result:
 
 def compare_record(experiment: Experiment, record: Record,
                    parameters: Mapping[str, float | str] | None = None) -> RecordComparison:
-    """One record; see `compare`."""
+    """Compare the diagram with one record; see `compare`."""
     measured = measure(experiment, record)
     assembly = assemble_for(experiment, record)
     if parameters:
@@ -263,7 +264,8 @@ def _notes(measured: Measured, channels: Mapping[str, Channel], slips: Mapping[s
 
 
 def _held_too_long(channels: Mapping[str, Channel], inputs: Sequence[str]) -> list[str]:
-    """What is held acts half a sample later than what is joined, so that all channels look early by a part of one."""
+    """The note for an input that is held although it changed between samples. A held input acts half a sample interval
+    later than an interpolated one, so that all channels lead by a fraction of an interval."""
     late = [c.late for c in channels.values() if c.late is not None]
     if not inputs or not late or not all(lag.noticeable and _SOONER < -lag.seconds / lag.interval < 1 for lag in late):
         return []
@@ -297,7 +299,7 @@ def _late_by(channel: Channel) -> str:
 
 
 def assemble_for(experiment: Experiment, record: Record) -> Assembly:
-    """The diagram of a record as equations; ModelError for outputs or free parameters that it does not have."""
+    """The assembled equations of a record's diagram; ModelError for outputs or free parameters that it does not have."""
     wanted = {n.text for output in experiment.outputs.values() for n in names(output.shown.expr)}
     wanted |= {name.removeprefix("initial.") for name in experiment.free if name.startswith("initial.")}
     assembly = assemble(experiment.model_for(record), wanted)
@@ -310,7 +312,8 @@ def assemble_for(experiment: Experiment, record: Record) -> Assembly:
 
 
 def driven_by(assembly: Assembly, experiment: Experiment, own: Record, other: Record) -> Assembly | None:
-    """The diagram of a record driven by another one; None where the two differ in more than what their files hold."""
+    """The equations of record `own`, driven by the inputs of record `other`; None where the records differ in more than
+    their measured data (settings, conditions, units or interpolation of inputs)."""
     given, before = experiment.inputs_for(other), experiment.inputs_for(own)
     flat = assembly.flat
     alike = own.settings == other.settings and own.conditions == other.conditions and \

@@ -1,4 +1,4 @@
-"""What the data can tell about the free parameters, in words."""
+"""Practical identifiability: parameter combinations that the data do not determine, with a text for each."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ import numpy as np
 from heavebond.core.errors import listing
 from heavebond.numerics.dae import Array
 
-# A combination is called unseen where the data leave it more uncertain than this factor (in logarithms) or share of
-# its range: a standard deviation of one is no knowledge at all, a third is hardly any.
+# Standard deviation above which a combination of parameters is not identifiable, in logarithms or in shares of the range.
 UNSEEN = 0.3
-# So uncertain a logarithm is no knowledge at all: a factor of a hundred.
+# Standard deviation of a logarithm above which no value is reported: a factor of a hundred.
 BLIND = 4.6
-# Shares of a direction below this part of its largest are left out of the words.
+# Components of a direction below this share of its largest are omitted from the text.
 SMALL = 0.15
 
 
 @dataclass(frozen=True)
 class Identifiability:
-    """Combinations of parameters from the best to the worst seen.
+    """Combinations of parameters, the best determined first.
 
     `deviations` (m,) are the standard deviations along the `directions` (m, n_parameters), in logarithms of parameters
-    above zero and in shares of the range of the others; `words` says what the data cannot see.
+    above zero and in shares of the range of the others; `words` has a sentence for each combination that is not
+    identifiable.
     """
 
     names: tuple[str, ...]
@@ -34,7 +34,7 @@ class Identifiability:
 
     @property
     def unseen(self) -> Array:
-        """The directions that the data cannot see."""
+        """The directions that are not identifiable (k, n_parameters)."""
         return self.directions[self.deviations > UNSEEN]
 
     @property

@@ -1,6 +1,6 @@
-"""Slips of an experiment that show in its records: a unit or a sign taken for another one.
+"""Checks of an experiment for wrong units and signs, by comparing its records with the model.
 
-They are told and not mended: a file may be wrong about itself, and a model may be wrong by a factor.
+The functions return remarks and change nothing: the unit stated in a file may be wrong, and so may a model by a factor.
 """
 
 from __future__ import annotations
@@ -15,26 +15,26 @@ from heavebond.core.units import Unit, read_unit
 from heavebond.records.measurements import Table
 
 Array = NDArray[np.float64]
-# Units in which machines are measured, by kind; one of a kind is easily taken for another.
+# Common units of measurements; those of the same dimension are compared.
 USUAL = ("m", "mm", "cm", "um", "km", "Pa", "kPa", "MPa", "bar", "mbar", "psi", "N", "kN", "MN", "m/s", "mm/s", "km/h",
          "m**3/s", "L/min", "L/s", "m**3/h", "kg", "g", "t", "kg/s", "g/s", "kg/h", "s", "ms", "min", "rad", "deg", "rad/s",
          "rpm", "deg/s", "N*m", "kN*m", "W", "kW", "A", "mA", "V", "mV", "1", "%")
-FAR = 3.0  # times, from where on a factor may be that of a unit
-NEAR = 1.6  # times, up to which a unit explains a factor
-ALIKE = 0.7  # correlation with the model, from where on a factor means anything
-ZERO = 0.05  # share of a record's largest value that noise may take it below zero
-BELOW = 0.2  # share of its size to which a model goes below zero, from where on it clearly does
-CLEARLY = 0.2  # by how much the size alone must correlate better
+FAR = 3.0  # smallest ratio of spreads that may be due to a unit
+NEAR = 1.6  # largest ratio that may remain after the change of unit
+ALIKE = 0.7  # smallest correlation with the model at which a ratio of spreads is meaningful
+ZERO = 0.05  # negative values up to this share of a record's maximum count as noise
+BELOW = 0.2  # smallest negative excursion of a model, as a share of its largest magnitude
+CLEARLY = 0.2  # smallest gain in correlation by taking the absolute value of the model
 TIMES = ("us", "ms", "s", "min", "h")
-ALIKE_LONG = 0.1  # share by which two lengths of time may differ that are the same in the right unit
-SCARCE = 40.0  # times, by which both the length and the step of a record differ from a run's where the unit of time is wrong
-BETTER = 0.01  # by how much where the opposite sign explains the record too
-OPPOSITE = -0.9  # below it the sign does; a model out of tune is hardly so much against the record
+ALIKE_LONG = 0.1  # relative difference of two durations that counts as equal in the right unit
+SCARCE = 40.0  # ratio of both length and step of a record to those of a run above which the unit of time is wrong
+BETTER = 0.01  # gain in correlation by which the opposite sign must explain the record better
+OPPOSITE = -0.9  # correlation below which the sign is wrong; a mistuned model hardly gets so low
 
 
 def declared_otherwise(table: Table, column: str, unit: str) -> str | None:
-    """What the file says of the unit of a column where that is not the `unit` of the experiment; None where they agree, or
-    where the file says nothing. A word behind an underscore counts only where it is a unit of the same kind."""
+    """A remark where a file states another unit for a column than the `unit` of the experiment; None where they agree or
+    the file states none. A suffix after an underscore counts only where it is a unit of the same dimension."""
     found = table.unit_of(column)
     if found is None:
         return None
@@ -49,9 +49,10 @@ def declared_otherwise(table: Table, column: str, unit: str) -> str | None:
 
 
 def time_seems_in(time: Array, until: float, every: float, unit: str) -> str:
-    """The unit in which times (n,) in s, read in `unit`, would be those of a run to `until` s with a point `every` so often;
-    empty where they may well be right. ms and s are 1000 apart, s and min 60: both the length and the step of the record
-    must be off by more than SCARCE one way, and within the square root of that in the other unit."""
+    """The probable unit of times (n,), given in s after conversion from `unit`, of a record for a run to `until` (s) with
+    output interval `every` (s); empty where `unit` is plausible. Both the length and the step of the record must differ by
+    a factor above SCARCE in the same direction, and by less than its square root in the other unit (ms and s differ by
+    1000, s and min by 60)."""
     ratios = float(np.ptp(time)) / until, float(np.median(np.diff(time))) / every
     if not (min(ratios) > SCARCE or max(ratios) < 1 / SCARCE):
         return ""
@@ -73,9 +74,9 @@ def length_seems_in(length: float, whole: float, unit: str) -> str:
 
 
 def seems_in_another_unit(measured: Array, model: Array, unit: str, declared: Unit | None = None) -> str | None:
-    """A remark where the record (n,) moves as the model (n,) does, both read in `unit`, but is larger or smaller by what one
-    usual unit is to another. The spreads about the means are compared: an offset is another matter. Where the file itself
-    gives a unit, `declared`, only a remark that agrees with it."""
+    """A remark where the record (n,) is correlated with the model (n,), both in `unit`, but the ratio of their standard
+    deviations is close to that of two common units; None otherwise. Offsets are ignored. If the file gives the unit
+    `declared`, only a remark that agrees with it is returned."""
     factor, alike = _likeness(measured, model)
     if alike < ALIKE or max(factor, 1 / factor) < FAR:
         return None
@@ -101,7 +102,7 @@ def seems_of_another_sign(measured: Array, model: Array, formula: str) -> str | 
 
 
 def seems_turned(measured: Array, model: Array, formula: str) -> str | None:
-    """A remark where the record (n,) is nearly the model (n,) with its sign changed; `formula` is what is compared."""
+    """A remark where the record (n,) is close to the negative of the model (n,); `formula` is that of the output."""
     _, alike = _likeness(measured, model)
     if alike > OPPOSITE:
         return None
@@ -110,8 +111,8 @@ def seems_turned(measured: Array, model: Array, formula: str) -> str | None:
 
 
 def seems_without_sign(measured: Array, model: Array, formula: str) -> str | None:
-    """A remark where the record (n,) never goes below zero, the model (n,) does, and its size is much nearer to the record
-    than itself."""
+    """A remark where the record (n,) is never negative, the model (n,) is, and the absolute value of the model is better
+    correlated with the record."""
     top = float(np.max(measured))
     if top <= 0 or float(np.min(measured)) < -ZERO * top or np.min(model) > -BELOW * float(np.max(np.abs(model))):
         return None
@@ -127,7 +128,7 @@ def _same_kind(one: Unit, other: Unit) -> bool:
 
 
 def _likeness(measured: Array, model: Array) -> tuple[float, float]:
-    """How much more the record moves than the model, and their correlation; (1, 0) where one of them does not move."""
+    """Ratio of the standard deviations of record and model, and their correlation; (1, 0) where one of them is constant."""
     y, m = measured - np.mean(measured), model - np.mean(model)
     size, other = float(np.sqrt(y @ y)), float(np.sqrt(m @ m))
     if min(size, other) <= 1e-12 * max(size, other, float(np.abs(model).max()) * math.sqrt(len(model))):

@@ -1,4 +1,4 @@
-"""IDAS through CasADi, and what it is told of a system."""
+"""Integration by IDAS of SUNDIALS through the CasADi interface: options, failures, messages."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ import numpy as np
 from heavebond.equations.buffered import Buffered
 from heavebond.numerics.dae import Array, Assembly, Integrand
 
-# Steps between two output points, after which a run is given up: at a value that is no number IDAS would halve its
-# step for minutes.
+# Largest number of steps between two output points: at a NaN IDAS would halve its step for minutes.
 MOST_STEPS = 300_000
-# Share of the way to the first output point that a first step without a known x' is tried with; steps double at first.
+# First step where x' is unknown, as a share of the time to the first output point; steps double at first.
 FIRST_STEP = 1e-9
 _TURN = RLock()
-RESTS = (0.01, 0.1, 1.0, 10.0, 100.0)  # s; when a machine that is left alone is looked at
+RESTS = (0.01, 0.1, 1.0, 10.0, 100.0)  # s; instants at which `at_rest` yields the state
 MOST_STEPS_TO_REST = 20_000
-LARGE = 100  # unknowns from which on a system is large
+LARGE = 100  # smallest number of unknowns of a system that is factorised by CSparse
 
 
 @dataclass(frozen=True)
 class Tolerances:
     """Error control of the integrator: relative, and absolute in each unknown's nominal size.
 
-    `along` is the weight of forward sensitivities in it: at 1 they are as accurate as the states, at twice the steps;
-    at 1e-3 they ride on the steps of the states and are right to some 1e-4 of their largest value.
+    `along` is the weight of forward sensitivities in the error control: at 1 they are as accurate as the states, with
+    twice the number of steps; at 1e-3 the states determine the steps, and the sensitivities are accurate to about 1e-4 of
+    their largest value.
     """
 
     rtol: float = 1e-8
@@ -44,17 +44,17 @@ class Tolerances:
 
 
 class Idas:
-    """The integration of a system from the first to the other stops; RuntimeError where IDAS fails.
+    """Integrator of a system from the first stop to the others; RuntimeError where IDAS fails.
 
-    What it starts from is consistent, and IDAS has to find x' only. Its line search for that moves the algebraic unknowns
-    with the states that x' would lead to, and finds no way where they follow steeply, as in a mechanism. Then it begins
-    without x', by a step so short that none is needed.
+    The initial values are consistent, so that IDACalcIC only has to find x'. Its line search changes the algebraic unknowns
+    together with the states predicted by x', and fails where they depend on the states steeply, as in mechanisms. The
+    integration is then repeated without IDACalcIC, with a first step so short that x' is not needed.
     """
 
     def __init__(self, made: Integrand, stops: Array, tolerances: Tolerances, most_steps: int = MOST_STEPS,
                  strict: bool = False):
-        """`strict` puts the algebraic unknowns under error control, too: with shorter steps Newton's method begins nearer
-        to what it looks for."""
+        """`strict` includes the algebraic unknowns in the error control: with shorter steps the predictor gives Newton's
+        method a closer initial guess."""
         self._orders = _orders(made.dae)
         self._dae, self._begin = _ordered(made.dae, self._orders), float(stops[0])
         self._outputs = [float(t) for t in stops[1:]] if len(stops) > 1 else [self._begin + 1.0]
@@ -69,7 +69,7 @@ class Idas:
                         ("xf", "zf"))
 
     def size1_in(self, name: str) -> int:
-        """The number of numbers in an input, as in `ca.Function`."""
+        """The number of elements of an input, as in `ca.Function`."""
         return self._usual.size1_in(name)
 
     def __call__(self, **given: Any) -> dict[str, Array]:
@@ -98,8 +98,8 @@ class Idas:
 
 
 def _orders(dae: Mapping[str, ca.SX]) -> dict[str, list[int]]:
-    """In which order the states and algebraic unknowns of a large system are eliminated with the least fill: a supply that a
-    hundred valves take from goes last. CSparse takes them as they come."""
+    """Orders of the states and algebraic unknowns of a large system that reduce fill-in (approximate minimum degree), as
+    CSparse factorises in the given order. Empty for small systems."""
     n_x, n_z = dae["x"].numel(), dae["z"].numel()
     if n_x + n_z < LARGE:
         return {}
@@ -109,14 +109,15 @@ def _orders(dae: Mapping[str, ca.SX]) -> dict[str, list[int]]:
 
 
 def _ordered(dae: Mapping[str, ca.SX], orders: Mapping[str, list[int]]) -> dict[str, ca.SX]:
-    """The same equations with their unknowns in another order."""
+    """The equations with their unknowns permuted by `orders`."""
     moved = {name: dae[name][orders[unknown]] for name, unknown in (("x", "x"), ("ode", "x"), ("z", "z"), ("alg", "z"))
              } if orders else {}
     return {**dae, **moved}
 
 
 def at_rest(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array) -> Iterator[tuple[Array, Array]]:
-    """x (n_x,) and z (n_z,) of a machine that is left alone with inputs and time held still, at ever later instants."""
+    """Yield x (n_x,) and z (n_z,) of the transient with inputs and time frozen, at the instants RESTS; ends where IDAS
+    fails."""
     symbols = assembly.arguments
     x_s, z_s = ca.SX.sym("x", len(x)), ca.SX.sym("z", len(z))
     x_size, z_size = assembly.x_nominal, assembly.z_nominal
@@ -139,7 +140,7 @@ def at_rest(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array
 
 
 def integrator_options(dae: Mapping[str, ca.SX], tolerances: Tolerances) -> dict[str, Any]:
-    """What IDAS is told of a DAE."""
+    """The options of IDAS for a DAE."""
     return {
         "reltol": tolerances.rtol, "abstol": tolerances.atol, "max_num_steps": MOST_STEPS, "print_time": False,
         # small models factorise fastest by sparse QR; large ones by CSparse
@@ -150,8 +151,8 @@ def integrator_options(dae: Mapping[str, ca.SX], tolerances: Tolerances) -> dict
 
 @contextmanager
 def caught_errors() -> Iterator[list[str]]:
-    """Catch what is written to standard error: the time and step at which SUNDIALS gave up are said only there, by C
-    itself or by CasADi through Python's `sys.stderr`. These belong to the process, so that threads take turns."""
+    """Capture standard error. SUNDIALS reports the time and step of a failure only there, from C or, by CasADi, through
+    Python's `sys.stderr`. Both belong to the process, so that a lock admits one thread at a time."""
     with _TURN:
         yield from _caught()
 
@@ -177,6 +178,6 @@ def _caught() -> Iterator[list[str]]:
 
 @lru_cache(maxsize=1)
 def _file(process: int) -> int:
-    """A file of this process for what it says: opening one takes as long as a hundred steps of a run."""
+    """The temporary file of a process for its captured messages; kept open, as opening takes as long as 100 steps."""
     with tempfile.TemporaryFile() as file:
         return os.dup(file.fileno())

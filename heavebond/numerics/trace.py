@@ -1,4 +1,4 @@
-"""What is written down of a run that is cut at events and changes of states, and where it stands in between."""
+"""Recorded trajectory of a run, and its state between events and changes of the integrated states."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from heavebond.numerics.start_equations import Point
 
 @dataclass(frozen=True)
 class Instant:
-    """An event or several at one time, by name, with the point before and after all that they set (in the states of
-    `assembly`), and how their time moves along the directions of the run (n_events, m)."""
+    """Simultaneous events by name, with the point before and after their assignments (in the states of `assembly`), and
+    the sensitivities of their time along the directions of the run, `delays` (n_events, m)."""
 
     time: float
     names: tuple[str, ...]
@@ -31,7 +31,7 @@ class Instant:
 
 @dataclass(frozen=True)
 class StateChange:
-    """Where a run went on with other states: the time, their names before and after, and why."""
+    """A change of the integrated states: the time, their names before and after, and the reason."""
 
     time: float
     before: tuple[str, ...]
@@ -41,7 +41,7 @@ class StateChange:
 
 @dataclass(frozen=True)
 class SolverChange:
-    """Where a solver stopped and another went on from the last point that was accepted, and why it stopped."""
+    """A change of solver after a failure, at the last accepted point, with the reason of the failure."""
 
     time: float
     before: str
@@ -51,7 +51,8 @@ class SolverChange:
 
 @dataclass(frozen=True)
 class AlternativeStates:
-    """The stops (N,) of a run that were passed in other states than those of its diagram: x and z there as in `Trace`."""
+    """The stops of a run at which other states than those of its diagram were integrated, by the mask `at` (N,): x and z
+    there as in `Trace`."""
 
     assembly: Assembly
     at: NDArray[np.bool_]
@@ -62,7 +63,7 @@ class AlternativeStates:
 @dataclass(frozen=True)
 class Trace:
     """A run at its stops: x, z, integrals with all blocks of sensitivities, the held variables (n_h, N) and their
-    sensitivities (m, n_h, N), what happened, and where other states were integrated."""
+    sensitivities (m, n_h, N), the events, and the stops at which other states were integrated."""
 
     x: Array
     z: Array
@@ -76,8 +77,9 @@ class Trace:
 
 @dataclass(frozen=True)
 class Frame:
-    """The equations in the states of one chart: what is integrated in a time of its own, t = a + d s with a and d the last
-    two inputs, so that one integrator serves all stretches of so many points; events; Newton's method for the loops."""
+    """The equations for one choice of states: the integrand in a scaled time s, t = a + d s with a and d the last two
+    inputs, so that one integrator serves all intervals with the same number of points; the events; Newton's method for the
+    algebraic loops."""
 
     chart: StateChoice
     equations: EventEquations
@@ -87,11 +89,11 @@ class Frame:
 
     @property
     def assembly(self) -> Assembly:
-        """The assembly of the chart."""
+        """The assembly of this choice of states."""
         return self.chart.assembly
 
     def own_time(self) -> Integrand:
-        """The integrand in its own time s."""
+        """The integrand in the scaled time s."""
         dae = dict(self.made.dae)
         s, a, d = (ca.SX.sym(name) for name in "sad")
         dae["ode"], dae["alg"] = ca.substitute([d * dae["ode"], dae["alg"]], [dae["t"]], [a + d * s])
@@ -101,8 +103,9 @@ class Frame:
 
 @dataclass(frozen=True)
 class EventState:
-    """Where a run stands: scaled states with their sensitivities and integrals y, algebraic unknowns z, parameters with
-    held variables p (n_p,), their directions (n_p, m) and what the integrator makes of both, which conditions are true."""
+    """State of a run at time t: scaled states with their sensitivities and integrals y, algebraic unknowns z, parameters
+    with held variables p (n_p,), their directions dp (n_p, m), the integrator's parameters `given` computed from both, and
+    the truth values of the conditions."""
 
     frame: Frame
     t: float
@@ -115,7 +118,7 @@ class EventState:
 
     @property
     def blocks(self) -> int:
-        """1 and the number of sensitivities."""
+        """1 plus the number of sensitivities."""
         return 1 + int(self.dp.shape[1])
 
     def unscaled(self) -> tuple[Array, Array]:
@@ -126,7 +129,7 @@ class EventState:
         return x, z
 
     def standing(self, point: Point, moved: PointSensitivity) -> EventState:
-        """The same moment at another point, the integrals as they were (unless `moved` says how they moved)."""
+        """This state at another point of the same time; the integrals stay, except for their sensitivities in `moved`."""
         assembly, y = self.frame.assembly, self.y.copy()
         x_size, z_size, n_x = assembly.x_nominal, assembly.z_nominal, len(point.x)
         y[:n_x] = point.x / x_size
@@ -140,7 +143,7 @@ class EventState:
 
 
 class Record:
-    """What is written down at the stops (N,) of a run; `passed` are the last events of conditions with their times."""
+    """The values recorded at the stops (N,) of a run; `passed` are the last events of conditions with their times."""
 
     def __init__(self, first: EventState, stops: Array, same: float):
         n = len(stops)
@@ -153,11 +156,11 @@ class Record:
         self.changes: list[StateChange] = []
         self.solver_changes: list[SolverChange] = []
         self.passed: list[tuple[float, tuple[int, ...]]] = []
-        self.true_at_start: list[str] | None = None  # events that did not happen there; None before it is known
+        self.true_at_start: list[str] | None = None  # conditions that trigger no event there; None before they are known
         self.steps = 0
 
     def write(self, now: EventState, times: Array, y: Array, z: Array) -> None:
-        """Those of the points at times (n,), y and z (., n), that are stops."""
+        """Record the points at times (n,), with y and z (., n), that are stops."""
         if not len(times):
             return
         stop = np.searchsorted(self.stops, times - self.same)
@@ -178,13 +181,13 @@ class Record:
         return len(self.frames) - 1
 
     def trace(self, integrals: int, u: Array) -> Trace:
-        """The run as far as it was written down; the last `integrals` of y are integrals, u (n_u, N) the inputs. In every
-        other chart the home chart's unknowns are expressions."""
+        """The run as recorded; the last `integrals` rows of y are integrals, u (n_u, N) the inputs. For every other choice
+        of states the unknowns of the first choice are evaluated as expressions."""
         n_y = len(self.y)
         stays = [self._stay(k) for k in range(len(self.frames))]
         x, z = stays[0].x, stays[0].z
         for number, stay in enumerate(stays[1:], 1):
-            if not stay.at.any():  # a stay between two stops
+            if not stay.at.any():  # entered and left between two stops
                 continue
             x[:, stay.at], z[:, stay.at] = self._at_home(number, stay, u)
         held = [h.index for h in self.home.assembly.flat.held]
@@ -205,7 +208,7 @@ class Record:
                                  self.z[number] * np.tile(assembly.z_nominal, blocks)[:, None])
 
     def _at_home(self, number: int, stay: AlternativeStates, u: Array) -> tuple[Array, Array]:
-        """x and z of the home chart, with their sensitivities, at the stops of a stay."""
+        """x and z of the first choice of states, with their sensitivities, at the stops of another choice."""
         n, m = int(stay.at.sum()), self.dp.shape[1]
         (n_x, n_z), home = (len(stay.assembly.x_nominal), len(stay.assembly.z_nominal)), self.home.chart
         x, z, p = stay.x[:, stay.at], stay.z[:, stay.at], self.p[:, stay.at]

@@ -1,4 +1,4 @@
-"""Gains that make a cost small, by exact gradients: bounds, limits, several cases, several starts."""
+"""Tuning of parameters by minimisation of a cost with exact gradients: bounds, limits, several cases, several starts."""
 
 from __future__ import annotations
 
@@ -23,19 +23,18 @@ from heavebond.numerics.dae import Array, Assembly, assemble
 from heavebond.optimise.objective import KEPT, Evaluation, Objective, TuningProblem
 from heavebond.optimise.search import APART, METHODS, SearchResult, search
 
-# Points of the hypercube are drawn so many times more often than they are run, where the linearised machine tells which
-# of them are beyond the stability boundary.
+# Number of points drawn from the hypercube for each that is run: those beyond the stability boundary of the linearised
+# machine are skipped.
 DRAWN = 4
-# From a point at the stability boundary that lies apart from what was found, and costs at most so much more (of the cost),
-# another search begins.
+# Largest excess cost, relative to the best, of a point at the stability boundary from which another search is started.
 PROMISING = 0.15
-# Such an edge is looked at from so far inside (of the range), and a value nearer than this to an end of its range is at it.
+# Distance of such a point from the boundary, and distance from a bound within which a value is at it, as shares of a range.
 INSIDE, AT_END = 0.005, 1e-3
 
 
 @dataclass(frozen=True)
 class TuningEvaluation:
-    """One evaluation on the way: the values in SI and the cost."""
+    """One evaluation of the search: the values in SI and the cost."""
 
     values: dict[str, float]
     cost: float
@@ -98,7 +97,7 @@ def tune(model: Model | Assembly | Objective, task: TuningProblem, *, explore: i
         found.append(search(problem, first, method, most_steps, say, found, partial))
     best = min(found, key=_rank)
     if task.stable:
-        problem.follow(problem.values(best.best.at))  # over the motion that the best gains leave
+        problem.follow(problem.values(best.best.at))  # stability over the motion with the best gains
         if problem.instability(best.best.at) > KEPT:
             found.append(best := search(problem, best.best.at, method, most_steps, say, partial=partial))
     early = any(f.message == ENDED_EARLY for f in found)
@@ -107,7 +106,7 @@ def tune(model: Model | Assembly | Objective, task: TuningProblem, *, explore: i
 
 def _told(problem: Objective, task: TuningProblem, found: Sequence[SearchResult], best: SearchResult, message: str,
           say: Progress) -> Tuned:
-    """The best of all searches with its margins."""
+    """The result of the best of all searches, with its stability margins."""
     limits = dict(zip(problem.limits, best.best.limits.tolist(), strict=True))
     values = problem.values(best.best.at)
     say("margins of stability")
@@ -142,7 +141,7 @@ def stability_of(problem: Objective, values: Mapping[str, float]) -> Stability:
 
 
 def _of_runs(problem: Objective, values: Mapping[str, float]) -> Stability:
-    """By the largest Floquet multiplier of the runs of all cases; not decided where one does not end in a period."""
+    """Stability by the largest Floquet multiplier of the runs of all cases; undecided where a run is not periodic."""
     found = {case.case.name: largest_multiplier(case.plain.assembly.with_parameters(dict(values)), float(problem.times[-1]))
              for case in problem.cases}
     known = {name: size for name, size in found.items() if size is not None}
@@ -154,7 +153,7 @@ def _of_runs(problem: Objective, values: Mapping[str, float]) -> Stability:
 
 
 def ends(problem: Objective, values: Mapping[str, float], swept: Mapping[str, Sequence[float]]) -> dict[str, str]:
-    """Which parameters are at the lower or the upper end of what was allowed, their range or the values of a sweep."""
+    """The parameters that are at the lower or the upper bound of their range or of the values of a sweep."""
     found = {}
     for name, low, span in zip(problem.names, problem.low, problem.span, strict=True):
         numbers = swept.get(name, ())
@@ -168,9 +167,9 @@ def ends(problem: Objective, values: Mapping[str, float], swept: Mapping[str, Se
 
 def sweep_in_turn(problem: Objective, begin: Mapping[str, float | str], sweeps: Sequence[tuple[str, Sequence[float]]], *,
                   progress: Progress | None = None) -> Tuned:
-    """Sweep one parameter after the other over values (SI), each at the best of those before: how gains are tuned by hand.
+    """Coordinate search: sweep one parameter after the other over values (SI), with those before at their best.
 
-    The other free parameters stand at `begin`, else at the diagram's own values. A run that breaks down costs infinity.
+    The other free parameters are at `begin`, else at the diagram's own values. A failed run has infinite cost.
     """
     values = {name: problem.assembly.with_parameters(begin).parameter_values[name] for name in problem.names}
     steps: list[tuple[TuningEvaluation, Evaluation]] = []
@@ -194,8 +193,8 @@ def _rank(found: SearchResult) -> tuple[bool, float]:
 
 
 def _edges(problem: Objective, found: SearchResult, say: Progress) -> list[Array]:
-    """Points at the stability boundary along each free parameter that cost little more than what was found: there a cost
-    often has another valley, when friction holds a machine still that would not stand still without it."""
+    """Points at the stability boundary along each free parameter whose cost is little above that found. A cost often has
+    another local minimum there, where friction keeps a machine at rest that would be unstable without it."""
     points = []
     for k, name in enumerate(problem.names):
         for end in (0.0, 1.0):
@@ -211,8 +210,9 @@ def _edges(problem: Objective, found: SearchResult, say: Progress) -> list[Array
 
 
 def limit_of_stability(problem: Objective, y: Array, k: int, end: float) -> float | None:
-    """The share at which the linearised machine turns unstable (or stable) while the k-th unknown goes from its value to
-    `end`, the others held; None where both are on one side. Where stability is a limit, it is that of this limit."""
+    """The share of the k-th unknown, between its value and `end`, at which the linearised machine becomes unstable (or
+    stable), with the others fixed; None where there is no change. Where stability is a limit of the task, its measure is
+    used."""
     from scipy.optimize import brentq
 
     def growth(share: float) -> float:
@@ -264,7 +264,7 @@ def sweep(problem: Objective, numbers: Sequence[int], *, progress: Progress | No
 
 
 def tuned_diagram(model: Model, task: TuningProblem, result: Tuned, path: Path, settings: Mapping[str, str]) -> str:
-    """The text of a diagram at `path` that extends the tuned one and sets the best values, and what was set beside them."""
+    """The text of a diagram at `path` that extends the tuned one and sets the best values, after those in `settings`."""
     tuned = {name: quantity(value, task.free[name].unit) for name, value in result.values.items()}
     values = {**{name: quoted(text) for name, text in settings.items()}, **tuned}
     head = [f"model: {path.stem}",

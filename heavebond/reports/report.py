@@ -1,7 +1,7 @@
-"""A diagnosis as one page for a browser and for paper: what is missing, where, how sure, and what was tried.
+"""HTML report of a diagnosis, for screen and print: the missing effect, its place, its certainty, the candidates tried.
 
-The page needs nothing but itself: pictures are SVG within it, records are JSON, its own small script lets one zoom and pan.
-The same diagnosis gives the same page.
+The file is self-contained: pictures are inline SVG, records are JSON, a small script provides zooming and panning. Equal
+diagnoses give equal files.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from heavebond.reports.report_tables import (
 )
 from heavebond.reports.report_where import failing, learnt
 
-# What stands over the verdict, and whether it is good news, bad news or an open question.
+# Heading of each verdict, and the class that sets its colour.
 KINDS = {
     "nothing": ("No effect is missing", "fine"), "parameters": ("Parameters, not physics", "fine"),
     "effect": ("Missing effect found", "found"), "one_of": ("One of these is missing", "found"),
@@ -50,16 +50,15 @@ KINDS = {
     "undetermined": ("Not decided by these records", "open"),
 }
 FITTED, HELD_OUT = "#8fa3b5", BLUE
-HEADLINE = 3  # channels whose error stands at the top, those that are furthest above their noise
+HEADLINE = 3  # channels with an error card at the top: those with the largest ratio of error to noise
 Section = tuple[str, str, Html]
 
 
 def report(diagnosis: Diagnosis, where: Localization | None = None, *, written: Sequence[Path] = ()) -> str:
     """The page of a diagnosis as the text of an HTML file.
 
-    `where` (see `localise.misfit`) adds in which state of motion the diagram failed before anything was added, and what
-    its places asked for; `written` are the experiments that the findings were written to, for the commands with which to
-    go on.
+    `where` (see `localise.misfit`) adds the states of motion in which the original diagram fails and the inputs estimated
+    at its places; `written` are the experiment files of the findings, for the commands under the next steps.
     """
     shown = shown_rungs(diagnosis.ladder)
     found = [s for s in _sections(diagnosis, shown, where, written) if s[2]]
@@ -72,7 +71,7 @@ def report(diagnosis: Diagnosis, where: Localization | None = None, *, written: 
 
 def _sections(diagnosis: Diagnosis, shown: Sequence[ModelStyle], where: Localization | None,
               written: Sequence[Path]) -> list[Section]:
-    """Everything below the verdict, in the order in which an engineer asks."""
+    """The sections below the verdict: name, title and content of each."""
     fit = _last_fit(diagnosis)
     finding = diagnosis.findings[0] if diagnosis.findings else diagnosis.shape
     apart = diagnosis.separation
@@ -110,8 +109,8 @@ def _verdict(diagnosis: Diagnosis) -> Html:
 
 
 def _figures(diagnosis: Diagnosis) -> Html:
-    """The handful of numbers that one remembers: the error in the channels' own units beside their noise comes first, since
-    a share of what was measured may be small and many times the noise."""
+    """The summary values. Errors in the units of the channels, with their noise, come first, since an error may be a small
+    share of the measured signal and many times the noise."""
     first, last = diagnosis.ladder[0], diagnosis.ladder[-1]
     held = math.isfinite(last.error_held_out)
     errors = [r.error_held_out if held else r.error_fit for r in (first, last)]
@@ -137,7 +136,7 @@ def _figure(name: str, value: str, small: str) -> Html:
 
 # -- the machine and the finding ---------------------------------------------------------------------------------------
 def _machine(diagnosis: Diagnosis, where: Localization | None) -> Html:
-    """The last diagram with what was found in it marked; where nothing was found, the place that asks for most."""
+    """The last diagram with the findings marked; without findings, the place whose input would explain most."""
     model, marks = diagnosis.last.model, _marks(diagnosis)
     caption = "The diagram with what was found in it, marked." if marks else "The diagram as it stands; nothing was added."
     if not marks and where is not None and where.suspects and diagnosis.verdict == "undetermined":
@@ -154,21 +153,21 @@ def _marks(diagnosis: Diagnosis) -> dict[str, str]:
     marks = {}
     for k, finding in enumerate(found, 1):
         candidate = finding.candidate
-        # a parameter that wakes has no picture of its own; its component has
+        # a dormant parameter has no picture of its own; its component has
         name = candidate.where[0] if candidate.attaches == "in" else candidate.name
         marks[name] = candidate.kind if len(found) == 1 else f"{k}: {candidate.kind}"
     return marks
 
 
 def _rivals(diagnosis: Diagnosis) -> dict[str, str]:
-    """Where else it may be, for a finding that is not certain."""
+    """The other possible places of uncertain findings."""
     return {name: f"or here: {trial.candidate.kind}" for finding in diagnosis.findings if not finding.certain
             for trial in finding.alternatives[1:] for name in trial.candidate.where[:1]
             if trial.candidate.where != finding.candidate.where}
 
 
 def _drawn(model: Model, marks: dict[str, str], rivals: dict[str, str]) -> Html:
-    """The picture; with fewer marks where not all can be drawn, nothing where the diagram cannot."""
+    """The drawing; with fewer marks where not all can be drawn, empty where the diagram cannot be drawn."""
     for wanted in ({**rivals, **marks}, marks, {}):
         try:
             return Html(draw(model, highlight=wanted))
@@ -178,7 +177,7 @@ def _drawn(model: Model, marks: dict[str, str], rivals: dict[str, str]) -> Html:
 
 
 def _found(diagnosis: Diagnosis) -> Html:
-    """Each effect with its numbers, and what cannot be told from it."""
+    """Each effect with its parameters, and the candidates that cannot be distinguished from it."""
     parts = [_finding(k, f) for k, f in enumerate(diagnosis.findings, 1)]
     shape = diagnosis.shape
     if shape is not None:
@@ -212,7 +211,7 @@ def _finding(k: int, finding: AddedEffect) -> Html:
 
 
 def _diagram(finding: AddedEffect) -> str:
-    """The text of a diagram that adds a finding to the one before."""
+    """The text of a diagram that adds a finding to the previous one."""
     values = {p.name: quantity(p.value, read_unit(readable_unit(p.unit, p.value))) for p in finding.parameters}
     candidate, path = finding.candidate, finding.fit.experiment.model.path
     said = f"with {candidate.kind} {candidate.place}"
@@ -226,7 +225,7 @@ def _series(shown: Sequence[ModelStyle]) -> Html:
 
 
 def _ladder(rungs: Sequence[LadderEntry]) -> Html:
-    """The errors of the ladder as bars and in figures."""
+    """The errors of the ladder as a bar chart and a table."""
     levels = [100 * _noise_level(rungs[-1], use) for use in ("fit", "validate")]
     falls = [Fall(r.name, (("fitted", 100 * r.error_fit, levels[0]), ("held out", 100 * r.error_held_out, levels[1])))
              for r in rungs]
@@ -246,7 +245,7 @@ def _ladder(rungs: Sequence[LadderEntry]) -> Html:
 
 
 def _noise_level(rung: LadderEntry, use: str) -> float:
-    """The error that noise alone would leave on the records of one use; NaN where there is none."""
+    """The error due to noise alone on the records of one use; NaN where there are none."""
     shares = [_noise_share(part) for part in rung.comparison.parts if (part.use == "fit") == (use == "fit")]
     return float(np.sqrt(np.mean(shares))) if shares else math.nan
 
@@ -295,13 +294,13 @@ def _last_fit(diagnosis: Diagnosis) -> Fit | None:
 
 # -- how to go on ------------------------------------------------------------------------------------------------------
 def _named(diagnosis: Diagnosis) -> str:
-    """The experiment as a user would type it."""
+    """The experiment as an argument of the command line."""
     path, inside = diagnosis.experiment.path.resolve(), bundled("models").resolve()
     return path.relative_to(inside).with_suffix("").as_posix() if path.is_relative_to(inside) else path_text(path)
 
 
 def _next(diagnosis: Diagnosis, written: Sequence[Path]) -> Html:
-    """The commands with which to go on."""
+    """The commands of the next steps."""
     name = _named(diagnosis)
     advice, lines = {
         "nothing": ("The diagram may be used as it is.", [f"heavebond compare {name} --output compared.png"]),
@@ -321,7 +320,7 @@ def _next(diagnosis: Diagnosis, written: Sequence[Path]) -> Html:
 
 
 def _tries(diagnosis: Diagnosis, name: str) -> list[str]:
-    """Each of the effects that cannot be distinguished, as it is tried by hand."""
+    """A `heavebond try` command for each of the effects that cannot be distinguished."""
     lines = []
     for finding in diagnosis.findings:
         for candidate in (t.candidate for t in finding.alternatives[:6]):

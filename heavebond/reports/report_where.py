@@ -1,4 +1,4 @@
-"""What would have to act at a place, beside the law that was found there, as charts; and when a model fails."""
+"""Charts of the localisation: misfit over time and state, and the estimated input at a place with the law found there."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ LAW, CURVE = "#000000", "#009e73"
 
 
 def failing(found: Localization, finding: AddedEffect | None) -> Html:
-    """When, in what state of motion and where the model fails; with the law of a finding drawn over what its place asks
-    for."""
+    """The section on where the model fails: over time, by state of motion, by place. The law of a finding is drawn over the
+    input estimated at its place."""
     parts = [element("p", line) for line in summary(found)]
     parts += [element("div", *figures, class_="panels") for figures in (_over_time(found), _over_states(found)) if figures]
     parts += [element("p", line) for line in found.words]
@@ -36,7 +36,7 @@ def failing(found: Localization, finding: AddedEffect | None) -> Html:
 
 
 def _chosen(found: Localization, finding: AddedEffect | None) -> list[PlaceEstimate]:
-    """The best place, and that of the finding if it is another."""
+    """The best place, and that of the finding if it differs."""
     best = list(best_of_each_group(found))[:1]
     if finding is not None:
         wanted = set(finding.candidate.where)
@@ -78,7 +78,7 @@ def _state(found: Localization, state: State) -> Html:
 
 
 def _shown(unit: str, values: Array) -> tuple[str, float]:
-    """The unit that suits the size of values, and the factor to it."""
+    """A unit suited to the size of the values, and the factor from `unit` to it."""
     if not unit:
         return unit, 1.0
     shown_ = readable_unit(unit, float(np.max(np.abs(values), initial=0.0)))
@@ -106,7 +106,7 @@ def _place(suspect: PlaceEstimate, finding: AddedEffect | None) -> Html:
 
 
 def _variables(suspect: PlaceEstimate) -> list[str]:
-    """The variable that tells it best first."""
+    """The explanatory variables of the estimated input, the best first."""
     if suspect.curve is None:
         return []
     best = suspect.curve.variable.formula
@@ -114,7 +114,7 @@ def _variables(suspect: PlaceEstimate) -> list[str]:
 
 
 def _panel(suspect: PlaceEstimate, name: str, finding: AddedEffect | None, up: str, per: float) -> tuple[Html, bool]:
-    """One cloud, and whether the law stands in it."""
+    """A scatter plot of the estimated input over one variable, and whether the law is drawn in it."""
     curve = suspect.curve
     assert curve is not None
     x = np.concatenate([i.local[name] for i in suspect.implied.values()])
@@ -138,8 +138,8 @@ def _panel(suspect: PlaceEstimate, name: str, finding: AddedEffect | None, up: s
 
 
 def _law(finding: AddedEffect, suspect: PlaceEstimate, name: str) -> Line | None:
-    """What the component of a finding lets through at a place, over a variable there, in the runs with it (SI); None where
-    it stands elsewhere, or has no ports of its own there."""
+    """The through variable of a finding's component at a place, over a variable there, in the runs with it (SI); None where
+    the component is elsewhere, or has no port there."""
     xs, ys, ends = [], [], []
     for record in finding.rung.comparison.records.values():
         made = _through(finding, suspect, record.result, name)
@@ -160,7 +160,7 @@ def _through(finding: AddedEffect, suspect: PlaceEstimate, result: Result, name:
         if port is None:
             continue
         try:
-            # what enters the node is what leaves the component there
+            # the flow into the node is the negative of that into the component
             return result.si[name], -result.si[f"{port}.{nodes[node].through}"] / weight
         except HeavebondError:
             return None
@@ -168,7 +168,7 @@ def _through(finding: AddedEffect, suspect: PlaceEstimate, result: Result, name:
 
 
 def _course(suspect: PlaceEstimate, record: str, up: str, per: float) -> Html:
-    """What acts over time in one record, between its doubtful edges."""
+    """The estimated input over time in one record, with a band of twice its standard deviation."""
     implied = suspect.implied[record]
     thin = slice(None, None, max(1, -(-len(implied.time) // MOST_POINTS)))
     t, value, wide = implied.time[thin], implied.value[thin] * per, 2 * implied.deviation[thin] * per
@@ -179,9 +179,9 @@ def _course(suspect: PlaceEstimate, record: str, up: str, per: float) -> Html:
 
 # -- learnt curves -----------------------------------------------------------------------------------------------------
 def learnt(finding: AddedEffect) -> Html:
-    """The learnt curve of a finding without a name, as far as the runs with it went; empty where it has none to draw.
+    """The identified curve of a finding without a named law, over the range of its runs; empty where there is no curve.
 
-    A component that stands for an unknown law gives it as its last variable over its first, a signal's as what it adds.
+    The curve of a component is its last variable over its first; that of a signal block is output minus input.
     """
     runs = [r.result for r in finding.rung.comparison.records.values()]
     names = _curve_names(finding, runs[0])
@@ -192,7 +192,7 @@ def learnt(finding: AddedEffect) -> Html:
     kept = order[np.unique(np.linspace(0, len(order) - 1, 400).astype(int))]
     units = [runs[0].si.unit(name) for name in names]
     (across, per_x), (up, per_y) = _shown(units[0], x), _shown(units[1], y)
-    axes = [name.replace(f"{finding.candidate.name}.", "") for name in names]  # whose variables they are the heading says
+    axes = [name.replace(f"{finding.candidate.name}.", "") for name in names]  # the heading names the component
     drawn = over([], [Line(x[kept] * per_x, y[kept] * per_y, LAW)], title="learnt curve", size=(518.0, 300.0),
                  across=f"{axes[0]} [{unit_label(across)}]", up=f"{axes[1]} [{unit_label(up)}]",
                  label=f"The learnt curve of {names[1]} over {names[0]}")

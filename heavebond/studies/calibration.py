@@ -1,4 +1,4 @@
-"""Values that nobody gives, sought so that what a study measures and tunes comes near given numbers:
+"""Calibration of unknown parameters, so that the measured and tuned quantities of a study match given values:
 
     minimise  sum_ck ((q_ck(p) - t_ck) / (w_k |t_ck|))**2 + sum_j ((p_j - p0_j) / sigma_j)**2   within the ranges,
 
@@ -9,8 +9,8 @@ that q = q(p, g(p)) and
     dq/dp = q_p + q_g dg/dp,    dg/dp = -phi_gg^-1 phi_gp,
 
 with q_p and q_g from the forward sensitivities of one run, and the second derivatives of the cost phi as central differences
-of its exact gradients (what the sensitivities tell of them, Gauss-Newton, was up to ten times off for gains near the limit
-of stability). SciPy's trust-region reflective search minimises the sum.
+of its exact gradients (the Gauss-Newton approximation by sensitivities was wrong by up to a factor of ten for gains near the
+stability boundary). SciPy's trust-region reflective algorithm minimises the sum.
 """
 
 from __future__ import annotations
@@ -37,20 +37,20 @@ from heavebond.optimise.search import search
 from heavebond.studies.run_case import assembled, own_values, run_times, tuned_by
 from heavebond.studies.study import Calibration, Procedure, Study
 
-# A case that breaks down counts as so many widths off.
+# Residual of each target of a failed case, in widths.
 BROKEN = 30.0
-# A gain nearer than this share of its range to an end stays there when other parameters move.
+# A gain within this share of its range from a bound is held at the bound when other parameters change.
 AT_END = 1e-3
-MOST = 30  # steps of the whole search
-RETUNED = 12  # steps of a search that begins at the gains of the values before
-SETTLED = 1e-3  # the search ends where the sum, or the parameters, change by a smaller share
-STEP = 2e-3  # of a range, in which gradients are differenced: long against the errors of runs, short against the bend
-PRIOR = 0.5  # of a tolerance is one standard deviation
+MOST = 30  # largest number of evaluations by the least squares solver
+RETUNED = 12  # largest number of steps of a tuning that starts at the gains of the previous values
+SETTLED = 1e-3  # relative change of the sum or the parameters at which the search converges
+STEP = 2e-3  # step of the differences of gradients, of a range: balances integration errors and truncation
+PRIOR = 0.5  # standard deviation as a share of a tolerance
 
 
 @dataclass(frozen=True)
 class Residual:
-    """One number beside its target, in SI; `off` is the difference in widths."""
+    """One quantity with its target, in SI; `off` is the difference in widths."""
 
     case: int
     quantity: str
@@ -61,8 +61,8 @@ class Residual:
 
 @dataclass(frozen=True)
 class Calibrated:
-    """What a calibration found, in SI: values before and after, which of them ended at an end of their range (`low`,
-    `high`), the numbers beside their targets, and the sum of squares after each step."""
+    """Result of a calibration, in SI: values before and after, those that ended at a bound of their range (`low`, `high`),
+    the quantities with their targets, and the sum of squares after each evaluation."""
 
     values: Mapping[str, tuple[float, float]]
     at_end: Mapping[str, str]
@@ -72,12 +72,12 @@ class Calibrated:
     message: str
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """The result as a dictionary for JSON."""
         return asdict(self)
 
     @classmethod
     def from_dict(cls, told: Mapping[str, Any]) -> Calibrated:
-        """What `as_dict` gave."""
+        """The inverse of `as_dict`."""
         return cls({name: (pair[0], pair[1]) for name, pair in told["values"].items()}, told["at_end"],
                    tuple(Residual(**r) for r in told["residuals"]), tuple(told["history"]), told["simulations"],
                    told["message"])
@@ -85,7 +85,7 @@ class Calibrated:
 
 @dataclass(frozen=True)
 class Point:
-    """A case at some values: gains, the target quantities and their derivatives by the calibrated parameters (SI)."""
+    """A case at given parameters: gains, target quantities and their derivatives by the calibrated parameters (SI)."""
 
     gains: Mapping[str, float] = field(default_factory=dict)
     numbers: Mapping[str, float] = field(default_factory=dict)
@@ -96,8 +96,8 @@ class Point:
 
 def calibrate(study: Study, executor: Executor | None = None, ahead: int = 1, progress: Progress | None = None
               ) -> Calibrated:
-    """Seek the values under `calibrate:`; cases are worked on `executor`, `ahead` at a time. UsageError for parameters that
-    cannot be free, SimulationError where no case can be run at the diagram's own values."""
+    """Estimate the values under `calibrate:`. Cases run on `executor`, `ahead` at a time. Raises UsageError for parameters
+    that cannot be free, SimulationError where no case can be run at the diagram's own values."""
     from scipy.optimize import least_squares
 
     solve: Any = least_squares
@@ -125,7 +125,7 @@ class _Seen:
 
 
 class _Problem:
-    """The least squares problem in y in [0, 1]^n: shares of the ranges, of their logarithms where they lie above zero."""
+    """The least squares problem in y in [0, 1]^n: shares of the ranges, in logarithms for ranges above zero."""
 
     def __init__(self, study: Study, calibration: Calibration, executor: Executor | None, ahead: int, say: Progress):
         self.study, self.calibration, self.executor, self.ahead, self.say = study, calibration, executor, ahead, say
@@ -142,7 +142,7 @@ class _Problem:
 
     @property
     def start(self) -> Array:
-        """The diagram's own values, off the ends of the ranges by a little: the search begins inside."""
+        """The diagram's own values, clipped to 1 % from the bounds: the search must start in the interior."""
         own = [_share(wanted, self.before[name]) for name, wanted in zip(self.names, self.ranges, strict=True)]
         return np.clip(own, 0.01, 0.99)
 
@@ -175,7 +175,7 @@ class _Problem:
         return found
 
     def _died(self, k: int, _: BaseException) -> Point:
-        """Error for a case that ends its process, also alone: the sum of squares without it is that of another problem."""
+        """Raise an error for a case whose process died twice: without it the sum of squares would be another function."""
         case = ", ".join(level.name for level in self.study.case(k).levels)
         raise SimulationError([Problem("worker-died", f"the process that worked the case '{case}' of the calibration was "
                                        "ended from outside, also alone: there may be too little memory", None,
@@ -202,7 +202,7 @@ class _Problem:
         return _Seen(points, np.array(residuals), np.array(rows))
 
     def compared(self, points: Mapping[int, Point]) -> list[Residual]:
-        """Every number beside its target."""
+        """Every quantity with its target."""
         found = []
         for k in self.cases:
             for quantity, target in self.targets[k].items():
@@ -231,9 +231,10 @@ def _slope(wanted: Range, value: float) -> float:
 
 # -- one case ----------------------------------------------------------------------------------------------------------
 def at_point(study: Study, number: int, gains: Mapping[str, float] | None) -> Point:
-    """A case with the calibrated values of the study: tuned from these gains on (from scratch without), run, differentiated.
+    """A case with the calibrated values of the study: tuned, starting at `gains` where they are given, simulated,
+    differentiated.
 
-    Nothing is kept between two calls, so that the same values give the same point in whichever process.
+    No state is kept between calls, so that the same values give the same point in every process.
     """
     try:
         assembly, simulations = assembled(study, study.case(number)), 0.0
@@ -251,7 +252,7 @@ def at_point(study: Study, number: int, gains: Mapping[str, float] | None) -> Po
 
 
 def _tuned(study: Study, objective: Objective, gains: Mapping[str, float] | None) -> dict[str, float]:
-    """From scratch by the study's first procedure with gradients, else from the gains given."""
+    """The tuned gains, by the study's first procedure with gradients, or by a search that starts at `gains`."""
     if gains is None:
         return tuned_by(objective, next((p for p in study.procedures if not p.sweeps), Procedure("gradients"))).values
     first = objective.shares([gains[name] for name in objective.names])
@@ -259,14 +260,14 @@ def _tuned(study: Study, objective: Objective, gains: Mapping[str, float] | None
 
 
 def _own(study: Study, assembly: Assembly) -> dict[str, float]:
-    """The ranges' widths of the calibrated parameters that are set in this case."""
+    """The widths of the ranges of those calibrated parameters that are set in this case."""
     assert study.calibration is not None
     return {name: wanted.high - wanted.low for name, wanted in study.calibration.free.items()
             if np.isclose(assembly.parameter_values[name], study.calibrated[name][1], rtol=1e-9, atol=0.0)}
 
 
 def _differentiated(study: Study, assembly: Assembly, gains: Mapping[str, float], following: Mapping[str, Array]) -> Point:
-    """The target quantities and their derivatives, gains moving along as `following` (k,) says for each parameter."""
+    """The target quantities and their total derivatives; `following` has dg/dp (k,) for each calibrated parameter p."""
     calibration, own = study.calibration, list(_own(study, assembly))
     assert calibration is not None
     measured = [name for name in calibration.targets if name in study.measures]
@@ -295,8 +296,8 @@ def _differentiated(study: Study, assembly: Assembly, gains: Mapping[str, float]
 
 
 def _following(objective: Objective, gains: Mapping[str, float], own: Mapping[str, float]) -> dict[str, Array]:
-    """d gains / d p (k,) for each calibrated parameter, at an optimum; a gain at an end of its range stays there, and
-    gains at the boundary of stability move along it."""
+    """d gains / d p (k,) for each calibrated parameter at an optimum. A gain at a bound of its range is held, and gains at
+    the stability boundary move along it."""
     shares = objective.shares([gains[name] for name in objective.names])
     moving = [k for k, share in enumerate(shares) if AT_END < share < 1 - AT_END]
     found = {name: np.zeros(len(gains)) for name in own}
@@ -314,7 +315,7 @@ def _following(objective: Objective, gains: Mapping[str, float], own: Mapping[st
         right = bend(name, width)[moving]
         if edge is None:
             found[name][moving] = -np.linalg.lstsq(by_gains, right, rcond=None)[0]
-        else:  # stationary along the boundary, on which the gains stay
+        else:  # stationary along the stability boundary, to which the gains are constrained
             along, moved = edge[moving], edge[len(objective.names) + list(own).index(name)]
             size = float(np.abs(by_gains).max()) / max(float(np.abs(along).max()), 1e-300)
             whole = np.block([[by_gains, size * along[:, None]], [size * along[None, :], np.zeros((1, 1))]])
@@ -323,7 +324,7 @@ def _following(objective: Objective, gains: Mapping[str, float], own: Mapping[st
 
 
 def calibrated_diagram(study: Study, found: Calibrated, path: Path) -> str:
-    """The text of a diagram at `path` that extends a study's diagram and sets what was calibrated."""
+    """The text of a diagram at `path` that extends a study's diagram and sets the calibrated values."""
     assert study.calibration is not None
     values = {name: study.calibration.free[name].unit.written(after) for name, (_, after) in found.values.items()}
     notes = {name: f"at the {end} end of its range" for name, end in found.at_end.items()}

@@ -1,9 +1,10 @@
-"""What the points of a sample say together: spread, Sobol indices, slopes at one point.
+"""Uncertainty and sensitivity analysis of a sample: statistics, Sobol indices, derivatives at one point.
 
 With y = f(x) and independent x, the index of first order is S_i = Var(E(y | x_i))/Var(y), that of total order
-1 - Var(E(y | all but x_i))/Var(y): what x_i makes alone, and with the others. Both are estimated as A. Saltelli et al. do,
-Comput. Phys. Commun. 181 (2010) 259-270, doi:10.1016/j.cpc.2009.09.018 (`scipy.stats.sobol_indices`), with bootstrapped
-intervals. To first order at one point the share is (dy/dx_i s_i)**2 / sum_j (dy/dx_j s_j)**2, s the standard deviations.
+1 - Var(E(y | all but x_i))/Var(y): the share of x_i alone, and with all interactions. Both are estimated by
+`scipy.stats.sobol_indices` (A. Saltelli et al., Comput. Phys. Commun. 181 (2010) 259-270,
+doi:10.1016/j.cpc.2009.09.018), with bootstrapped intervals. To first order at one point the share is
+(dy/dx_i s_i)**2 / sum_j (dy/dx_j s_j)**2, s the standard deviations.
 """
 
 from __future__ import annotations
@@ -22,15 +23,15 @@ from heavebond.studies.sampling import AS_GIVEN, DRAWN, Sampling, distribution
 from heavebond.studies.study import SIMULATIONS
 
 QUANTILES = (0.05, 0.5, 0.95)
-RESAMPLED = 500  # bootstraps of an interval
+RESAMPLED = 500  # bootstrap samples for an interval
 CONFIDENCE = 0.95
-LEAST = 8  # points below which no indices are told
+LEAST = 8  # smallest number of points for indices
 
 
 @dataclass(frozen=True)
 class Spread:
-    """A number over the sample, in the unit in which it is told, at levels `others` of the other axes; `failed` cases have
-    no number. Of a sample for Sobol indices only the points drawn independently count."""
+    """Statistics of a quantity over the sample, in its display unit, at levels `others` of the other axes; `failed` is the
+    number of cases without a value. Of a sample for Sobol indices only the independently drawn points count."""
 
     quantity: str
     others: str
@@ -45,7 +46,7 @@ class Spread:
 
 @dataclass(frozen=True)
 class Indices:
-    """Sobol indices of a number (m,) and their 95 % intervals, from `number` points of each of the m + 2 samples."""
+    """Sobol indices (m,) of a quantity and their 95 % intervals, from `number` points of each of the m + 2 samples."""
 
     quantity: str
     others: str
@@ -59,8 +60,8 @@ class Indices:
 
 @dataclass(frozen=True)
 class Slopes:
-    """How a number moves at the diagram's own values (m,): `percent` by 1 % more of a parameter, `swing` by the half width
-    of its range, both in the unit in which it is told; `share` of the variance to first order."""
+    """First-order changes of a quantity at the diagram's own values (m,): `percent` for 1 % more of a parameter, `swing` for
+    half the width of its range, both in the display unit; `share` of the variance to first order."""
 
     quantity: str
     others: str
@@ -73,7 +74,7 @@ class Slopes:
 
 @dataclass(frozen=True)
 class TornadoBar:
-    """A number at the diagram's own values (`value`), and with one parameter at the low and the high end of its range."""
+    """A quantity at the diagram's own values (`value`), and with one parameter at the ends of its range."""
 
     parameter: str
     value: float
@@ -82,7 +83,7 @@ class TornadoBar:
 
 
 def groups(result: StudyResult) -> Iterator[tuple[str, dict[int, Outcome]]]:
-    """The levels of the other axes (and the procedure) in words, and the outcomes there by the number of their point."""
+    """Yield the levels of the other axes (and the procedure) as text, and the outcomes by the number of their point."""
     axis = result.study.sample
     if axis is None:
         return
@@ -99,7 +100,7 @@ def groups(result: StudyResult) -> Iterator[tuple[str, dict[int, Outcome]]]:
 
 
 def quantities(result: StudyResult) -> list[str]:
-    """The numbers of a study, without how much was computed."""
+    """The quantities of a study, without the number of simulations."""
     return [name for name in result.units if name != SIMULATIONS]
 
 
@@ -109,7 +110,7 @@ def _sampling(result: StudyResult, *kinds: str) -> Sampling | None:
 
 
 def drawn(result: StudyResult, quantity: str, outcomes: dict[int, Outcome]) -> Array:
-    """A number at the points that were drawn independently, NaN where a case failed."""
+    """A quantity at the independently drawn points (n,), NaN where a case failed."""
     sampling = _sampling(result, *DRAWN)
     assert sampling is not None
     until = 2 * sampling.number if sampling.kind == "sobol_indices" else sampling.number
@@ -117,7 +118,7 @@ def drawn(result: StudyResult, quantity: str, outcomes: dict[int, Outcome]) -> A
 
 
 def spreads(result: StudyResult) -> list[Spread]:
-    """The spread of every number over a sample that was drawn."""
+    """The statistics of every quantity over a random or quasi-random sample."""
     found = []
     for others, outcomes in groups(result) if _sampling(result, *DRAWN) is not None else ():
         for quantity in quantities(result):
@@ -132,7 +133,7 @@ def spreads(result: StudyResult) -> list[Spread]:
 
 
 def indices(result: StudyResult) -> list[Indices]:
-    """Sobol indices of every number, where the sample is one for these and enough of it is there."""
+    """Sobol indices of every quantity, for a sample of kind `sobol_indices` with at least LEAST complete rows."""
     sampling = _sampling(result, "sobol_indices")
     found = []
     for others, outcomes in groups(result) if sampling is not None else ():
@@ -141,7 +142,7 @@ def indices(result: StudyResult) -> list[Indices]:
             values = np.full((len(sampling.over) + 2) * sampling.number, np.nan)
             for k, outcome in outcomes.items():
                 values[k] = result.value(outcome, quantity)
-            # a row counts where A, B and all mixtures have a number; so many of these as are a power of two
+            # rows in which A, B and all mixtures have a value; the largest power of two of them
             table = values.reshape(len(sampling.over) + 2, sampling.number)
             table = table[:, np.isfinite(table).all(axis=0)]
             if table.shape[1] >= LEAST:
@@ -151,8 +152,8 @@ def indices(result: StudyResult) -> list[Indices]:
 
 
 def _indices(quantity: str, others: str, parameters: tuple[str, ...], table: Array) -> Indices:
-    """From a number at the points of A, B and the mixtures (m + 2, n). The intervals are percentiles of rows drawn anew, by
-    the same dice every time."""
+    """Indices from a quantity at the points of A, B and the mixtures, `table` (m + 2, n). The intervals are percentiles of a
+    bootstrap of its columns with a fixed seed."""
     first, total = _estimated(table)
     rows = np.random.default_rng(1).integers(table.shape[1], size=(RESAMPLED, table.shape[1]))
     drawn_anew = np.array([_estimated(table[:, chosen]) for chosen in rows])
@@ -166,7 +167,7 @@ def _estimated(table: Array) -> tuple[Array, Array]:
     """Indices of first and total order (m,)."""
     from scipy.stats import sobol_indices
 
-    # twice the same number: of one number by one parameter SciPy makes no table
+    # duplicated, as SciPy drops the axes of one quantity of one parameter
     both = np.stack([table, table], axis=1)
     found: Any = sobol_indices(func={"f_A": both[0], "f_B": both[1], "f_AB": both[2:]}, n=table.shape[1])
     first, total = (np.reshape(values, (2, len(table) - 2))[0] for values in (found.first_order, found.total_order))
@@ -174,7 +175,7 @@ def _estimated(table: Array) -> tuple[Array, Array]:
 
 
 def slopes(result: StudyResult) -> list[Slopes]:
-    """Exact slopes of every measured number at the diagram's own values, the largest share first."""
+    """Derivatives of every measured quantity at the diagram's own values by sensitivities, the largest share first."""
     sampling = _sampling(result, "local")
     found = []
     for others, outcomes in groups(result) if sampling is not None else ():
@@ -193,8 +194,8 @@ def slopes(result: StudyResult) -> list[Slopes]:
 
 
 def swings(result: StudyResult, quantity: str) -> list[tuple[str, list[TornadoBar]]]:
-    """How far each parameter moves a number, the most first, by the levels of the other axes: as it was run
-    (`one_at_a_time`), or by slopes to the ends of the half widths (`local`)."""
+    """Tornado bars of a quantity, the largest first, for all levels of the other axes: from runs (`one_at_a_time`), or from
+    derivatives times half the width of the ranges (`local`)."""
     if _sampling(result, "local") is not None:
         return [(s.others, [TornadoBar(name, s.value, s.value - swing, s.value + swing) for name, swing in sorted(
             zip(s.parameters, s.swing, strict=True), key=lambda pair: -abs(pair[1]))])
