@@ -1,4 +1,4 @@
-"""heavebond: acausal modelling of machines from YAML diagrams, beside their measurements.
+"""heavebond: acausal modelling of machines from YAML diagrams, and their comparison with measurements.
 
 The pipeline, each step a pure function between frozen values:
 

@@ -1,4 +1,4 @@
-"""The command line: which commands there are, and how what is wrong ends (message, exit code, JSON).
+"""Entry point of the command line: the commands, and the handling of errors (message, exit code, JSON).
 
 Exit codes: 0 fine; 1 the model, the data or a run is at fault; 2 wrong usage; 70 a fault of heavebond itself; 130
 interrupted by Ctrl-C, 143 by SIGTERM; 141 the reader went away. A run is at fault where its verdict is (see `run_verdict`).

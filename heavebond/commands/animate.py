@@ -1,4 +1,4 @@
-"""`heavebond animate`: a moving picture of a run."""
+"""`heavebond animate`: an animation of a run."""
 
 from __future__ import annotations
 

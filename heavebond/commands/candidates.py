@@ -1,4 +1,4 @@
-"""`heavebond candidates`: what the catalogue could add to a diagram, and where."""
+"""`heavebond candidates`: the effects of the catalogue that fit a diagram, with their places."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`heavebond check-gradient`: sensitivities beside differences of runs."""
+"""`heavebond check-gradient`: sensitivities compared with finite differences."""
 
 from __future__ import annotations
 

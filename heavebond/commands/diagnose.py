@@ -1,4 +1,4 @@
-"""`heavebond diagnose`: which physical effect a diagram lacks."""
+"""`heavebond diagnose`: identify the physical effect that is missing in a diagram."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`heavebond energy`: where the energy of a run goes, which components matter, and a diagram without those that do not."""
+"""`heavebond energy`: energy balance of a run, activity of its components, and a simplified diagram."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`heavebond errors`: the errors of a sequence of experiments, each with one effect more than the one before."""
+"""`heavebond errors`: the errors of a sequence of experiments, each with one more effect."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`heavebond fit`: parameters of a diagram from its records."""
+"""`heavebond fit`: estimate parameters of a diagram from its records."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`heavebond linear`: a diagram as a linear system between an input and an output, its pictures and its margins."""
+"""`heavebond linear`: the linearised diagram between an input and an output: plots, margins, matrices."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`heavebond localize`: when, in what state of motion and at which place of its diagram a model fails its records."""
+"""`heavebond localize`: the times, states of motion and places of the diagram at which a model fails."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`heavebond new`: a folder to begin with."""
+"""`heavebond new`: create a folder with a first diagram."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`heavebond plot`: saved runs and records laid over each other."""
+"""`heavebond plot`: saved runs and records in common axes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`heavebond schema`: what an editor needs to complete and check the files of a folder."""
+"""`heavebond schema`: JSON Schema files for completion and checks in an editor."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`heavebond sensitivity`: which parameters move which signals."""
+"""`heavebond sensitivity`: influence of parameters on signals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`heavebond study`: a study file worked out, case by case."""
+"""`heavebond study`: run a study file, case by case."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`heavebond sweep`: many runs of a diagram, asked for in a line."""
+"""`heavebond sweep`: a parameter sweep or sample from command line options."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`heavebond try`: one effect put into the diagram by hand and fitted."""
+"""`heavebond try`: add one effect to the diagram and fit it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`heavebond tune`: gains that make a cost small."""
+"""`heavebond tune`: tune parameters by minimisation of a cost."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Ctrl-C and the signals that ask a command to end: heard once, never lost, put off while a result is finished.
+"""Cancellation by Ctrl-C and termination signals: never lost, deferred while a result is being finished.
 
-A signal's handler raises wherever the program is. Inside CasADi that exception is dropped now and then (its conversion of
-arguments and the call of a function clear what is raised meanwhile), so that the handler also writes down which signal came:
-`check`, called between the steps of everything long, raises again until somebody has said `obeyed`.
+A signal handler raises an exception wherever the program is. CasADi occasionally discards it (its conversion of arguments
+and its calls clear pending exceptions), so that the handler also stores the signal: `check`, called between the steps of
+long computations, raises again until `obeyed` is called.
 """
 
 from __future__ import annotations

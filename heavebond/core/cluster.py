@@ -1,4 +1,4 @@
-"""Work done on the workers of a dask.distributed scheduler: other machines, which have this program and the same files."""
+"""Parallel work on a dask.distributed scheduler, whose workers have this package and the same files."""
 
 from __future__ import annotations
 

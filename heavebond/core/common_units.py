@@ -1,4 +1,4 @@
-"""The units that diagrams are full of, as numbers: to start the units library takes as long as to assemble a model."""
+"""Common units as a table of scales, since the import of the units library takes as long as to assemble a model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What heavebond says when something is wrong: problems as data, with a place, a stable code and what to type."""
+"""Errors and warnings as data: problems with a stable code, a place in a file and a hint."""
 
 from __future__ import annotations
 

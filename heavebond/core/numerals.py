@@ -1,4 +1,4 @@
-"""Numbers as text: one grammar for diagrams, records, descriptions of FMUs and the command line.
+"""Numbers in text: one grammar for diagrams, records, descriptions of FMUs and the command line.
 
 Python's `float` and `int` also take underscores between digits (`1_0` is 10) and the digits of every script; here a number
 has the digits 0 to 9 only.

@@ -1,4 +1,4 @@
-"""Work done side by side, in processes of this machine or on any executor of `concurrent.futures`."""
+"""Parallel work in processes of this machine or on any executor of `concurrent.futures`."""
 
 from __future__ import annotations
 

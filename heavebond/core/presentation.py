@@ -1,4 +1,4 @@
-"""How numbers, units and tables are shown to people: digits, prefixes, words for quantities, plain columns."""
+"""Formatting of numbers, units and tables: digits, prefixes, names of quantities, plain columns."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Quantities as Python functions take them: a number in SI, or text with a unit (`"300 kg"`, `"30 .. 70 kN/m"`)."""
+"""Quantities as arguments of Python functions: a number in SI, or text with a unit (`"300 kg"`, `"30 .. 70 kN/m"`)."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Text that comes from files made safe for another language: terminal, C comment, XML and HTML, JSON in a script, file name.
+"""Escaping of text from files for another language: terminal, C comment, XML and HTML, JSON in a script, file name.
 
-Whatever becomes part of a document, a program or a command's output passes through one of these functions.
+All text that becomes part of a document, a program or a command's output passes through one of these functions.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Keys of files under their former names: the warning, and who collects what was met."""
+"""Former names of keys in files: the warning, and the collection of uses for `heavebond check --fix`."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Linear algebra in one thread.
+"""Restriction of linear algebra libraries to one thread.
 
-The matrices here have a few columns. Libraries that split such a product or factorisation over all processors wait for their
-threads longer than they compute: where processes run side by side, a thousand times as long.
+The matrices here have few columns. Libraries that split such a product or factorisation over all processors spend more time
+on synchronisation than on computation: with several processes in parallel, a thousand times as much.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
-"""Output files written whole or not at all, and whether one can be written.
+"""Atomic writing of output files, and checks whether a file can be written.
 
-Every file that heavebond leaves to its user is made by `new_file` or `write_text`: under another name in the same folder,
-flushed to the disk, and only then renamed to what was asked for. A full disk, a killed process or an error on the way leaves
-the file that stood there before, or none.
+Every output file is written by `new_file` or `write_text`: under a temporary name in the same folder, flushed to the disk,
+and then renamed. After a full disk, a killed process or an error the previous file is unchanged, or there is none.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Where the energy goes: a run with the power of every component integrated beside its states.
+"""Energy audit: a run in which the power of every component is integrated with the states.
 
 Over a run, for each component
 

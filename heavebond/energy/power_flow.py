@@ -1,4 +1,4 @@
-"""From where to where energy goes over a run: components and nodes as boxes, net energies as links between them.
+"""Energy flow of a run as a graph: components and nodes as boxes, net energies as links.
 
 The net energy over a port goes between its component and its node. A node through which energy only passes from one
 component to another is left out: the two are linked directly. What circulates is kept, and drawn backwards.

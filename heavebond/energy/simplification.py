@@ -1,4 +1,4 @@
-"""A diagram without the components that matter little: those of least activity neutralised one by one, each tried in a run.
+"""Model simplification by activity: components of least activity are removed one by one, each checked by a run.
 
 The components are ranked by activity (see `audit`); those that together make up the wanted share stay. Each of the others
 is set to the values at which it is absent (`effect:` of its component: a spring of no stiffness, a friction of no force),

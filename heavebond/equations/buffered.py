@@ -1,4 +1,4 @@
-"""CasADi functions that work on arrays where they are."""
+"""CasADi functions called on NumPy buffers, without copies of the arguments."""
 
 from __future__ import annotations
 

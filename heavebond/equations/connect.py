@@ -1,4 +1,4 @@
-"""What is joined to what: the groups of ports that share one across variable or one signal, their domains and units."""
+"""Connections: groups of ports that share one across variable or one signal, with their domains and units."""
 
 from __future__ import annotations
 

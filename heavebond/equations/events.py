@@ -1,4 +1,4 @@
-"""The held variables and the events of an opened diagram, each with its provenance."""
+"""The held variables and the events of an expanded diagram, each with its provenance."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A diagram with its blocks opened: every component that carries equations, and every node, by its full path."""
+"""Expansion of a diagram: every component with equations and every node inside its blocks, by full path."""
 
 from __future__ import annotations
 

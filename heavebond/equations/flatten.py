@@ -1,4 +1,4 @@
-"""The opened diagram as one flat set of unknowns, parameters and equations, each with its provenance."""
+"""Flattening: the expanded diagram as one set of unknowns, parameters and equations, each with its provenance."""
 
 from __future__ import annotations
 

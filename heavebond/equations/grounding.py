@@ -1,7 +1,7 @@
-"""What ties each connected part of a machine to a reference: pressures to a tank, places to the ground, domain by domain.
+"""Grounding: the component that ties each connected part of a machine to a reference of its domain, such as a tank.
 
-Most laws feel differences only: raise all pressures of a circuit by the same amount and an orifice lets the same flow pass.
-A circuit in which every part is of that kind has no level of its own.
+Most laws depend on differences only: if all pressures of a circuit rise by the same amount, the flow through an orifice is
+unchanged. A circuit in which all components are of this kind has no reference level.
 """
 
 from __future__ import annotations

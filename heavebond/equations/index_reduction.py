@@ -1,4 +1,4 @@
-"""How often each equation must be differentiated before all highest derivatives can be solved for.
+"""Pantelides' algorithm: the number of times each equation is differentiated to solve for the highest derivatives.
 
 Columns stand for unknowns and for their derivatives alike; `derivative[j]` is the column of d/dt of column j,
 or -1 if there is none. Equations are rows as in `matching`.

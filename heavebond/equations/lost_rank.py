@@ -1,8 +1,7 @@
-"""Where numbers make equations depend on each other: which ones, what they leave undecided, and which value is to blame.
+"""Numerical rank deficiency: the dependent equations, the undetermined unknowns, and the value that causes it.
 
-Structure tells which unknown stands in which equation. Whether the equations decide their unknowns depends on numbers too: a
-mass of zero, a shut valve, a lever at its dead centre, a loop whose gains multiply to one. All of that is a Jacobian that
-loses its rank.
+The structure says which unknown occurs in which equation. Whether the equations determine their unknowns depends on values
+too: a mass of zero, a shut valve, a lever at its dead centre, a loop with a gain of one make the Jacobian singular.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Which unknown can be had from which equation: graph algorithms on integers.
+"""Matching of equations and unknowns, Dulmage-Mendelsohn and block triangular form: graph algorithms on integers.
 
 Equations are rows 0..m-1, unknowns are columns 0..n-1, and `rows[i]` lists the columns that occur in row i,
 in the order of declaration. Nothing here knows names, values or units. Every function is pure, iterative and

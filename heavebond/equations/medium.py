@@ -1,4 +1,4 @@
-"""What fills a circuit: one part sets the properties of the oil, and all that it flows through take them from there.
+"""Media of circuits: one component sets the properties of the fluid, and all components of its circuit use them.
 
 A domain names the component that sets its medium (`medium: Fluid`), a parameter the property that it is (`medium: rho`).
 A circuit is all that wires and parts with several ports of the domain join. A parameter that is not given becomes the

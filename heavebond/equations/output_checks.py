@@ -1,4 +1,4 @@
-"""What a diagram asks of its variables: outputs and initial values. Every name exists, and every unit fits."""
+"""Checks of outputs and initial values of a diagram: every name exists, and every unit fits."""
 
 from __future__ import annotations
 

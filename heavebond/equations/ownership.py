@@ -1,4 +1,4 @@
-"""One owner for every name of the flat model: two things that would be called alike are refused, with both lines."""
+"""Unique names in the flat model: an error with both lines where two declarations have the same full name."""
 
 from __future__ import annotations
 

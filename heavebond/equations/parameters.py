@@ -1,4 +1,4 @@
-"""The parameters of an opened diagram: numbers that may be changed, and formulas in them."""
+"""The parameters of an expanded diagram: numerical values that may be changed, and formulas of them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Parts that stand in a diagram once and in the machine many times in line (`repeat:`), written out."""
+"""Expansion of parts that are repeated in series (`repeat:`)."""
 
 from __future__ import annotations
 

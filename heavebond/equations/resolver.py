@@ -1,4 +1,4 @@
-"""What the names of a diagram mean: symbols and units, for formulas in place, outputs, conditions and costs."""
+"""Resolution of the names of a diagram to symbols and units, for formulas, outputs, conditions and costs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which unknowns become states: the method of dummy derivatives with numerical pivoting."""
+"""State selection by the method of dummy derivatives with numerical pivoting."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Structural mistakes in the words of the diagram: which parts fix the same thing, and what no equation determines."""
+"""Messages on structural singularity in terms of the diagram: over- and underdetermined variables and their parts."""
 
 from __future__ import annotations
 

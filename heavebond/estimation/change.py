@@ -1,5 +1,8 @@
-"""A change to a diagram as a value: what a finding adds to it. The text of the file that extends the diagram *is* the
-change; the changed diagram is made from that text, so that what is tried in memory and what is written are one."""
+"""Changes of a diagram as values, such as the addition of an effect.
+
+A change is represented by the text of a file that extends the diagram; the changed diagram is read from that text, so that
+the model in memory and the written file agree.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Diagrams as files: a file that extends another diagram and states what was fitted; names of values, files that are new."""
+"""Writing of diagrams: files that extend another diagram and set fitted values; checks of their names."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""The beginning of long records, for a search that runs them thousands of times.
+"""Excerpts from the beginning of long records, for a search that simulates them thousands of times.
 
-A name needs some thousand samples; a hundred thousand would only make every trial slower. The excerpt begins where the
-record begins, because the state of the machine is known there and nowhere else. It is longer where a record begins quietly.
+A few thousand samples suffice to select an effect; a hundred thousand would only make every refit slower. The excerpt starts
+with the record, because the state of the machine is known only there. It is longer where a record begins with little motion.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""An experiment as a value: a diagram beside measured records."""
+"""Experiments: a diagram with measured records, read from a file."""
 
 from __future__ import annotations
 

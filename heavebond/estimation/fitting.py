@@ -1,4 +1,4 @@
-"""Parameters from records: weighted nonlinear least squares with exact sensitivities.
+"""Parameter estimation from records: weighted nonlinear least squares with exact sensitivities.
 
 With y_i the samples of all channels of all records used for fitting (but for blocks held out, see `estimation.records`), s_i
 their noise and f_i the model,

@@ -1,4 +1,4 @@
-"""The channels of a record as they were sampled: their times, what counts for fitting and what checks the fit.
+"""Sampled channels of a record: their times, and the masks of fitted and held-out samples.
 
 Each channel has its own samples; the model is run once on the union of their times.
 """

@@ -1,4 +1,4 @@
-"""A folder to begin with: a diagram, an experiment, records and a text that says what to type."""
+"""The starter folder of `heavebond new`: a diagram, an experiment, records and a readme with commands."""
 
 from __future__ import annotations
 

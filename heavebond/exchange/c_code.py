@@ -1,4 +1,4 @@
-"""The equations of a diagram as one file of C that needs nothing else (C99 and its mathematical library)."""
+"""Export of the equations of a diagram as one self-contained C file (C99 and its mathematical library)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A diagram as an FMU: FMI 3.0 for model exchange, from the C of `c_code` with a wrapper, compiled for this machine.
+"""Export of a diagram as an FMU: FMI 3.0 for model exchange, by the C of `c_code` and a wrapper, compiled for this host.
 
 CasADi's own exporter (DaeBuilder 3.8) is not used: it writes units without their definitions, adds variables with names that
 the standard does not allow, and knows algebraic unknowns only for importers with an extension of the standard.

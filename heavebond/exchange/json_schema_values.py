@@ -1,4 +1,4 @@
-"""JSON Schema of what stands on the right of a key: quantities with their units, formulas, records, lists."""
+"""JSON Schema of the values of keys: quantities with their units, formulas, records, lists."""
 
 from __future__ import annotations
 

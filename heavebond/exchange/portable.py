@@ -1,4 +1,4 @@
-"""A diagram as equations that other programs can hold: x' = f(t, x, z, p, u), 0 = g(t, x, z, p, u), y = h(t, x, z, p, u).
+"""A diagram as explicit equations for export: x' = f(t, x, z, p, u), 0 = g(t, x, z, p, u), y = h(t, x, z, p, u).
 
 All is in SI but the outputs y, which are those under `show:` in the units given there. The inputs u are the measured signals
 of the diagram and the signals that are taken out of it; where an equation needs it, the rate of an input is an input too.

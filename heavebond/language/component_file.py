@@ -1,4 +1,4 @@
-"""Component files to components."""
+"""Reading of component files."""
 
 from __future__ import annotations
 

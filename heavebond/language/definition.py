@@ -1,4 +1,4 @@
-"""What a component, a domain and a piece of a diagram are: frozen values, with the place where each was written."""
+"""Definitions of components, domains and parts of diagrams: frozen values, each with its place in a file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a component file says of itself as an effect that may be missing: its `effect:` entry and dormant parameters."""
+"""Effects declared by a component file: its `effect:` entry and dormant parameters."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a component's events and held variables must obey: units, and who may set what."""
+"""Checks of a component's events and held variables: units, and the variables that may be set."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An FMU for co-simulation as a component: its description read and written as a component file. No code in it is run.
+"""Import of an FMU for co-simulation: its description is converted to a component file. None of its code is run.
 
 A component of an FMU has the inputs and outputs of it as signals and its parameters with their start values. Its outputs are
 held and set once a `step`. Modelica Association, Functional Mock-up Interface Specification 2.0.4 and 3.0.1,

@@ -1,4 +1,4 @@
-"""How each unknown stands in each equation: with which coefficient, and whether it may be divided by."""
+"""Incidence of unknowns in equations: the coefficient of each, and whether it may be divided by."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The laws that a component file obeys whatever diagram it stands in: units agree, equations and unknowns balance.
+"""Checks of a component file independent of any diagram: units agree, and equations and unknowns balance.
 
 The third law, power, is a numerical one (see `heavebond.language.power_law`).
 """

@@ -1,4 +1,4 @@
-"""The component library: where a name is looked up."""
+"""The component library: lookup of components by name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lists: a parameter or variable with `count: n` is n of them, `x[1]` to `x[n]`, once the whole numbers are known."""
+"""Arrays: a parameter or variable with `count: n` is expanded to `x[1]` ... `x[n]` once the integer parameters are known."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which term of a component creates power: the sign that is wrong, or the energy that is not declared.
+"""Search for the term that violates the power balance of a component: a wrong sign, or undeclared energy.
 
 The third law (see `power_law`), sum of the powers in = d(stores)/dt + dissipates + unbalanced, fails on random motions.
 Where it holds on all of them with the sign of one term changed, or of the power at some ports, that term is to blame.

@@ -1,4 +1,4 @@
-"""From a tree of marked text to values: the checks that every kind of file shares."""
+"""Conversion of YAML trees with places to values: the checks that all kinds of files share."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sections of a diagram, some of which a record has too: values that are set, the start, what is shown, the run."""
+"""Sections of diagrams and records: parameter values, initial conditions, outputs, settings of the run."""
 
 from __future__ import annotations
 

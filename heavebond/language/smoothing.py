@@ -1,4 +1,4 @@
-"""Expressions with their corners rounded: the homotopy for laws that have no gradient on one side, such as an open contact.
+"""Smoothed expressions: the homotopy for laws with zero gradient on one side, such as an open contact.
 
     max(a, b) -> (a + b + sqrt((a - b)**2 + w**2)) / 2,   min and abs likewise,
     a < b     -> (1 + tanh((b - a) / w)) / 2,             sign(a) -> tanh(a / w).

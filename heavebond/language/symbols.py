@@ -1,4 +1,4 @@
-"""Expression trees to CasADi SX: the one place where the functions of the language get their mathematics."""
+"""Conversion of expression trees to CasADi SX; defines the functions of the language."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A given value against what is declared for it: its unit, its bounds, and where in its formula something is wrong."""
+"""Checks of given values against their declaration: unit, bounds, and the place of an error in a formula."""
 
 from __future__ import annotations
 

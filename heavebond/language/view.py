@@ -1,4 +1,4 @@
-"""`view:` of a diagram: what of it is seen to move, as simple shapes at places that are formulas of its variables."""
+"""The section `view:` of a diagram: shapes of an animation, at positions that are formulas of its variables."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The `when:` entries of a component: what happens at an instant, and which instant that is."""
+"""The `when:` entries of a component: events with their conditions or times and their assignments."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Dry friction where a machine is linearised: its slope at rest, over a motion, and while it slides.
+"""Describing functions of dry friction for linearisation: its slope at rest, over a motion, and while it slides.
 
 Near rest a friction law F(v) is a damper far stiffer than any in the machine. Over a motion it acts like one of a smaller
 slope, its describing function; over one of large amplitude like that of the sliding law, zero but for viscous parts. A share

@@ -1,4 +1,4 @@
-"""Inputs from outside for linear analysis: what is added to a signal, or enters a node, with its time derivatives.
+"""Disturbance inputs for linear analysis: added to a signal or entering a node, with their time derivatives.
 
 The signal s that a component or a formula sets becomes s = (what sets it) + w; everything that reads it sees s. A node's
 balance gets a further through variable: a force, torque or flow w that enters the node. Index reduction differentiates w

@@ -1,4 +1,4 @@
-"""Floquet multipliers of a run that ends in a period: stability where a machine has no equilibrium.
+"""Floquet multipliers of a run that becomes periodic: stability where a machine has no equilibrium.
 
 Small deviations follow dx' = A(t) dx with A along the run. Over a period T they are multiplied by the monodromy matrix, here
 the product of exp(A dt) over the steps of the output, A in the middle of each; its eigenvalues are the multipliers. The run

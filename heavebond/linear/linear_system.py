@@ -1,4 +1,4 @@
-"""A machine between chosen inputs and outputs as a linear system: matrices, frequency response, poles and zeros, steps.
+"""Linear systems between chosen inputs and outputs: matrices, frequency response, poles and zeros, step responses.
 
 An input w may enter with its derivatives (a position source passes its speed on):
 

@@ -1,4 +1,4 @@
-"""A machine near one state as a linear system, and its modes with exact derivatives of their eigenvalues.
+"""Linearisation about a state, and modes with exact derivatives of their eigenvalues.
 
 With x' = f(x, z, p, w), 0 = g(x, z, p, w) and outputs y = h(x, z, p, w), the algebraic unknowns are eliminated:
 

@@ -1,4 +1,4 @@
-"""A control loop cut at a signal: its open loop, whether it is stable when closed, its gain, phase and delay margins.
+"""Stability margins of a control loop opened at a signal: closed-loop stability, gain, phase and delay margins.
 
 The signal s = C x + D w carries what is added to it, and what sets it gives s - w. Cutting the loop means w = r - (s - w),
 so that what reads the signal sees r alone: with w = (r - C x) / D,

@@ -1,4 +1,4 @@
-"""Which components swing in a mode and which damp it, from the powers at their ports.
+"""Distribution of energy and damping of a mode over the components, from the powers at their ports.
 
 In a mode all efforts and flows move as e exp(s t), f exp(s t) with s = sigma + j omega. Over the ports of a component
 

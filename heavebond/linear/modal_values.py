@@ -1,4 +1,4 @@
-"""Single numbers of the modes of a machine (a damping ratio, a decay) as costs and limits take them, with their slopes."""
+"""Modal quantities (damping ratio, decay rate, frequency) for costs and limits, with their derivatives."""
 
 from __future__ import annotations
 

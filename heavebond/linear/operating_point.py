@@ -1,4 +1,4 @@
-"""The operating point about which a machine is linearised: its start, a steady state, or where a run is at some time."""
+"""Operating points for linearisation: the start, a steady state, or the state of a run at a given time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stability of a machine at rest, as a smooth limit of a tuning and as margins of what was tuned.
+"""Stability of an equilibrium: a smooth limit for tuning, and the margins of tuned parameters.
 
 An eigenvalue s of the machine linearised at its operating point is scored by
 

@@ -1,4 +1,4 @@
-"""How the poles of a machine move while one parameter does, its operating point moving along."""
+"""Root loci: poles over one parameter, with the operating point computed anew for each value."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stability of an equilibrium: eigenvalues judged decaying, free (zero), undamped or growing, and which states they move.
+"""Stability of an equilibrium: eigenvalues classified as decaying, free (zero), undamped or growing, with their states.
 
 A zero eigenvalue is a state that nothing leads back: a body that may stand anywhere (rigid-body mode), an integrator. It is
 mostly a double one (position and velocity of a free body) without as many eigenvectors, and any method for all eigenvalues

@@ -1,4 +1,4 @@
-"""Which one variable a force follows, tried on data that were not used, and what the curve looks like.
+"""Regression of an estimated input on one variable, validated on held-out data, with the shape of the curve.
 
 A curve is piecewise linear between quantiles of its variable, fitted by weighted least squares on the samples for learning;
 its R2 = 1 - sum(rest**2) / sum((w - mean)**2) counts on the others. Beside it stand simple laws (a step, a line, a dead

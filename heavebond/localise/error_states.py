@@ -1,4 +1,4 @@
-"""When a model misses its records, in which channel, and in which state of motion.
+"""Dependence of a model error on time, channel and state of motion.
 
 The error of each channel is told by a curve of one variable after the other: the speeds, positions, pressures and signals of
 the run, the amplitude and the frequency of the channel. A curve is learnt on what is to be fitted and tried on what is held

@@ -1,4 +1,4 @@
-"""What would have to act at each place of a diagram so that the model meets its records: places ranked.
+"""Unknown-input estimation: the input at each place that makes the model match its records, with a ranking of places.
 
 At every place (see `places`) a through variable w(t) is estimated by a Kalman smoother together with the free
 parameters and small deviations of the start. How freely w may move is chosen by its likelihood on the records to be fitted;

@@ -1,4 +1,4 @@
-"""What an unknown input must have been: a Kalman filter and smoother for many places and intensities at once.
+"""Kalman filter and smoother for an unknown input, vectorised over places and intensities.
 
 The state is s = (dx, w): the deviation of a machine from a run and one unknown input as a random walk,
 w(t + h) = w(t) + e, e ~ N(0, r h), which acts on dx as a line between the samples. The measured errors have unit noise.

@@ -1,4 +1,4 @@
-"""Small deviations of a machine from a run beside a record, as a linear system that varies in time.
+"""Linear time-varying model of small deviations from a run of a record.
 
 Along a simulated run, with dx the deviation of the states, q that of the free parameters (in standard deviations of what is
 known of them) and w_n what enters node n (see `places`),

@@ -1,4 +1,4 @@
-"""Where a model fails: when, in which channel and state of motion, and at which place of its diagram."""
+"""Localisation of the misfit of a model: by time, channel, state of motion and place of the diagram."""
 
 from __future__ import annotations
 

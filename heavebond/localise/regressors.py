@@ -1,4 +1,4 @@
-"""What a law at a place of a diagram may depend on: speeds, positions, pressures and signals around it, from an estimate."""
+"""Regressors of a law at a place of a diagram: estimated speeds, positions, pressures and signals near it."""
 
 from __future__ import annotations
 

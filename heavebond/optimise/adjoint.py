@@ -1,4 +1,4 @@
-"""Gradients of costs with respect to any number of parameters, from one run backwards in time.
+"""Adjoint sensitivity analysis: gradients of costs by any number of parameters from one backward integration.
 
 With x' = f(t, x, z, p), 0 = g(t, x, z, p), integrals q' = r(t, x, z, p) and a cost whose change is
 

@@ -1,4 +1,4 @@
-"""Costs of a run as formulas: `0.5*(rms(crown.x)/ref(rms(crown.x)) + rms(crown.v)/ref(rms(crown.v)))`.
+"""Cost functions of a run as formulas: `0.5*(rms(crown.x)/ref(rms(crown.x)) + rms(crown.v)/ref(rms(crown.v)))`.
 
 Inside a cost stand, beside the usual functions, with T the length of the time that is evaluated:
 

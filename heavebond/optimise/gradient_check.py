@@ -1,7 +1,7 @@
-"""Sensitivities beside differences of runs: whether they agree, and if not, why.
+"""Verification of sensitivities by finite differences of runs, with the reason of a disagreement.
 
-A difference of runs knows nothing of derivatives, so it finds mistakes in them; but it is wrong itself where the runs are
-not accurate enough for its step, or where a law has a kink between them. With y the quantity, h the step and runs at
+Finite differences are independent of the derivatives and reveal errors in them, but are inaccurate where the integration
+errors are too large for the step, or where a law has a kink between the runs. With y the quantity, h the step and runs at
 tight tolerances, the central difference of fourth order and the two one-sided ones of second order are
 
     (8 (y(h) - y(-h)) - (y(2h) - y(-2h))) / 12 h,   +-(4 (y(+-h) - y(0)) - (y(+-2h) - y(0))) / 2 h.

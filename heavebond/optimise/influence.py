@@ -1,4 +1,4 @@
-"""Which parameters move which signals: relative influence from forward sensitivities.
+"""Relative influence of parameters on signals from forward sensitivities.
 
 The influence of a parameter p on a signal s is p ds/dp: how far the signal would move, at each instant, if the parameter
 were doubled and the signal followed its tangent; a hundredth of it is what one per cent does. Its root mean square over

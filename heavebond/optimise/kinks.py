@@ -1,4 +1,4 @@
-"""The kinks of laws: where max, min, abs, sign, floor and if_else switch, and whether two runs are on the same side."""
+"""Kinks of laws: switching of max, min, abs, sign, floor and if_else, and whether two runs are on the same branch."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a tuning minimises: a task, and its cost and limits as functions of the free parameters, with gradients."""
+"""Objective of a tuning: cost and limits as functions of the free parameters, with gradients."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How far a tuned machine may differ from its model: what moves the cost and the limits, and where stability ends."""
+"""Robustness of a tuned machine: sensitivity of cost and limits to parameters, and the stability boundary."""
 
 from __future__ import annotations
 

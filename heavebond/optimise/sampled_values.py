@@ -1,5 +1,5 @@
-"""Numbers that are taken from the samples of a run, not integrated with it: extremes, and how long and how often a condition
-holds. They have kinks where they move with parameters, so that they are measured and fitted, not tuned."""
+"""Functionals of the samples of a run: extremes, and the duration and number of times that a condition holds. They are not
+differentiable everywhere in the parameters, so that they can be measured and fitted, but not tuned."""
 
 from __future__ import annotations
 

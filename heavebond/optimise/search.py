@@ -1,4 +1,4 @@
-"""Ways to the least cost within ranges and limits from one point on, with gradients.
+"""Gradient-based local optimisation within ranges and limits from one starting point.
 
 `trust`: sequential quadratic programming in a trust region. The curvature is what the sensitivities of signals tell at each
 point (Gauss-Newton), corrected by the last step (symmetric rank one); where only gradients are known it is estimated from

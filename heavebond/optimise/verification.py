@@ -1,4 +1,4 @@
-"""Whether the results of a run depend on what was chosen for the computer: tolerances, and the widths of transitions."""
+"""Verification of a run against numerical settings: tolerances, and the widths of regularised transitions."""
 
 from __future__ import annotations
 
