@@ -117,7 +117,7 @@ def backward_euler(p: dict[str, float], step: float) -> tuple[np.ndarray, np.nda
     return times, np.array(forces)
 
 
-@pytest.mark.long
+@pytest.mark.slow  # minutes each: a solver with a fixed step in Python
 @pytest.mark.parametrize(("friction", "f_n", "K_p", "K_v", "expected"), [
     (True, 0.75, 3.29, 0.521, 2.66), (True, 2.5, 2.70, 0.527, 1.57), (False, 0.75, 5.3, 0.512, 1.40),
     (False, 1.0, 6.2, 0.515, 0.89)])
