@@ -117,7 +117,7 @@ class _Writer:
                     item.kind, item.value = "in", None
                     self.set.append((f"{path}.{own}", f"={givers[label]}"))
                 else:
-                    base = re.sub(r"(_\d+)+$", "", label)
+                    base = re.sub(r"(_[0-9]+)+$", "", label)
                     if base not in missing:
                         self.result.untranslated.append(Untranslated(path, made.line, f"the global quantity '{base}' has no "
                                                                      "value; 0 is used"))

@@ -9,7 +9,7 @@ from heavebond.core.units import UnitProblem, declared_unit, dimension_text, rea
 
 def unit_text(text: str) -> tuple[str, float, str]:
     """The base unit for a declaration, the factor to it, and the text of a unit that is not known (for `doc:`)."""
-    plain = re.sub(r"(?<=[A-Za-z])(\d)", r"**\1", text.strip().replace(".", "*").replace("^", "**").replace(" ", "*"))
+    plain = re.sub(r"(?<=[A-Za-z])([0-9])", r"**\1", text.strip().replace(".", "*").replace("^", "**").replace(" ", "*"))
     if plain in ("", "1", "none"):
         return "", 1.0, ""
     try:
