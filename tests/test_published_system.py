@@ -198,6 +198,19 @@ def test_the_machine_in_parts_agrees_with_the_lumped_one() -> None:
     assert np.abs(detailed.display["p_main"] - lumped.display["p_main"]).max() < 0.01 * np.ptp(lumped.display["p_main"])
 
 
+def test_the_storm_ends_at_the_stops() -> None:
+    """The run is complete, the stroke stays within the stops and their deflection, and both ends are struck when active."""
+    found = hb.run_study(STUDIES + "storm", processes=1)
+    assert found.complete
+    for operation in ("active", "passive"):
+        of = found.of(operation)
+        deflection = found.value(of, "largest force") / 400     # MN over two stops of 200 MN/m
+        assert 3.825 < found.value(of, "stroke") <= 3.825 + deflection + 1e-3
+        assert 1 < found.value(of, "largest force") < 10     # MN
+    active = found.of("active")
+    assert found.value(active, "upper impacts") > 5 and found.value(active, "lower impacts") > 3
+
+
 # -- numbers in sentences ----------------------------------------------------------------------------------------------
 def stated(pattern: str) -> list[float]:
     """Numbers that a sentence of the page states; its line breaks are spaces."""
