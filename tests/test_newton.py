@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from scipy.sparse import csc_array, diags_array
 
 import heavebond as hb
 from heavebond.numerics.initialise import start
-from heavebond.numerics.newton import Scaling, continued, factors, least_change, newton, settled
+from heavebond.numerics.matrices import DENSE, factors, least_change, null_space
+from heavebond.numerics.newton import Scaling, continued, newton, settled
 from heavebond.numerics.start_equations import StartEquations
 
 FREE = Scaling(np.ones(1), np.full(1, -np.inf), np.full(1, np.inf))
@@ -120,6 +124,68 @@ def test_what_nothing_decides_is_left_by_the_least_change_in_large_systems_too(c
 def test_a_rank_in_doubt_is_not_eliminated(chain: np.ndarray, small: float) -> None:
     chain[:, 5] *= small
     assert factors(chain) is None
+
+
+def sparse_chain(n: int, held: float) -> csc_array:
+    """Second differences of n points, the first held by a spring of this stiffness, the last free."""
+    diagonal = np.full(n, 2.0)
+    diagonal[0], diagonal[-1] = 1.0 + held, 1.0
+    return csc_array(diags_array([-np.ones(n - 1), diagonal, -np.ones(n - 1)], offsets=[-1, 0, 1]))
+
+
+@pytest.mark.parametrize("n", [300, 2 * DENSE])
+def test_a_sparse_chain_hangs_as_its_closed_form_says(n: int) -> None:
+    # each of n weights of 1 on springs of 1: the k-th extension carries the n - k below it
+    found = least_change(sparse_chain(n, 1.0), np.ones(n))
+    # conditioned by 4 n**2, 2e7: eight digits are left of sixteen
+    assert found == pytest.approx(np.cumsum(n - np.arange(n)), rel=1e-8)
+
+
+def test_a_free_chain_larger_than_is_decomposed_moves_as_little_as_it_can() -> None:
+    n = 2 * DENSE
+    free = sparse_chain(n, 0.0)
+    assert factors(free) is None
+    assert abs(null_space(free, 1e-10)) == pytest.approx(np.full((n, 1), n ** -0.5), rel=1e-6)
+    right = np.zeros(n)
+    right[[0, -1]] = -1.0, 1.0  # pulled at both ends: every link is stretched by 1
+    found = least_change(free, right)
+    # the damping of 1e-8 stands beside a smallest singular value of 6e-7: a few parts in 1e4 a time, repeated
+    assert found == pytest.approx(np.arange(n) - (n - 1) / 2, rel=1e-5, abs=1e-5 * n)
+
+
+def test_what_few_equations_ask_of_many_unknowns_is_shared_out() -> None:
+    n = 3 * DENSE
+    pairs = csc_array((np.ones(n), (np.arange(n) // 2, np.arange(n))), shape=(n // 2, n))  # x_2k + x_2k+1 = 4
+    assert least_change(pairs, np.full(n // 2, 4.0)) == pytest.approx(np.full(n, 2.0), rel=1e-8)
+
+
+def string(folder: Path, pieces: int, top: str) -> hb.Assembly:
+    """Weights of 10 N, each on a spring of 1 kN/m below the one before."""
+    (folder / "components").mkdir(exist_ok=True)
+    (folder / "components" / "piece.yaml").write_text("""
+component: Piece
+summary: A mass on a spring, with its weight.
+ports: {a: translational, b: translational}
+components: {spring: {is: Spring, c: 1 kN/m}, mass: {is: Mass, m: 1 kg}, weight: {is: ForceSource, u: 10 N}}
+nodes: {a: [a, spring.a], b: [b, spring.b, mass.a, weight.a]}
+""", encoding="utf-8")
+    (folder / "string.yaml").write_text(f"""
+model: string
+components: {{top: {top}, piece: {{is: Piece, repeat: {pieces}}}, end: {{is: Mass, m: 1 kg}}}}
+nodes: {{top: [top.a, piece.a], end: [piece.b, end.a]}}
+initial: {{start: steady}}
+""", encoding="utf-8")
+    return hb.assemble(hb.load(folder / "string.yaml"))
+
+
+def test_a_long_string_starts_hanging_at_rest_and_refuses_where_nothing_holds_it(tmp_path: Path) -> None:
+    pieces = DENSE // 2 + 50  # more unknowns than are ever decomposed
+    first = start(string(tmp_path, pieces, "{is: Fixed}"))
+    lowest = max(abs(line.used) for line in first.table if line.unit == "m")
+    assert lowest == pytest.approx(0.01 * pieces * (pieces + 1) / 2, rel=1e-6)
+    with pytest.raises(hb.StartError) as refused:
+        start(string(tmp_path, pieces, "{is: Mass, m: 1 kg}"))
+    assert refused.value.problems[0].code == "start-unsteady"
 
 
 @pytest.mark.parametrize(("force", "straight"), [

@@ -16,27 +16,28 @@ Array = NDArray[np.float64]
 
 
 class Buffered:
-    """A function of CasADi that reads and writes arrays; inputs that are not given are zero, outputs are dense.
+    """A function of CasADi that reads and writes arrays; inputs that are not given are zero. Outputs are dense, or with
+    `sparse` those that have zeros by structure are of `scipy.sparse.csc_array`.
 
     Called the usual way, CasADi makes matrices of its own from every argument, and gives its results number by number: the
     states at 6000 points take longer than a tenth of a run. Threads take turns: the arrays are shared.
     """
 
-    def __init__(self, function: ca.Function, outputs: Sequence[str] | None = None):
+    def __init__(self, function: ca.Function, outputs: Sequence[str] | None = None, *, sparse: bool = False):
         """`outputs` are those that are wanted, by default all."""
         self._lock = Lock()
         self._buffer, self._run = function.buffer()
         self._given = {name: np.zeros(function.nnz_in(name)) for name in function.name_in()}
-        self._outputs = [_Output(function, name) for name in outputs or function.name_out()]
+        self._outputs = [_Output(function, name, sparse) for name in outputs or function.name_out()]
         for k, values in enumerate(self._given.values()):
             _bind(self._buffer.set_arg, k, values)
 
-    def __call__(self, *given: Any, **named: Any) -> dict[str, Array]:
+    def __call__(self, *given: Any, **named: Any) -> dict[str, Any]:
         """Each output (m, n), given the inputs in their order or by name; RuntimeError where it fails."""
         with self._lock:
             return self._called(given, named)
 
-    def _called(self, given: Sequence[Any], named: Mapping[str, Any]) -> dict[str, Array]:
+    def _called(self, given: Sequence[Any], named: Mapping[str, Any]) -> dict[str, Any]:
         for k, (name, values) in enumerate(self._given.items()):
             value = given[k] if k < len(given) else named.get(name, 0.0)
             values[:] = np.asarray(value, float).ravel(order="F")
@@ -49,7 +50,7 @@ class Buffered:
             check()  # a signal that came meanwhile: CasADi may have dropped it, or made a failure of it
         if self._buffer.ret():  # compiled code cannot raise what CasADi's own does
             raise RuntimeError("the function could not be evaluated")
-        return {output.name: output.dense(values) for output, values in zip(self._outputs, found, strict=True)}
+        return {output.name: output.matrix(values) for output, values in zip(self._outputs, found, strict=True)}
 
     def size1_in(self, name: str) -> int:
         """The number of numbers in an input."""
@@ -63,14 +64,18 @@ class Buffered:
 class _Output:
     """An output of a function: where its numbers stand in a matrix."""
 
-    def __init__(self, function: ca.Function, name: str):
+    def __init__(self, function: ca.Function, name: str, sparse: bool):
         self.name, self.number, pattern = name, function.index_out(name), function.sparsity_out(name)
         self.shape, self.size = pattern.shape, pattern.nnz()
         self._places = None if pattern.is_dense() else tuple(np.array(k, dtype=int) for k in pattern.get_triplet())
+        self._columns = np.array(pattern.colind(), dtype=int) if sparse else None
 
-    def dense(self, values: Array) -> Array:
+    def matrix(self, values: Array) -> Any:
         if self._places is None:
             return values.reshape(self.shape, order="F")
+        if self._columns is not None:
+            from scipy.sparse import csc_array
+            return csc_array((values, self._places[0], self._columns), shape=self.shape)
         found = np.zeros(self.shape)
         found[self._places] = values
         return found

@@ -176,6 +176,18 @@ class System:
         """The values of the parameters."""
         return np.array([q.value for q in self.flat.parameters])
 
+    @cached_property
+    def _value_of(self) -> dict[int, float]:
+        """The values of the parameters by the hashes of their symbols."""
+        return {s.element_hash(): float(v) for s, v in zip(split(self.flat.p), self.p_values, strict=True)}
+
+    def numbers(self, expressions: ca.SX) -> NDArray[np.float64]:
+        """The values (n,) of expressions in parameters alone. Given are the few parameters that occur: a function of all
+        parameters for each loop would make the work grow with the square of the number of loops."""
+        symbols = ca.symvar(expressions)
+        given = [self._value_of[s.element_hash()] for s in symbols]
+        return np.asarray(ca.Function("numbers", [stack(symbols)], [expressions])(given)).ravel()
+
     def symbol(self, column: Column) -> ca.SX:
         return self.levels[column[1]][column[0]]
 
@@ -203,7 +215,7 @@ class System:
     def _lost(self, system: Simultaneous) -> ModelError:
         """The error for equations that depend on each other at the first guess already."""
         guess = InitialGuess(self.flat)(self.p_values)
-        point = {s.element_hash(): float(v) for s, v in zip(split(self.flat.p), self.p_values, strict=True)}
+        point = dict(self._value_of)
         for j, (symbol, unknown) in enumerate(zip(self.flat.levels[0], self.flat.unknowns, strict=True)):
             point[symbol.element_hash()] = float(guess[j]) or 0.1 * unknown.nominal * (0.5 + uniform(3, j))
         point |= self._plain_numbers()
@@ -339,7 +351,7 @@ class _Solver:
         if not several:
             return []
         slopes = stack([ca.jacobian(self.system.residual[self.rows[r]], self._symbol(c)) for r, c, _ in entries])
-        sizes = np.abs(np.array(ca.Function("slopes", [self.system.flat.p], [slopes])(self.system.p_values)).ravel())
+        sizes = np.abs(self.system.numbers(slopes))
         weak = {k for group in several for k in group if sizes[k] < WEAK * sizes[group].max()}
         return [entries[k][:2] for k in sorted(weak)]
 
@@ -381,8 +393,7 @@ class _Solver:
         which = [k for k, kind in enumerate(kinds) if kind == PARAMETER]
         zero = [False] * len(kinds)
         if which:
-            values = ca.Function("c", [self.system.flat.p], [coefficients[which]])(self.system.p_values)
-            for k, value in zip(which, np.array(values).ravel(), strict=True):
+            for k, value in zip(which, self.system.numbers(coefficients[which]), strict=True):
                 zero[k] = value == 0
         return zero
 

@@ -11,7 +11,8 @@ from heavebond.language.symbols import uniform
 from heavebond.numerics import start_messages
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.idas import at_rest
-from heavebond.numerics.newton import NewtonResult, Scaling, System, continued, least_change, newton, settled, weights
+from heavebond.numerics.matrices import Matrix, added, finite, least_change, null_space, scaled
+from heavebond.numerics.newton import NewtonResult, Scaling, System, continued, newton, settled, weights
 from heavebond.numerics.start_equations import Point, StartEquations, StartSystem
 
 # singular values of the loops below this share of the largest leave an unknown to chance
@@ -93,13 +94,13 @@ def tangent(equations: StartEquations, first: Start, u: Array, directions: Array
     return Tangent(dx, dz, dp)
 
 
-def _least_change(at: tuple[Array, Array], moved: Array, sizes: Array) -> Array:
+def _least_change(at: tuple[Array, Matrix], moved: Array, sizes: Array) -> Array:
     """The change of the unknowns (n, m) that keeps the residuals while they are moved by (rows, m)."""
-    residual, jacobian = at[0], at[1] * sizes
+    residual, jacobian = at[0], scaled(at[1], None, sizes)
     if not jacobian.size:
         return np.zeros((len(sizes), moved.shape[1]))
-    row = weights(residual, jacobian)[:, None]
-    return least_change(jacobian * row, -moved * row) * sizes[:, None]
+    row = weights(residual, jacobian)
+    return least_change(scaled(jacobian, row), -moved * row[:, None]) * sizes[:, None]
 
 
 class _Search:
@@ -130,9 +131,9 @@ class _Search:
 
     def _scaled(self, system: StartSystem) -> System:
         """Residuals and Jacobian in unknowns counted in their usual sizes."""
-        def at(y: Array) -> tuple[Array, Array]:
+        def at(y: Array) -> tuple[Array, Matrix]:
             residual, jacobian = system.at(self._point(y))
-            return residual, jacobian * self.nominal
+            return residual, scaled(jacobian, None, self.nominal)
         return at
 
     # -- solving ---------------------------------------------------------------------------------------------------
@@ -199,11 +200,10 @@ class _Search:
         steady = [k for k, row in enumerate(self.equations.rows) if row.steady]
         states = np.arange(self.n_x)
 
-        def at(y: Array) -> tuple[Array, Array]:
+        def at(y: Array) -> tuple[Array, Matrix]:
             residual, jacobian = self._scaled(self.equations.all)(y)
             residual[steady] -= (y[: self.n_x] - before[: self.n_x]) / step
-            jacobian[steady, states] -= self.nominal[: self.n_x] / step
-            return residual, jacobian
+            return residual, added(jacobian, steady, states, -self.nominal[: self.n_x] / step)
         return at
 
     def _narrowed(self, system: System, y: Array) -> NewtonResult:
@@ -224,9 +224,9 @@ class _Search:
             return NewtonResult(y, np.full(1, np.inf), 0)
 
         def family(done: float) -> System:
-            def at(y: Array) -> tuple[Array, Array]:
+            def at(y: Array) -> tuple[Array, Matrix]:
                 residual, jacobian = whole.rounded_at(self._point(y), (1 - done) * widths)
-                return residual, jacobian * self.nominal
+                return residual, scaled(jacobian, None, self.nominal)
             return at if done < 1 else system
 
         return continued(family, y, self.frame)
@@ -244,20 +244,20 @@ class _Search:
             return y
         whole, inner = y.copy(), slice(self.n_x, self.n_x + self.n_z)
 
-        def at(z: Array) -> tuple[Array, Array]:
+        def at(z: Array) -> tuple[Array, Matrix]:
             whole[inner] = z
             residual, jacobian = self.equations.algebraic.at(self._point(whole, 1.0))
-            return residual, jacobian * self.assembly.z_nominal
+            return residual, scaled(jacobian, None, self.assembly.z_nominal)
 
         found = newton(at, y[inner], Scaling(self.assembly.z_nominal, self.frame.low[inner], self.frame.high[inner]))
         raw, jacobian = at(found.y)
         if not found.good:
             raise start_messages.failure(self.equations, self._point(whole, 1.0), found.residual, self.equations.algebraic,
                                         self.assembly.z_nominal)
-        if np.all(np.isfinite(jacobian)):
-            _, values, right = np.linalg.svd(jacobian * weights(raw, jacobian)[:, None])
-            if values.min() <= SINGULAR * values.max():
-                raise start_messages.singular_loop(self.assembly, self._point(whole, 1.0), right[-1])
+        if finite(jacobian):
+            undecided = null_space(scaled(jacobian, weights(raw, jacobian)), SINGULAR)
+            if undecided.size:
+                raise start_messages.singular_loop(self.assembly, self._point(whole, 1.0), undecided[:, -1])
         return whole
 
     # -- the answer ------------------------------------------------------------------------------------------------

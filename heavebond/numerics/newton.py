@@ -4,25 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from heavebond.numerics.matrices import Array, Matrix, finite, largest_of_rows, least_change, scaled
+
 # residuals (m,) and Jacobian (m, n) in unknowns counted in their usual sizes
-System = Callable[[Array], tuple[Array, Array]]
+System = Callable[[Array], tuple[Array, Matrix]]
 MOST_STEPS = 100
 # residuals are scaled so that a change of every unknown by its usual size changes each by about one
 CONVERGED = 1e-9
 GOOD = 1e-6
-# singular values below this share of the largest are directions that no equation determines; nominal values may be off by
-# some powers of ten without making a decided direction look like one of these
-RANK = 1e-11
-# unknowns from which on equations are solved by sparse elimination where their rank is beyond doubt: smallest singular value
-# as a share of the whole, as so many inverse iterations find it. Decomposing a thousand rows takes seconds, eliminating
-# them a few milliseconds.
-LARGE, BEYOND_DOUBT, ITERATIONS = 200, 1e-8, 4
 # a continuation whose steps become shorter than this share of the whole is given up
 SHORTEST = 1e-3
 # share of a step below which halving it is given up; steps of one equation on a path from solution to solution
@@ -72,36 +64,10 @@ class NewtonResult:
         return float(np.abs(self.residual).max(initial=0.0)) if np.all(np.isfinite(self.residual)) else np.inf
 
 
-def weights(residual: Array, jacobian: Array) -> Array:
+def weights(residual: Array, jacobian: Matrix) -> Array:
     """1 / largest scaled gradient of each row; a row without gradient counts by its own size."""
-    gradient = np.abs(jacobian).max(axis=1, initial=0.0)
+    gradient = largest_of_rows(jacobian)
     return np.asarray(1 / np.where(gradient > 0, gradient, np.maximum(np.abs(residual), 1e-300)))
-
-
-def factors(matrix: Array) -> Any:
-    """The sparse triangular factors of a large square matrix (n, n) of full rank, with their `solve`; None for a small one,
-    and where the rank is in doubt."""
-    n = len(matrix)
-    if n < LARGE or matrix.shape != (n, n):
-        return None
-    from scipy.sparse import csc_array
-    from scipy.sparse.linalg import splu
-
-    try:
-        found: Any = splu(csc_array(matrix))
-    except RuntimeError:  # exactly singular
-        return None
-    direction, growth = np.cos(np.arange(1.0, n + 1)), np.inf
-    for _ in range(ITERATIONS):  # inverse iteration: towards the singular vector that the matrix shortens most
-        direction = found.solve(found.solve(direction / np.linalg.norm(direction), "T"))
-        growth = float(np.linalg.norm(direction))
-    return found if 1 / np.sqrt(growth) > BEYOND_DOUBT * np.linalg.norm(matrix) else None
-
-
-def least_change(matrix: Array, right: Array) -> Array:
-    """The x (n,) or (n, k) of least norm that solves matrix (m, n) x = right in the sense of least squares."""
-    found = factors(matrix)
-    return np.asarray(np.linalg.lstsq(matrix, right, rcond=RANK)[0] if found is None else found.solve(right))
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a trial may go anywhere; what is no number is not taken
@@ -111,16 +77,16 @@ def newton(system: System, y: Array, frame: Scaling, most: int = MOST_STEPS) -> 
     y, steps = frame.within(y), 0
     residual, jacobian = system(y)
     for _ in range(most):
-        if not residual.size or not np.all(np.isfinite(residual)) or not np.all(np.isfinite(jacobian)):
+        if not residual.size or not np.all(np.isfinite(residual)) or not finite(jacobian):
             break
         row = weights(residual, jacobian)
         size = float(np.linalg.norm(residual * row))
         if np.abs(residual * row).max() < CONVERGED:
             break
-        scaled = jacobian * row[:, None]
-        if not np.all(np.isfinite(scaled)):
+        weighted = scaled(jacobian, row)
+        if not finite(weighted):
             break
-        step = least_change(scaled, -residual * row)
+        step = least_change(weighted, -residual * row)
         length = 1.0
         while length > SHORTEST_STEP:
             trial = frame.within(y + length * step * frame.sizes)
@@ -132,8 +98,8 @@ def newton(system: System, y: Array, frame: Scaling, most: int = MOST_STEPS) -> 
             break
         y, residual, jacobian = trial, new, new_jacobian
         steps += 1
-    scaled = residual * weights(residual, jacobian) if residual.size and np.all(np.isfinite(jacobian)) else residual
-    return NewtonResult(y, scaled, steps)
+    left = residual * weights(residual, jacobian) if residual.size and finite(jacobian) else residual
+    return NewtonResult(y, left, steps)
 
 
 def settled(system: System, slowed: Callable[[Array, float], System], y: Array, frame: Scaling) -> NewtonResult:
@@ -175,7 +141,7 @@ def continued(family: Callable[[float], System], y: Array, frame: Scaling) -> Ne
         to = min(1.0, s + stride)
         member = family(to)
 
-        def balanced(at: Array, system: System = member, left: float = 1 - to) -> tuple[Array, Array]:
+        def balanced(at: Array, system: System = member, left: float = 1 - to) -> tuple[Array, Matrix]:
             residual, jacobian = system(at)
             return residual - left * first, jacobian
 
@@ -186,5 +152,5 @@ def continued(family: Callable[[float], System], y: Array, frame: Scaling) -> Ne
         else:
             stride /= 4
     last, jacobian = family(1.0)(found.y)
-    finite = last.size and np.all(np.isfinite(jacobian))
-    return NewtonResult(found.y, last * weights(last, jacobian) if finite else last, steps)
+    weighted = last * weights(last, jacobian) if last.size and finite(jacobian) else last
+    return NewtonResult(found.y, weighted, steps)

@@ -17,6 +17,7 @@ from heavebond.language.sections import Condition
 from heavebond.language.smoothing import SmoothedColumn, rounded
 from heavebond.language.symbols import CORNERS, split, stack
 from heavebond.numerics.dae import Array, Assembly
+from heavebond.numerics.matrices import LARGE, Matrix
 from heavebond.text.expression import Call, Expr, Name, children, parse_formula
 
 # functions whose second argument is the width over which they turn
@@ -62,9 +63,10 @@ class StartSystem:
         self._arguments = list(assembly.arguments)
         self._residuals, self._unknowns = stack([r.residual for r in rows]), unknowns
         self._function = ca.Function("start", self._arguments, [self._residuals, ca.jacobian(self._residuals, unknowns)])
-        self._buffered = Buffered(self._function)
+        self._large = unknowns.numel() >= LARGE
+        self._buffered = Buffered(self._function, sparse=self._large)
 
-    def at(self, point: Point) -> tuple[Array, Array]:
+    def at(self, point: Point) -> tuple[Array, Matrix]:
         """Residuals and Jacobian, both in SI."""
         residual, jacobian = self._buffered(*point.values()).values()
         return residual.ravel(), jacobian
@@ -95,13 +97,17 @@ class StartSystem:
         found, _, slopes = self._rounded
         widths = np.full(found.widths.numel(), SHARP)
         for _ in range(NESTED if len(widths) else 0):
-            widths = np.maximum(np.abs(np.array(slopes(*point.values(), widths).full())) @ sizes, SHARP)
+            widths = np.maximum(abs(self._matrix(slopes(*point.values(), widths))) @ sizes, SHARP)
         return np.asarray(widths)
 
-    def rounded_at(self, point: Point, widths: Array) -> tuple[Array, Array]:
+    def rounded_at(self, point: Point, widths: Array) -> tuple[Array, Matrix]:
         """Residuals and Jacobian with corners of these widths (n,)."""
         residual, jacobian = self._rounded[1](*point.values(), widths)
-        return np.array(residual.full()).ravel(), np.array(jacobian.full())
+        return np.array(residual.full()).ravel(), self._matrix(jacobian)
+
+    def _matrix(self, values: ca.DM) -> Matrix:
+        """A matrix of CasADi, sparse for a large machine."""
+        return values.sparse() if self._large else np.array(values.full())
 
     @cached_property
     def _slopes(self) -> ca.Function:
@@ -111,7 +117,7 @@ class StartSystem:
 
     def moved(self, point: Point, dp: Array, dx: Array | None = None) -> Array:
         """Change of the residuals (m, k) while p moves along dp (n_p, k) and x along dx (n_x, k)."""
-        by_p, by_x = (np.array(s.full()) for s in self._slopes(*point.values()))
+        by_p, by_x = (self._matrix(s) for s in self._slopes(*point.values()))
         return np.asarray(by_p @ dp if dx is None else by_p @ dp + by_x @ dx)
 
 

@@ -13,12 +13,15 @@ from heavebond.equations import structural_messages
 from heavebond.equations.lost_rank import losses
 from heavebond.equations.reduce import Pivot
 from heavebond.numerics.dae import Array, Assembly
-from heavebond.numerics.newton import factors, weights
+from heavebond.numerics.matrices import dense, finite, null_space, scaled
+from heavebond.numerics.newton import weights
 from heavebond.numerics.start_equations import Point, StartEquations, StartRow, StartSystem
 
 AT = "at the start"
 # gradients that depend on each other up to this share, and residuals that then disagree by more than this
 DEPENDENT, DISAGREE = 1e-8, 1e-6
+# singular values up to this share of the largest are directions that a steady start does not determine
+UNDECIDED = 1e-10
 JUST_AFTER = 1e-3  # s
 # what a hint names at most
 SHARE = 1e-3  # of an unknown in a direction that no equation determines, from which on it takes part
@@ -120,13 +123,11 @@ def _dependent(system: StartSystem, point: Point, sizes: Array) -> tuple[Array, 
     """The directions of the weighted rows (m, k) whose gradients depend on each other, and how far each row's residual
     takes part in what disagrees (m,)."""
     residual, jacobian = system.at(point)
-    if not np.all(np.isfinite(jacobian)) or not residual.size:
+    if not finite(jacobian) or not residual.size:
         return np.zeros((len(residual), 0)), np.zeros(len(residual))
-    jacobian = jacobian * sizes
+    jacobian = scaled(jacobian, None, sizes)
     row = weights(residual, jacobian)
-    left, values, _ = np.linalg.svd(jacobian * row[:, None])
-    rank = int((values > DEPENDENT * max(values.max(initial=0.0), 1e-300)).sum())
-    null = left[:, rank:]
+    null = null_space(scaled(jacobian, row).T, DEPENDENT)
     return null * row[:, None], np.abs(null @ (null.T @ (residual * row)))
 
 
@@ -148,7 +149,7 @@ def _unmoved(equations: StartEquations, system: StartSystem, point: Point, row: 
     that is open, the flow through a valve that is shut. None for one that something moves, or that others decide."""
     assembly, asked = equations.assembly, system.rows[row]
     standing = system.standing(row)
-    if asked.name not in assembly.flat.names or not standing or np.any(system.at(point)[1][row]):
+    if asked.name not in assembly.flat.names or not standing or np.any(dense(system.at(point)[1][[row]])):
         return None
     solved = [assembly.parameter_names[k] for k in equations.solved_for]
     names = [*assembly.state_names, *assembly.algebraic_names, *solved]
@@ -216,7 +217,9 @@ def _conflict(system: StartSystem, point: Point, sizes: Array) -> list[int]:
     _, share = _dependent(system, point, sizes)
     if not share.size or share.max() < DISAGREE:
         return []
-    return [int(k) for k in np.argsort(-share) if share[k] > 0.1 * share.max()][:8]
+    # equal shares, which differ by rounding, in the order of the file
+    order = np.argsort(-np.round(share / share.max(), 6), kind="stable")
+    return [int(k) for k in order if share[k] > 0.1 * share.max()][:8]
 
 
 def _settling(equations: StartEquations, system: StartSystem, point: Point, sizes: Array) -> list[str]:
@@ -246,14 +249,10 @@ def undetermined(equations: StartEquations, point: Point, sizes: Array) -> tuple
     """StartError for what a steady start, or the parameters that it solves for, leave open. Pressures of what is shut in may
     be any: they keep their guess, and their names are returned."""
     residual, jacobian = equations.with_guesses.at(point)
-    if not np.all(np.isfinite(jacobian)):
+    if not finite(jacobian):
         return ()
-    jacobian = jacobian * sizes
-    jacobian = jacobian * weights(residual, jacobian)[:, None]
-    if factors(jacobian) is not None:
-        return ()
-    _, values, right = np.linalg.svd(jacobian, full_matrices=True)
-    null = right[int((values > 1e-10 * max(values.max(initial=0.0), 1e-300)).sum()):]
+    jacobian = scaled(jacobian, None, sizes)
+    null = null_space(scaled(jacobian, weights(residual, jacobian)), UNDECIDED).T
     assembly = equations.assembly
     solved = [assembly.parameter_names[k] for k in equations.solved_for]
     names = [*assembly.state_names, *assembly.algebraic_names, *solved]

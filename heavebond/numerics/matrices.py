@@ -1,0 +1,167 @@
+"""Linear algebra of the start: Jacobians, dense for small machines and sparse for large ones, of any shape and rank."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+# a dense array, or a `scipy.sparse.csc_array` from LARGE unknowns on
+Matrix = Any
+# singular values below this share of the largest are directions that no equation determines; nominal values may be off by
+# some powers of ten without making a decided direction look like one of these
+RANK = 1e-11
+# unknowns from which on equations are solved by sparse elimination where their rank is beyond doubt. Decomposing a thousand
+# rows takes seconds, eliminating them a few milliseconds.
+LARGE = 200
+# the smallest singular value, as a share of the largest, from which on the rank is beyond doubt: ten times RANK. A chain of
+# n masses at rest has about 1/n**2. Inverse iteration ends when it changes the value by less than a tenth.
+BEYOND_DOUBT, CHANGE, MOST_ITERATIONS = 1e-10, 0.1, 20
+# rows or columns up to which a matrix whose rank is in doubt is decomposed (1000: a second); larger ones are solved
+# with damping, as a share of the largest singular value, repeated until the residual falls no more
+DENSE, DAMPING, MOST_REPEATS = 1000, 1e-8, 30
+# directions that are sought at most in a large matrix, and the steps of the iteration that finds them
+DIRECTIONS, STEPS = 12, 6
+
+
+def finite(matrix: Matrix) -> bool:
+    """Whether every entry is a finite number."""
+    return bool(np.all(np.isfinite(matrix if isinstance(matrix, np.ndarray) else matrix.data)))
+
+
+def scaled(matrix: Matrix, rows: Array | None = None, columns: Array | None = None) -> Matrix:
+    """diag(rows) matrix diag(columns), with rows (m,) and columns (n,)."""
+    if isinstance(matrix, np.ndarray):
+        found = matrix if columns is None else matrix * columns
+        return found if rows is None else found * rows[:, None]
+    found = matrix.copy()
+    if columns is not None:
+        found.data *= np.repeat(columns, np.diff(found.indptr))
+    if rows is not None:
+        found.data *= rows[found.indices]
+    return found
+
+
+def added(matrix: Matrix, rows: NDArray[np.int_] | list[int], columns: NDArray[np.int_], values: Array) -> Matrix:
+    """The matrix with values (k,) added at k different places."""
+    if isinstance(matrix, np.ndarray):
+        matrix[rows, columns] += values
+        return matrix
+    from scipy.sparse import csc_array
+    return csc_array(matrix + csc_array((values, (np.asarray(rows), columns)), shape=matrix.shape))
+
+
+def largest_of_rows(matrix: Matrix) -> Array:
+    """The largest absolute value of each row, (m,)."""
+    if isinstance(matrix, np.ndarray):
+        return np.asarray(np.abs(matrix).max(axis=1, initial=0.0))
+    found = np.zeros(matrix.shape[0])
+    np.maximum.at(found, matrix.indices, np.abs(matrix.data))
+    return found
+
+
+def dense(matrix: Matrix) -> Array:
+    """The matrix as an array."""
+    return matrix if isinstance(matrix, np.ndarray) else np.asarray(matrix.toarray())
+
+
+def factors(matrix: Matrix) -> Any:
+    """The sparse triangular factors of a large square matrix (n, n) of full rank, with their `solve`; None for a small one,
+    and where the rank is in doubt.
+
+    The smallest singular value is estimated by inverse iteration with A A^T, which approaches it from above; the largest is
+    bounded by the norms: |A|_2^2 <= |A|_1 |A|_inf (G. H. Golub, C. F. Van Loan, Matrix Computations, 4th ed., section 2.3).
+    """
+    n = matrix.shape[0]
+    if n < LARGE or matrix.shape != (n, n):
+        return None
+    from scipy.sparse import csc_array
+    from scipy.sparse.linalg import splu
+
+    columns = csc_array(matrix)
+    columns.eliminate_zeros()
+    try:
+        found: Any = splu(columns)
+    except RuntimeError:  # exactly singular
+        return None
+    direction, smallest = np.cos(np.arange(1.0, n + 1)), np.inf
+    for _ in range(MOST_ITERATIONS):
+        direction = found.solve(found.solve(direction / np.linalg.norm(direction), "T"))
+        before, smallest = smallest, 1 / np.sqrt(float(np.linalg.norm(direction)))
+        if not smallest < (1 - CHANGE) * before:
+            break
+    return found if smallest > BEYOND_DOUBT * _bound(columns) else None
+
+
+def _bound(columns: Any) -> float:
+    """An upper bound of the largest singular value."""
+    sizes = abs(columns)
+    return float(np.sqrt(sizes.sum(axis=0).max(initial=0.0) * sizes.sum(axis=1).max(initial=0.0)))
+
+
+def least_change(matrix: Matrix, right: Array) -> Array:
+    """The x (n,) or (n, k) of least norm that solves matrix (m, n) x = right in the sense of least squares."""
+    if (found := factors(matrix)) is not None:
+        return np.asarray(found.solve(right))
+    if max(matrix.shape) <= DENSE:
+        return np.asarray(np.linalg.lstsq(dense(matrix), right, rcond=RANK)[0])
+    return _Damped(matrix).least_change(right)
+
+
+def null_space(matrix: Matrix, share: float) -> Array:
+    """Orthonormal directions (n, k) that matrix (m, n) shortens to less than a share of its largest singular value; of a
+    large one whose rank is in doubt at most DIRECTIONS, the most shortened."""
+    if factors(matrix) is not None:
+        return np.zeros((matrix.shape[1], 0))
+    if max(matrix.shape) <= DENSE:
+        _, values, right = np.linalg.svd(dense(matrix), full_matrices=True)
+        rank = int((values > share * max(values.max(initial=0.0), 1e-300)).sum())
+        return np.asarray(right[rank:].T)
+    return _Damped(matrix).shortened(share)
+
+
+class _Damped:
+    """The equations (A^T A + d^2) x = A^T b of a large sparse matrix A (m, n), as the system
+    [[d, A], [A^T, -d]] [y, x] = [b, 0], whose condition is that of A with its singular values below d raised to d.
+
+    Repeated with what is left of b, its solution approaches that of least norm: a singular value s counts as
+    1 - (d^2 / (s^2 + d^2))^k after k times (iterated Tikhonov regularisation; H. W. Engl, M. Hanke, A. Neubauer,
+    Regularization of Inverse Problems, Kluwer 1996, section 5.1).
+    """
+
+    def __init__(self, matrix: Matrix):
+        from scipy.sparse import block_array, csc_array, eye_array
+        from scipy.sparse.linalg import splu
+
+        self.matrix = csc_array(matrix)
+        m, n = self.matrix.shape
+        self.bound = _bound(self.matrix) or 1.0
+        self.damping = DAMPING * self.bound
+        whole = block_array([[self.damping * eye_array(m), self.matrix], [self.matrix.T, -self.damping * eye_array(n)]])
+        self.factors = splu(csc_array(whole))
+
+    def least_change(self, right: Array) -> Array:
+        m, n = self.matrix.shape
+        found, left, size = np.zeros((n, *right.shape[1:])), right, float(np.linalg.norm(right))
+        for _ in range(MOST_REPEATS):
+            trial = found + self.factors.solve(np.concatenate([left, np.zeros_like(found)]))[m:]
+            left = right - self.matrix @ trial
+            before, size = size, float(np.linalg.norm(left))
+            if not size < before:
+                break
+            found = trial
+            if size > (1 - CHANGE) * before:
+                break
+        return np.asarray(found)
+
+    def shortened(self, share: float) -> Array:
+        """The directions that A shortens below a share of its largest singular value, by inverse subspace iteration."""
+        m, n = self.matrix.shape
+        basis = np.cos(np.outer(np.arange(1.0, n + 1), np.arange(1.0, 1 + min(DIRECTIONS, n))))
+        for _ in range(STEPS):
+            basis = self.factors.solve(np.concatenate([np.zeros((m, basis.shape[1])), -basis]))[m:]
+            basis, _ = np.linalg.qr(basis)
+        _, values, turned = np.linalg.svd(self.matrix @ basis, full_matrices=False)
+        return np.asarray(basis @ turned.T[:, values <= share * self.bound])
