@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import test_library_drivetrain as drivetrain
 from examples import Array, Case, check, without_example
 
 import heavebond as hb
@@ -206,7 +207,7 @@ def test_the_example_shows_the_law(case: Case) -> None:
 
 
 def test_every_component_has_an_example() -> None:
-    assert without_example(["translational", "rotational"], CASES) == []
+    assert without_example(["translational", "rotational"], [*CASES, *drivetrain.CASES]) == []
 
 
 @pytest.mark.parametrize("n", [5, 20])
