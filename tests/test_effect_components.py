@@ -538,7 +538,7 @@ def with_effect(component: Component) -> tuple[str, str]:
     assert effect is not None
     power = [name for name in component.ports if name not in effect.also]
     gas = "pneumatic" in effect.also.values()   # the base has no gas that could press on a seal
-    also = "".join(f"gas: [vessel.a, fx.{name}]\n  " if gas else f"oil: [+fx.{name}]\n  " for name in effect.also)
+    also = "".join(f"air: [bottle.a, fx.{name}]\n  " if gas else f"oil: [+fx.{name}]\n  " for name in effect.also)
     if effect.replaces:
         base, part, given = OLD[effect.replaces]
         own = [n for n in effect.amplitude if effect.amplitude[n] is None]
@@ -549,7 +549,7 @@ def with_effect(component: Component) -> tuple[str, str]:
         return SERVO, (f"components: {{fx: {{is: {component.name}, {absent(component, 'N')}}}}}\n"
                        "nodes: {command: [-push.u, +fx.u], fx_out: [fx.y, push.u]}\n")
     base, across, at, (port, node) = PLACES[component.ports[power[0]].domain]
-    vessel = ", vessel: {is: PneumaticSource, p_0: 7 bar}" if gas else ""
+    vessel = ", bottle: {is: PneumaticSource, p_0: 7 bar}" if gas else ""
     given = f"components: {{fx: {{is: {component.name}, {absent(component)}}}{vessel}}}\nnodes:\n  {also}"
     if "across" in effect.attaches:
         return base, f"{given}{across[0]}: [+fx.{power[0]}]\n  {across[1]}: [+fx.{power[1]}]\n"
