@@ -552,3 +552,17 @@ def test_a_condition_that_is_true_at_the_start_is_named_by_the_verdict(tmp_path:
     if said:
         assert "latch.rise" in str(heard[0].message) and "initial: {switch.on: 1}" in str(heard[0].message)
         assert result.verdict.as_dict()["exit"] == 0
+
+
+def test_an_indicator_that_falls_from_zero_is_no_crossing() -> None:
+    """A condition such as `x > limit` where x leaves the limit: zero at the begin, below it afterwards."""
+    from heavebond.numerics.zero_crossings import crossing
+
+    def falls(t: float) -> tuple[float, float]:
+        return -t * t, -2 * t
+
+    def bounces(t: float) -> tuple[float, float]:  # below zero up to 1/2, and above it at the end
+        return t * (t - 0.5), 2 * t - 0.5
+
+    assert crossing(falls, 0.0, 1.0, 0.0, (1e-17, 0.875), certain=False, precision=1e-12) is None
+    assert crossing(bounces, 0.0, 1.0, 0.0, (1.0, 0.25), certain=True, precision=1e-12) == pytest.approx(0.5, abs=1e-11)

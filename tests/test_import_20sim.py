@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import random
 from pathlib import Path
 
@@ -130,6 +131,146 @@ def test_what_is_not_translated_is_a_part_that_check_names(tmp_path: Path) -> No
     with pytest.warns(hb.RunWarning, match="Brake has no law"):
         run = hb.simulate(hb.load(str(tmp_path / "cart" / "cart.yaml")))
     assert run.time[-1] == 2 and [f.kind for f in run.verdict.findings] == ["placeholder"]
+
+
+def one_part(body: str, outputs: str, finish: float = 2.0, more: str = "") -> str:
+    """A model with one submodel of equations."""
+    ports = "\n".join(f"      signal out {name};" for name in outputs.split())
+    return f"""<?xml version="1.0"?><Document><Model version="4.5"><Sidops><![CDATA[model 0 0
+ type Mainmodel
+ end;
+ implementation bg
+  submodels
+   Part 0 0
+    type Own
+     ports
+{ports}
+    end;
+    implementation eq
+{body}
+implementation_end;
+  end;
+ implementation_end;
+]]></Sidops></Model><Experiments><Experiment><ExpData><RunSpecs><SimulatorSettings><FinishTime>{finish}</FinishTime>
+</SimulatorSettings>{more}</RunSpecs></ExpData></Experiment></Experiments></Document>"""
+
+
+def run_part(folder: Path, text: str, untranslated: int = 0) -> hb.Result:
+    made = import_emx(_file(folder, text), frozenset(library().names()))
+    assert len(made.untranslated) == untranslated, made.untranslated
+    made.write(folder / "out")
+    return hb.simulate(hb.load(str(folder / "out" / "cart.yaml")))
+
+
+def at(run: hb.Result, name: str, *times: float) -> list[float]:
+    return [float(run[f"Part.{name}"][abs(run.time - t).argmin()]) for t in times]
+
+
+def test_integrals_that_are_reset_and_limited(tmp_path: Path) -> None:
+    """resint of 1, set to -1 while 0.5 < t < 0.75; limint of cos(pi t) between 0 and 0.2, which leaves it at t = 1/2."""
+    run = run_part(tmp_path, one_part("""equations
+  y = resint (1, -1, time > 0.5 and time < 0.75, 0.25);
+  w = limint (cos (pi * time), 0, 0.2, 0.1);""", "y w"))
+    assert at(run, "y", 0.4, 0.6, 1.75) == pytest.approx([0.65, -1, 0], abs=1e-6)
+    # 0.1 + sin(pi t)/pi reaches 0.2 at t = 0.1017; from 0.5 on it falls, 0.2 + (sin(pi t) - 1)/pi, to 0 at t = 0.8784
+    assert at(run, "w", 0.05, 0.3, 0.7, 1.2) == pytest.approx(
+        [0.1 + math.sin(0.05 * math.pi) / math.pi, 0.2, 0.2 + (math.sin(0.7 * math.pi) - 1) / math.pi, 0], abs=1e-6)
+
+
+def test_discrete_functions_act_every_sample_time(tmp_path: Path) -> None:
+    """x = 3 t sampled every 0.1 s: hold, the sample before, the sum of the samples before, and the difference quotient."""
+    run = run_part(tmp_path, one_part("""variables
+  real x, s;
+equations
+  x = 3 * time;
+  s = sample (x);
+  held = hold (s, 0);
+  before = hold (previous (s, -1), 0);
+  total = hold (dint (s, 5), 0);
+  slope = hold (ddif (s, 0), 0);""", "held before total slope", more="<D><SampleTime>0.1</SampleTime></D>"))
+    assert at(run, "held", 0.05, 0.55, 1.05) == pytest.approx([0, 1.5, 3.0])
+    assert at(run, "before", 0.05, 0.15, 0.55) == pytest.approx([-1, 0, 1.2])
+    assert at(run, "total", 0.05, 0.55) == pytest.approx([5, 5 + 0.1 * 3 * (0 + 0.1 + 0.2 + 0.3 + 0.4)])
+    assert at(run, "slope", 0.55, 1.55) == pytest.approx([3, 3])
+
+
+def test_a_sample_time_that_is_not_stated_is_listed(tmp_path: Path) -> None:
+    made = import_emx(_file(tmp_path, one_part("equations\n  y = hold (time, 0);", "y")))
+    assert [u.reason[:33] for u in made.untranslated] == ["the file states no sample time; 0"]
+    assert "sampletime: 0.1 s" in made.files["cart.yaml"]
+
+
+@pytest.mark.filterwarnings("ignore:.*is true at the start.*:heavebond.RunWarning")
+def test_events_set_what_their_branches_assign(tmp_path: Path) -> None:
+    """sin(2 pi t) passes zero at every half second: both ways, upwards, and every 0.4 s from 0.1 s on."""
+    run = run_part(tmp_path, one_part("""variables
+  boolean crossing;
+  real wave, n, up, ticks;
+initialequations
+  n = 0; up = 0; ticks = 10;
+equations
+  wave = sin (2 * pi * time + 0.3);
+  crossing = event (wave);
+code
+  if crossing then n = n + 1; end;
+  if eventup (wave) then up = time; end;
+  if frequencyevent (2.5, 0.1) then ticks = ticks + 2; end;
+  count = n;
+  last = up;
+  beats = ticks;""", "count last beats"), untranslated=1)
+    passed = [(k * math.pi - 0.3) / (2 * math.pi) for k in range(1, 5)]
+    assert at(run, "count", passed[0] - 0.01, passed[0] + 0.01, 2) == [0, 1, 4]
+    assert at(run, "last", passed[1] - 0.01, passed[1] + 0.01, 2) == pytest.approx([0, passed[1], passed[3]], abs=1e-6)
+    assert at(run, "beats", 0.05, 0.15, 2) == [10, 12, 20]
+
+
+def test_loops_cases_and_matrices_are_worked_out(tmp_path: Path) -> None:
+    run = run_part(tmp_path, one_part("""constants
+  integer n = 3;
+variables
+  real m[3,3], v[3], s, odd, k, x;
+initialequations
+  k = 0;
+  while k < 4 do k = k + 1; end;
+equations
+  m = [2, 0, 1; 1, 3, 0; 0, 1, 4];
+  v = inverse (m) * [1 + time; 2; 3];
+  first = v[1] * 2 + v[3];
+  volume = det (m) + inner (cross ([1; 0; 0], [0; 1; 0]), [7; 8; 9]);
+code
+  s = 0; odd = 0;
+  for i = 1 to n do s = s + i * time; end;
+  for i = 1 to 7 by 2 do odd = odd + i; end;
+  x = 1;
+  repeat x = 2 * x; until x > 10;
+  total = s + odd + k;
+  doubled = x;
+  switch n
+    case 1 do which = 10;
+    case 2, 3 do which = 20 + time;
+    default do which = 0;
+  end;""", "first volume total doubled which"))
+    assert at(run, "first", 0, 2) == pytest.approx([1, 3])
+    assert at(run, "volume", 1) == pytest.approx([25 + 9])
+    assert at(run, "total", 0.5) == pytest.approx([3 + 16 + 4])
+    assert at(run, "doubled", 1) == [16]
+    assert at(run, "which", 1.5) == pytest.approx([21.5])
+
+
+def test_whole_numbers_follow_their_value(tmp_path: Path) -> None:
+    run = run_part(tmp_path, one_part("""variables
+  real x;
+equations
+  x = 4 * time - 3;
+  down = floor (x);
+  near = round (x);
+  up = ceil (x);
+  inwards = trunc (x);""", "down near up inwards"))
+    times = [0.1, 0.4, 0.7, 0.9, 1.2, 1.9]  # x = -2.6, -1.4, -0.2, 0.6, 1.8, 4.6
+    assert at(run, "down", *times) == [-3, -2, -1, 0, 1, 4]
+    assert at(run, "near", *times) == [-3, -1, 0, 1, 2, 5]
+    assert at(run, "up", *times) == [-2, -1, 0, 1, 2, 5]
+    assert at(run, "inwards", *times) == [-2, -1, 0, 0, 1, 4]
 
 
 @pytest.mark.parametrize("text", [

@@ -120,6 +120,11 @@ class Translator:
             if shared in self.emx.parameters:
                 values[own] = self.emx.parameters[shared]
                 made.items[own].value = values[own]
+        for held, first in made.first.items():
+            value = fold(first, {**builder.numbers, **values})
+            if value is None:
+                made.untranslated.append((builder.submodel.line, f"the first value of '{held}' is not a number"))
+            made.items[held].value = value or 0.0
         for variable, first in list(made.initial.items()):
             stated = self.emx.initials.get(f"{old}\\{variable}_initial")
             value = fold(first, {**builder.numbers, **values}) if stated is None else stated

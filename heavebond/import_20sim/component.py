@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from heavebond.import_20sim.sidops_tree import Expr
@@ -19,19 +20,27 @@ class Item:
 
 
 @dataclass
+class Event:
+    """An entry under `when:`: its instant ({"condition": ...}, {"at": ...} or {"every": ..., "from": ...}), what it sets."""
+
+    when: dict[str, str]
+    then: dict[str, Expr]
+
+
+@dataclass
 class Component:
-    """A component made of equations. `initial` are conditions by variable, `events` (key, formula, what is set),
-    `shared` the global quantities that it needs by
-    their own name, `gives` those that it computes, `untranslated` lines with reasons, for which
-    the whole component is a placeholder, `omitted` what is left out while all else is translated."""
+    """A component made of equations. `initial` are conditions by variable, `first` the values that held variables begin
+    with, `shared` the global quantities that it needs by their own name, `gives` those that it computes, `untranslated`
+    lines with reasons, for which the whole component is a placeholder, `omitted` what is left out or was ambiguous."""
 
     name: str
     summary: str
     line: int = 0
     items: dict[str, Item] = field(default_factory=dict)
     equations: list[tuple[Expr, Expr, str]] = field(default_factory=list)
-    events: dict[str, tuple[str, str, dict[str, Expr]]] = field(default_factory=dict)
+    events: dict[str, Event] = field(default_factory=dict)
     initial: dict[str, Expr] = field(default_factory=dict)
+    first: dict[str, Expr] = field(default_factory=dict)
     shared: dict[str, str] = field(default_factory=dict)
     gives: dict[str, str] = field(default_factory=dict)
     untranslated: list[tuple[int, str]] = field(default_factory=list)
@@ -39,3 +48,25 @@ class Component:
 
     def of_kind(self, *kinds: str) -> list[Item]:
         return [item for item in self.items.values() if item.kind in kinds]
+
+    def fresh(self, base: str) -> str:
+        """A name that no item and no event has."""
+        k, found = 1, base
+        while found in self.items or found in self.events:
+            k, found = k + 1, f"{base}_{k + 1}"
+        return found
+
+    def on(self, name: str, when: dict[str, str], then: Mapping[str, Expr]) -> None:
+        """Set values at an instant; what happens at the same instant is one event, unless both set the same variable."""
+        for event in self.events.values():
+            if event.when == when and not set(event.then) & set(then):
+                event.then.update(then)
+                return
+        self.events[self.fresh(name)] = Event(when, dict(then))
+
+    def hold(self, base: str, unit: str, doc: str, first: Expr) -> str:
+        """A new held variable with its first value."""
+        name = self.fresh(base)
+        self.items[name] = Item(name, "held", unit, doc, 0.0)
+        self.first[name] = first
+        return name

@@ -23,8 +23,7 @@ class EmxFile:
     sidops: str = ""
     first_line: int = 1
     finish: float | None = None
-    step: float | None = None
-    method: str = ""
+    sample_time: float | None = None
     parameters: dict[str, float] = field(default_factory=dict)
     initials: dict[str, float] = field(default_factory=dict)
     plotted: list[str] = field(default_factory=list)
@@ -79,8 +78,8 @@ class _Handler:
             self.found.plotted.append(text)
         elif tag == "FinishTime":
             self.found.finish = _number(text)
-        elif tag in ("CurrentIntegrationMethod", "ActiveIntegrationMethod", "IntegrationMethodName"):
-            self.found.method = text
+        elif tag in ("SampleTime", "SampleFrequency") and self.found.sample_time is None and (value := _number(text)):
+            self.found.sample_time = value if tag == "SampleTime" else 1 / value
 
 
 def _number(text: str) -> float | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -20,15 +21,22 @@ MEMBERS = {"power": ("e", "f"), "hydraulic": ("p", "phi"), "translation": ("F", 
            "mechanical": ("F", "v"), "acoustic": ("p", "phi"), "magnetic": ("um", "phi"), "diffusion": ("mu", "dN"),
            "petrinet": ("e", "f"), "hydraulic psi": ("p", "phi")}
 MOST_ELEMENTS = 2000
+LARGEST_INVERSE = 4  # by cofactors, whose number grows with the factorial
 
 
 class Calculus(Protocol):
     """What the component that is being made does for an expression."""
 
     def state(self, rate: Expr, first: Expr | None, line: int) -> Expr: ...
+    def resettable(self, args: list[Expr], line: int) -> Expr: ...
+    def limited(self, args: list[Expr], line: int) -> Expr: ...
+    def discrete(self, kind: str, args: list[Expr], line: int) -> Expr: ...
+    def sample_time(self) -> Expr: ...
     def event(self, kind: str, args: list[Expr], line: int) -> Expr: ...
-    def step_count(self, ratio: Expr, line: int) -> Expr: ...
+    def floor(self, value: Expr) -> Expr: ...
+    def truncated(self, ratio: Expr) -> Expr: ...
     def noise(self, line: int) -> Expr: ...
+    def note(self, line: int, what: str) -> None: ...
 
 
 @dataclass
@@ -80,7 +88,7 @@ class Evaluator:
         if op in (".*", "./"):
             op = op[1]
         if op in ("mod", "div"):
-            count = self.make.step_count(Expr("/", (a, b)), line)
+            count = self.make.truncated(Expr("/", (a, b)))
             return count if op == "div" else Expr("-", (a, f.multiply(b, count)))
         if op == "xor":
             return Expr("!=", (_number(a), _number(b)))
@@ -97,6 +105,8 @@ class Evaluator:
                  "false": f.number(0), "major": f.number(1), "twopi": f.multiply(f.number(2), f.name("pi"))}
         if expr.name.lower() in known:
             return [[known[expr.name.lower()]]]
+        if expr.name.lower() == "sampletime":
+            return [[self.make.sample_time()]]
         raise Unreadable(expr.line, f"'{expr.name}' is not declared")
 
     def _matrix(self, expr: Expr) -> Matrix:
@@ -139,33 +149,33 @@ class Evaluator:
                 [[first[0][0] for _ in row] for row in inner]
             return [[self.make.state(e, spread[i][k] if spread else None, expr.line) for k, e in enumerate(row)]
                     for i, row in enumerate(inner)]
-        if name == "transpose":
-            rows = self(expr.args[0])
-            return [[row[k] for row in rows] for k in range(len(rows[0]))]
-        if name == "inverse":
-            return _inverse(self(expr.args[0]), expr.line)
-        if name in ("inner", "norm"):
-            flat = [e for row in self(expr.args[0]) for e in row]
-            other = flat if name == "norm" else [e for row in self(expr.args[1]) for e in row]
-            total = f.number(0)
-            for a, b in zip(flat, other, strict=False):
-                total = f.add(total, f.multiply(a, b))
-            return [[f.call("sqrt", total) if name == "norm" else total]]
-        if name in ("sum", "msum"):
-            total = f.number(0)
-            for e in (e for arg in expr.args for row in self(arg) for e in row):
-                total = f.add(total, e)
-            return [[total]]
+        if name in MATRICES:
+            try:
+                return MATRICES[name](*[self(a) for a in expr.args])
+            except (TypeError, ValueError, IndexError):
+                raise Unreadable(expr.line, f"the sizes of the arguments of `{expr.name}` do not match") from None
+        if name in ("eye", "identity"):
+            n = self.whole(expr.args[0])
+            return [[f.number(float(i == k)) for k in range(n)] for i in range(n)]
+        if name in ("sum", "msum", "min", "max"):
+            flat = [e for arg in expr.args for row in self(arg) for e in row]
+            return [[_total(flat) if name in ("sum", "msum") else f.call(name, *flat)]]
+        if name in SAME and len(expr.args) == 1:
+            if name == "log":
+                self.make.note(expr.line, "`log` is read as the natural logarithm")
+            return [[f.call(SAME[name], e) for e in row] for row in self(expr.args[0])]
         args = [self.scalar(a) for a in expr.args if a.op != "text"]
         return [[self._function(name, args, expr)]]
 
     def _function(self, name: str, args: list[Expr], expr: Expr) -> Expr:
-        if name in SAME and len(args) == 1:
-            return f.call(SAME[name], *args)
-        if name in ("min", "max") and args:
-            return f.call(name, *args)
         if name in ("event", "eventup", "eventdown", "timeevent", "frequencyevent"):
             return self.make.event(name, args, expr.line)
+        if name in ("sample", "hold", "previous", "dint", "ddif"):
+            return self.make.discrete(name, args, expr.line)
+        if name in ("resint", "limint"):
+            return (self.make.resettable if name == "resint" else self.make.limited)(args, expr.line)
+        if name in ("floor", "round", "ceil", "trunc", "truncate") and len(args) == 1:
+            return self._rounded(name, args[0])
         if name in ("gauss", "ran"):
             return self.make.noise(expr.line)
         try:
@@ -174,7 +184,24 @@ class Evaluator:
             raise Unreadable(expr.line, f"the function `{expr.name}` is not translated") from None
 
 
+    def _rounded(self, name: str, value: Expr) -> Expr:
+        """A whole number beside a value, which events follow."""
+        if name == "floor":
+            return self.make.floor(value)
+        if name == "ceil":
+            return f.negative(self.make.floor(f.negative(value)))
+        if name == "round":
+            return self.make.floor(f.add(value, f.number(0.5)))
+        return self.make.truncated(value)
+
+
 FUNCTIONS: dict[str, Callable[..., Expr]] = {
+    "algebraic": lambda x, *_: x,
+    "exp10": lambda x: Expr("^", (f.number(10), x)),
+    "arcsinh": lambda x: f.call("log", f.add(x, f.call("sqrt", f.add(Expr("^", (x, f.number(2))), f.number(1))))),
+    "arccosh": lambda x: f.call("log", f.add(x, f.call("sqrt", Expr("-", (Expr("^", (x, f.number(2))), f.number(1)))))),
+    "arctanh": lambda x: Expr("/", (f.call("log", Expr("/", (f.add(f.number(1), x), Expr("-", (f.number(1), x))))),
+                                    f.number(2))),
     "sqr": lambda x: Expr("^", (x, f.number(2))),
     "exp2": lambda x: Expr("^", (f.number(2), x)),
     "log10": lambda x: Expr("/", (f.call("log", x), f.call("log", f.number(10)))),
@@ -231,15 +258,72 @@ def _product(a: Matrix, b: Matrix, line: int) -> Matrix:
     return found
 
 
-def _inverse(m: Matrix, line: int) -> Matrix:
-    if len(m) == 1 and len(m[0]) == 1:
-        return [[Expr("/", (f.number(1), m[0][0]))]]
-    if len(m) != 2 or len(m[0]) != 2:
-        raise Unreadable(line, "the inverse of a matrix larger than 2 x 2 is not translated")
-    (a, b), (c, d) = m
-    size = Expr("-", (f.multiply(a, d), f.multiply(b, c)))
-    return [[Expr("/", (d, size)), Expr("/", (f.negative(b), size))],
-            [Expr("/", (f.negative(c), size)), Expr("/", (a, size))]]
+def _total(elements: list[Expr]) -> Expr:
+    total = f.number(0)
+    for e in elements:
+        total = f.add(total, e)
+    return total
+
+
+def _inner(a: Matrix, b: Matrix) -> Matrix:
+    pairs = zip([e for row in a for e in row], [e for row in b for e in row], strict=True)
+    return [[_total([f.multiply(x, y) for x, y in pairs])]]
+
+
+def _cross(a: Matrix, b: Matrix) -> Matrix:
+    (x, y, z), (u, v, w) = ([e for row in m for e in row] for m in (a, b))
+    return [[Expr("-", (f.multiply(p, q), f.multiply(r, s)))] for p, q, r, s in ((y, w, z, v), (z, u, x, w), (x, v, y, u))]
+
+
+def _skew(a: Matrix) -> Matrix:
+    x, y, z = (e for row in a for e in row)
+    zero = f.number(0)
+    return [[zero, f.negative(z), y], [z, zero, f.negative(x)], [f.negative(y), x, zero]]
+
+
+def _minor(m: Matrix, i: int, k: int) -> Matrix:
+    return [[e for j, e in enumerate(row) if j != k] for h, row in enumerate(m) if h != i]
+
+
+def _determinant(m: Matrix) -> Expr:
+    """By expansion along the first row."""
+    if not m or any(len(row) != len(m) for row in m) or len(m) > LARGEST_INVERSE:
+        raise ValueError
+    if len(m) == 1:
+        return m[0][0]
+    total = f.number(0)
+    for k, e in enumerate(m[0]):
+        term = f.multiply(e, _determinant(_minor(m, 0, k)))
+        total = f.add(total, term if k % 2 == 0 else f.negative(term))
+    return total
+
+
+def _adjoint(m: Matrix) -> Matrix:
+    """The transposed matrix of the cofactors: inverse times determinant."""
+    if len(m) == 1:
+        return [[f.number(1)]]
+    signed = [[_determinant(_minor(m, i, k)) for k in range(len(m))] for i in range(len(m))]
+    return [[signed[k][i] if (i + k) % 2 == 0 else f.negative(signed[k][i]) for k in range(len(m))] for i in range(len(m))]
+
+
+def _inverse(m: Matrix) -> Matrix:
+    size = _determinant(m)
+    return [[Expr("/", (e, size)) for e in row] for row in _adjoint(m)]
+
+
+def _diagonal(m: Matrix) -> Matrix:
+    flat = [e for row in m for e in row]
+    return [[e if i == k else f.number(0) for k in range(len(flat))] for i, e in enumerate(flat)]
+
+
+MATRICES: dict[str, Callable[..., Matrix]] = {
+    "transpose": lambda m: [[row[k] for row in m] for k in range(len(m[0]))],
+    "inverse": _inverse, "adjoint": _adjoint, "det": lambda m: [[_determinant(m)]], "cross": _cross, "skew": _skew,
+    "diag": _diagonal, "inner": _inner, "norm": lambda m: [[f.call("sqrt", _inner(m, m)[0][0])]],
+    "norm2": lambda m: [[f.call("sqrt", _inner(m, m)[0][0])]], "rows": lambda m: [[f.number(float(len(m)))]],
+    "columns": lambda m: [[f.number(float(len(m[0])))]],
+    "trace": lambda m: [[_total([row[k] for k, row in enumerate(m)])]],
+}
 
 
 def fold(expr: Expr, numbers: Mapping[str, float]) -> float | None:
@@ -254,17 +338,19 @@ def _fold(expr: Expr, numbers: Mapping[str, float]) -> float | None:
     if expr.op == "name":
         return numbers.get(expr.name)
     values = [fold(e, numbers) for e in expr.args]
-    if expr.op not in ("+", "-", "*", "/", "negative", "^") or None in values:
+    if expr.op not in FOLDED or None in values:
         return None
+    a, b = (*values, 0.0)[:2]
+    assert a is not None and b is not None
     try:
-        a, b = (*values, 0.0)[:2]
-        assert a is not None and b is not None
-        if expr.op == "negative":
-            return -a
-        if expr.op in "+-":
-            return a + b if expr.op == "+" else a - b
-        if expr.op in "*/":
-            return a*b if expr.op == "*" else a/b
-        return math.pow(a, b)
+        return float(FOLDED[expr.op](a, b))
     except (ZeroDivisionError, OverflowError, ValueError):
         return None
+
+
+FOLDED: dict[str, Callable[[float, float], float]] = {
+    "negative": lambda a, _: -a, "+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv,
+    "^": math.pow, "<": operator.lt, ">": operator.gt, "<=": operator.le, ">=": operator.ge, "==": operator.eq,
+    "!=": operator.ne, "and": lambda a, b: bool(a) and bool(b), "or": lambda a, b: bool(a) or bool(b),
+    "not": lambda a, _: not a,
+}

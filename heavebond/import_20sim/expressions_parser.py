@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from heavebond.core.errors import ModelError, Place, Problem
 from heavebond.import_20sim.sidops_lexer import Lexed, Token
-from heavebond.import_20sim.sidops_tree import Assign, Declared, Do, Expr, For, If, Statement
+from heavebond.import_20sim.sidops_tree import Assign, Declared, Do, Expr, For, If, Statement, While
 
 DEEPEST = 60
 LARGEST = 1e100
@@ -197,9 +197,11 @@ class Reader:
             return self._if(token)
         if token.word == "for":
             return self._for()
-        if token.word in ("while", "repeat", "switch"):
+        if token.word in ("while", "repeat"):
+            return self._while()
+        if token.word == "switch":
             self.take()
-            raise Unreadable(token.line, f"`{token.word}` is not translated")
+            return self._switch(token.line)
         left = self.expression(equals=False)
         if left.op == "call" and self.now.text != "=":
             self.skip(";")
@@ -231,11 +233,57 @@ class Reader:
         first = self.expression()
         self.need("to")
         last = self.expression()
+        step = self.expression() if self.skip("by") else None
         self.need("do")
         body = self.statements("end")
         self.need("end")
         self.skip(";")
-        return For(name, first, last, tuple(body), line)
+        return For(name, first, last, tuple(body), line, step)
+
+    def _while(self) -> While:
+        token = self.take()
+        if token.word == "while":
+            condition = self.expression()
+            self.need("do")
+            body = self.statements("end")
+            self.need("end")
+        else:
+            body = self.statements("until")
+            self.need("until")
+            condition = self.expression()
+        self.skip(";")
+        return While(condition, tuple(body), token.word == "repeat", token.line)
+
+    def _switch(self, line: int) -> Statement:
+        """`switch x case 1 do ... default do ... end` as nested choices; each case may have an `end` of its own."""
+        value, closed = self.expression(), False
+        branches: list[tuple[Expr, list[Statement]]] = []
+        otherwise: list[Statement] = []
+        while self.now.word in ("case", "default"):
+            case = self.take().word == "case"
+            tests = [Expr("==", (value, self.expression()), line=line)] if case else []
+            while case and self.skip(","):
+                tests.append(Expr("==", (value, self.expression()), line=line))
+            self.need("do")
+            body = self.statements("end", "case", "default")
+            if self.skip("end"):
+                self.skip(";")
+                closed = closed or self.now.word in ("case", "default")
+            if case:
+                test = tests[0]
+                for other in tests[1:]:
+                    test = Expr("or", (test, other), line=line)
+                branches.append((test, body))
+            else:
+                otherwise = body
+        if closed:  # the last `end` was that of the last case
+            self.need("end")
+            self.skip(";")
+        if not branches:
+            raise Unreadable(line, "a `switch` has no `case`")
+        for test, body in reversed(branches):
+            otherwise = [If(test, tuple(body), tuple(otherwise), line)]
+        return otherwise[0]
 
     # -- declarations ------------------------------------------------------------------------------------------------
     def declarations(self, problems: list[tuple[int, str]]) -> list[Declared]:

@@ -68,6 +68,11 @@ def text(expr: Expr) -> str:
     return _text(expr)[0]
 
 
+def value_text(expr: Expr) -> str:
+    """The text of an expression where a number is needed: a comparison becomes 1 or 0."""
+    return _value(expr)
+
+
 def _number(value: float) -> str:
     return f"{value:.0f}" if value == int(value) and abs(value) < 1e6 else f"{value!r}"
 

@@ -13,6 +13,7 @@ from heavebond.import_20sim.block import Block, Translator
 from heavebond.import_20sim.component import Component, Item
 from heavebond.import_20sim.emx_file import EmxFile, read_emx
 from heavebond.import_20sim.evaluate import fold
+from heavebond.import_20sim.memory import SAMPLE_TIME
 from heavebond.import_20sim.names import identifier, snake
 from heavebond.import_20sim.sidops_lexer import tokenise
 from heavebond.import_20sim.sidops_parser import parse_sidops
@@ -24,6 +25,8 @@ from heavebond.import_20sim.write import (
     quantity,
     scalar,
 )
+
+ASSUMED_SAMPLE_TIME = 0.1  # s
 
 
 @dataclass(frozen=True)
@@ -89,6 +92,7 @@ class _Writer:
 
     def _shared(self) -> None:
         """Global parameters become parameters of the diagram; global variables, inputs of what reads them."""
+        self._sample_time()
         missing: set[str] = set()
         givers: dict[str, str] = {}
         for path, made in self.translator.components:
@@ -123,6 +127,18 @@ class _Writer:
                                                                      "value; 0 is used"))
                     missing.add(base)
                     item.kind, item.value = "parameter", 0.0
+
+    def _sample_time(self) -> None:
+        """The sample time of the discrete parts, where there are any."""
+        found = self.emx.sample_time
+        for path, made in self.translator.components:
+            if made.shared.get(SAMPLE_TIME) != SAMPLE_TIME:
+                continue
+            if self.emx.sample_time is None and found is None:
+                found = ASSUMED_SAMPLE_TIME
+                self.result.untranslated.append(Untranslated(path, made.line, "the file states no sample time; "
+                                                             f"{found} s is used: set `{SAMPLE_TIME}` in the diagram"))
+            made.items[SAMPLE_TIME].value = found
 
     def _place(self, made: Block) -> None:
         """Write what a block consists of, the inner files first."""

@@ -45,6 +45,17 @@ class For:
     last: Expr
     body: tuple[Statement, ...]
     line: int
+    step: Expr | None = None
+
+
+@dataclass(frozen=True)
+class While:
+    """`while c do ... end`; with `after`, `repeat ... until c`."""
+
+    condition: Expr
+    body: tuple[Statement, ...]
+    after: bool
+    line: int
 
 
 @dataclass(frozen=True)
@@ -56,7 +67,7 @@ class Do:
     error: str = ""
 
 
-Statement = Assign | If | For | Do
+Statement = Assign | If | For | While | Do
 
 
 @dataclass(frozen=True)

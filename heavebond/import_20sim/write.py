@@ -76,9 +76,10 @@ def component_text(made: Component, name: str) -> str:
             lines.append(f"  {f.text(left):<{width}} = {_side(right)}{said}")
     if made.events:
         lines.append("when:")
-        for event, (key, formula, then) in made.events.items():
-            values = mapping((n, scalar_formula(f.text(v))) for n, v in then.items())
-            lines.append(f"  {event}: {{{key}: {scalar_formula(formula)}, then: {values}}}")
+        for name_of, event in made.events.items():
+            instant = [(key, scalar_formula(formula)) for key, formula in event.when.items()]
+            values = mapping((n, scalar_formula(f.value_text(v))) for n, v in event.then.items())
+            lines.append(f"  {name_of}: {mapping([*instant, ('then', values)])}")
     if any(item.kind == "bond" for item in made.items.values()):
         lines.append('power: "controlled, imported equations whose power balance is not checked"')
     return "\n".join(lines) + "\n"
@@ -88,7 +89,7 @@ def _side(expr: object) -> str:
     from heavebond.import_20sim.sidops_tree import Expr
 
     assert isinstance(expr, Expr)
-    return f.text(expr) if expr.op not in f.TRUTHS else f"if_else({f.text(expr)}, 1, 0)"
+    return f.value_text(expr)
 
 
 def scalar_formula(text: str) -> str:

@@ -81,6 +81,11 @@ def crossing(indicator: Indicator, begin: float, end: float, first: float, extre
         low = next((t for share in shares if indicator(t := begin + (end - begin) * share)[0] < 0), begin)
         if low == begin:
             return begin if certain else None
+        if not certain and indicator(end)[0] <= 0:
+            # below zero at both ends of what is left: above it between them at most where the cubic is highest
+            high = begin + (end - begin) * extremes[0]
+            if high <= low or indicator(high)[0] <= 0:
+                return None
     elif not certain:
         high = begin + (end - begin) * extremes[0]
         if indicator(high)[0] <= 0:

@@ -1,0 +1,153 @@
+"""Nested choices, `if c then a else b` as values: simplified, without events, and taken apart into conditions and values."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from heavebond.import_20sim import formula_text as f
+from heavebond.import_20sim.sidops_tree import Expr
+
+TRUE, FALSE = f.number(1), f.number(0)
+OPPOSITE = {"<": ">=", ">=": "<", ">": "<=", "<=": ">", "==": "!=", "!=": "=="}
+
+
+def rebuilt(expr: Expr, change: Callable[[Expr], Expr]) -> Expr:
+    """The expression with `change` applied to its arguments."""
+    return Expr(expr.op, tuple(change(e) for e in expr.args), expr.name, expr.value, expr.line, expr.columns)
+
+
+def simplified(expr: Expr) -> Expr:
+    """The same value with the choices and conditions decided that known numbers decide."""
+    expr = rebuilt(expr, simplified)
+    if expr.op == "if":
+        return _choice(expr)
+    if expr.op in ("and", "or"):
+        return _joined(expr)
+    if expr.op == "not":
+        inner = expr.args[0]
+        if inner.op == "number":
+            return FALSE if inner.value else TRUE
+        if inner.op == "not":
+            return inner.args[0]
+        return Expr(OPPOSITE[inner.op], inner.args) if inner.op in OPPOSITE else expr
+    if expr.op in OPPOSITE:
+        return _compared(expr)
+    return expr
+
+
+def _choice(expr: Expr) -> Expr:
+    condition, then, otherwise = expr.args
+    if condition.op == "number":
+        return then if condition.value else otherwise
+    return then if then == otherwise else expr
+
+
+def _joined(expr: Expr) -> Expr:
+    left, right = expr.args
+    ends = expr.op == "or"  # the value of a side that decides the whole
+    for side, other in ((left, right), (right, left)):
+        if side.op == "number":
+            return (TRUE if ends else FALSE) if bool(side.value) == ends else other
+    if left == right:
+        return left
+    return expr if ends else _and(expr)
+
+
+def _and(expr: Expr) -> Expr:
+    """`a and b` without what follows from the rest: `x >= 1 and x > 1` is `x > 1`."""
+    parts = _parts(expr)
+    kept = [p for p in parts if not any(_follows(p, q) for q in parts)]
+    found = kept[0]
+    for part in kept[1:]:
+        found = Expr("and", (found, part))
+    return found
+
+
+def _parts(expr: Expr) -> list[Expr]:
+    found = [p for side in expr.args for p in _parts(side)] if expr.op == "and" else [expr]
+    return list(dict.fromkeys(found))
+
+
+SHARPER = {">=": (">", "=="), "<=": ("<", "=="), "!=": (">", "<")}
+
+
+def _follows(a: Expr, b: Expr) -> bool:
+    """Whether a comparison follows from a sharper one of the same two values."""
+    return a.args == b.args and b.op in SHARPER.get(a.op, ())
+
+
+def _compared(expr: Expr) -> Expr:
+    """A comparison of two numbers, or of a choice between numbers with a number."""
+    left, right = expr.args
+    if left.op == "number" and right.op == "number":
+        a, b = left.value, right.value
+        return TRUE if {"<": a < b, ">": a > b, "<=": a <= b, ">=": a >= b, "==": a == b, "!=": a != b}[expr.op] else FALSE
+    if left.op == "if" and right.op == "number" and all(e.op == "number" for e in left.args[1:]):
+        sides = [_compared(Expr(expr.op, (e, right))) == TRUE for e in left.args[1:]]
+        if sides[0] == sides[1]:
+            return TRUE if sides[0] else FALSE
+        return f.truth(left.args[0]) if sides[0] else simplified(Expr("not", (f.truth(left.args[0]),)))
+    return expr
+
+
+def triggers(expr: Expr) -> list[Expr]:
+    """The events in an expression, each once."""
+    found = [expr] if expr.op == "event" else []
+    return list(dict.fromkeys([*found, *(e for arg in expr.args for e in triggers(arg))]))
+
+
+def at_event(expr: Expr, event: Expr | None) -> Expr:
+    """The expression at the instant of an event, or between events: the others are false."""
+    def change(e: Expr) -> Expr:
+        if e.op == "event":
+            return TRUE if e == event else FALSE
+        return rebuilt(e, change)
+
+    return simplified(change(expr))
+
+
+def at_start(expr: Expr) -> Expr:
+    """The expression at the initial time, where an instant that has passed counts as an event."""
+    def change(e: Expr) -> Expr:
+        if e.op == "event":
+            return Expr(">=", (f.name("time"), e.args[0])) if e.name == "time" else FALSE
+        return rebuilt(e, change)
+
+    return simplified(change(expr))
+
+
+def names(expr: Expr) -> list[str]:
+    """The names in an expression."""
+    return [expr.name] if expr.op in ("name", "prev") else [n for e in expr.args for n in names(e)]
+
+
+def keeps(expr: Expr, name: str) -> bool:
+    """Whether a value depends on the value that the variable had before."""
+    return (expr.op in ("prev", "name") and expr.name == name) or any(keeps(e, name) for e in expr.args)
+
+
+def renamed(expr: Expr, old: str, new: Expr) -> Expr:
+    """An expression with `new` in place of a variable or its former value."""
+    if expr.op in ("name", "prev") and expr.name == old:
+        return new
+    return rebuilt(expr, lambda e: renamed(e, old, new))
+
+
+def replaced(expr: Expr, name: str, value: Expr) -> Expr:
+    """An expression with a value in place of the one that a variable had before."""
+    return value if expr.op == "prev" and expr.name == name else rebuilt(expr, lambda e: replaced(e, name, value))
+
+
+def leaves(expr: Expr, held: Expr) -> list[tuple[Expr, Expr]]:
+    """The conditions and values of a nested choice, without the branches that keep the value."""
+    if expr.op != "if":
+        return []
+    condition, then, otherwise = expr.args
+    condition = f.truth(condition)
+    found = []
+    for guard, branch in ((condition, then), (Expr("not", (condition,)), otherwise)):
+        if branch == held:
+            continue
+        inner = leaves(branch, held)
+        found += [(Expr("and", (guard, c)), v) for c, v in inner] if branch.op == "if" else [(guard, branch)]
+    return [(simplified(c), v) for c, v in found]

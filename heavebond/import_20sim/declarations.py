@@ -1,0 +1,140 @@
+"""The symbols of a submodel: constants, ports, parameters and variables as items of a component."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from functools import partial
+
+from heavebond.import_20sim import formula_text as f
+from heavebond.import_20sim.component import Component, Item
+from heavebond.import_20sim.evaluate import MEMBERS, MOST_ELEMENTS, Calculus, Evaluator, Matrix, fold
+from heavebond.import_20sim.expressions_parser import Unreadable
+from heavebond.import_20sim.names import identifier
+from heavebond.import_20sim.sidops_tree import Declared, Equations, Expr, Port, Submodel
+from heavebond.import_20sim.units import unit_text
+
+ACROSS_IS_FLOW = {"translation", "rotation", "mechanical"}
+
+
+class Symbols:
+    """The names of a submodel with their elements; `ends` are the connections of a knot's ports (name, direction)."""
+
+    def __init__(self, submodel: Submodel, made: Component, calculus: Calculus, ends: Iterable[tuple[str, str, str]]):
+        self.submodel, self.source, self.made = submodel, submodel.equations or Equations(), made
+        self.names: dict[str, Matrix] = {}
+        self.many: dict[str, list[tuple[str, bool]]] = {}  # of a knot's port: elements and whether they point out
+        self.numbers: dict[str, float] = {}
+        self.evaluate = Evaluator(self.names, self.numbers, calculus)
+        self.ends = list(ends)
+
+    def declare(self) -> None:
+        """Enter all symbols; those that cannot be read are listed in the component."""
+        for constant in self.source.constants:
+            self.guard(partial(self._constant, constant), constant.line)
+        everything = [*self.submodel.parameters, *self.source.parameters]
+        for parameter in everything:  # sizes may need whole parameters
+            if parameter.kind == "integer" and parameter.value is not None and not parameter.size:
+                value = fold(parameter.value, self.numbers)
+                if value is not None:
+                    self.numbers[parameter.name] = value
+        for port in self.submodel.ports:
+            self.guard(partial(self._port, port), port.line)
+        for parameter in everything:
+            self.guard(partial(self._parameter, parameter), parameter.line)
+        for variable in [*self.submodel.variables, *self.source.variables, *self.source.externals]:
+            self.guard(partial(self._variable, variable), variable.line)
+        for parameter in everything:
+            if not parameter.size:
+                self.numbers.pop(parameter.name, None)
+
+    def guard(self, action: Callable[[], None], line: int) -> None:
+        """Do something; list what cannot be read."""
+        try:
+            action()
+        except Unreadable as problem:
+            self.made.untranslated.append((problem.line or line, problem.reason))
+
+    def _constant(self, item: Declared) -> None:
+        if item.kind == "string" or item.value is None:
+            return
+        value = fold(self.evaluate.scalar(item.value), self.numbers)
+        if value is not None:
+            self.numbers[item.name] = value
+
+    def _shape(self, size: tuple[Expr, ...]) -> tuple[int, int]:
+        sizes = [self.evaluate.whole(e) for e in size]
+        rows, columns = (*sizes, 1, 1)[:2] if sizes else (1, 1)
+        if rows < 1 or columns < 1 or rows * columns > MOST_ELEMENTS:
+            raise Unreadable(self.submodel.line, f"a size of {rows} x {columns} is not possible")
+        return rows, columns
+
+    def _elements(self, label: str, size: tuple[Expr, ...], *, taken: bool = True) -> list[list[str]]:
+        """The names of the elements of a quantity: `x`, or `x_1`, `x_2`, or `x_1_1` ..."""
+        rows, columns = self._shape(size)
+        base = identifier(label)
+        while taken and base in self.made.items:
+            base += "_"
+        if (rows, columns) == (1, 1):
+            return [[base]]
+        if columns == 1:
+            return [[f"{base}_{i + 1}"] for i in range(rows)]
+        return [[f"{base}_{i + 1}_{k + 1}" for k in range(columns)] for i in range(rows)]
+
+    def _port(self, port: Port) -> None:
+        if not port.many:
+            self._end(port, port.name, self._elements(port.name, port.size, taken=False), port.direction == "out")
+            return
+        self.many[port.name] = [(identifier(name), way == "out") for own, name, way in self.ends if own == port.name]
+        rows, columns = self._shape(port.size)
+        for label, out in self.many[port.name]:
+            group = [[label]] if rows * columns == 1 else [[f"{label}_{i + 1}"] for i in range(rows * columns)]
+            self._end(port, label, group, out)
+
+    def _end(self, port: Port, label: str, group: list[list[str]], out: bool) -> None:
+        """One port of the component with its elements."""
+        names = [e for row in group for e in row]
+        if port.domain == "signal":
+            for name in names:
+                self.made.items[name] = Item(name, "out" if port.direction == "out" else "in", port.unit)
+            self.names[label] = [[f.name(e) for e in row] for row in group]
+            return
+        for name in names:
+            self.made.items[name] = Item(name, "bond", "", "" if port.domain == "power" else port.domain)
+        effort = [[f.name(f"{e}.e") for e in row] for row in group]
+        flow = [[f.negative(f.name(f"{e}.f")) if out else f.name(f"{e}.f") for e in row] for row in group]
+        a, b = MEMBERS.get(port.domain, ("e", "f"))
+        across, through = (flow, effort) if port.domain in ACROSS_IS_FLOW else (effort, flow)
+        self.names.update({f"{label}.e": effort, f"{label}.f": flow, f"{label}.{a}": effort, f"{label}.{b}": flow,
+                           f"{label}.a": across, f"{label}.t": through})
+
+    def _parameter(self, item: Declared) -> None:
+        if item.kind == "string":
+            return
+        names = self._elements(item.name, item.size)
+        unit, factor, doc = unit_text(item.unit)
+        values: list[Expr] = []
+        if item.value is not None:
+            values = [e for row in self.evaluate(item.value) for e in row]
+            count = len(names) * len(names[0])
+            values = values * count if len(values) == 1 else values
+            if len(values) != count:
+                raise Unreadable(item.line, f"'{item.name}' has {len(values)} values for {count} elements")
+        for k, name in enumerate(e for row in names for e in row):
+            value = fold(values[k], self.numbers) if values else None
+            self.made.items[name] = Item(name, "parameter", unit, " ".join(filter(None, (item.doc, doc))),
+                                         None if value is None else value * factor)
+            if item.is_global:
+                self.made.shared[name] = f"{item.name}{name[len(identifier(item.name)):]}"
+        self.names[item.name] = [[f.name(e) for e in row] for row in names]
+
+    def _variable(self, item: Declared) -> None:
+        if item.kind == "string" or item.name in self.names:
+            return
+        names = self._elements(item.name, item.size)
+        unit, _, doc = unit_text(item.unit)
+        for name in (e for row in names for e in row):
+            kind = "in" if "import" in item.words else "variable"
+            self.made.items[name] = Item(name, kind, unit, " ".join(filter(None, (item.doc, doc))))
+            if item.is_global and kind == "variable":
+                self.made.gives[name] = item.name if len(names) == 1 else f"{item.name}{name[len(identifier(item.name)):]}"
+        self.names[item.name] = [[f.name(e) for e in row] for row in names]

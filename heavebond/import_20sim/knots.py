@@ -1,0 +1,56 @@
+"""Equations of knots: `sum (direct (p.f)) = 0`, `equal (collect (p.e))`, `first (p.e)` over the ends of a port."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from heavebond.import_20sim import formula_text as f
+from heavebond.import_20sim.declarations import Symbols
+from heavebond.import_20sim.evaluate import Matrix
+from heavebond.import_20sim.sidops_tree import Assign, Expr
+
+
+def collected(symbols: Symbols, call: Expr) -> list[tuple[bool, Matrix]]:
+    """The elements of `collect (p.e)` or `direct (p.e)` with whether each points out."""
+    inner = call.args[0].name
+    port, _, member = inner.partition(".")
+    if port not in symbols.many:
+        return [(False, symbols.evaluate(call.args[0]))]
+    return [(out, symbols.names[f"{name}.{member}" if member else name]) for name, out in symbols.many[port]]
+
+
+def knot_value(symbols: Symbols, expr: Expr) -> Matrix | None:
+    """`sum (direct (p.f))`, `first (p.e)` and sums of these, for knots; None where it is nothing of the kind."""
+    name = expr.name.lower() if expr.op == "call" else ""
+    if name == "sum" and expr.args[0].op == "call" and expr.args[0].name.lower() in ("direct", "collect"):
+        return _total(collected(symbols, expr.args[0]), expr.args[0].name.lower() == "direct")
+    if name == "first" and expr.args[0].name.partition(".")[0] in symbols.many:
+        found = collected(symbols, expr)
+        return found[0][1] if found else [[f.number(0)]]
+    if expr.op in ("+", "-") and (left := knot_value(symbols, expr.args[0])) is not None:
+        right = knot_value(symbols, expr.args[1])
+        if right is not None:
+            return [[f.add(a, f.negative(b) if expr.op == "-" else b) for a, b in zip(r, s, strict=False)]
+                    for r, s in zip(left, right, strict=False)]
+    return None
+
+
+def _total(ends: list[tuple[bool, Matrix]], directed: bool) -> Matrix:
+    total: Matrix | None = None
+    for out, matrix in ends:
+        signed = [[f.negative(e) if out and directed else e for e in row] for row in matrix]
+        total = signed if total is None else [[f.add(a, b) for a, b in zip(r, s, strict=True)]
+                                              for r, s in zip(total, signed, strict=True)]
+    return total or [[f.number(0)]]
+
+
+def knot_equations(symbols: Symbols, statement: Assign) -> Iterator[tuple[Matrix, Matrix]]:
+    """Both sides of each equation that a statement is for a knot; nothing where it is none."""
+    left, right = statement.left, statement.right
+    if left.op == "call" and left.name.lower() == "collect":
+        for _, matrix in collected(symbols, left):
+            yield matrix, symbols.evaluate(right)
+        return
+    sides = knot_value(symbols, left) or (knot_value(symbols, right) and symbols.evaluate(left))
+    if sides and ((other := knot_value(symbols, right)) or right.op == "number"):
+        yield sides, other or symbols.evaluate(right)

@@ -1,0 +1,161 @@
+"""Functions of SIDOPS that remember: integrals, discrete functions, whole numbers that events follow, and events.
+
+`sample`, `hold`, `previous`, `dint` and `ddif` act every sample time. What they remember is held between the samples, and
+all of it changes at once: `hold` takes the value that the discrete expressions have at the sample, in which `previous` and
+`dint` are what was remembered before it. Between samples the discrete expressions follow what they sample.
+"""
+
+from __future__ import annotations
+
+from heavebond.import_20sim import formula_text as f
+from heavebond.import_20sim.choices import at_event
+from heavebond.import_20sim.component import Component, Item
+from heavebond.import_20sim.evaluate import fold
+from heavebond.import_20sim.expressions_parser import Unreadable
+from heavebond.import_20sim.names import identifier
+from heavebond.import_20sim.sidops_tree import Expr
+
+SAMPLE_TIME = "sampletime"
+
+
+class Memory:
+    """What one component remembers; `target` is the name of what is assigned now, for the names of what is added."""
+
+    def __init__(self, made: Component):
+        self.made, self.target = made, ""
+
+    def _name(self, rate: Expr, ending: str) -> str:
+        label = rate.name if rate.op == "name" and "." not in rate.name else self.target or ending
+        return identifier(f"{label}_{ending}" if label != ending else ending)
+
+    # -- integrals ---------------------------------------------------------------------------------------------------
+    def state(self, rate: Expr, first: Expr | None, line: int, ending: str = "int") -> Expr:
+        """A new state with this rate, for an integral inside an expression."""
+        name = self.made.fresh(self._name(rate, ending))
+        self.made.items[name] = Item(name, "variable", "", f"integral in line {line} of the SIDOPS text")
+        self.made.equations.append((f.call("der", f.name(name)), at_event(rate, None), ""))
+        self.made.initial[name] = first or f.number(0)
+        return f.name(name)
+
+    def resettable(self, args: list[Expr], line: int) -> Expr:
+        """`resint(x, new, reset, first)`: the integral of x, set to `new` where `reset` becomes true, kept while it is."""
+        if len(args) not in (3, 4):
+            raise Unreadable(line, "`resint` needs a rate, a new value, a reset and a first value")
+        rate, new, reset = args[:3]
+        running = Expr("if", (f.truth(reset), f.number(0), rate))
+        found = self.state(running, args[3] if len(args) > 3 else None, line, "resint")
+        self.made.on(f"{found.name}_reset", {"condition": f.text(f.truth(reset))}, {found.name: new})
+        self.made.on("at_start", {"at": "0"}, {found.name: Expr("if", (f.truth(reset), new, found))})
+        return found
+
+    def limited(self, args: list[Expr], line: int) -> Expr:
+        """`limint(x, low, high, first)`: the integral of x, which stays at a limit until x leads away from it."""
+        if len(args) not in (3, 4):
+            raise Unreadable(line, "`limint` needs a rate, two limits and a first value")
+        rate, low, high = args[:3]
+        at_limit = self.made.hold(self._name(rate, "at_limit"), "", "1 at the upper limit, -1 at the lower one", f.number(0))
+        free = Expr("==", (f.name(at_limit), f.number(0)))
+        found = self.state(Expr("if", (free, rate, f.number(0))), args[3] if len(args) > 3 else None, line, "limint")
+        for side, sign, limit in (("high", 1, high), ("low", -1, low)):
+            there = Expr("==", (f.name(at_limit), f.number(sign)))
+            beyond, back = (">", "<") if sign > 0 else ("<", ">")
+            # only where the rate leads outwards: it begins at the limit when it leaves it
+            outwards = Expr("and", (Expr(beyond, (found, limit)), Expr(beyond, (rate, f.number(0)))))
+            self.made.on(f"{found.name}_{side}", {"condition": f.text(Expr("and", (outwards, free)))},
+                         {at_limit: f.number(sign), found.name: limit})
+            inwards = Expr("and", (Expr(back, (rate, f.number(0))), there))
+            self.made.on(f"{found.name}_leaves_{side}", {"condition": f.text(inwards)}, {at_limit: f.number(0)})
+        return found
+
+    # -- discrete functions ------------------------------------------------------------------------------------------
+    def sample_time(self) -> Expr:
+        """The sample time, a global parameter."""
+        if SAMPLE_TIME not in self.made.items:
+            self.made.items[SAMPLE_TIME] = Item(SAMPLE_TIME, "parameter", "s", "sample time of the discrete parts", None)
+            self.made.shared[SAMPLE_TIME] = SAMPLE_TIME
+        return f.name(SAMPLE_TIME)
+
+    def discrete(self, kind: str, args: list[Expr], line: int) -> Expr:
+        """`sample`, `hold`, `previous`, `dint` or `ddif` of a value, with a first value."""
+        if not args or len(args) > 2:
+            raise Unreadable(line, f"`{kind}` needs a value and a first value")
+        value, first = args[0], args[1] if len(args) > 1 else f.number(0)
+        period = self.sample_time()
+        if kind == "sample":
+            return value
+        ending = {"hold": "hold", "previous": "previous", "dint": "dint", "ddif": "previous"}[kind]
+        name = self.made.hold(self._name(value, ending), "", f"`{kind}` in line {line} of the SIDOPS text", first)
+        kept = f.name(name)
+        after = f.add(kept, f.multiply(period, value)) if kind == "dint" else value
+        self.made.on("sample", {"every": SAMPLE_TIME}, {name: after})
+        return Expr("/", (Expr("-", (value, kept)), period)) if kind == "ddif" else kept
+
+    # -- events ------------------------------------------------------------------------------------------------------
+    def event(self, kind: str, args: list[Expr], line: int) -> Expr:
+        """An event as a condition that is true at its instant only."""
+        if not args:
+            raise Unreadable(line, f"`{kind}` needs an argument")
+        if kind == "frequencyevent":
+            self.made.omitted.append((line, "`frequencyevent` is read as (frequency in Hz, first time in s)"))
+        return Expr("event", tuple(args), {"timeevent": "time", "eventup": "up", "eventdown": "down", "event": "both",
+                                           "frequencyevent": "every"}[kind])
+
+    def instants(self, event: Expr) -> list[tuple[str, dict[str, str]]]:
+        """Endings of names and instants of an event: two for `event`, which is met in both directions."""
+        first = event.args[0]
+        if event.name == "time":
+            return [("in_time", {"condition": f.text(Expr(">=", (f.name("time"), first)))})]
+        if event.name == "every":
+            start = {"from": self._time(event.args[1], "first_time")} if len(event.args) > 1 else {}
+            return [("every", {"every": self._time(Expr("/", (f.number(1), first)), "period"), **start})]
+        up = ("up", {"condition": f.text(Expr(">", (first, f.number(0))))})
+        down = ("down", {"condition": f.text(Expr("<", (first, f.number(0))))})
+        return {"up": [up], "down": [down], "both": [up, down]}[event.name]
+
+    def _time(self, value: Expr, name: str) -> str:
+        """A parameter in s with this value, as a time of `every:` must be."""
+        known = fold(value, {n: item.value for n, item in self.made.items.items() if item.value is not None})
+        if known is None:
+            raise Unreadable(0, "`frequencyevent` needs a frequency and a first time that are known")
+        own = next((n for n, item in self.made.items.items() if item.doc.startswith("of `frequencyevent`")
+                    and item.value == known), None) or self.made.fresh(name)
+        self.made.items[own] = Item(own, "parameter", "s", "of `frequencyevent`", known)
+        return own
+
+    def noise(self, line: int) -> Expr:
+        """Random noise is left out."""
+        self.made.omitted.append((line, "random noise is left out: 0 is used"))
+        return f.number(0)
+
+    def note(self, line: int, what: str) -> None:
+        """List how something was read."""
+        if (line, what) not in self.made.omitted:
+            self.made.omitted.append((line, what))
+
+    # -- whole numbers -----------------------------------------------------------------------------------------------
+    def floor(self, value: Expr) -> Expr:
+        """The largest whole number not above a value, which events follow."""
+        label = identifier(f"{self.target or 'value'}_floor")
+        name = self.made.hold(label, "", "largest whole number not above the value", f.number(0))
+        held = f.name(name)
+        self.made.on("at_start", {"at": "0"}, {name: f.call("floor", value)})
+        above, below = f.add(held, f.number(1)), Expr("-", (held, f.number(1)))
+        self.made.on(f"{name}_up", {"condition": f.text(Expr(">=", (value, above)))}, {name: above})
+        self.made.on(f"{name}_down", {"condition": f.text(Expr("<", (value, held)))}, {name: below})
+        return held
+
+    def truncated(self, ratio: Expr) -> Expr:
+        """The whole part of a ratio, towards zero, which events follow."""
+        name = self.made.hold(identifier(f"{self.target or 'value'}_steps"), "", "whole part of a ratio", f.number(0))
+        whole = Expr("if", (Expr(">=", (ratio, f.number(0))), f.call("floor", ratio),
+                            f.negative(f.call("floor", f.negative(ratio)))))
+        held = f.name(name)
+        up = Expr("or", (Expr("and", (Expr(">=", (held, f.number(0))), Expr(">", (ratio, f.add(held, f.number(1)))))),
+                         Expr("and", (Expr("<", (held, f.number(0))), Expr(">", (ratio, held))))))
+        below = Expr("-", (held, f.number(1)))
+        down = Expr("or", (Expr("and", (Expr("<=", (held, f.number(0))), Expr("<", (ratio, below)))),
+                           Expr("and", (Expr(">", (held, f.number(0))), Expr("<", (ratio, held))))))
+        self.made.on("at_start", {"at": "0"}, {name: whole})
+        self.made.on(f"{name}_up", {"condition": f.text(up)}, {name: f.add(held, f.number(1))})
+        self.made.on(f"{name}_down", {"condition": f.text(down)}, {name: below})
+        return held
