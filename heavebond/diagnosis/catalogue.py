@@ -110,7 +110,7 @@ class Site:
 
     def group(self, port: str) -> Group:
         """What a port is joined to."""
-        return self.network.groups[self.network.group_of[f"port {port}"]]
+        return self.network.groups[self.network.group_of_port[port]]
 
     def grounds(self, domain: str) -> dict[str, Group]:
         """The nodes that are held by what stands for the surroundings in the domain (`reference:`): all the same one."""

@@ -8,22 +8,29 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
-from heavebond.energy.audit import EnergyAudit
+from heavebond.energy.audit import EnergyAudit, EnergyLine
 from heavebond.equations.flatten import Flat
 
 SWEEPS = 6  # of the ordering within the columns; more change nothing that the eye would see
 
 
+class BoxKey(NamedTuple):
+    """A component or a node by its path."""
+
+    path: str
+    node: bool = False
+
+
 @dataclass(frozen=True)
 class Box:
-    """A component (or a node, then `node`): what it supplies, turns to heat, and stores over the run, in J; the `column`
+    """A component or a node: what it supplies, turns to heat, and stores over the run, in J; the `column`
     from the left and the place `row` in it."""
 
-    name: str
-    node: bool = False
+    key: BoxKey
     supplied: float = 0.0
     dissipated: float = 0.0
     stored: float = 0.0
@@ -35,8 +42,8 @@ class Box:
 class Link:
     """Net energy in J from one box to another, in a domain; `back` where it goes against the columns."""
 
-    source: str
-    target: str
+    source: BoxKey
+    target: BoxKey
     energy: float
     domain: str
     back: bool = False
@@ -44,9 +51,9 @@ class Link:
 
 @dataclass(frozen=True)
 class EnergyFlow:
-    """Boxes by name, and the links between them. `left_out` is the energy of the largest one not shown."""
+    """Boxes, and the links between them. `left_out` is the energy of the largest one not shown."""
 
-    boxes: dict[str, Box]
+    boxes: dict[BoxKey, Box]
     links: tuple[Link, ...]
     left_out: float
 
@@ -60,17 +67,19 @@ def energy_flow(found: EnergyAudit, least: float = 0.005) -> EnergyFlow:
     links = []
     for port, energy in nets.items():
         node, domain = _node_of(flat, port)
-        ends = (f"node {node}", bonds[port].owner)
+        ends = (BoxKey(node, node=True), BoxKey(bonds[port].owner))
         links.append(Link(*(ends if energy > 0 else ends[::-1]), abs(energy), domain))
     largest = max((link.energy for link in links), default=0.0)
     small = [link.energy for link in links if link.energy < least * largest]
     kept = _contracted([link for link in links if link.energy >= least * largest and link.energy > 0])
-    names = dict.fromkeys(name for link in kept for name in (link.source, link.target))
-    boxes = {name: Box(name, True) if name.startswith("node ") else Box(
-        name, False, lines[name].supplied, lines[name].dissipated + lines[name].unbalanced,
-        lines[name].stored - lines[name].events) for name in names}
+    keys = dict.fromkeys(key for link in kept for key in (link.source, link.target))
+    boxes = {key: Box(key) if key.node else _box(key, lines[key.path]) for key in keys}
     directed = _with_directions(kept)
     return EnergyFlow(_ordered(_in_columns(boxes, directed), directed), directed, max(small, default=0.0))
+
+
+def _box(key: BoxKey, line: EnergyLine) -> Box:
+    return Box(key, line.supplied, line.dissipated + line.unbalanced, line.stored - line.events)
 
 
 def _node_of(flat: Flat, port: str) -> tuple[str, str]:
@@ -83,14 +92,14 @@ def _node_of(flat: Flat, port: str) -> tuple[str, str]:
 def _contracted(links: Sequence[Link]) -> list[Link]:
     """Nodes with one link in, or one out, are gone through: their links join the components directly."""
     found = list(links)
-    for node in dict.fromkeys(name for link in links for name in (link.source, link.target) if name.startswith("node ")):
+    for node in dict.fromkeys(key for link in links for key in (link.source, link.target) if key.node):
         inner, outer = [k for k in found if k.target == node], [k for k in found if k.source == node]
         rest = [k for k in found if node not in (k.source, k.target)]
         if len(inner) == 1 and outer:
             found = [*rest, *(replace(k, source=inner[0].source) for k in outer)]
         elif len(outer) == 1 and inner:
             found = [*rest, *(replace(k, target=outer[0].target) for k in inner)]
-    together: dict[tuple[str, str, str], float] = {}
+    together: dict[tuple[BoxKey, BoxKey, str], float] = {}
     for link in found:
         key = (link.source, link.target, link.domain)
         together[key] = together.get(key, 0.0) + link.energy
@@ -99,9 +108,9 @@ def _contracted(links: Sequence[Link]) -> list[Link]:
 
 def _with_directions(links: Sequence[Link]) -> tuple[Link, ...]:
     """The largest links forward; one that would close a circle goes back."""
-    after: dict[str, set[str]] = {}
+    after: dict[BoxKey, set[BoxKey]] = {}
 
-    def reaches(start: str, end: str) -> bool:
+    def reaches(start: BoxKey, end: BoxKey) -> bool:
         seen, waiting = set(), [start]
         while waiting:
             name = waiting.pop()
@@ -121,7 +130,7 @@ def _with_directions(links: Sequence[Link]) -> tuple[Link, ...]:
     return tuple(found)
 
 
-def _in_columns(boxes: Mapping[str, Box], links: Sequence[Link]) -> dict[str, Box]:
+def _in_columns(boxes: Mapping[BoxKey, Box], links: Sequence[Link]) -> dict[BoxKey, Box]:
     """Each box as far to the left as what it gets allows; what gets nothing stands just before what it feeds."""
     column = dict.fromkeys(boxes, 0)
     for _ in boxes:  # the longest way has at most as many links as there are boxes
@@ -136,9 +145,9 @@ def _in_columns(boxes: Mapping[str, Box], links: Sequence[Link]) -> dict[str, Bo
     return {name: replace(box, column=column[name]) for name, box in boxes.items()}
 
 
-def _ordered(boxes: Mapping[str, Box], links: Sequence[Link]) -> dict[str, Box]:
+def _ordered(boxes: Mapping[BoxKey, Box], links: Sequence[Link]) -> dict[BoxKey, Box]:
     """Rows such that links cross little: each box moves to the mean of those it is linked to, column after column."""
-    columns: dict[int, list[str]] = {}
+    columns: dict[int, list[BoxKey]] = {}
     for name, box in boxes.items():
         columns.setdefault(box.column, []).append(name)
     row = {name: float(k) for names in columns.values() for k, name in enumerate(names)}

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal, NamedTuple
 
 from heavebond.core.errors import ModelError, Place, Problems, either
 from heavebond.core.units import (
@@ -26,6 +27,21 @@ from heavebond.text.expression import ExpressionProblem, Name, Number
 SECOND = declared_unit("s").dimension
 
 
+class Terminal(NamedTuple):
+    """A node or a port of the diagram: a path may be both."""
+
+    kind: Literal["node", "port"]
+    path: str
+
+
+@dataclass(frozen=True)
+class Members:
+    """The paths of the nodes and ports of one group, each in the order of their declaration."""
+
+    nodes: tuple[str, ...]
+    ports: tuple[str, ...]
+
+
 @dataclass(frozen=True)
 class Group:
     """Ports and nodes that are one: `name` is the outermost node's (or the only port's), `aliases` all of them."""
@@ -39,10 +55,12 @@ class Group:
 
 @dataclass(frozen=True)
 class Network:
-    """The groups, the group of each port and node path, the domain of each port, the solved units of each leaf."""
+    """The groups, the index of the group of each port path and each node path, the domain of each port, the solved units
+    of each leaf."""
 
     groups: tuple[Group, ...]
-    group_of: dict[str, int]
+    group_of_port: dict[str, int]
+    group_of_node: dict[str, int]
     domains: dict[str, dict[str, str]]
     units: dict[str, dict[str, Dimension]]
 
@@ -53,23 +71,25 @@ def connect(expanded: Expanded, order: Sequence[str] = ()) -> Network:
     `order` names the parameters that are given by formulas, each after those that it needs.
     """
     problems = Problems()
-    groups, group_of = _groups(expanded)
-    domains = _domains(expanded, groups, group_of, problems)
+    groups = _groups(expanded)
+    domains = _domains(expanded, groups, problems)
     problems.raise_as(ModelError)
     named = [_named(expanded, members, domain) for members, domain in zip(groups, domains, strict=True)]
-    network = Network(tuple(named), group_of, _port_domains(expanded, group_of, named), {})
+    of_port = {port: k for k, members in enumerate(groups) for port in members.ports}
+    of_node = {node: k for k, members in enumerate(groups) for node in members.nodes}
+    network = Network(tuple(named), of_port, of_node, _port_domains(expanded, of_port, named), {})
     _signal_sources(expanded, network, problems)
     problems.raise_as(ModelError)
     units = _units(expanded, network, _Dimensions(expanded, order), problems)
     problems.raise_as(ModelError)
-    return Network(network.groups, group_of, network.domains, units)
+    return replace(network, units=units)
 
 
-def _groups(expanded: Expanded) -> tuple[list[list[str]], dict[str, int]]:
-    """Union-find over port and node paths; groups in the order in which their first member is declared."""
-    parent: dict[str, str] = {}
+def _groups(expanded: Expanded) -> list[Members]:
+    """Union-find over ports and nodes; groups in the order in which their first member is declared."""
+    parent: dict[Terminal, Terminal] = {}
 
-    def root(item: str) -> str:
+    def root(item: Terminal) -> Terminal:
         parent.setdefault(item, item)
         while parent[item] != item:
             parent[item] = parent[parent[item]]
@@ -77,18 +97,18 @@ def _groups(expanded: Expanded) -> tuple[list[list[str]], dict[str, int]]:
         return item
 
     for junction in expanded.junctions.values():
-        node = root("node " + junction.path)
+        node = root(Terminal("node", junction.path))
         for end in junction.ends:
             if not _overridden(expanded, end.leaf, end.port):
-                parent[root("port " + end.name)] = node
+                parent[root(Terminal("port", end.name))] = node
     for path in (*expanded.ports, *expanded.signals):
         if expanded.ports.get(path) is None or expanded.ports[path].count is None:
-            root("port " + path)
-    members: dict[str, list[str]] = {}
+            root(Terminal("port", path))
+    members: dict[Terminal, list[Terminal]] = {}
     for item in parent:
         members.setdefault(root(item), []).append(item)
-    groups = list(members.values())
-    return groups, {item: k for k, group in enumerate(groups) for item in group}
+    return [Members(tuple(m.path for m in group if m.kind == "node"), tuple(m.path for m in group if m.kind == "port"))
+            for group in members.values()]
 
 
 def _overridden(expanded: Expanded, leaf: str, port: str) -> bool:
@@ -103,7 +123,7 @@ def port_definition(expanded: Expanded, path: str) -> str:
     return expanded.ports[base].domain if base in expanded.ports else "signal"
 
 
-def _domains(expanded: Expanded, groups: list[list[str]], group_of: dict[str, int], problems: Problems) -> list[str]:
+def _domains(expanded: Expanded, groups: list[Members], problems: Problems) -> list[str]:
     """The domain of each group; `$D` of a leaf is taken from whatever its ports are wired to."""
     domains = [""] * len(groups)
     bound: dict[tuple[str, str], str] = {}
@@ -111,10 +131,7 @@ def _domains(expanded: Expanded, groups: list[list[str]], group_of: dict[str, in
     while changed:
         changed = False
         for k, members in enumerate(groups):
-            for item in members:
-                kind, _, path = item.partition(" ")
-                if kind == "node":
-                    continue
+            for path in members.ports:
                 declared = port_definition(expanded, path)
                 key = (path.rpartition(".")[0], declared)
                 found = bound.get(key, "") if declared.startswith("$") else declared
@@ -125,8 +142,8 @@ def _domains(expanded: Expanded, groups: list[list[str]], group_of: dict[str, in
                     bound[key], changed = domains[k], True
     _mixed(expanded, bound, problems)
     for k, members in enumerate(groups):
-        if not domains[k] and any(m.startswith("port ") for m in members):
-            path = next(m for m in members if m.startswith("port "))[5:]
+        if not domains[k] and members.ports:
+            path = members.ports[0]
             leaf = expanded.leaves[path.rpartition(".")[0]]
             problems.add("domain-open", f"nothing tells the domain of '{path}'",
                          leaf.place, hint="Join it to a port of a component that has a domain.")
@@ -153,23 +170,22 @@ def _mixed(expanded: Expanded, bound: dict[tuple[str, str], str], problems: Prob
                 "A node joins ports of one domain; a component such as a Cylinder goes from one to another.")
 
 
-def _named(expanded: Expanded, members: list[str], domain: str) -> Group:
-    nodes = [m[5:] for m in members if m.startswith("node ")]
-    ports = [m[5:] for m in members if m.startswith("port ")]
+def _named(expanded: Expanded, members: Members, domain: str) -> Group:
+    nodes, ports = members.nodes, members.ports
     outermost = min(nodes or ports, key=lambda path: path.count("."))
     place = expanded.junctions[outermost].place if nodes else \
         expanded.leaves[outermost.rpartition(".")[0]].place
-    return Group(outermost, domain, (*nodes, *ports), tuple(ports), place)
+    return Group(outermost, domain, (*nodes, *ports), ports, place)
 
 
-def _port_domains(expanded: Expanded, group_of: dict[str, int], groups: list[Group]) -> dict[str, dict[str, str]]:
+def _port_domains(expanded: Expanded, of_port: dict[str, int], groups: list[Group]) -> dict[str, dict[str, str]]:
     found: dict[str, dict[str, str]] = {}
     for path, leaf in expanded.leaves.items():
         found[path] = {}
         for port in leaf.component.ports.values():
-            item = f"port {path}.{port.name}" + ("[1]" if port.count is not None else "")
-            if item in group_of:
-                found[path][port.name] = groups[group_of[item]].domain
+            item = f"{path}.{port.name}" + ("[1]" if port.count is not None else "")
+            if item in of_port:
+                found[path][port.name] = groups[of_port[item]].domain
     return found
 
 

@@ -360,7 +360,7 @@ class _Builder:
         equations: list[FlatEquation] = []
         ends: list[list[tuple[int, int]]] = []
         for junction in self.expanded.junctions.values():
-            group = self.network.groups[self.network.group_of["node " + junction.path]]
+            group = self.network.groups[self.network.group_of_node[junction.path]]
             # a node whose only end takes a record instead is left with nothing
             if group.domain not in self.domains or not junction.ends:
                 continue

@@ -12,6 +12,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from heavebond.core.errors import ModelError, Problems, either
+from heavebond.equations.connect import Terminal
 from heavebond.equations.expand import Bound, Expanded, Leaf, Medium, default
 from heavebond.language.definition import Component, Domain, Parameter, Value
 from heavebond.text.expression import Name
@@ -44,7 +45,7 @@ def with_media(expanded: Expanded) -> Expanded:
             takers.setdefault(circuit, []).extend(f"{path}.{name}" for name in told)
     problems.raise_as(ModelError)
     media = tuple(Medium(sources.get(circuit, ""), kind.name,
-                         tuple(n for n in expanded.junctions if circuits.get("node " + n) == circuit), tuple(names))
+                         tuple(n for n in expanded.junctions if circuits.get(Terminal("node", n)) == circuit), tuple(names))
                   for circuit, names in takers.items())
     return replace(expanded, leaves=leaves, media=media)
 
@@ -53,18 +54,18 @@ def _open(leaf: Leaf) -> list[Parameter]:
     return [p for p in leaf.component.parameters.values() if p.medium and p.name not in leaf.parameters]
 
 
-def _passages(path: str, component: Component, domain: Domain) -> list[list[str]]:
+def _passages(path: str, component: Component, domain: Domain) -> list[list[Terminal]]:
     """The ports of a part between which the medium flows; those of an open domain may carry any."""
-    found: dict[str, list[str]] = {}
+    found: dict[str, list[Terminal]] = {}
     for port in component.ports.values():
         if port.domain == domain.name or port.domain.startswith("$"):
-            found.setdefault(port.domain, []).append(f"{path}.{port.name}")
+            found.setdefault(port.domain, []).append(Terminal("port", f"{path}.{port.name}"))
     return list(found.values())
 
 
-def _circuits(expanded: Expanded, domain: Domain) -> dict[str, int]:
-    """The number of the circuit of each port and of each node (`node x`)."""
-    links = [["node " + junction.path, *(end.name.partition("[")[0] for end in junction.ends)]
+def _circuits(expanded: Expanded, domain: Domain) -> dict[Terminal, int]:
+    """The number of the circuit of each port and of each node."""
+    links = [[Terminal("node", junction.path), *(Terminal("port", end.name.partition("[")[0]) for end in junction.ends)]
              for junction in expanded.junctions.values()]
     # the ports of a block are joined, or not, by what is inside
     links += [link for path, leaf in expanded.leaves.items() if not leaf.component.composite
@@ -72,10 +73,10 @@ def _circuits(expanded: Expanded, domain: Domain) -> dict[str, int]:
     return _numbered(links)
 
 
-def _numbered(links: Iterable[list[str]]) -> dict[str, int]:
+def _numbered(links: Iterable[list[Terminal]]) -> dict[Terminal, int]:
     """Items that share a link, directly or over others, have the same number."""
-    number: dict[str, int] = {}
-    members: list[list[str]] = []
+    number: dict[Terminal, int] = {}
+    members: list[list[Terminal]] = []
     for link in links:
         new = len(members)
         members.append([])
@@ -87,13 +88,13 @@ def _numbered(links: Iterable[list[str]]) -> dict[str, int]:
     return number
 
 
-def _sources(expanded: Expanded, kind: str, circuits: dict[str, int], problems: Problems) -> dict[int, str]:
+def _sources(expanded: Expanded, kind: str, circuits: dict[Terminal, int], problems: Problems) -> dict[int, str]:
     """The part that sets the medium of each circuit."""
     found: dict[int, str] = {}
     for path, leaf in expanded.leaves.items():
         if leaf.component.name != kind:
             continue
-        circuit = circuits.get(f"{path}.{next(iter(leaf.component.ports))}", -1)
+        circuit = circuits.get(Terminal("port", f"{path}.{next(iter(leaf.component.ports))}"), -1)
         other = found.setdefault(circuit, path)
         if other != path:
             problems.add("media-mixed", f"{either([other, path])} fill the same circuit; parts and wires join it all",

@@ -32,6 +32,7 @@ from heavebond.numerics.initialise import start
 from heavebond.numerics.result import Result, columns
 from heavebond.numerics.run_verdict import report_verdict
 from heavebond.numerics.simulator import Simulator, Time
+from heavebond.numerics.solvers import RETYPE
 from heavebond.text.expression import Number
 
 # Pressures of a filled node beyond so many usual ones (100 000 bar of oil, 1000 bar of gas) are none of a machine: a pump
@@ -64,9 +65,21 @@ def simulate(model: Model | Assembly, until: Time | None = None, *, every: Time 
     asked = solver or (written.text if written else "auto")
     simulator = Simulator(assembly, until, every=every, tolerances=Tolerances(rtol, atol), sensitivities=sensitivities,
                           solver=asked, allow_fmu=allow_fmu)
-    result = run_by_auto(simulator, parameters, allow_fmu) if asked == "auto" else simulator.run(parameters)
+    result = run_by_auto(simulator, parameters, allow_fmu) if asked == "auto" else _run_as_asked(simulator, parameters)
     report_verdict(assembly.model.name, result.verdict)
     return result
+
+
+def _run_as_asked(simulator: Simulator, parameters: Mapping[str, float | str] | None) -> Result:
+    """A run by the solver that was asked for; where `auto` would go on, the error says so."""
+    try:
+        return simulator.run(parameters)
+    except (StartError, SimulationError) as error:
+        problem = error.problems[0]
+        if not _may_help(problem) or (isinstance(error, StartError) and not unfilled(simulator.assembly)):
+            raise
+        hint = f"{problem.hint}\n{RETYPE.format('auto')}: it goes on with other equations or another solver where one stops."
+        raise type(error)([replace(problem, hint=hint.strip()), *error.problems[1:]]) from None
 
 
 def run_by_auto(simulator: Simulator, parameters: Mapping[str, float | str] | None = None, allow_fmu: bool = False

@@ -106,12 +106,12 @@ class _Builder:
     def _grounded(self) -> set[int]:
         """Nodes of the ground or a tank: no power goes there, so that they and their bonds are left out."""
         references = {domain.reference for domain in self._domains().values()}
-        return {self.network.group_of[f"port {path}.{port}"] for path, leaf in self.expanded.leaves.items()
+        return {self.network.group_of_port[f"{path}.{port}"] for path, leaf in self.expanded.leaves.items()
                 if leaf.component.name in references for port in leaf.component.ports}
 
     def _element(self, path: str, leaf: Leaf) -> None:
         component = leaf.component
-        ports = {end: self.network.group_of[f"port {end}"] for end in self._ends(path, component)}
+        ports = {end: self.network.group_of_port[end] for end in self._ends(path, component)}
         silent = [p for p in ports if _right_side(component, p.removeprefix(path + "."), self._through(path, p)) == "0"]
         power = [p for p in ports if p not in silent]
         if not power:  # a sensor: it takes nothing

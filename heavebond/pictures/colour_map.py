@@ -183,25 +183,25 @@ def _variables(result: Result, expanded: Expanded, what: str) -> tuple[dict[str,
     """A variable at nodes, in components and at their ports, and its base unit."""
     known = result.assembly.flat.names
     owner, _, last = what.rpartition(".")
-    names: dict[str, list[str]] = {}
-    for path in expanded.junctions:
-        if f"{path}.{last}" in known and owner in ("", path):
-            names[f"node {path}"] = [f"{path}.{last}"]
+    at_nodes = {path: [f"{path}.{last}"] for path in expanded.junctions
+                if f"{path}.{last}" in known and owner in ("", path)}
+    in_parts: dict[str, list[str]] = {}
     for path in expanded.leaves:
         own = [n for n in (f"{path}.{last}",) if n in known and path not in expanded.junctions]
         ports = [f"{e}.{last}" for e in _ends(expanded) if e.rpartition(".")[0] == path and f"{e}.{last}" in known]
         if owner in ("", path) and (own or ports) and not (ports and _across(expanded, last) and not own):
-            names[path] = own or ports
-    if not names and what in known:  # a signal: the node of that name, or those that it is wired to
-        names = {f"node {p}": [p] for p, j in expanded.junctions.items() if what in (p, *(e.name for e in j.ends))}
+            in_parts[path] = own or ports
+    if not at_nodes and not in_parts and what in known:  # a signal: the node of that name, or those that it is wired to
+        at_nodes = {p: [p] for p, j in expanded.junctions.items() if what in (p, *(e.name for e in j.ends))}
+    names = list(dict.fromkeys(name for found in (*at_nodes.values(), *in_parts.values()) for name in found))
     if not names:
         raise UsageError([Problem("name-unknown", f"nothing in this diagram has a variable '{what}'", None, suggest(
             what, [POWER, *known]) or "Write `power`, a variable of nodes such as `p` or `v`, or one with its path.")])
-    unit = _one_unit(result, what, [name for found in names.values() for name in found])
-    values = result.signals(list(dict.fromkeys(name for found in names.values() for name in found)))
-    courses = {place: _largest([values[name] for name in found]) for place, found in names.items()}
-    return ({p: c for p, c in courses.items() if not p.startswith("node ")},
-            {p.removeprefix("node "): c for p, c in courses.items() if p.startswith("node ")}, unit)
+    unit = _one_unit(result, what, names)
+    values = result.signals(names)
+    parts, nodes = ({place: _largest([values[name] for name in found]) for place, found in places.items()}
+                    for places in (in_parts, at_nodes))
+    return parts, nodes, unit
 
 
 def _across(expanded: Expanded, member: str) -> bool:

@@ -15,7 +15,7 @@ from matplotlib.path import Path
 
 from heavebond.core.presentation import number, readable
 from heavebond.energy.audit import BLOCK
-from heavebond.energy.power_flow import Box, EnergyFlow, Link
+from heavebond.energy.power_flow import Box, BoxKey, EnergyFlow, Link
 from heavebond.language.library import domains
 from heavebond.pictures.plot import COLOURS, DPI, WIDTH, figure_title
 
@@ -93,25 +93,25 @@ def _main_colour(line: EnergyLine) -> str:
     return HEAT if line.dissipated > abs(line.stored) + line.delivered else STORE
 
 
-def _size(name: str, flow: EnergyFlow) -> float:
+def _size(name: BoxKey, flow: EnergyFlow) -> float:
     """The height of a box: what goes in or out, whichever is more."""
     return max(sum(k.energy for k in flow.links if k.target == name), sum(k.energy for k in flow.links if k.source == name))
 
 
-def _tops(boxes: Mapping[str, Box], sizes: Mapping[str, float]) -> dict[str, float]:
+def _tops(boxes: Mapping[BoxKey, Box], sizes: Mapping[BoxKey, float]) -> dict[BoxKey, float]:
     """The upper edge of each box: its column stacked with gaps and centred."""
     columns: dict[int, list[Box]] = {}
     for box in boxes.values():
         columns.setdefault(box.column, []).append(box)
-    tallest = max((sum(sizes[b.name] for b in column) for column in columns.values()), default=1.0)
+    tallest = max((sum(sizes[b.key] for b in column) for column in columns.values()), default=1.0)
     gap = GAP * tallest / max(2.0, max((len(c) for c in columns.values()), default=1) / 2)
     tops = {}
     for column in columns.values():
-        height = sum(sizes[b.name] for b in column) + gap * (len(column) - 1)
+        height = sum(sizes[b.key] for b in column) + gap * (len(column) - 1)
         top = height / 2
         for box in sorted(column, key=lambda b: -b.row):
-            tops[box.name] = top
-            top -= sizes[box.name] + gap
+            tops[box.key] = top
+            top -= sizes[box.key] + gap
     return tops
 
 
@@ -145,19 +145,19 @@ def _ribbon_back(axes: Axes, left: float, right: float, start: float, end: float
 
 
 def _box(axes: Axes, box: Box, top: float, size: float) -> None:
-    name = box.name.removeprefix("node ")
     largest = max((abs(box.supplied), SUPPLY), (box.dissipated, HEAT), (abs(box.stored), STORE), key=lambda item: item[0])
-    colour = NODE if box.node else largest[1] if largest[0] > 0.02 * size else PASS
+    colour = NODE if box.key.node else largest[1] if largest[0] > 0.02 * size else PASS
     axes.add_patch(Rectangle((box.column, top - size), THICK, size, facecolor=colour, linewidth=0.5, edgecolor=colour,
                              zorder=3))
-    said = [] if box.node else [text for value, text in (
+    said = [] if box.key.node else [text for value, text in (
         (box.supplied, f"gives {readable(box.supplied, 'J', 3)}" if box.supplied > 0 else
          f"takes {readable(-box.supplied, 'J', 3)}"),
         (box.dissipated, f"heat {readable(box.dissipated, 'J', 3)}"),
         (box.stored, f"stores {readable(box.stored, 'J', 3)}" if box.stored > 0 else
          f"gives up {readable(-box.stored, 'J', 3)}")) if abs(value) > 0.02 * size]
-    axes.annotate("\n".join([f"node {name}" if box.node else name, *said]), (box.column + THICK, top - size / 2), (4, 0),
-                  textcoords="offset points", fontsize=8, va="center", color="#666666" if box.node else "black", zorder=4,
+    title, colour = (f"node {box.key.path}", "#666666") if box.key.node else (box.key.path, "black")
+    axes.annotate("\n".join([title, *said]), (box.column + THICK, top - size / 2), (4, 0),
+                  textcoords="offset points", fontsize=8, va="center", color=colour, zorder=4,
                   bbox={"boxstyle": "round,pad=0.15", "facecolor": "white", "alpha": 0.75, "linewidth": 0})
 
 

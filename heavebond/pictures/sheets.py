@@ -151,7 +151,7 @@ class _Reader:
             block = level
 
     def _domain(self, path: str) -> str:
-        index = self.network.group_of.get(f"node {path}")
+        index = self.network.group_of_node.get(path)
         return "signal" if index is None else self.network.groups[index].domain
 
     def sheet(self, scope: str) -> Sheet:
