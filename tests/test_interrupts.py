@@ -138,6 +138,30 @@ def test_a_signal_that_a_library_drops_is_raised_again() -> None:
         check()
 
 
+def test_a_signal_in_a_destructor_is_raised_again_without_a_traceback(capfd: pytest.CaptureFixture[str]) -> None:
+    """Python drops an exception there and prints it; `check` raises it again, so that the print would be wrong."""
+    class Dropped:
+        def __del__(self) -> None:
+            terminate()
+
+    class Broken:
+        def __del__(self) -> None:
+            raise ValueError("a fault")
+
+    before = sys.unraisablehook
+    sys.unraisablehook = sys.__unraisablehook__  # pytest has its own
+    try:
+        with listening():
+            Dropped()
+            Broken()
+            with pytest.raises(KeyboardInterrupt):
+                check()
+    finally:
+        sys.unraisablehook = before
+    said = capfd.readouterr().err
+    assert "Interrupted" not in said and "a fault" in said
+
+
 def test_no_signal_is_lost_in_formulas_and_runs() -> None:
     """Alarms at many moments of assembling and integrating, each heard as a signal to end: none is without effect."""
     model = hb.loads(MODEL)

@@ -20,10 +20,12 @@ from heavebond.core.progress import duration
 SLOW = """
 import time
 from heavebond.commands.terminal import working
+began = time.monotonic()
 with working("searching") as progress:
     for k in range(1, 9):
         progress(f"refitting {k} of 8: leaves {9 - k}")
         time.sleep(0.3)
+print(time.monotonic() - began)
 """
 
 
@@ -31,9 +33,9 @@ def test_a_line_every_few_seconds_without_a_terminal() -> None:
     done = subprocess.run([sys.executable, "-c", SLOW], capture_output=True, text=True, check=True, timeout=60,
                           env={"PATH": "", "HEAVEBOND_PROGRESS": "0.5"})
     lines = done.stderr.splitlines()
-    assert done.stdout == "" and 3 <= len(lines) <= 5
-    assert all(re.match(r"searching, \d s: refitting \d of 8: leaves \d", line) for line in lines)
-    assert any(re.search(r"; about \d s left for these 8$", line) for line in lines)
+    assert 3 <= len(lines) <= float(done.stdout) / 0.5  # (2.4 s, longer on a busy machine)
+    assert all(re.match(r"searching, \d+ s: refitting \d of 8: leaves \d", line) for line in lines)
+    assert any(re.search(r"; about \d+ s left for these 8$", line) for line in lines)
 
 
 def test_no_line_of_a_command_that_ends_soon(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -46,16 +48,25 @@ def test_the_time_counts_from_the_beginning_of_the_command(monkeypatch: pytest.M
     """Also outside of what shows its progress, as while a file is read."""
     monkeypatch.setenv("HEAVEBOND_PROGRESS", "0.2")
 
+    def until(words: str) -> None:
+        """Wait for a line, however busy the machine is."""
+        end = clock.monotonic() + 60
+        while words not in sys.stderr.buffer.getvalue().decode() and clock.monotonic() < end:  # type: ignore[attr-defined]
+            clock.sleep(0.02)
+
     @click.command("slow")
     def slow() -> None:
-        clock.sleep(0.5)
+        until("slow, ")
+        clock.sleep(1.2)
         with terminal.working("fitting") as progress:
             progress("chi-square per sample 3 after 2 runs")
-            clock.sleep(0.5)
+            until("after 2 runs")
 
     monkeypatch.setitem(main.commands, "slow", slow)
     lines = CliRunner().invoke(main, ["slow"]).stderr.splitlines()
-    assert lines[0].startswith("slow, 0 s") and lines[-1] == "fitting, 1 s: chi-square per sample 3 after 2 runs"
+    assert re.match(r"slow, \d+ s$", lines[0])
+    told = [re.fullmatch(r"fitting, (\d+) s: chi-square per sample 3 after 2 runs", line) for line in lines]
+    assert [found for found in told if found is not None and int(found[1]) >= 1]
 
 
 def test_the_remaining_time_of_a_stage() -> None:

@@ -8,6 +8,7 @@ long computations, raises again until `obeyed` is called.
 from __future__ import annotations
 
 import signal
+import sys
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -45,11 +46,19 @@ def listening(numbers: Sequence[int] = SIGNALS) -> Iterator[None]:
         return
     before = {number: signal.getsignal(number) for number in numbers}
     taken = [number for number, handler in before.items() if handler in (signal.SIG_DFL, signal.default_int_handler)]
+    reported = sys.unraisablehook
+
+    def report(dropped: sys.UnraisableHookArgs) -> None:
+        if not isinstance(dropped.exc_value, Interrupted):  # (of a destructor or a callback: `check` raises it again)
+            reported(dropped)
+
     for number in taken:
         signal.signal(number, _hear)
+    sys.unraisablehook = report
     try:
         yield
     finally:
+        sys.unraisablehook = reported
         for number in taken:
             signal.signal(number, before[number])
         if taken:
