@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 # installed once, and again when the dependencies change
 READY := $(VENV)/.ready
 
-.PHONY: demo quick test test-long test-slow lint types pages docs bench scaling fuzz mutants false-alarms confusion detectability compensator clean
+.PHONY: demo quick test test-long test-slow coverage lint types pages docs bench scaling fuzz mutants false-alarms confusion detectability compensator clean
 
 demo: $(READY)
 	$(BIN)/heavebond demo --output demo
@@ -27,6 +27,10 @@ quick: $(READY)
 
 test-slow: $(READY)
 	$(BIN)/python -m pytest -m slow
+
+# lines that no test of `make test` runs; the pages' blocks and whole diagnoses run others
+coverage: $(READY)
+	$(BIN)/python -m pytest -n logical --dist worksteal -m "not slow and not long" --cov --cov-report term-missing
 
 lint: $(READY)
 	$(BIN)/ruff check .

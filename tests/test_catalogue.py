@@ -12,6 +12,7 @@ import pytest
 from heavebond.diagnosis.catalogue import Candidate, candidates
 from heavebond.estimation.comparison import assemble_for
 from heavebond.estimation.experiment import load_experiment
+from heavebond.language.library import effect_classes, library, same_class
 from heavebond.language.model import loads
 from heavebond.numerics.simulation import simulate
 
@@ -170,3 +171,12 @@ outputs: {delivery.p: {column: p, unit: bar, noise: 0.1 bar}}
     steady = simulate(loads(RUNNING))[shown]
     assert np.ptp(steady) < 1e-6 * steady[0]  # what the integrator leaves
     assert simulate(added)[shown] == pytest.approx(steady, rel=tolerance)
+
+
+def test_classes_that_are_special_cases() -> None:
+    """By the data of the library and not by the words of their names."""
+    assert same_class("leakage", "internal leakage") and same_class("internal leakage", "leakage")
+    assert not same_class("internal leakage", "external leakage") and not same_class("dry friction", "friction")
+    components = [library().component(name) for name in library().names()]
+    known = {c.effect.kind for c in components if c.effect} | {p.kind for c in components for p in c.parameters.values()}
+    assert known >= {*effect_classes(), *effect_classes().values()}

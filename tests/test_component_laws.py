@@ -18,7 +18,8 @@ from heavebond.text.yaml_source import read
 
 DOMAINS = library().domains
 FILES = [path for path in (*sorted(bundled("components").rglob("*.yaml")),
-                           *sorted(bundled("models").glob("*/components/**/*.yaml"))) if path.name != "domains.yaml"]
+                           *sorted(bundled("models").glob("*/components/**/*.yaml")))
+         if path.name not in ("domains.yaml", "effect_classes.yaml")]
 every_file = pytest.mark.parametrize("path", FILES, ids=[path.stem for path in FILES])
 
 

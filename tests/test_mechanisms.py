@@ -17,7 +17,7 @@ from scipy.integrate import solve_ivp
 
 import heavebond as hb
 from heavebond.energy.audit import audit
-from heavebond.numerics.dynamic_state_selection import MOST, StateChoices, columns_of
+from heavebond.numerics.dynamic_state_selection import STATE_SELECTION, StateChoices, columns_of
 from heavebond.numerics.result import Result
 from heavebond.numerics.simulator import Simulator, Tolerances
 from heavebond.text.expression import parse_formula
@@ -217,7 +217,7 @@ def test_charts_are_exact_maps_of_each_other() -> None:
     # signals of the stay, in its own states, are those of the states at home where these are good too
     p = np.tile(result.p[:, None], (1, len(at)))
     given = (result.time[None, at], result.x[:, at], result.z[:, at], p, result.u[:, at], np.ones((1, len(at))))
-    good = charts.home.strain(given).worst < MOST
+    good = charts.home.strain(given).worst < STATE_SELECTION.max_strain
     assert good.any()
     home = Result(assembly, result.time[at], result.x[:, at], result.z[:, at], result.u[:, at], result.p, result.start)
     for name in ("links.x_2", "links.v_2", "links.k_2", "der(links.u_1)"):

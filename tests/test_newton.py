@@ -10,7 +10,7 @@ from scipy.sparse import csc_array, diags_array
 
 import heavebond as hb
 from heavebond.numerics.initialise import start
-from heavebond.numerics.matrices import DENSE, factors, least_change, null_space
+from heavebond.numerics.matrices import MATRICES, factors, least_change, null_space
 from heavebond.numerics.newton import Scaling, continued, newton, settled
 from heavebond.numerics.start_equations import StartEquations
 
@@ -133,7 +133,7 @@ def sparse_chain(n: int, held: float) -> csc_array:
     return csc_array(diags_array([-np.ones(n - 1), diagonal, -np.ones(n - 1)], offsets=[-1, 0, 1]))
 
 
-@pytest.mark.parametrize("n", [300, 2 * DENSE])
+@pytest.mark.parametrize("n", [300, 2 * MATRICES.max_dense])
 def test_a_sparse_chain_hangs_as_its_closed_form_says(n: int) -> None:
     # each of n weights of 1 on springs of 1: the k-th extension carries the n - k below it
     found = least_change(sparse_chain(n, 1.0), np.ones(n))
@@ -142,7 +142,7 @@ def test_a_sparse_chain_hangs_as_its_closed_form_says(n: int) -> None:
 
 
 def test_a_free_chain_larger_than_is_decomposed_moves_as_little_as_it_can() -> None:
-    n = 2 * DENSE
+    n = 2 * MATRICES.max_dense
     free = sparse_chain(n, 0.0)
     assert factors(free) is None
     assert abs(null_space(free, 1e-10)) == pytest.approx(np.full((n, 1), n ** -0.5), rel=1e-6)
@@ -154,7 +154,7 @@ def test_a_free_chain_larger_than_is_decomposed_moves_as_little_as_it_can() -> N
 
 
 def test_what_few_equations_ask_of_many_unknowns_is_shared_out() -> None:
-    n = 3 * DENSE
+    n = 3 * MATRICES.max_dense
     pairs = csc_array((np.ones(n), (np.arange(n) // 2, np.arange(n))), shape=(n // 2, n))  # x_2k + x_2k+1 = 4
     assert least_change(pairs, np.full(n // 2, 4.0)) == pytest.approx(np.full(n, 2.0), rel=1e-8)
 
@@ -179,7 +179,7 @@ initial: {{start: steady}}
 
 
 def test_a_long_string_starts_hanging_at_rest_and_refuses_where_nothing_holds_it(tmp_path: Path) -> None:
-    pieces = DENSE // 2 + 50  # more unknowns than are ever decomposed
+    pieces = MATRICES.max_dense // 2 + 50  # more unknowns than are ever decomposed
     first = start(string(tmp_path, pieces, "{is: Fixed}"))
     lowest = max(abs(line.used) for line in first.table if line.unit == "m")
     assert lowest == pytest.approx(0.01 * pieces * (pieces + 1) / 2, rel=1e-6)

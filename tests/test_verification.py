@@ -11,7 +11,7 @@ import pytest
 import heavebond as hb
 from heavebond.cli import main
 from heavebond.numerics.simulator import Tolerances
-from heavebond.optimise.verification import ALLOWED, verify
+from heavebond.optimise.verification import VERIFICATION, verify
 
 BLOCK = """
 model: block
@@ -56,7 +56,7 @@ def test_loose_tolerances_are_told() -> None:
     result = hb.simulate(hb.loads(text), rtol=1e-2, atol=1e-2)
     found = verify(result, ["x"], tolerances=Tolerances(1e-2, 1e-2))
     assert found.widths == ()
-    assert found.outputs[0].by_tolerances > ALLOWED
+    assert found.outputs[0].by_tolerances > VERIFICATION.allowed
     problem = found.problem()
     assert problem is not None
     assert "--rtol" in problem.hint

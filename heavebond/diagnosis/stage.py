@@ -27,6 +27,7 @@ from heavebond.diagnosis.scoring import TIMES, Base, Score, finer, searched
 from heavebond.equations.places import nodes_of
 from heavebond.estimation.experiment import Experiment
 from heavebond.estimation.residuals import Residuals
+from heavebond.language.library import same_class
 from heavebond.numerics.dae import Array
 
 UNKNOWN = "unknown law"  # the class of learnt curves: a shape, no name
@@ -280,8 +281,7 @@ def _twins_of(close: Sequence[Refit], twins: Mapping[str, Sequence[str]], scores
     found = []
     for trial in close:
         for label in twins.get(trial.candidate.label, ()):
-            kinds = (trial.candidate.kind, by_label[label].kind)
-            if not kinds[0].endswith(kinds[1]) and not kinds[1].endswith(kinds[0]):
+            if not same_class(trial.candidate.kind, by_label[label].kind):
                 found.append(replace(trial, candidate=by_label[label]))
     return found
 

@@ -20,13 +20,36 @@ from heavebond.core.units import read_unit
 from heavebond.estimation.experiment import Experiment, Output
 from heavebond.numerics.dae import Array
 
-BATCHES = 10  # of successive samples
-LEAST = 5  # samples in a batch
-SIGNIFICANT = 3.25  # standard errors: 1 % (two-sided) of Student's t with 9 degrees of freedom
-INTERVAL = 2.262  # and 5 %
-SIMILAR = 0.3  # share of the common bias by which that of a record may differ; more where its standard error is large
-NEAR = 3.0  # reduced chi-square of residuals without their bias up to which little else is wrong
-NOTICEABLE = 0.3  # of the channel's noise: a smaller bias changes chi-square by less than a tenth
+
+@dataclass(frozen=True)
+class BiasCheckConstants:
+    """The constants of the check for a constant bias of a channel.
+
+    batches: batches of successive samples (batch means). Origin: usual for correlated residuals. Doubled: a smaller
+        standard error where residuals are correlated over long times.
+    min_batch: samples in a batch. Origin: below, records are too short. Doubled: no advice on short records.
+    significant: standard errors from which a bias is significant. Origin: 1 % (two-sided) of Student's t with 9 degrees
+        of freedom. Doubled: only gross biases.
+    interval: half width of the 95 % interval, in standard errors. Origin: Student's t. Doubled: an interval that is too
+        wide.
+    similar: share of the common bias by which that of a record may differ. Origin: sensors drift between records.
+        Doubled: less equal biases are taken for one.
+    otherwise_good: reduced chi-square without the bias up to which little else is wrong. Origin: the error is dominated
+        by the bias. Doubled: advice on worse models.
+    noticeable: share of the noise of its channel below which a bias is not reported. Origin: it changes chi-square by
+        less than a tenth. Doubled: larger biases are silent.
+    """
+
+    batches: int = 10
+    min_batch: int = 5
+    significant: float = 3.25
+    interval: float = 2.262
+    similar: float = 0.3
+    otherwise_good: float = 3.0
+    noticeable: float = 0.3
+
+
+BIAS_CHECK = BiasCheckConstants()
 
 
 @dataclass(frozen=True)
@@ -39,16 +62,16 @@ class Bias:
     @property
     def significant(self) -> bool:
         """Whether it differs from zero."""
-        return abs(self.value) > SIGNIFICANT * self.deviation
+        return abs(self.value) > BIAS_CHECK.significant * self.deviation
 
 
 def mean_residual(residuals: Array) -> Bias | None:
     """The mean of residuals (n,) in the order of their times, with a standard error that allows for their correlation; None
     for fewer than 50 samples."""
-    if len(residuals) < BATCHES * LEAST:
+    if len(residuals) < BIAS_CHECK.batches * BIAS_CHECK.min_batch:
         return None
-    means = [float(np.mean(part)) for part in np.array_split(residuals, BATCHES)]
-    return Bias(float(np.mean(residuals)), float(np.std(means, ddof=1)) / math.sqrt(BATCHES))
+    means = [float(np.mean(part)) for part in np.array_split(residuals, BIAS_CHECK.batches)]
+    return Bias(float(np.mean(residuals)), float(np.std(means, ddof=1)) / math.sqrt(BIAS_CHECK.batches))
 
 
 def common_bias(biases: Sequence[Bias | None], noise: float) -> Bias | None:
@@ -59,9 +82,9 @@ def common_bias(biases: Sequence[Bias | None], noise: float) -> Bias | None:
         return None
     weights = np.array([1 / max(bias.deviation, 1e-3 * abs(bias.value))**2 for bias in found])
     mean = float(weights @ [bias.value for bias in found] / weights.sum())
-    alike = all(bias.value * mean > 0 and abs(bias.value - mean) <= max(SIMILAR * abs(mean), 2 * bias.deviation)
+    alike = all(bias.value * mean > 0 and abs(bias.value - mean) <= max(BIAS_CHECK.similar * abs(mean), 2 * bias.deviation)
                 for bias in found)
-    return Bias(mean, float(1 / np.sqrt(weights.sum()))) if alike and abs(mean) > NOTICEABLE * noise else None
+    return Bias(mean, float(1 / np.sqrt(weights.sum()))) if alike and abs(mean) > BIAS_CHECK.noticeable * noise else None
 
 
 def advice(experiment: Experiment, name: str, bias: Bias, chi2: float) -> str:
@@ -69,13 +92,13 @@ def advice(experiment: Experiment, name: str, bias: Bias, chi2: float) -> str:
     chi-square without the bias: where it is far from the noise, missing physics may have caused the bias too."""
     output = experiment.outputs[name]
     value, unit = _written(output, bias.value)
-    half = _written(output, INTERVAL * bias.deviation, beside=bias.value)[0]
+    half = _written(output, BIAS_CHECK.interval * bias.deviation, beside=bias.value)[0]
     size = f"{number(value, 3)} +- {number(half, 2)}{unit} (95 %)"
     sign = "+" if value > 0 else "-"
     attempt = f"heavebond try {path_text(experiment.path)} SensorOffset --at"
     inputs = dict.fromkeys([*experiment.inputs, *(n for r in experiment.records.values() for n in r.inputs)])
     other = f" or of an input (--at {listing(inputs, 3)})" if inputs else ""
-    cause = f"which suggests an offset of the sensor{other}" if chi2 < NEAR else \
+    cause = f"which suggests an offset of the sensor{other}" if chi2 < BIAS_CHECK.otherwise_good else \
         f"from an offset of the sensor{other}, or from a missing effect, as without it chi-square is still {number(chi2, 3)}"
     return f"{name}: bias equal on all records, {size}, {cause}: " \
         f"`{attempt} {name}` estimates it; `is: {output.shown.text} {sign} {number(abs(value), 3)}{unit}` at this output " \

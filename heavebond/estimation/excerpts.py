@@ -6,7 +6,7 @@ with the record, because the state of the machine is known only there. It is lon
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,11 +14,29 @@ from heavebond.core.presentation import number
 from heavebond.estimation.comparison import Comparison, RecordComparison
 from heavebond.estimation.experiment import Experiment
 
-LONG = 30_000  # points in time of all fitted records together, from where on a search looks at a part of them,
-EXCERPT = 5_000  # and how many of them, at least, that part has
-FURTHER = 4  # times as many at most where the beginning is quiet,
-CHECKING = 2  # times as many of records that only check, which are run less often
-LIVELY = 0.3  # share of a record's mean square misfit that its excerpt must have not to be called quiet
+
+@dataclass(frozen=True)
+class ExcerptConstants:
+    """The constants of the choice of an excerpt of long records for a search.
+
+    long: samples of all fitted records together from which a search uses an excerpt. Origin: the time of a search.
+        Doubled: whole records are searched twice as often.
+    excerpt: samples of an excerpt, at least. Origin: the time of a run. Doubled: twice the time, narrower intervals in
+        a search.
+    max_extension: factor by which it may be longer where the beginning is quiet. Origin: as above. Doubled: as above.
+    checking: factor for records that only check, which are run less often. Origin: as above. Doubled: as above.
+    exciting: share of the mean square misfit of a record that its excerpt must have. Origin: below, the excerpt misses
+        what is wrong. Doubled: longer excerpts.
+    """
+
+    long: int = 30_000
+    excerpt: int = 5_000
+    max_extension: int = 4
+    checking: int = 2
+    exciting: float = 0.3
+
+
+EXCERPTS = ExcerptConstants()
 
 
 def excerpt(experiment: Experiment, compared: Comparison, samples: int | None = None) -> Experiment:
@@ -27,12 +45,12 @@ def excerpt(experiment: Experiment, compared: Comparison, samples: int | None = 
     over the records, which tells where the model misses them."""
     fitted = [r for r in compared.records.values() if r.use == "fit"]
     points = sum(len(r.result.time) for r in fitted)
-    if points <= (samples or LONG):
+    if points <= (samples or EXCERPTS.long):
         return experiment
-    most = max(1, (samples or EXCERPT) // len(fitted))
+    most = max(1, (samples or EXCERPTS.excerpt) // len(fitted))
     records = dict(experiment.records)
     for found in compared.records.values():
-        end = _end(found, most if found.use == "fit" else CHECKING * most)
+        end = _end(found, most if found.use == "fit" else EXCERPTS.checking * most)
         if end is not None:
             records[found.name] = replace(records[found.name], end=end)
     return replace(experiment, records=records) if records != experiment.records else experiment
@@ -60,7 +78,7 @@ def _end(record: RecordComparison, most: int) -> float | None:
     order = np.argsort(time)
     wrong = np.concatenate([np.where(c.outlier, 0.0, (c.measured - c.model) / c.noise)**2 for c in channels])[order]
     time, mean = time[order], np.cumsum(wrong) / np.arange(1, len(wrong) + 1)
-    enough = (time >= grid[most - 1]) & (mean >= LIVELY * mean[-1])
+    enough = (time >= grid[most - 1]) & (mean >= EXCERPTS.exciting * mean[-1])
     last = float(time[np.argmax(enough)]) if enough.any() else float(grid[-1])
-    end = min(last, float(grid[min(FURTHER * most, len(grid)) - 1]))
+    end = min(last, float(grid[min(EXCERPTS.max_extension * most, len(grid)) - 1]))
     return end if end < grid[-1] else None

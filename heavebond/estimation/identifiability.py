@@ -10,12 +10,25 @@ import numpy as np
 from heavebond.core.errors import listing
 from heavebond.numerics.dae import Array
 
-# Standard deviation above which a combination of parameters is not identifiable, in logarithms or in shares of the range.
-UNSEEN = 0.3
-# Standard deviation of a logarithm above which no value is reported: a factor of a hundred.
-BLIND = 4.6
-# Components of a direction below this share of its largest are omitted from the text.
-SMALL = 0.15
+
+@dataclass(frozen=True)
+class IdentifiabilityConstants:
+    """The constants of the report on identifiability.
+
+    max_deviation: standard deviation, of a logarithm or over the range, above which a combination of parameters is not
+        identifiable. Origin: 30 %. Doubled: fewer combinations are named.
+    unknown_deviation: standard deviation of a logarithm above which no value is reported. Origin: a factor of a
+        hundred. Doubled: useless values are reported.
+    min_share: component of a direction, over its largest, below which it is omitted from the text. Origin: readability.
+        Doubled: shorter texts.
+    """
+
+    max_deviation: float = 0.3
+    unknown_deviation: float = 4.6
+    min_share: float = 0.15
+
+
+IDENTIFIABILITY = IdentifiabilityConstants()
 
 
 @dataclass(frozen=True)
@@ -35,13 +48,14 @@ class Identifiability:
     @property
     def unseen(self) -> Array:
         """The directions that are not identifiable (k, n_parameters)."""
-        return self.directions[self.deviations > UNSEEN]
+        return self.directions[self.deviations > IDENTIFIABILITY.max_deviation]
 
     @property
     def unseen_names(self) -> set[str]:
         """The parameters that take part in directions that the data cannot see."""
         shares = [np.abs(direction) for direction in self.unseen]
-        return {name for share in shares for name, own in zip(self.names, share, strict=True) if own > SMALL * share.max()}
+        return {name for share in shares for name, own in zip(self.names, share, strict=True)
+                if own > IDENTIFIABILITY.min_share * share.max()}
 
 
 def identifiability(jacobian: Array, names: Sequence[str], logarithmic: Sequence[bool]) -> Identifiability:
@@ -52,16 +66,17 @@ def identifiability(jacobian: Array, names: Sequence[str], logarithmic: Sequence
     _, values, directions = np.linalg.svd(jacobian, full_matrices=False)
     deviations = 1 / np.maximum(values, 1e-300)
     words = [_words(direction, deviation, names, logarithmic)
-             for direction, deviation in zip(directions, deviations, strict=True) if deviation > UNSEEN]
+             for direction, deviation in zip(directions, deviations, strict=True)
+             if deviation > IDENTIFIABILITY.max_deviation]
     return Identifiability(tuple(names), deviations, directions, tuple(words))
 
 
 def _words(direction: Array, deviation: float, names: Sequence[str], logarithmic: Sequence[bool]) -> str:
     share = np.abs(direction)
-    chosen = [k for k in np.argsort(-share) if share[k] > SMALL * share.max()]
+    chosen = [k for k in np.argsort(-share) if share[k] > IDENTIFIABILITY.min_share * share.max()]
     involved = [names[k] for k in sorted(chosen)]
     relative = all(logarithmic[k] for k in chosen)
-    seen = "not identifiable" if deviation > (BLIND if relative else 1e3) else \
+    seen = "not identifiable" if deviation > (IDENTIFIABILITY.unknown_deviation if relative else 1e3) else \
         f"seen to a factor of {np.exp(deviation):.2g} only" if relative else \
         f"seen to {100 * deviation:.2g} % of the range only"
     if len(chosen) == 1:

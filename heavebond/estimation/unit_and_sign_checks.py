@@ -6,6 +6,7 @@ The functions return remarks and change nothing: the unit stated in a file may b
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,17 +20,44 @@ Array = NDArray[np.float64]
 USUAL = ("m", "mm", "cm", "um", "km", "Pa", "kPa", "MPa", "bar", "mbar", "psi", "N", "kN", "MN", "m/s", "mm/s", "km/h",
          "m**3/s", "L/min", "L/s", "m**3/h", "kg", "g", "t", "kg/s", "g/s", "kg/h", "s", "ms", "min", "rad", "deg", "rad/s",
          "rpm", "deg/s", "N*m", "kN*m", "W", "kW", "A", "mA", "V", "mV", "1", "%")
-FAR = 3.0  # smallest ratio of spreads that may be due to a unit
-NEAR = 1.6  # largest ratio that may remain after the change of unit
-ALIKE = 0.7  # smallest correlation with the model at which a ratio of spreads is meaningful
-ZERO = 0.05  # negative values up to this share of a record's maximum count as noise
-BELOW = 0.2  # smallest negative excursion of a model, as a share of its largest magnitude
-CLEARLY = 0.2  # smallest gain in correlation by taking the absolute value of the model
+
+
+@dataclass(frozen=True)
+class UnitCheckConstants:
+    """The constants of the checks of units, signs and times of records. Origin of all: distances between
+    common units and between sound and mistaken records; none depends on a machine.
+
+    unit_ratio: least ratio of spreads that may be due to a unit. Doubled: km/h read as m/s (3.6) is no longer named.
+    unit_left: largest ratio that may remain after the change of unit. Doubled: neighbouring units are confused.
+    alike: least correlation with the model at which a ratio of spreads is meaningful. Doubled: no unit is ever named.
+    zero: share of the maximum of a record up to which negative values are noise. Doubled: noisier magnitudes are
+        recognised.
+    negative_share: least negative excursion of a model, over its largest magnitude, beside a record without one.
+        Doubled: fewer magnitudes are recognised.
+    magnitude_gain: least gain in correlation by the absolute value of the model. Doubled: as above.
+    duration_left: relative difference of two durations that are equal in the right unit. Doubled: looser.
+    time_ratio: ratio of both length and step of a record to those of a run above which the unit of time is wrong.
+        Doubled: minutes for seconds are not named.
+    sign_gain: gain in correlation by which the opposite sign must explain a record better. Doubled: nothing but for
+        weak signals.
+    opposite: correlation below which the sign is wrong; a mistuned model hardly gets so low. Doubled: no sign is ever
+        named.
+    """
+
+    unit_ratio: float = 3.0
+    unit_left: float = 1.6
+    alike: float = 0.7
+    zero: float = 0.05
+    negative_share: float = 0.2
+    magnitude_gain: float = 0.2
+    duration_left: float = 0.1
+    time_ratio: float = 40.0
+    sign_gain: float = 0.01
+    opposite: float = -0.9
+
+
+UNIT_CHECKS = UnitCheckConstants()
 TIMES = ("us", "ms", "s", "min", "h")
-ALIKE_LONG = 0.1  # relative difference of two durations that counts as equal in the right unit
-SCARCE = 40.0  # ratio of both length and step of a record to those of a run above which the unit of time is wrong
-BETTER = 0.01  # gain in correlation by which the opposite sign must explain the record better
-OPPOSITE = -0.9  # correlation below which the sign is wrong; a mistuned model hardly gets so low
 
 
 def declared_otherwise(table: Table, column: str, unit: str) -> str | None:
@@ -51,12 +79,12 @@ def declared_otherwise(table: Table, column: str, unit: str) -> str | None:
 def time_seems_in(time: Array, until: float, every: float, unit: str) -> str:
     """The probable unit of times (n,), given in s after conversion from `unit`, of a record for a run to `until` (s) with
     output interval `every` (s); empty where `unit` is plausible. Both the length and the step of the record must differ by
-    a factor above SCARCE in the same direction, and by less than its square root in the other unit (ms and s differ by
-    1000, s and min by 60)."""
+    a factor above `UNIT_CHECKS.time_ratio` in the same direction, and by less than its square root in the other unit (ms
+    and s differ by 1000, s and min by 60)."""
     ratios = float(np.ptp(time)) / until, float(np.median(np.diff(time))) / every
-    if not (min(ratios) > SCARCE or max(ratios) < 1 / SCARCE):
+    if not (min(ratios) > UNIT_CHECKS.time_ratio or max(ratios) < 1 / UNIT_CHECKS.time_ratio):
         return ""
-    near = math.sqrt(SCARCE)
+    near = math.sqrt(UNIT_CHECKS.time_ratio)
     for other in TIMES:
         factor = read_unit(other).scale / read_unit(unit).scale
         if all(1 / near < ratio * factor < near for ratio in ratios):
@@ -68,7 +96,7 @@ def length_seems_in(length: float, whole: float, unit: str) -> str:
     """The unit in which a length of time, read in `unit`, would be nearly the `whole` (both in s); empty where in none."""
     for other in TIMES:
         factor = read_unit(other).scale / read_unit(unit).scale
-        if other != unit and length > 0 and abs(length * factor / whole - 1) < ALIKE_LONG:
+        if other != unit and length > 0 and abs(length * factor / whole - 1) < UNIT_CHECKS.duration_left:
             return other
     return ""
 
@@ -78,13 +106,13 @@ def seems_in_another_unit(measured: Array, model: Array, unit: str, declared: Un
     deviations is close to that of two common units; None otherwise. Offsets are ignored. If the file gives the unit
     `declared`, only a remark that agrees with it is returned."""
     factor, alike = _likeness(measured, model)
-    if alike < ALIKE or max(factor, 1 / factor) < FAR:
+    if alike < UNIT_CHECKS.alike or max(factor, 1 / factor) < UNIT_CHECKS.unit_ratio:
         return None
     given = read_unit(unit)
     off = {text: abs(math.log(factor * other.scale / given.scale)) for text in USUAL if text != unit
            for other in [read_unit(text)] if _same_kind(given, other)}
     best = min(off, key=lambda text: off[text], default=unit)
-    if best == unit or off[best] > math.log(NEAR):
+    if best == unit or off[best] > math.log(UNIT_CHECKS.unit_left):
         return None
     if declared is not None and not math.isclose(read_unit(best).scale, declared.scale, rel_tol=1e-6):
         return None
@@ -97,14 +125,15 @@ def seems_of_another_sign(measured: Array, model: Array, formula: str) -> str | 
     one that cannot tell the direction show nearly the same."""
     turned, unsigned = seems_turned(measured, model, formula), seems_without_sign(measured, model, formula)
     if turned and unsigned:
-        return unsigned if _likeness(measured, np.abs(model))[1] > -_likeness(measured, model)[1] + BETTER else turned
+        opposite = -_likeness(measured, model)[1]
+        return unsigned if _likeness(measured, np.abs(model))[1] > opposite + UNIT_CHECKS.sign_gain else turned
     return turned or unsigned
 
 
 def seems_turned(measured: Array, model: Array, formula: str) -> str | None:
     """A remark where the record (n,) is close to the negative of the model (n,); `formula` is that of the output."""
     _, alike = _likeness(measured, model)
-    if alike > OPPOSITE:
+    if alike > UNIT_CHECKS.opposite:
         return None
     return f"moves against the model (correlation {number(alike, 3)}): if the sensor counts the other way, write " \
         f"`is: -({formula})`"
@@ -114,10 +143,11 @@ def seems_without_sign(measured: Array, model: Array, formula: str) -> str | Non
     """A remark where the record (n,) is never negative, the model (n,) is, and the absolute value of the model is better
     correlated with the record."""
     top = float(np.max(measured))
-    if top <= 0 or float(np.min(measured)) < -ZERO * top or np.min(model) > -BELOW * float(np.max(np.abs(model))):
+    if top <= 0 or float(np.min(measured)) < -UNIT_CHECKS.zero * top or \
+            np.min(model) > -UNIT_CHECKS.negative_share * float(np.max(np.abs(model))):
         return None
     alike, sized = _likeness(measured, model)[1], _likeness(measured, np.abs(model))[1]
-    if sized < ALIKE or sized < alike + CLEARLY:
+    if sized < UNIT_CHECKS.alike or sized < alike + UNIT_CHECKS.magnitude_gain:
         return None
     return f"is never below 0 where the model is, and moves as its size does (correlation {number(sized, 3)}, with the " \
         f"sign {number(alike, 3)}): if the sensor cannot tell the direction, write `is: abs({formula})`"

@@ -118,6 +118,28 @@ def domains() -> dict[str, Domain]:
     return found
 
 
+@lru_cache(maxsize=1)
+def effect_classes() -> Dictionary[str, str]:
+    """Classes of effects that are special cases and the class of each (`components/effect_classes.yaml`)."""
+    path = bundled("components") / "effect_classes.yaml"
+    source = read(path, shown_path(path), bundled=True)
+    problems = Problems()
+    found = {}
+    for name, node in source.root.items.items():
+        entry = reading.mapping(node, name, problems)
+        if entry is not None:
+            reading.known_keys(entry, ("is",), f"class '{name}'", problems, required=("is",))
+            found[name] = reading.text(entry.items.get("is"), "is", problems)
+    problems.raise_as(ModelError)
+    return found
+
+
+def same_class(one: str, other: str) -> bool:
+    """Whether two classes of effects are one, or one is a special case of the other."""
+    parents = effect_classes()
+    return one == other or parents.get(one) == other or parents.get(other) == one
+
+
 def _domain(name: str, node: Mapping, problems: Problems) -> Domain:
     keys = ("effort", "flow", "across", "through", "position", "power", "members", "doc", "reference", "medium",
             "fills", "relative", "colour", "pale", "determined_by", "compliance")

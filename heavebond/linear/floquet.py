@@ -7,6 +7,7 @@ is stable where all are below 1 in size. A. H. Nayfeh, B. Balachandran, Applied 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -18,10 +19,27 @@ from heavebond.numerics.result import columns
 from heavebond.numerics.simulator import Simulator
 from heavebond.numerics.start_equations import Point
 
-POINTS = 4000  # of the run
-REPEATS = 0.01  # a state may differ from itself a period before by this share of its range, a step of the output
-LEAVES = 0.2  # what is a period has left its beginning by this share first
-DECIDED = 0.01  # multipliers are known no better than this
+
+@dataclass(frozen=True)
+class FloquetConstants:
+    """The constants of the search for a period in a run and of its Floquet multipliers.
+
+    points: points of the run. Origin: some hundred for each period. Doubled: time.
+    repeats: share of its range by which a state may differ from itself a period before. Origin: a step of the output.
+        Doubled: less settled periods are accepted.
+    leaves: share of its range by which a state must have left its beginning first. Origin: noise of a slow start.
+        Doubled: shorter periods are missed.
+    decided: distance of a multiplier from 1 that decides stability. Origin: accuracy of a multiplier. Doubled:
+        undecided more often.
+    """
+
+    points: int = 4000
+    repeats: float = 0.01
+    leaves: float = 0.2
+    decided: float = 0.01
+
+
+FLOQUET = FloquetConstants()
 
 
 def largest_multiplier(assembly: Assembly, until: float) -> float | None:
@@ -30,7 +48,7 @@ def largest_multiplier(assembly: Assembly, until: float) -> float | None:
     if assembly.flat.events or assembly.flat.held:
         return None
     try:
-        result = Simulator(assembly, times=np.linspace(0, until, POINTS)).run()
+        result = Simulator(assembly, times=np.linspace(0, until, FLOQUET.points)).run()
     except HeavebondError:
         return None
     if result.stays:
@@ -59,8 +77,8 @@ def period(x: Array) -> int | None:
     left = False
     for steps in range(1, x.shape[1] // 2):
         off = float(np.abs(moving[:, -steps:] - moving[:, -2 * steps:-steps]).max())
-        left = left or off > LEAVES
-        if left and off < REPEATS:
+        left = left or off > FLOQUET.leaves
+        if left and off < FLOQUET.repeats:
             return steps
     return None
 

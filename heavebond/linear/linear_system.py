@@ -33,14 +33,31 @@ from heavebond.numerics.start_equations import Point
 from heavebond.text.expression import ExpressionProblem, names, parse_formula
 
 Complex = NDArray[np.complex128]
-# Terms that cancel leave this share of their sizes as rounding.
-ROUNDING = 1e-11
-# Zeros of a pencil beyond this multiple of the fastest pole are those at infinity.
-INFINITE = 1e6
-# A mode that adds less than this share of the strongest one to a channel is not looked for in its pictures.
-VISIBLE = 1e-2
-FREE = 1e-9  # poles below this share of the fastest are at zero
-POINTS = 600
+
+
+@dataclass(frozen=True)
+class LinearSystemConstants:
+    """The constants of poles, zeros and responses of a linear system.
+
+    rounding: share of their sizes that terms leave as rounding where they cancel. Origin: systems of a hundred states.
+        Doubled: nothing.
+    infinite: multiple of the fastest pole beyond which a zero is at infinity. Origin: errors of the QZ algorithm.
+        Doubled: nothing.
+    visible: share of the strongest mode below which one is not looked for in plots of a channel. Origin: width of a
+        line. Doubled: shorter plots.
+    free: magnitude of a pole, over the fastest, below which it is at zero. Origin: errors of eigenvalues. Doubled:
+        nothing.
+    points: points of a plot. Origin: pixels. Doubled: time.
+    """
+
+    rounding: float = 1e-11
+    infinite: float = 1e6
+    visible: float = 1e-2
+    free: float = 1e-9
+    points: int = 600
+
+
+LINEAR_SYSTEM = LinearSystemConstants()
 
 
 @dataclass(frozen=True)
@@ -133,7 +150,7 @@ class StateSpace:
         pencil = np.block([[a / largest, b], [c, d]])
         mass = np.block([[np.eye(len(a)), np.zeros_like(b)], [np.zeros_like(c), -higher]])
         top, bottom = eigvals(pencil, mass, homogeneous_eigvals=True)
-        finite = np.abs(top) < INFINITE * np.abs(bottom)
+        finite = np.abs(top) < LINEAR_SYSTEM.infinite * np.abs(bottom)
         return np.asarray(largest * top[finite] / bottom[finite], dtype=complex)
 
     def step(self, time: Array) -> Array:
@@ -151,15 +168,16 @@ class StateSpace:
         return found
 
     def visible(self) -> Complex:
-        """The poles that the first input moves and the first output shows, by more than VISIBLE of the strongest."""
+        """The poles that the first input moves and the first output shows, by more than `LINEAR_SYSTEM.visible` of the
+        strongest."""
         a, b, c = self._scaled()
         values, right = np.linalg.eig(a)
         residues = np.abs((c[0] @ right) * np.linalg.lstsq(right, b[:, 0].astype(complex), rcond=None)[0])
         # integrators have no frequency of their own; they come as poles of the size of rounding
-        moving = np.abs(values) > FREE * np.abs(values).max(initial=0.0)
+        moving = np.abs(values) > LINEAR_SYSTEM.free * np.abs(values).max(initial=0.0)
         values, residues = values[moving], residues[moving]
         weights = residues / np.maximum(np.abs(values.real), 1e-2 * np.abs(values))
-        return np.asarray(values[weights >= VISIBLE * weights.max(initial=0.0)], dtype=complex)
+        return np.asarray(values[weights >= LINEAR_SYSTEM.visible * weights.max(initial=0.0)], dtype=complex)
 
     def frequencies(self) -> Array:
         """Frequencies in Hz (N,) from a decade below the slowest visible pole to a decade above the fastest, denser where
@@ -260,9 +278,9 @@ class StateSpaces:
 def spread(poles: Complex, all_poles: Complex) -> Array:
     """Frequencies in Hz (N,) around the poles (1/s) of a channel, with points close to every resonance."""
     sizes = np.abs(poles)
-    sizes = sizes[sizes > FREE * sizes.max(initial=0.0)] if sizes.any() else np.array([2 * np.pi])
+    sizes = sizes[sizes > LINEAR_SYSTEM.free * sizes.max(initial=0.0)] if sizes.any() else np.array([2 * np.pi])
     low, high = 0.1 * float(sizes.min()), 10 * float(sizes.max())
-    plain = np.geomspace(low, high, POINTS)
+    plain = np.geomspace(low, high, LINEAR_SYSTEM.points)
     near = [pole.imag + max(-pole.real, 1e-6 * abs(pole)) * np.linspace(-8, 8, 65)
             for pole in all_poles if pole.imag > 0 and abs(pole.real) < 0.3 * abs(pole)]
     points = np.concatenate([plain, *near])
@@ -277,7 +295,8 @@ def _without_derivatives(linear: Linear, b: Array, d: Array) -> tuple[Array, Arr
         d[k - 1] += linear.c @ b[k]
         size_b[k - 1] += np.abs(linear.a) @ size_b[k]
         size_d[k - 1] += np.abs(linear.c) @ size_b[k]
-    return np.where(np.abs(b[0]) > ROUNDING * size_b[0], b[0], 0.0), np.where(np.abs(d) > ROUNDING * size_d, d, 0.0)
+    return np.where(np.abs(b[0]) > LINEAR_SYSTEM.rounding * size_b[0], b[0], 0.0), \
+        np.where(np.abs(d) > LINEAR_SYSTEM.rounding * size_d, d, 0.0)
 
 
 def _balanced(b: Array, c: Array, d: Array, higher: Array, largest: float) -> tuple[Array, Array, Array, Array]:

@@ -25,17 +25,44 @@ from heavebond.linear.stability import eigenvalues
 from heavebond.numerics.dae import Array
 
 Complex = NDArray[np.complex128]
-# An imaginary part below this share of the value is rounding, and has no sign.
-RESOLVED = 1e-10
-# Zeros of a pencil of more than this many times, and of less than the inverse of, the largest pole are at infinity and at 0.
-INFINITE, NOTHING = 1e9, 1e-13
-ON_AXIS = 1e-7  # a pole with less damping than this is passed by on both sides, not stepped over
-BESIDE = 1e-12  # share of a frequency by which a pole on the axis is missed where it is met exactly
-GRID = 24  # points for each decade beside those that the pencils give
-CLOSER = 1e-6  # share by which a still lower |1 + L| would be looked for; the frequency is refined from there
-ROUNDS = 30
-CLOSE = 1e-3  # of the least |1 + L|: intervals that cannot come nearer by more are not halved
-TURN, MOST_STEPS = 16, 200_000  # points for each turn of a dead time's phase, far closer than half a turn; the most of them
+
+
+@dataclass(frozen=True)
+class CrossingConstants:
+    """The constants of the search for crossings of a loop's frequency response.
+
+    resolved: imaginary part, over the value, below which it is rounding and has no sign. Origin: evaluations of large
+        systems. Doubled: nothing.
+    infinite: multiple of the largest pole beyond which a zero of a pencil is at infinity. Origin: errors of the QZ
+        algorithm. Doubled: nothing.
+    zero: share of it below which one is at 0. Origin: as above. Doubled: nothing.
+    on_axis: damping ratio below which a pole is passed on both sides. Origin: rounding of eigenvalues. Doubled:
+        nothing.
+    beside: share of its frequency by which such a pole is missed. Origin: rounding. Doubled: nothing.
+    points_per_decade: points for each decade beside those that the pencils give. Origin: dead times are not in the
+        pencils. Doubled: time.
+    closer: share by which a lower |1 + L| would be looked for. Origin: digits shown. Doubled: nothing.
+    max_rounds: rounds of halving. Origin: rounding. Doubled: nothing.
+    close_enough: share of the least |1 + L| by which intervals must be able to come nearer to be halved. Origin: digits
+        shown. Doubled: a thousandth of the modulus margin.
+    points_per_turn: points for each turn of a dead time's phase. Origin: far closer than half a turn. Doubled: time.
+    max_points: points of all. Origin: memory. Doubled: longer dead times.
+    """
+
+    resolved: float = 1e-10
+    infinite: float = 1e9
+    zero: float = 1e-13
+    on_axis: float = 1e-7
+    beside: float = 1e-12
+    points_per_decade: int = 24
+    closer: float = 1e-6
+    max_rounds: int = 30
+    close_enough: float = 1e-3
+    points_per_turn: int = 16
+    max_points: int = 200_000
+
+
+CROSSINGS = CrossingConstants()
 
 
 @dataclass(frozen=True)
@@ -59,7 +86,7 @@ class Transfer:
         try:
             x = np.linalg.solve(s[:, None, None] * np.eye(len(self.a)) - self.a, right)
         except np.linalg.LinAlgError:  # a frequency is that of an undamped pole: just beside it
-            x = np.linalg.solve(s[:, None, None] * (1 + BESIDE) * np.eye(len(self.a)) - self.a, right)
+            x = np.linalg.solve(s[:, None, None] * (1 + CROSSINGS.beside) * np.eye(len(self.a)) - self.a, right)
         return np.asarray(x[:, :, 0] @ self.c + self.d, dtype=complex)
 
     def at(self, omega: Array) -> Complex:
@@ -134,7 +161,7 @@ def real_crossings(of: Transfer) -> list[float]:
     turn = 2 * np.pi / of.dead_time
     span = max(magnitude_crossings(of), default=0.0) + 2 * turn
     while True:
-        found = _refined(of, marks, lambda omega: _sine(of.at(omega)), _steps(of, span, TURN))
+        found = _refined(of, marks, lambda omega: _sine(of.at(omega)), _steps(of, span, CROSSINGS.points_per_turn))
         values = of.at(np.array(found))
         sizes = np.abs(values[(values.real < 0) & (np.abs(values) < 1)])
         last = max(magnitude_crossings(of, float(sizes.max())), default=0.0) if len(sizes) else 0.0
@@ -146,7 +173,7 @@ def real_crossings(of: Transfer) -> list[float]:
 def _steps(of: Transfer, span: float, turn: int) -> Array:
     """Frequencies in rad/s up to a span, so many for each turn of the dead time's phase; UsageError for too many."""
     number = int(np.ceil(span * of.dead_time / (2 * np.pi) * turn))
-    if number > MOST_STEPS:
+    if number > CROSSINGS.max_points:
         raise UsageError([Problem("dead-time-long", f"the phase of a dead time of {of.dead_time:g} s turns {number // turn} "
                                   "times where the loop still has gain", None, "Take a shorter one.")])
     return np.asarray(np.arange(1, number + 1) * (2 * np.pi / turn / of.dead_time), dtype=float)
@@ -162,7 +189,7 @@ def _real_marks(of: Transfer) -> Complex:
 def _sine(values: Complex) -> Array:
     """Im L / |L|, and nothing where that is rounding."""
     share = values.imag / np.maximum(np.abs(values), 1e-300)
-    return np.where(np.abs(share) > RESOLVED, share, np.nan)
+    return np.where(np.abs(share) > CROSSINGS.resolved, share, np.nan)
 
 
 def least_distance(of: Transfer) -> tuple[float, float]:
@@ -174,9 +201,9 @@ def least_distance(of: Transfer) -> tuple[float, float]:
     best = min(best, _nearest(of, _nodes(of, marks, np.zeros(0))))
     if of.dead_time:  # where |L| is below 1 - d, -1 is farther away than d
         span = max(magnitude_crossings(of, max(1 - best[0], 1e-3)), default=0.0) + 2 * np.pi / of.dead_time
-        return min(best, _nearest(of, _nodes(of, marks, _steps(of, span, 2 * TURN))))
-    for _ in range(ROUNDS):
-        lower = magnitude_crossings(of, (1 - CLOSER) * best[0], 1.0) if best[0] > 0 else []
+        return min(best, _nearest(of, _nodes(of, marks, _steps(of, span, 2 * CROSSINGS.points_per_turn))))
+    for _ in range(CROSSINGS.max_rounds):
+        lower = magnitude_crossings(of, (1 - CROSSINGS.closer) * best[0], 1.0) if best[0] > 0 else []
         if len(lower) < 2:
             break
         best = min(best, _nearest(of, np.unique([*lower, *np.sqrt(np.array(lower[:-1]) * np.array(lower[1:]))])))
@@ -189,10 +216,10 @@ def _nearest(of: Transfer, nodes: Array) -> tuple[float, float]:
     from scipy.optimize import minimize_scalar
 
     points = 1 + of.at(nodes)
-    for _ in range(ROUNDS):
+    for _ in range(CROSSINGS.max_rounds):
         sizes = np.abs(points)
-        below = np.minimum(sizes[:-1], sizes[1:]) - np.abs(np.diff(points)) < (1 - CLOSE) * sizes.min()
-        halved = np.flatnonzero(below & (np.diff(nodes) > CLOSE**3 * nodes[1:]))
+        below = np.minimum(sizes[:-1], sizes[1:]) - np.abs(np.diff(points)) < (1 - CROSSINGS.close_enough) * sizes.min()
+        halved = np.flatnonzero(below & (np.diff(nodes) > CROSSINGS.close_enough**3 * nodes[1:]))
         if not len(halved):
             break
         more = (nodes[halved] + nodes[halved + 1]) / 2
@@ -214,7 +241,7 @@ def _finite(pencil: Array, n: int) -> Complex:
     mass = np.zeros_like(pencil)
     mass[:n, :n] = np.eye(n)
     top, bottom = eigvals(pencil, mass, homogeneous_eigvals=True)
-    kept = np.abs(top) < INFINITE * np.abs(bottom)
+    kept = np.abs(top) < CROSSINGS.infinite * np.abs(bottom)
     return np.asarray(top[kept] / bottom[kept], dtype=complex)
 
 
@@ -223,18 +250,18 @@ def critical_frequencies(of: Transfer) -> Array:
     sizes = np.abs(np.concatenate([of.poles, zeros(of)]))
     marks = np.abs(_magnitude_marks(of, 1.0, 0.0))
     every = np.concatenate([sizes, marks])
-    kept = every[(every > NOTHING * of.rate) & np.isfinite(every)]
+    kept = every[(every > CROSSINGS.zero * of.rate) & np.isfinite(every)]
     return np.unique(kept) if len(kept) else np.array([of.rate])
 
 
 def _nodes(of: Transfer, marks: Array, more: Array) -> Array:
     """Frequencies in rad/s between which a function of L changes its sign once at most."""
     critical = critical_frequencies(of)
-    marks = marks[(marks > NOTHING * of.rate) & np.isfinite(marks)]
+    marks = marks[(marks > CROSSINGS.zero * of.rate) & np.isfinite(marks)]
     ends = np.unique(np.concatenate([critical, marks]))
     low, high = float(ends[0]) / 30, float(ends[-1]) * 30
     between = np.sqrt(ends[:-1] * ends[1:])
-    grid = np.geomspace(low, high, int(GRID * np.log10(high / low)) + 2)
+    grid = np.geomspace(low, high, int(CROSSINGS.points_per_decade * np.log10(high / low)) + 2)
     sides = [ends * (1 + sign * step) for step in (1e-2, 1e-4, 1e-6) for sign in (-1, 1)]
     resonant = [p.imag + max(abs(p.real), 1e-6 * abs(p)) * np.linspace(-6, 6, 49)
                 for p in of.poles if 0 < abs(p.real) < 0.1 * p.imag]
@@ -245,7 +272,7 @@ def _nodes(of: Transfer, marks: Array, more: Array) -> Array:
 
 def _on_axis(of: Transfer) -> Array:
     """Frequencies of poles on the imaginary axis, in rad/s."""
-    return np.unique([p.imag for p in of.poles if p.imag > 0 and abs(p.real) <= ON_AXIS * abs(p)])
+    return np.unique([p.imag for p in of.poles if p.imag > 0 and abs(p.real) <= CROSSINGS.on_axis * abs(p)])
 
 
 def _refined(of: Transfer, marks: Array, function: Callable[[Array], Array], more: Array) -> list[float]:

@@ -31,12 +31,28 @@ from heavebond.linear.stability import MARGINAL, STABLE, UNSTABLE, Stability
 from heavebond.numerics.dae import Array
 from heavebond.numerics.simulator import Time, seconds
 
-# A direct share of the loop so large that nothing is left of what is added: it cannot be cut there.
-UNCUT = 1e-12
-NOTHING = 1e-12  # a loop of no more gain than this at any frequency is rounding
-REAL = 1e-6  # Im L / |L| at a crossing of the real axis; more is a pole or a zero of L on the imaginary axis
-ON_AXIS = 1e-6  # the angle of -L, in rad, at a frequency at which the closed loop swings undamped
-AROUND = 10.0  # how far the frequencies of a picture go beyond poles, zeros and crossings
+
+@dataclass(frozen=True)
+class MarginConstants:
+    """The constants of gain, phase, delay and modulus margins.
+
+    uncut: distance from 1 of the direct gain of a loop that cannot be cut. Origin: rounding. Doubled: nothing.
+    no_gain: gain at any frequency below which a loop is rounding. Origin: rounding. Doubled: nothing.
+    real: |Im L|/|L| at a crossing of the real axis; more is a pole or zero on the imaginary axis. Origin: errors of
+        crossings. Doubled: nothing.
+    on_axis: angle of -L in rad at a frequency of undamped oscillation. Origin: as above. Doubled: nothing.
+    around: factor by which the frequencies of a plot go beyond poles, zeros and crossings. Origin: one decade. Doubled:
+        wider plots.
+    """
+
+    uncut: float = 1e-12
+    no_gain: float = 1e-12
+    real: float = 1e-6
+    on_axis: float = 1e-6
+    around: float = 10.0
+
+
+MARGINS = MarginConstants()
 CUT = "behind the cut at "
 
 
@@ -116,14 +132,14 @@ def open_loop(closed: StateSpace) -> StateSpace:
     UsageError where the signal is in no loop, or follows its own derivative.
     """
     name, d = closed.inputs[0], float(closed.d[0, 0])
-    if not closed.proper or abs(d) < UNCUT:
+    if not closed.proper or abs(d) < MARGINS.uncut:
         raise UsageError([Problem("loop-not-cut", f"the loop cannot be cut at '{name}': what is added there acts on itself "
                                   "at once", None, "Cut it at another signal, such as a controller's output.")])
     a = closed.a - closed.b @ closed.c / d
     loop = replace(closed, inputs=(f"{CUT}{name}",), outputs=(name,), a=a, b=closed.b / d, c=-closed.c / d,
                    d=np.array([[-(1 - 1 / d)]]), units=(closed.units[0], closed.units[1], closed.units[1]),
                    shown=closed.units[1])
-    if not np.any(np.abs(loop.response(2j * np.pi * spread(loop.poles, loop.poles))) > NOTHING):
+    if not np.any(np.abs(loop.response(2j * np.pi * spread(loop.poles, loop.poles))) > MARGINS.no_gain):
         raise UsageError([Problem("loop-none", f"'{name}' is in no loop: what is added to it does not come back")])
     return loop
 
@@ -140,8 +156,8 @@ def loop_frequencies(loop: StateSpace, found: Crossings) -> Array:
     of = transfer_of(loop)
     crossed = [m.frequency for m in (*found.gain, *found.phase, found.modulus) if 0 < m.frequency < np.inf]
     kept = [*crossing.critical_frequencies(of) / (2 * np.pi), *crossed]
-    low, high = min(kept) / AROUND, max(kept) * AROUND
-    near = [spread(np.array([2j * np.pi * low * AROUND, 2j * np.pi * high / AROUND]), loop.poles),
+    low, high = min(kept) / MARGINS.around, max(kept) * MARGINS.around
+    near = [spread(np.array([2j * np.pi * low * MARGINS.around, 2j * np.pi * high / MARGINS.around]), loop.poles),
             *(f * np.linspace(0.9, 1.1, 41) for f in crossed)]
     every = np.concatenate(near)
     return np.unique(every[(every >= low) & (every <= high)])
@@ -151,7 +167,7 @@ def crossings(loop: StateSpace, closed: Stability, *, dead_time: float = 0.0) ->
     """Every crossing of an open loop L, the closed one judged without dead time; `dead_time` in s is added to both."""
     of = transfer_of(loop, dead_time)
     gain = [Margin(1 / abs(value), omega / (2 * np.pi)) for omega in crossing.real_crossings(of)
-            if (value := of.one(omega)).real < 0 and abs(value.imag) < REAL * abs(value)]
+            if (value := of.one(omega)).real < 0 and abs(value.imag) < MARGINS.real * abs(value)]
     poles = of.poles
     if np.all(poles != 0) and (static := of.one(0.0).real) < 0:
         gain.insert(0, Margin(-1 / static, 0.0))
@@ -176,9 +192,9 @@ def _delayed(of: crossing.Transfer, closed: Stability) -> tuple[str, tuple[str, 
         first = angle % (2 * np.pi)
         sizes = np.abs(of.rational(omega * np.array([1 - 1e-6, 1 + 1e-6])))
         way = 1 if sizes[1] < sizes[0] else -1
-        if abs(angle) < ON_AXIS:  # a pair that is on the axis without dead time leaves it at once
+        if abs(angle) < MARGINS.on_axis:  # a pair that is on the axis without dead time leaves it at once
             pairs += max(way, 0)
-            undamped = [e for e in undamped if abs(e.value.imag - omega) > ON_AXIS * omega]
+            undamped = [e for e in undamped if abs(e.value.imag - omega) > MARGINS.on_axis * omega]
             first = 2 * np.pi
         pairs += way * max(int(np.floor((omega * of.dead_time - first) / (2 * np.pi))) + 1, 0)
     if pairs > 0:

@@ -35,16 +35,45 @@ from heavebond.numerics.newton import Scaling, newton
 from heavebond.numerics.start_equations import Point
 
 STABLE = "stable"
-FASTEST = 1e-6  # eps
-SHARPNESS = 2000.0  # rho: the smooth maximum of n equal scores is log(n)/rho above them, a damping ratio of some 0.0005
-LEAST = 2e-4  # the damping ratio that a search keeps, twice what a limit may be exceeded by
+
+
+@dataclass(frozen=True)
+class RestStabilityConstants:
+    """The constants of the stability at rest, a smooth function of the parameters for searches.
+
+    smoothing: distance of a real pole from zero, over the fastest, that counts as kept. Origin: rounding of
+        eigenvalues. Doubled: nothing.
+    sharpness: exponent of the smooth maximum over modes: n equal scores lie log(n)/sharpness above them, a damping
+        ratio of some 0.0005. Origin: small against damping ratios that matter. Doubled: half of that, stiffer
+        gradients.
+    min_damping: damping ratio that a search keeps. Origin: twice what a limit may be exceeded by. Doubled: searches
+        keep farther from the boundary.
+    at_rest: change of a state in a second of the run's time, over its size, below which it is at rest. Origin:
+        tolerances. Doubled: nothing.
+    min_weight: weight in the smooth maximum below which a mode is left out. Origin: it does not move the sum. Doubled:
+        nothing.
+    max_factor: factor on a gain, up or down, within which a stability boundary is looked for. Origin: two decades.
+        Doubled: boundaries farther away are found.
+    factor_ratio: ratio of successive factors in that search. Origin: 9 for each decade. Doubled (in its excess over 1):
+        two crossings close to each other are missed.
+    rank_one: singular value, over the largest, below which a friction acts on one direction. Origin: rounding of a
+        linearisation. Doubled: nothing.
+    """
+
+    smoothing: float = 1e-6
+    sharpness: float = 2000.0
+    min_damping: float = 2e-4
+    at_rest: float = 1e-6
+    min_weight: float = 1e-8
+    max_factor: float = 100.0
+    factor_ratio: float = 1.3
+    rank_one: float = 1e-6
+
+
+REST_STABILITY = RestStabilityConstants()
 # the slope of dry friction, as shares of that at rest, half a decade apart, and sliding
 SHARES = (*(10 ** (-k / 2) for k in range(11)), 0.0)
-AT_REST = 1e-6  # a state that changes by less than this share of its size in a second of the run's time is at rest
-COUNTED = 1e-8  # modes of less weight in the smooth maximum do not move it
 PHASES = np.radians(np.arange(1, 181, 2))
-FURTHEST, GROWING = 100.0, 1.3
-RANK_ONE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -69,7 +98,7 @@ class Variant:
     def score(self, mode: Mode, base: float) -> float:
         """r, above 0 for an eigenvalue that grows; that of a real one that decays knows no eps."""
         s = mode.value
-        kept = FASTEST * self.fastest if s.imag or s.real > 0 else 0.0
+        kept = REST_STABILITY.smoothing * self.fastest if s.imag or s.real > 0 else 0.0
         return float((s.real + kept) / np.hypot(abs(s), base))
 
 
@@ -92,7 +121,8 @@ class OperatingPointStability:
         """The smooth maximum of the scores."""
         scores = np.array([v.score(m, self.base) for v in self.variants for m in v.modes if m.value])
         most = float(scores.max(initial=-1.0))
-        return most + float(np.log(np.exp(SHARPNESS * (scores - most)).sum())) / SHARPNESS if len(scores) else most
+        sharpness = REST_STABILITY.sharpness
+        return most + float(np.log(np.exp(sharpness * (scores - most)).sum())) / sharpness if len(scores) else most
 
 
 class RestStability:
@@ -142,9 +172,9 @@ class RestStability:
         for variant in found.variants if named and found.first is not None else ():
             for mode in variant.modes:
                 r = variant.score(mode, self.base) if mode.value else -np.inf
-                if (weight := float(np.exp(SHARPNESS * (r - value)))) > COUNTED:
+                if (weight := float(np.exp(REST_STABILITY.sharpness * (r - value)))) > REST_STABILITY.min_weight:
                     slope += weight * self._slope(found.first, variant, mode, named)
-        return value + LEAST, slope
+        return value + REST_STABILITY.min_damping, slope
 
     def _variant(self, point: Point, share: float | Sequence[float]) -> Variant:
         shares = [share] * len(self.frictions.names) if isinstance(share, float) else share
@@ -178,11 +208,12 @@ class RestStability:
         rates = self._at(replace(point, rate=0.0))[0][:n_x]
         if not np.all(np.isfinite(rates)):
             return False
-        if np.all(np.abs(rates) <= AT_REST * sizes * self.base):
+        if np.all(np.abs(rates) <= REST_STABILITY.at_rest * sizes * self.base):
             return True
         a = self.modes.linearisation.at(point).a
         scaled = np.abs(a @ rates) / sizes
-        return bool(np.all(scaled <= AT_REST * max(float(np.abs(rates / sizes).max()), self.base) * self.base))
+        fastest = float(np.abs(rates / sizes).max())
+        return bool(np.all(scaled <= REST_STABILITY.at_rest * max(fastest, self.base) * self.base))
 
     def _equilibrium(self, point: Point) -> Point | None:
         """The equilibrium that Newton's method finds from the start, with the inputs held still."""
@@ -277,8 +308,8 @@ def loop(machine: RestStability, variant: Variant, named: Sequence[str], values:
     one = matrix(1.0)
     m = one - matrix(0.0)
     values_of = np.linalg.svd(m, compute_uv=False)
-    if not values_of[0] > 0 or (len(values_of) > 1 and values_of[1] > RANK_ONE * values_of[0]) or \
-            np.abs(matrix(2.0) - one - m).max() > RANK_ONE * np.abs(m).max():
+    if not values_of[0] > 0 or (len(values_of) > 1 and values_of[1] > REST_STABILITY.rank_one * values_of[0]) or \
+            np.abs(matrix(2.0) - one - m).max() > REST_STABILITY.rank_one * np.abs(m).max():
         return None
     zeros = variant.zeros
 
@@ -320,8 +351,8 @@ def crossing(score: Callable[[float], float], up: bool) -> float | None:
     from scipy.optimize import brentq
 
     near, first = 1.0, score(1.0)
-    while 1 / FURTHEST < near < FURTHEST and np.isfinite(first):
-        far = near * GROWING if up else near / GROWING
+    while 1 / REST_STABILITY.max_factor < near < REST_STABILITY.max_factor and np.isfinite(first):
+        far = near * REST_STABILITY.factor_ratio if up else near / REST_STABILITY.factor_ratio
         here = score(far)
         if not np.isfinite(here):
             return None

@@ -26,13 +26,27 @@ from numpy.typing import NDArray
 from heavebond.numerics.dae import Array
 
 Complex = NDArray[np.complex128]
-# The share to which the entries of a Jacobian are known, rounding of algebraic loops included: a condition number of 1e4
-# times the rounding of 2e-16. In a block that is closely coupled, singular values below this share of the largest are zero.
-ENTRIES = 1e-12
-# A block's own singular values are not known better than this share of the largest of the whole matrix.
-ROUNDING = 1e-15
-LEAST, MOST = 0.05, 4  # states that take part by less than the first share are not named, nor more than so many
 
+
+@dataclass(frozen=True)
+class StabilityConstants:
+    """The constants of the decision on the stability of a linear system.
+
+    coupled: singular value of a closely coupled block, over the largest, that is zero. Origin: entries carry some 5000
+        roundings of 2e-16. Doubled: nothing.
+    rounding: share of the largest singular value of the whole matrix to which those of a block are known. Origin:
+        double precision. Doubled: nothing.
+    min_participation: participation below which a state is not named. Origin: readability. Doubled: fewer names.
+    max_named: states that are named. Origin: readability. Doubled: longer lines.
+    """
+
+    coupled: float = 1e-12
+    rounding: float = 1e-15
+    min_participation: float = 0.05
+    max_named: int = 4
+
+
+STABILITY = StabilityConstants()
 STABLE, MARGINAL, UNSTABLE = "stable", "marginally stable", "unstable"
 
 
@@ -139,7 +153,7 @@ def stability(a: Array, sizes: Array, states: Sequence[str], rigid: Sequence[boo
     for block in strong_blocks(scaled):
         names, body = [states[k] for k in block], all(motion[k] for k in block)
         matrix, scale = _balanced(scaled[np.ix_(block, block)])
-        rest, null, zeros = _without_zeros(matrix, ROUNDING * len(a) * whole)
+        rest, null, zeros = _without_zeros(matrix, STABILITY.rounding * len(a) * whole)
         if zeros:
             taking = _largest(np.abs(null * scale[:, None]) / np.abs(null * scale[:, None]).max(axis=0), names)
             own = Eigenvalue(0j, 0.0, taking, body or all(motion[states.index(n)] for n in taking), zeros)
@@ -167,7 +181,7 @@ def eigenvalues(a: Array) -> Complex:
     whole = float(np.linalg.norm(_balanced(a)[0], 2)) if len(a) else 0.0
     found = []
     for block in strong_blocks(a):
-        rest, _, zeros = _without_zeros(_balanced(a[np.ix_(block, block)])[0], ROUNDING * len(a) * whole)
+        rest, _, zeros = _without_zeros(_balanced(a[np.ix_(block, block)])[0], STABILITY.rounding * len(a) * whole)
         found += [np.zeros(zeros, complex), np.linalg.eigvals(rest).astype(complex)]
     return np.concatenate(found) if found else np.zeros(0, complex)
 
@@ -196,7 +210,7 @@ def _without_zeros(a: Array, least: float) -> tuple[Array, Array, int]:
     bound = least
     while len(rest):
         _, sizes, across = np.linalg.svd(rest)
-        bound = max(bound, ENTRIES * float(sizes[0])) if not zeros else bound
+        bound = max(bound, STABILITY.coupled * float(sizes[0])) if not zeros else bound
         k = int(np.count_nonzero(sizes <= bound))
         if not k:
             break
@@ -215,7 +229,7 @@ def _regular(rest: Array, whole: Array, names: Sequence[str], zeros: int) -> lis
     left = np.linalg.pinv(right).conj().T
     exact = np.linalg.eigvals(rest).astype(complex) if zeros else values.astype(complex)
     columns = _matched(exact, values.astype(complex)) if zeros else np.arange(len(values))
-    noise = ENTRIES * np.abs(whole) + np.finfo(float).eps * len(whole) * np.linalg.norm(whole, 2)
+    noise = STABILITY.coupled * np.abs(whole) + np.finfo(float).eps * len(whole) * np.linalg.norm(whole, 2)
     found = []
     for value, k in zip(exact.tolist(), columns.tolist(), strict=True):
         if value.imag < 0:
@@ -238,7 +252,7 @@ def _largest(shares: Array, names: Sequence[str]) -> tuple[str, ...]:
     """The names with the largest shares (n, k) in any column."""
     most = shares.max(axis=1)
     order = np.argsort(-most, kind="stable")
-    return tuple(names[k] for k in order if most[k] >= LEAST * most.max())[:MOST]
+    return tuple(names[k] for k in order if most[k] >= STABILITY.min_participation * most.max())[:STABILITY.max_named]
 
 
 def _joined(links: Sequence[Eigenvalue]) -> Eigenvalue:

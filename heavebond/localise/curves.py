@@ -17,21 +17,43 @@ from numpy.typing import NDArray
 from heavebond.numerics.dae import Array
 
 Mask = NDArray[np.bool_]
-KNOTS = 16
-# The errors of an estimated force hang together over about so many samples.
-TOGETHER = 10.0
-# A curve is tried on samples within the stretch that it was learnt on; fewer than this share of them tell nothing.
-SEEN = 0.3
-# A step is drawn over this share of the span of its variable on either side of zero: what an estimate can resolve.
-STEP_WIDTH = 0.02
-# A simple law does as well as the free curve if it leaves this share more of the variance, or this factor more of the rest.
-SHARE, FACTOR = 0.03, 1.25
-# A law with one number more must leave less of the variance by this factor.
-DEARER = 1.2
-# A loop over the speed is told only where it is better by this much than one over the position.
-NEARLY = 0.05
-# A variable is crossed at zero if this share of the samples lies on either side.
-CROSSED = 0.05
+
+
+@dataclass(frozen=True)
+class CurveConstants:
+    """The constants of the laws that are learnt from an estimated input.
+
+    knots: knots of a free curve. Origin: enough for the shapes that are named. Doubled: rougher curves.
+    correlated_samples: samples over which the errors of an estimated force are correlated. Origin: smoothed estimates
+        are correlated. Doubled: fewer significant curves.
+    seen: share of samples that must lie within the fitted stretch for a score. Origin: below, few samples decide.
+        Doubled: fewer curves are scored.
+    step_width: width of a step, over the span of its variable, on either side of zero. Origin: resolution of an
+        estimate. Doubled: steep lines count as steps.
+    simple_share: share of the variance by which a simple law may leave more than the free curve. Origin: errors of the
+        estimate. Doubled: simpler laws are named.
+    simple_factor: the same as a factor on what the free curve leaves. Origin: as above. Doubled (in its excess over 1):
+        simpler laws.
+    per_number: factor on the variance left by which a law with one number more must be better. Origin: as above.
+        Doubled (in its excess over 1): simpler laws.
+    loop_margin: R2 by which a loop over the speed must beat one over the position. Origin: hysteresis acts over
+        positions. Doubled: fewer loops over speeds.
+    crossed: share of samples on either side of zero from which a variable crosses it. Origin: below, a step at zero
+        cannot be seen. Doubled: fewer steps.
+    """
+
+    knots: int = 16
+    correlated_samples: float = 10.0
+    seen: float = 0.3
+    step_width: float = 0.02
+    simple_share: float = 0.03
+    simple_factor: float = 1.25
+    per_number: float = 1.2
+    loop_margin: float = 0.05
+    crossed: float = 0.05
+
+
+CURVES = CurveConstants()
 
 
 @dataclass(frozen=True)
@@ -110,7 +132,8 @@ def hats(v: Array, knots: Array) -> Array:
 def knots_of(v: Array) -> Array:
     """Quantiles of v, evenly spaced ones among them so that a rarely visited end is not bridged by one line."""
     low, high = np.quantile(v, [0.002, 0.998])
-    both = np.concatenate([np.quantile(v, np.linspace(0.002, 0.998, KNOTS)), np.linspace(low, high, KNOTS // 2)])
+    both = np.concatenate([np.quantile(v, np.linspace(0.002, 0.998, CURVES.knots)),
+                           np.linspace(low, high, CURVES.knots // 2)])
     both = np.sort(both)
     apart = np.diff(both, prepend=-np.inf) > 5e-3 * (high - low)
     return np.asarray(both[apart]) if high > low and apart.sum() > 1 else np.array([low - 1.0, low + 1.0])
@@ -147,7 +170,7 @@ class Samples:
         learn, weight = self.learn, self.weight
         other = ~learn if where is None else ~learn & where
         a = solved(basis[learn], self.w[learn], weight[learn])
-        if other.sum() < SEEN * (~learn).sum():
+        if other.sum() < CURVES.seen * (~learn).sum():
             return -np.inf, a
         plain = self.w - self.moved @ self.q
         total = min(_variance(self.w[other], weight[other]), _variance(plain[other], weight[other]))
@@ -169,7 +192,7 @@ class Samples:
             a = solved(both, self.w[learn], weight[learn], prior)
             rest = self.w[learn] - both @ a
             variance = float(weight[learn] @ rest**2 / len(rest))
-            q, prior[-k:] = a[-k:], TOGETHER * max(variance, 1e-12)
+            q, prior[-k:] = a[-k:], CURVES.correlated_samples * max(variance, 1e-12)
         q = np.clip(q, -2.0, 2.0)
         return replace(self, w=self.w + self.moved @ q, q=q)
 
@@ -196,7 +219,7 @@ def best_curve(variables: Sequence[Variable], samples: Samples, margin: float = 
     enough = max(curve.r2, 0.0) + max(0.05, 0.2 * (1 - max(curve.r2, 0.0)))
     richer = [*_products(variables, samples), *_loops(variables, samples)]
     # a loop over the position says the same as one over the speed, and more
-    more = max(richer, key=lambda c: c.r2 - NEARLY * (c.loop and c.variable.kind == "across"), default=None)
+    more = max(richer, key=lambda c: c.r2 - CURVES.loop_margin * (c.loop and c.variable.kind == "across"), default=None)
     return replace(more, scores=scores, units=units) if more is not None and more.r2 > enough else curve
 
 
@@ -239,7 +262,7 @@ def shape_of(v: Array, samples: Samples, settled: Samples, r2: float) -> tuple[s
     Kinks are sought first on a coarse grid, then between its points, the parameters moving with them; what is known of
     these is weighed against the rest that the free curve leaves (`settled`).
     """
-    enough = r2 - max(SHARE, (FACTOR - 1) * (1 - r2))
+    enough = r2 - max(CURVES.simple_share, (CURVES.simple_factor - 1) * (1 - r2))
     learn, size = samples.learn, float(np.quantile(np.abs(v[samples.learn]), 0.98)) or 1.0
 
     weight, k = samples.weight[learn], samples.moved.shape[1]
@@ -248,7 +271,7 @@ def shape_of(v: Array, samples: Samples, settled: Samples, r2: float) -> tuple[s
 
     def learnt(basis: Array) -> float:
         both = np.concatenate([basis, -samples.moved], axis=1)[learn]
-        prior = np.concatenate([np.zeros(basis.shape[1]), np.full(k, TOGETHER * max(variance, 1e-12))])
+        prior = np.concatenate([np.zeros(basis.shape[1]), np.full(k, CURVES.correlated_samples * max(variance, 1e-12))])
         a = solved(both, samples.w[learn], weight, prior)
         return -float(weight @ (samples.w[learn] - both @ a)**2 + prior @ a**2)
 
@@ -260,7 +283,7 @@ def shape_of(v: Array, samples: Samples, settled: Samples, r2: float) -> tuple[s
         basis = form.basis(v, size, kinks)
         tried = samples.with_parameters(basis).tried(basis)[0]
         if tried >= enough:
-            good.append(((1 - tried) * DEARER**form.free, tried, form.name))
+            good.append(((1 - tried) * CURVES.per_number**form.free, tried, form.name))
     if not good:
         return "curve", r2
     _, tried, name = min(good)
@@ -283,7 +306,7 @@ def _kinks(learnt: Callable[[Kinks], float], count: int, v: Array) -> Kinks:
 
 
 def _crossed(v: Array, size: float) -> bool:
-    return bool(min(np.mean(v > 0.02 * size), np.mean(v < -0.02 * size)) > CROSSED)
+    return bool(min(np.mean(v > 0.02 * size), np.mean(v < -0.02 * size)) > CURVES.crossed)
 
 
 def _terms(*terms: Callable[[Array, float, Kinks], Array]) -> Basis:
@@ -295,11 +318,11 @@ def _line(v: Array, size: float, kinks: Kinks) -> Array:
 
 
 def _step(v: Array, size: float, kinks: Kinks) -> Array:
-    return np.tanh(v / (STEP_WIDTH * size))
+    return np.tanh(v / (CURVES.step_width * size))
 
 
 def _peak(v: Array, size: float, kinks: Kinks) -> Array:
-    return _step(v, size, kinks) * np.exp(-(v / max(abs(kinks[0]), STEP_WIDTH * size))**2)
+    return _step(v, size, kinks) * np.exp(-(v / max(abs(kinks[0]), CURVES.step_width * size))**2)
 
 
 def _square(v: Array, size: float, kinks: Kinks) -> Array:

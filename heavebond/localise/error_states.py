@@ -15,12 +15,9 @@ from itertools import pairwise
 
 import numpy as np
 
+from heavebond.localise.constants import INPUT_ESTIMATION
 from heavebond.localise.curves import Mask, hats, knots_of, solved
 from heavebond.numerics.dae import Array
-
-STRETCHES = 12
-# Curves that explain less than this share are not told, however sure they are.
-LEAST = 0.05
 
 
 @dataclass(frozen=True)
@@ -49,7 +46,7 @@ class State:
 
 def stretches(record: str, time: Array, errors: Mapping[str, Array], used: Mapping[str, Mask]) -> list[RecordSection]:
     """Twelve parts of a record; `errors` (N,) by channel in its noise, of which those `used` (N,) were sampled."""
-    ends = np.linspace(0, len(time), STRETCHES + 1).astype(int)
+    ends = np.linspace(0, len(time), INPUT_ESTIMATION.sections + 1).astype(int)
     return [RecordSection(record, float(time[a]), float(time[b - 1]),
                           {n: float(np.sum(e[a:b]**2) / max(1, used[n][a:b].sum())) for n, e in errors.items()})
             for a, b in pairwise(ends) if b > a]
@@ -72,7 +69,7 @@ def states(channel: str, error: Array, variables: Mapping[str, tuple[str, Array]
         r2 = 1 - float(np.sum((wrong - told)**2)) / total if total > 0 else 0.0
         chance = min(1.0, len(variables) * _chance(told - told.mean(), wrong - wrong.mean()))
         found.append(State(channel, name, unit, r2, chance, knots, a))
-    good = [s for s in found if s.r2 > LEAST and s.chance < 0.01]
+    good = [s for s in found if s.r2 > INPUT_ESTIMATION.least_r2 and s.chance < 0.01]
     return sorted(good, key=lambda s: -s.r2)
 
 

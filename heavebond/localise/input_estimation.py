@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from heavebond.core.errors import SimulationError, StartError
 from heavebond.equations.places import Place
+from heavebond.localise.constants import INPUT_ESTIMATION
 from heavebond.localise.kalman_smoother import Likelihood, Smoothed, Unknown
 from heavebond.localise.ltv_model import Known, LtvModel, SourcedRecord, with_values
 from heavebond.numerics.dae import Array
@@ -24,18 +25,6 @@ Say = Callable[[str], None]
 # Intensities that are tried, in sizes of the place per record (a size moves the outputs by as much as they are wrong), and
 # about the best of them once the runs have been made anew.
 INTENSITIES, FINER = 10.0 ** np.arange(-2.0, 5.1), 10.0 ** np.array([-0.5, 0.0, 0.5])
-# Two places whose responses to the same input have a squared cosine nearer to 1 than this are one.
-PARALLEL = 1e-6
-# A place whose response is below this share of the noise for a nominal input is not seen.
-UNSEEN = 1e-6
-# Where the parameters alone are foreseen to leave less than this chi-square per sample they are fitted step by step first.
-NEAR = 20.0
-MOST_STEPS, MOST_ROUNDS = 4, 2
-# A run came out as foreseen where its chi-square per sample differs by no more than this share from what was foreseen.
-# or where hardly any of the misfit is left.
-FORESEEN, SMALL = 0.05, 1e-3
-# Below this chance a gain in likelihood counts.
-CHANCE = 0.01
 
 
 @dataclass(frozen=True)
@@ -151,7 +140,7 @@ class Search:
         # what was not sampled counts as a sample without error
         ideal = -0.5 * (samples + np.log(2 * np.pi) * sum(systems[name].used.size for name in self.fitted))
         found = Estimate(now.ranked, tuple(unseen), now.likelihood, ideal, samples, systems, systems, {}, values, True)
-        if found.chance < CHANCE:
+        if found.chance < INPUT_ESTIMATION.level:
             found = self._along_the_best(found)
         return replace(found, smoothed=self._smoothed(found.systems, found.ranked[:most]))
 
@@ -168,13 +157,13 @@ class Search:
         unseen = []
         for g, place in enumerate(side.places):
             node = place.nodes[0]
-            if strength[g] * node.domain.members[node.through].nominal < UNSEEN:
+            if strength[g] * node.domain.members[node.through].nominal < INPUT_ESTIMATION.unseen:
                 unseen.append(place)
                 continue
             for members, ratios in found:
                 first = responses[:, members[0]]
                 along = float(first @ responses[:, g]) / (responses[:, g] @ responses[:, g])
-                if abs(along * along * strength[g]**2 / strength[members[0]]**2 - 1) < PARALLEL:
+                if abs(along * along * strength[g]**2 / strength[members[0]]**2 - 1) < INPUT_ESTIMATION.parallel:
                     members.append(g)
                     ratios.append(along)
                     break
@@ -238,9 +227,9 @@ class Search:
         """Gauss-Newton steps of the parameters, where these alone nearly explain the records."""
         samples = sum(int(systems[name].used.sum()) for name in self.fitted)
         size = sum(systems[name].used.size for name in self.fitted)
-        for _ in range(MOST_STEPS if self.known else 0):
+        for _ in range(INPUT_ESTIMATION.max_steps if self.known else 0):
             foreseen = (-2 * now.likelihood - size * np.log(2 * np.pi)) / samples
-            if foreseen > NEAR:
+            if foreseen > INPUT_ESTIMATION.stepwise_below:
                 break
             self.say("fitting the parameters alone")
             try:
@@ -259,7 +248,7 @@ class Search:
     def _along_the_best(self, first: Estimate) -> Estimate:
         """The runs made again with what the best place asks for, until they come out as foreseen."""
         now = replace(first, foreseen=False)
-        for _ in range(MOST_ROUNDS):
+        for _ in range(INPUT_ESTIMATION.max_rounds):
             place = now.ranked[0].group.places[0]
             self.say(f"running the records with what acts {place.words}")
             smoothed = self._smoothed(now.systems, now.ranked[:1])
@@ -273,8 +262,8 @@ class Search:
             if reached > 0.5 * misfit(first.systems, self.fitted) and reached > 2 * expected:
                 break  # a machine that this input throws off its way
             again = self.round(systems, [(r.group, r.intensity * FINER) for r in now.ranked])
-            settled = abs(reached - expected) < FORESEEN * expected + 0.02 \
-                or reached < SMALL * misfit(first.systems, self.fitted)
+            settled = abs(reached - expected) < INPUT_ESTIMATION.as_predicted * expected + 0.02 \
+                or reached < INPUT_ESTIMATION.small_misfit * misfit(first.systems, self.fitted)
             now = replace(now, ranked=again.ranked, systems=systems, foreseen=settled)
             if settled:
                 break

@@ -21,11 +21,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from heavebond.equations.places import Place
+from heavebond.localise.constants import INPUT_ESTIMATION
 from heavebond.localise.ltv_model import LtvModel
 from heavebond.numerics.dae import Array
-
-# An input at the first sample is known to this many of its sizes.
-FIRST = 10.0
 
 
 @dataclass(frozen=True)
@@ -85,7 +83,7 @@ class Unknown:
         """One pass forwards with `intensity` (G,), per second, of each place; an intensity of 0 is no input at all."""
         n = self.n
         x, p = self._first()
-        p[:, -1, -1] = np.where(intensity > 0, FIRST**2, 0.0)
+        p[:, -1, -1] = np.where(intensity > 0, INPUT_ESTIMATION.first_input**2, 0.0)
         step = np.broadcast_to(np.eye(n + 1), p.shape).copy()
         noise, rows = np.ones(x.shape[:2]), np.zeros(x.shape[:2])
         constant = np.zeros(len(x))

@@ -29,16 +29,12 @@ from heavebond.estimation.comparison import TOLERANCES
 from heavebond.estimation.experiment import Experiment, Free, Record
 from heavebond.estimation.records import Mask, measure
 from heavebond.language.symbols import stack
+from heavebond.localise.constants import INPUT_ESTIMATION
 from heavebond.numerics.dae import Array, Assembly, build
 from heavebond.numerics.initialise import tangent
 from heavebond.numerics.result import Result, columns
 from heavebond.numerics.simulator import Simulator
 from heavebond.text.expression import names as names_in
-
-# How far the start may be off: this share of the span in which a state moves (standard deviation).
-START = 0.02
-# A parameter that may lie anywhere in its range, without a tolerance: a quarter of it (of its logarithm) is a deviation.
-WIDTH = 0.25
 
 
 @dataclass(frozen=True)
@@ -77,7 +73,7 @@ def known_of(free: Free, value: float) -> Known:
         return Known(free.name, r.nominal, (r.high - r.nominal) / 2, r.low, r.high, False, free.each)
     logarithmic = r.low > 0
     width = np.log(r.high / r.low) if logarithmic else r.high - r.low
-    return Known(free.name, value, float(WIDTH * width), r.low, r.high, logarithmic, free.each)
+    return Known(free.name, value, float(INPUT_ESTIMATION.range_deviation * width), r.low, r.high, logarithmic, free.each)
 
 
 @dataclass(frozen=True)
@@ -175,7 +171,8 @@ class SourcedRecord:
         return LtvModel(
             self.record.name, self.time, phi, gamma, (self.measured - y) * weight, c * weight[:, :, None],
             d * weight[:, :, None], self.used, local, local_c, local_d, driven, moved.x / assembly.x_nominal[:, None],
-            START * np.ptp(x, axis=1) + 1e-9, np.array([k.place_of(p[k.name]) for k in known]), result)
+            INPUT_ESTIMATION.start_deviation * np.ptp(x, axis=1) + 1e-9,
+            np.array([k.place_of(p[k.name]) for k in known]), result)
 
 
 def _learnt(counts: Mask, checking: Mask, record: Record) -> Mask:

@@ -16,23 +16,17 @@ from heavebond.core.threads import single_threaded
 from heavebond.core.units import dimension_text, read_unit
 from heavebond.equations.places import Place
 from heavebond.estimation.comparison import compare
-from heavebond.estimation.excerpts import LONG, excerpt
+from heavebond.estimation.excerpts import EXCERPTS, excerpt
 from heavebond.estimation.experiment import Experiment, load_experiment
 from heavebond.estimation.fitting import Fit
 from heavebond.estimation.records import measure
+from heavebond.localise.constants import INPUT_ESTIMATION
 from heavebond.localise.curves import Curve, Mask, Samples, best_curve
 from heavebond.localise.error_states import RecordSection, State, envelope, states, stretches, worst
-from heavebond.localise.input_estimation import CHANCE, Estimate, Ranked, Search, misfit
+from heavebond.localise.input_estimation import Estimate, Ranked, Search, misfit
 from heavebond.localise.ltv_model import SourcedRecord, known_of
 from heavebond.localise.regressors import Regressors, estimated
 from heavebond.numerics.dae import Array, Assembly
-
-# So many groups of places are estimated in full, and so many samples of each record go into a curve.
-MOST_PLACES, MOST_SAMPLES = 4, 1500
-# A variable that tells less than this of a force does not explain it.
-EXPLAINS = 0.5
-# Two groups of places are told apart by this gain in log likelihood.
-APART = 10.0
 
 
 @dataclass(frozen=True)
@@ -128,7 +122,7 @@ class Localization:
         same = [s for s in self.suspects if s.place.name in best.alike]
         if same:
             found.append("By its effect on these records it could as well act " + "; ".join(map(_told, same)) + ".")
-        rivals = [s for s in self.suspects[1:] if s.behind < APART and s.place.name not in best.alike]
+        rivals = [s for s in self.suspects[1:] if s.behind < INPUT_ESTIMATION.distinct and s.place.name not in best.alike]
         if rivals:
             found.append("As likely: " + "; ".join(map(_told, rivals)) + ".")
         if not self.foreseen:
@@ -173,10 +167,12 @@ def localize(experiment: Experiment | str | Path, *, values: Fit | Mapping[str, 
         sides = [SourcedRecord(experiment, record, Path(folder)) for record in records]
         p = sides[0].assembly.parameter_values
         search = Search(sides, [known_of(free, p[free.name]) for free in experiment.free.values()], say)
-        found = search.estimate({r.name: _given(values, r.name, sides[0].assembly) for r in records}, MOST_PLACES)
+        found = search.estimate({r.name: _given(values, r.name, sides[0].assembly) for r in records},
+                                INPUT_ESTIMATION.max_places)
     say("looking for what it follows")
-    missing = found.chance < CHANCE
-    suspects = [s for k, ranked in enumerate(found.ranked[:MOST_PLACES]) for s in _group(search, found, k, ranked)]
+    missing = found.chance < INPUT_ESTIMATION.level
+    suspects = [s for k, ranked in enumerate(found.ranked[:INPUT_ESTIMATION.max_places])
+                for s in _group(search, found, k, ranked)]
     return Localization(experiment, missing, found.chance, misfit(found.base, search.fitted),
                         tuple(suspects) if missing else (),
                         tuple(p.name for p in found.unseen), *_when(experiment, search, found), found.values, found.foreseen)
@@ -184,7 +180,7 @@ def localize(experiment: Experiment | str | Path, *, values: Fit | Mapping[str, 
 
 def _beginning(experiment: Experiment, values: Fit | Mapping[str, float | str] | None) -> Experiment:
     """The beginning of long records, the whole of others: what is estimated grows with samples times places."""
-    if sum(len(measure(experiment, r).grid) for r in experiment.records.values() if r.use == "fit") <= LONG:
+    if sum(len(measure(experiment, r).grid) for r in experiment.records.values() if r.use == "fit") <= EXCERPTS.long:
         return experiment
     return excerpt(experiment, values.after if isinstance(values, Fit) else compare(experiment, parameters=values))
 
@@ -234,7 +230,7 @@ def _group(search: Search, found: Estimate, k: int, ranked: Ranked) -> list[Plac
 def _suspect(search: Search, found: Estimate, ranked: Ranked, place: Place, ratio: float, whole: Samples,
              around: Regressors, alike: tuple[str, ...]) -> PlaceEstimate:
     variables = around.variables(place)
-    thin = slice(None, None, max(1, len(whole.w) // (MOST_SAMPLES * len(search.sides))))
+    thin = slice(None, None, max(1, len(whole.w) // (INPUT_ESTIMATION.max_samples * len(search.sides))))
     own = Samples(whole.w * ratio, whole.deviation * abs(ratio), whole.learn, whole.moved * ratio, whole.q)
     few = Samples(own.w[thin], own.deviation[thin], own.learn[thin], own.moved[thin], own.q)
     curve = best_curve([v.thinned(thin) for v in variables], few)
@@ -319,7 +315,7 @@ def words_of(suspect: PlaceEstimate) -> str:
     what = noun(suspect)
     size = readable(suspect.rms, place.unit.text, 2)
     first = f"{place.words[:1].upper()}{place.words[1:]} a {what} is missing (rms {size}); "
-    if curve is None or curve.r2 < EXPLAINS:
+    if curve is None or curve.r2 < INPUT_ESTIMATION.explains:
         best = f" (at best {curve.variable.phrase}, R2 {max(curve.r2, 0):.2f})" if curve is not None else ""
         rest = "it is hardly larger than its uncertainty." if suspect.rms < 2 * suspect.deviation else \
             "that means memory (hysteresis), several variables at once, or the wrong place."

@@ -9,13 +9,10 @@ import numpy as np
 
 from heavebond.equations.flatten import Flat
 from heavebond.equations.places import Node, Place
+from heavebond.localise.constants import INPUT_ESTIMATION
 from heavebond.localise.curves import Variable
 from heavebond.localise.ltv_model import LocalSignal, LtvModel
 from heavebond.numerics.dae import Array
-
-# A signal that moves by less than this share of its usual size stands still.
-STILL = 1e-9
-MOST = 14
 
 
 def estimated(system: LtvModel, locals_: Sequence[LocalSignal], state: Array, driven: Array) -> dict[str, Array]:
@@ -41,9 +38,9 @@ class Regressors:
             found += self._neighbours(place, component)
         kept: dict[str, Variable] = {}
         for variable in found:
-            if np.ptp(variable.values) > STILL * max(float(np.abs(variable.values).max()), 1e-12):
+            if np.ptp(variable.values) > INPUT_ESTIMATION.still * max(float(np.abs(variable.values).max()), 1e-12):
                 kept.setdefault(variable.formula, variable)
-        return list(kept.values())[:MOST]
+        return list(kept.values())[:INPUT_ESTIMATION.max_regressors]
 
     def _across(self, nodes: tuple[Node, ...], own: bool = True) -> list[Variable]:
         node = nodes[0]

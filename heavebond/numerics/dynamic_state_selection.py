@@ -22,12 +22,29 @@ from heavebond.numerics.co_simulation import foreign_parts
 from heavebond.numerics.dae import Array, Assembly, build
 from heavebond.numerics.start_equations import Point
 
-# The strain of a chart above which it is left: with 3, a pendulum changes 18 degrees before its chart ends (errors of its
-# states are three times as large in the others, and the states are still far from turning). Where the integrator fails, or
-# the end of the chart lies before the next point, less is enough.
-MOST, ENOUGH = 3.0, 1.5
-FOLDED = 0.05  # least singular value of constraints that depend on each other soon, over the largest
-BETTER = 1.2  # by which another chart must be less strained
+
+@dataclass(frozen=True)
+class StateSelectionConstants:
+    """The constants of the dynamic state selection. Strain: by how many times as much as the states the dependent unknowns
+    move.
+
+    max_strain: strain above which other states are chosen. Origin: with 3 a pendulum turns 18 degrees before; errors of
+        its states are three times as large in the others. Doubled: fewer changes of states, larger errors between them.
+    enough_strain: strain that suffices where the integrator fails or the end lies before the next point. Origin: half
+        of `max_strain`. Doubled: such changes happen only at `max_strain`.
+    folded: least singular value of constraints, over the largest, below which they depend on each other soon. Origin:
+        three degrees before a dead centre. Doubled: the message names a dead centre sooner.
+    improvement: factor by which another choice must be less strained. Origin: without it choices alternate on a
+        diagonal. Doubled (in its excess over 1): fewer changes.
+    """
+
+    max_strain: float = 3.0
+    enough_strain: float = 1.5
+    folded: float = 0.05
+    improvement: float = 1.2
+
+
+STATE_SELECTION = StateSelectionConstants()
 
 
 @dataclass(frozen=True)
@@ -73,7 +90,7 @@ class StateChoice:
         """Whether the constraints themselves, in whatever states, are about to depend on each other at a point."""
         numbers = self.numbers(columns_of(point))
         values = [np.linalg.svd(part.matrices(numbers, part.columns)[0], compute_uv=False) for part in self.parts]
-        return any(v[-1] < FOLDED * v[0] for v in values if np.all(np.isfinite(v)))
+        return any(v[-1] < STATE_SELECTION.folded * v[0] for v in values if np.all(np.isfinite(v)))
 
     def better(self, point: Point) -> list[tuple[int, int]] | None:
         """States that suit a point better than those of this chart; None where there are none."""
@@ -83,7 +100,8 @@ class StateChoice:
         mine = {j for j, order in self.assembly.reduced.states if order == 0}
         if set(states) == set(self.assembly.reduced.states) or (self.constraints.settable & mine) - free:
             return None
-        return states if _worst(parts_of(self.constraints, states), numbers) * BETTER < _worst(self.parts, numbers) else None
+        other = _worst(parts_of(self.constraints, states), numbers)
+        return states if other * STATE_SELECTION.improvement < _worst(self.parts, numbers) else None
 
     def values_in(self, other: StateChoice, columns: Sequence[Array]) -> Array:
         """The other chart's states and algebraic unknowns (n_x + n_z, N) at points of this one given by columns."""

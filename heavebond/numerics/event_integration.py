@@ -17,8 +17,8 @@ import numpy as np
 
 from heavebond.core.errors import Problem, SimulationError, either
 from heavebond.numerics.dae import Array, Integrand
-from heavebond.numerics.dynamic_state_selection import ENOUGH, StateChoice, StateChoices, columns_of
-from heavebond.numerics.dynamic_state_selection import MOST as MOST_STRAIN
+from heavebond.numerics.dynamic_state_selection import STATE_SELECTION, StateChoice, StateChoices, columns_of
+from heavebond.numerics.event_constants import EVENTS
 from heavebond.numerics.initialise import Start, Tangent
 from heavebond.numerics.jumps import PointSensitivity
 from heavebond.numerics.solvers import Integrator, other
@@ -27,31 +27,10 @@ from heavebond.numerics.time_events import same_instant, timetable
 from heavebond.numerics.trace import EventState, Frame, Instant, Record, SolverChange, StateChange, Trace
 from heavebond.numerics.zero_crossings import crossing, suspects
 
-FIRST, MOST = 8, 1024  # points of the first stretch after a cut; each further one has twice as many
-LOOKS = 1000  # conditions and charts are looked at in so many points of a run at least, and at every output
-# Where the integrator cannot pass a point, it is followed up to so many times this share.
-NEAR = 10
-PRECISION = 1e-2  # of the distance at which two instants are one: to what a crossing is found
-# So many events of conditions within this share of the run are chattering, and so many of one condition: the hops of a ball
-# that falls to 0.05 of its height reach the rounding of time after as many.
-CHATTER, AGAIN, WITHIN = 30, 4, 1e-8
-# So many events of conditions within this share of the run slide along a condition: five million of them would be needed for
-# the whole run, hours of work. A converter at 100 kHz over a second stays a factor of 25 below.
-SLIDING, SLIDES_WITHIN = 500, 1e-4
 # What IDAS and CVODES say where the user interrupts, and where a run leads nowhere or crawls behind an event that is not
 # known yet (a piston that has passed its stop empties its chamber): stretches are halved so often without an event between,
 # then it is given up. At the end of a chart they may crawl; there they get so many steps between two points only.
 INTERRUPTED, CRAWLS = ("IDA_RES_FAIL", "CV_RHSFUNC_FAIL"), ("IDA_TOO_MUCH_WORK", "CV_TOO_MUCH_WORK")
-MOST_CRAWLS = 5
-MOST_STEPS_IN_CHART = 5000
-# Steps between two points of other such runs, after which they are given up; a run has a thousand points at least. Where
-# several points are gone to at once, the event may lie before: those steps are then gone point by point.
-MOST_STEPS_AHEAD = 3000
-MOST_STEPS_BETWEEN = 30_000
-MOST_CASCADES = 100  # events that set off each other at one instant
-MOST_HALVINGS = 40  # of a step in which a chart ends
-MOST_FAILURES = 400  # without an event or other states between: a run that is halved again and again comes to no end
-MOST_SOLVER_CHANGES = 200
 
 Build = Callable[[str, Integrand, Array], Integrator]
 
@@ -105,7 +84,7 @@ class EventIntegration:
             return self.stops
         found = [self.stops[:1]]
         for begin, end in zip(self.stops[:-1], self.stops[1:], strict=True):
-            parts = int(np.ceil((end - begin) / self.span * LOOKS * (1 - 1e-9)))
+            parts = int(np.ceil((end - begin) / self.span * EVENTS.min_checks * (1 - 1e-9)))
             found.append(np.append(begin + (end - begin) / max(parts, 1) * np.arange(1, max(parts, 1)), end))
         return np.concatenate(found)
 
@@ -158,7 +137,7 @@ class EventIntegration:
 
     def _until(self, now: EventState, limit: float, record: Record) -> EventState:
         """Go on to a time, through the events of conditions on the way; what is passed is written down."""
-        begun = FIRST if self.conditions or self.charts.needed or self.changes else MOST
+        begun = EVENTS.first_stretch if self.conditions or self.charts.needed or self.changes else EVENTS.max_stretch
         points, halvings = begun, 0
         while now.t < limit - self.same:
             times = self._coming(now, limit, points, halvings)
@@ -180,7 +159,7 @@ class EventIntegration:
             record.write(now, times[:reached], y, z)
             now = replace(now, t=float(times[reached - 1]), y=y[:, reached - 1], z=z[:, reached - 1])
             now = replace(now, true=self._indicators(now)[0] > 0)
-            points = min(2 * points, MOST) if not halvings and reached == len(times) else 1
+            points = min(2 * points, EVENTS.max_stretch) if not halvings and reached == len(times) else 1
             halvings = max(halvings - 1, 0)
         return now
 
@@ -200,7 +179,7 @@ class EventIntegration:
         except RuntimeError as final:
             said = str(final)
             if not self.changes or any(word in said for word in INTERRUPTED) or now.t <= self.failed_at \
-                    or len(record.solver_changes) >= MOST_SOLVER_CHANGES:
+                    or len(record.solver_changes) >= EVENTS.max_solver_changes:
                 raise
         before, self.failed_at = self.solver, now.t
         self.solver = other(before, bool(len(now.z)))
@@ -214,10 +193,11 @@ class EventIntegration:
         interrupted, crawls = (any(word in str(error) for word in words) for words in (INTERRUPTED, CRAWLS))
         if interrupted or not (self.charts.needed or self.conditions) or self._hopeless(crawls and points == 1, record):
             raise error
-        if self.charts.needed and self._strain(now) >= ENOUGH and (changed := self._changed(now, record)) is not None:
-            return changed, FIRST, 0
-        if times[0] - now.t <= NEAR * self.same:
-            return self._forced(now, record), FIRST, 0
+        if self.charts.needed and self._strain(now) >= STATE_SELECTION.enough_strain and \
+                (changed := self._changed(now, record)) is not None:
+            return changed, EVENTS.first_stretch, 0
+        if times[0] - now.t <= EVENTS.approach * self.same:
+            return self._forced(now, record), EVENTS.first_stretch, 0
         return now, 1, halvings + (points == 1)
 
     def _hopeless(self, crawled: bool, record: Record) -> bool:
@@ -226,12 +206,13 @@ class EventIntegration:
         if changes != self.failures.changes:
             self.failures = Failures(changes)
         self.failures = replace(self.failures, number=self.failures.number + 1, crawls=self.failures.crawls + crawled)
-        return self.failures.number > MOST_FAILURES or (self.failures.crawls > MOST_CRAWLS and not self.charts.needed)
+        return self.failures.number > EVENTS.max_failures or \
+            (self.failures.crawls > EVENTS.max_crawls and not self.charts.needed)
 
     def _forced(self, now: EventState, record: Record) -> EventState:
         """The event right before which the integrator fails; its RuntimeError where none is near."""
         values, rates = self._indicators(now)
-        near = (values + rates * NEAR**2 * self.same > 0) & ~now.true
+        near = (values + rates * EVENTS.approach**2 * self.same > 0) & ~now.true
         if not near.any():
             raise RuntimeError("the equations have no solution behind this point")
         condition = int(np.flatnonzero(near)[0])
@@ -249,16 +230,16 @@ class EventIntegration:
         x, inner, u = self._columns(now.frame, t, np.column_stack([now.y, y]), np.column_stack([now.z, z]))
         p = np.tile(now.p[:, None], (1, len(t)))
         found = now.frame.chart.strain((t[None, :], x, inner, p, u, np.ones((1, len(t)))))
-        out = (found.worst > MOST_STRAIN) | (found.signs != found.signs[:, :1]).any(axis=0)
+        out = (found.worst > STATE_SELECTION.max_strain) | (found.signs != found.signs[:, :1]).any(axis=0)
         return 0 if out[0] else int(np.argmax(out)) - 1 if out.any() else len(times)
 
     def _turned(self, now: EventState, halvings: int, record: Record) -> tuple[EventState, int, int] | None:
         """Where to go on at a point after which its chart ends: in another, or nearer to the end; None where no other is
         better, as where a mechanism passes a point in which its links lie in one line."""
-        if self._strain(now) >= ENOUGH:
+        if self._strain(now) >= STATE_SELECTION.enough_strain:
             changed = self._changed(now, record)
-            return None if changed is None else (changed, FIRST, 0)
-        return (now, 1, halvings + 1) if halvings < MOST_HALVINGS else None
+            return None if changed is None else (changed, EVENTS.first_stretch, 0)
+        return (now, 1, halvings + 1) if halvings < EVENTS.max_halvings else None
 
     def _changed(self, now: EventState, record: Record) -> EventState | None:
         """The same moment in states that suit it better; None where there are none."""
@@ -365,7 +346,7 @@ class EventIntegration:
 
         # one that is true already has to become false first
         first = max(first, 0.0) if begin.true[condition] else first
-        time = crossing(indicator, begin.t, end, first, extremes, certain, PRECISION * self.same)
+        time = crossing(indicator, begin.t, end, first, extremes, certain, EVENTS.crossing_precision * self.same)
         if time is None:
             return None
         if time == begin.t:
@@ -403,7 +384,7 @@ class EventIntegration:
         factors = self.inputs(np.array([now.t]))[self.n_u:, 0]
         if condition:
             self._check_chatter(now.t, events, record)
-        for _ in range(MOST_CASCADES):
+        for _ in range(EVENTS.max_cascades):
             point, moved = equations.fire(point, moved, events, delays, factors)
             happened, late = happened + events, late + delays
             now = begun.standing(point, moved)
@@ -426,21 +407,24 @@ class EventIntegration:
         return begun
 
     def _check_chatter(self, time: float, events: list[int], record: Record) -> None:
-        record.passed = [*record.passed[1 - SLIDING:], (time, tuple(events))]
-        if len(record.passed) == SLIDING and time - record.passed[0][0] < SLIDES_WITHIN * self.span:
+        record.passed = [*record.passed[1 - EVENTS.sliding_events:], (time, tuple(events))]
+        if len(record.passed) == EVENTS.sliding_events and time - record.passed[0][0] < EVENTS.sliding_within * self.span:
             raise self._sliding(time, record)
-        last = record.passed[-CHATTER:]
-        for passed, most in ((last, CHATTER), ([p for p in last if p[1] == tuple(events)], AGAIN)):
-            if len(passed) >= most and time - passed[-most][0] < WITHIN * self.span:
+        last = record.passed[-EVENTS.chattering_events:]
+        for passed, most in ((last, EVENTS.chattering_events),
+                             ([p for p in last if p[1] == tuple(events)], EVENTS.repeated_events)):
+            if len(passed) >= most and time - passed[-most][0] < EVENTS.chattering_within * self.span:
                 raise self._chattering(time, events, f"happens {most} times within {time - passed[-most][0]:.2g} s")
 
     def _sliding(self, time: float, record: Record) -> SimulationError:
         """What switches to and fro so fast that the run would not come to its end."""
         found = [self.home.equations.events[i] for i in dict.fromkeys(i for _, events in record.passed for i in events)]
         took = time - record.passed[0][0]
+        whole = self.span / took * EVENTS.sliding_events
         return SimulationError([Problem(
-            "event-sliding", f"{either(event.name for event in found)} switched {SLIDING} times within {took:.2g} s, at t = "
-            f"{time:.6g} s: at this rate the run would take {self.span / took * SLIDING:.1g} of them", found[0].place,
+            "event-sliding", f"{either(event.name for event in found)} switched {EVENTS.sliding_events} times "
+            f"within {took:.2g} s, at t = {time:.6g} s: at this rate the run would take {whole:.1g} of them",
+            found[0].place,
             "What it switches drives it back at once. Make its band (of a Relay, `u_on` and `u_off`) as wide as that of the "
             "real part, give what it drives an inertia or a lag, or let a Saturation with a steep Gain take its place.",
             tuple(event.text for event in found))])

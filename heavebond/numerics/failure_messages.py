@@ -20,7 +20,7 @@ from heavebond.numerics.initialise import Start
 from heavebond.numerics.result import Result, columns
 from heavebond.numerics.run_verdict import RUNAWAY
 from heavebond.numerics.start_equations import Point
-from heavebond.numerics.validity import RAN_AWAY, WORTHLESS, typical_size
+from heavebond.numerics.validity import RAN_AWAY, VALIDITY, typical_size
 
 # singular values below this share of the largest are on their way to zero where a run stops
 NEAR = 1e-5
@@ -158,7 +158,7 @@ def _leaves(assembly: Assembly, name: str) -> list[str]:
 def _grown(assembly: Assembly, x: Array, t: float) -> str:
     """What to say where states had left all bounds before the run stopped: what else is wrong there follows from that."""
     unknowns = [assembly.flat.unknowns[j] for j, _ in assembly.reduced.states]
-    sizes = [min(RUNAWAY * typical_size(u, t), WORTHLESS) for u in unknowns]
+    sizes = [min(RUNAWAY * typical_size(u, t), VALIDITY.worthless) for u in unknowns]
     grown = [name for name, value, size in zip(assembly.state_names, x, sizes, strict=True) if abs(value) > size]
     if not grown:
         return ""

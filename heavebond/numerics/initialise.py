@@ -13,11 +13,8 @@ from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.idas import at_rest
 from heavebond.numerics.matrices import Matrix, added, finite, least_change, null_space, scaled
 from heavebond.numerics.newton import NewtonResult, Scaling, System, continued, newton, settled, weights
-from heavebond.numerics.start_equations import Point, StartEquations, StartSystem
+from heavebond.numerics.start_equations import INITIALISATION, Point, StartEquations, StartSystem
 
-# singular values of the loops below this share of the largest leave an unknown to chance
-SINGULAR = 1e-13
-SHIFTS = 16  # four each of 0.001, 0.01, 0.1 and 1 nominal size
 # widths of regularised laws are narrowed from this many times their size
 WIDENINGS = (1e4, 1e3, 100.0, 10.0, 3.0, 1.0)
 
@@ -155,7 +152,7 @@ class _Search:
         no gradient there; integrating it until it rests; Newton's method from points around the guess."""
         system = self._scaled(self.equations.all)
         best: NewtonResult | None = None
-        for attempt in range(6 + SHIFTS):
+        for attempt in range(6 + INITIALISATION.max_shifts):
             found = self._attempt(system, first, attempt)
             self.steps += found.steps
             if found.good:
@@ -255,7 +252,7 @@ class _Search:
             raise start_messages.failure(self.equations, self._point(whole, 1.0), found.residual, self.equations.algebraic,
                                         self.assembly.z_nominal)
         if finite(jacobian):
-            undecided = null_space(scaled(jacobian, weights(raw, jacobian)), SINGULAR)
+            undecided = null_space(scaled(jacobian, weights(raw, jacobian)), INITIALISATION.singular)
             if undecided.size:
                 raise start_messages.singular_loop(self.assembly, self._point(whole, 1.0), undecided[:, -1])
         return whole

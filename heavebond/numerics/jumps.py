@@ -29,11 +29,8 @@ from heavebond.equations.structural_messages import undecided
 from heavebond.language.symbols import stack
 from heavebond.numerics.co_simulation import Partners
 from heavebond.numerics.dae import Array, Assembly, solved_loops
+from heavebond.numerics.event_constants import EVENTS
 from heavebond.numerics.start_equations import Point
-
-# of its usual size, by which what is differentiated may differ before and after an event
-CONTINUOUS = 1e-7
-MOST_NEWTON = 30  # steps to the algebraic unknowns after an event, which may be far away
 
 
 @dataclass(frozen=True)
@@ -81,7 +78,7 @@ class EventEquations:
         self._differentiated = _differentiated(assembly)
         followed = stack([assembly.flat.levels[0][j] for j in self._differentiated])
         self._followed = ca.Function("followed", arguments, [assembly.express(followed)])
-        self._loops = solved_loops(z, stack([a for a in arguments if a is not z]), assembly.alg, MOST_NEWTON) \
+        self._loops = solved_loops(z, stack([a for a in arguments if a is not z]), assembly.alg, EVENTS.jump_iterations) \
             if self.has_loops else None
 
     # -- instants --------------------------------------------------------------------------------------------------
@@ -150,7 +147,7 @@ class EventEquations:
             return
         first, then = (np.array(self._followed(*point.values())).ravel() for point in (before, after))
         unknowns = [self.assembly.flat.unknowns[j] for j in self._differentiated]
-        jumped = [k for k, u in enumerate(unknowns) if not abs(then[k] - first[k]) <= CONTINUOUS * u.nominal]
+        jumped = [k for k, u in enumerate(unknowns) if not abs(then[k] - first[k]) <= EVENTS.continuous * u.nominal]
         if jumped:
             what = " and ".join(f"'{self.events[i].name}'" for i in happened)
             names = listing((unknowns[k].name for k in jumped), 4)
@@ -235,8 +232,8 @@ class EventEquations:
         """Whether the event would set anything at a point to another value than it has there."""
         values = np.array(self._values(*point.values())[1]).ravel()
         after, sizes = self._set(point, values, event), self.assembly.x_nominal
-        moved = np.any(np.abs(after.x - point.x) > CONTINUOUS * sizes)
-        return bool(moved or not np.allclose(after.p, point.p, CONTINUOUS, 0.0))
+        moved = np.any(np.abs(after.x - point.x) > EVENTS.continuous * sizes)
+        return bool(moved or not np.allclose(after.p, point.p, EVENTS.continuous, 0.0))
 
     def _set(self, point: Point, values: Array, event: int) -> Point:
         x, p = point.x.copy(), point.p.copy()

@@ -2,28 +2,57 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-# a dense array, or a `scipy.sparse.csc_array` from LARGE unknowns on
+# a dense array, or a `scipy.sparse.csc_array` from `MATRICES.sparse_from` unknowns on
 Matrix = Any
-# singular values below this share of the largest are directions that no equation determines; nominal values may be off by
-# some powers of ten without making a decided direction look like one of these
-RANK = 1e-11
-# unknowns from which on equations are solved by sparse elimination where their rank is beyond doubt. Decomposing a thousand
-# rows takes seconds, eliminating them a few milliseconds.
-LARGE = 200
-# the smallest singular value, as a share of the largest, from which on the rank is beyond doubt: ten times RANK. A chain of
-# n masses at rest has about 1/n**2. Inverse iteration ends when it changes the value by less than a tenth.
-BEYOND_DOUBT, CHANGE, MOST_ITERATIONS = 1e-10, 0.1, 20
-# rows or columns up to which a matrix whose rank is in doubt is decomposed (1000: a second); larger ones are solved
-# with damping, as a share of the largest singular value, repeated until the residual falls no more
-DENSE, DAMPING, MOST_REPEATS = 1000, 1e-8, 30
-# directions that are sought at most in a large matrix, and the steps of the iteration that finds them
-DIRECTIONS, STEPS = 12, 6
+
+
+@dataclass(frozen=True)
+class MatrixConstants:
+    """The constants of the linear algebra of the start.
+
+    rank: singular value, over the largest, below which no equation determines a direction. Origin: nominal values may
+        be off by some powers of ten without a false alarm. Doubled: nothing but for values within rounding of it.
+    sparse_from: number of unknowns from which sparse elimination is used where the rank is beyond doubt. Origin:
+        decomposing a thousand rows takes seconds, eliminating them milliseconds. Doubled: larger starts take longer,
+        with the same result.
+    certain_rank: smallest singular value, over the largest, from which on the rank is beyond doubt. Origin: ten times
+        `rank`; a chain of n masses at rest has about 1/n**2. Doubled: more systems are decomposed.
+    converged_change: relative change of that value at which inverse iteration ends. Origin: a tenth of it is enough for
+        the comparison. Doubled: an iteration less.
+    max_iterations: inverse iterations. Origin: a bound; each gains a power of the ratio of the last two singular
+        values. Doubled: nothing measurable.
+    max_dense: rows or columns up to which a matrix whose rank is in doubt is decomposed. Origin: a second. Doubled:
+        some eight seconds, exact ranks of larger matrices.
+    damping: damping of larger ones, over the largest singular value. Origin: square root of rounding. Doubled: slower
+        convergence.
+    max_repeats: repetitions of the damped solution. Origin: a bound; it ends where the residual falls no more. Doubled:
+        nothing where it converges.
+    max_directions: undetermined directions that are sought in a large matrix. Origin: more are not reported. Doubled:
+        time.
+    direction_iterations: iterations that find them. Origin: each gains a power of their ratio to the other singular
+        values. Doubled: time, sharper directions.
+    """
+
+    rank: float = 1e-11
+    sparse_from: int = 200
+    certain_rank: float = 1e-10
+    converged_change: float = 0.1
+    max_iterations: int = 20
+    max_dense: int = 1000
+    damping: float = 1e-8
+    max_repeats: int = 30
+    max_directions: int = 12
+    direction_iterations: int = 6
+
+
+MATRICES = MatrixConstants()
 
 
 def finite(matrix: Matrix) -> bool:
@@ -75,7 +104,7 @@ def factors(matrix: Matrix) -> Any:
     bounded by the norms: |A|_2^2 <= |A|_1 |A|_inf (G. H. Golub, C. F. Van Loan, Matrix Computations, 4th ed., section 2.3).
     """
     n = matrix.shape[0]
-    if n < LARGE or matrix.shape != (n, n):
+    if n < MATRICES.sparse_from or matrix.shape != (n, n):
         return None
     from scipy.sparse import csc_array
     from scipy.sparse.linalg import splu
@@ -87,12 +116,12 @@ def factors(matrix: Matrix) -> Any:
     except RuntimeError:  # exactly singular
         return None
     direction, smallest = np.cos(np.arange(1.0, n + 1)), np.inf
-    for _ in range(MOST_ITERATIONS):
+    for _ in range(MATRICES.max_iterations):
         direction = found.solve(found.solve(direction / np.linalg.norm(direction), "T"))
         before, smallest = smallest, 1 / np.sqrt(float(np.linalg.norm(direction)))
-        if not smallest < (1 - CHANGE) * before:
+        if not smallest < (1 - MATRICES.converged_change) * before:
             break
-    return found if smallest > BEYOND_DOUBT * _bound(columns) else None
+    return found if smallest > MATRICES.certain_rank * _bound(columns) else None
 
 
 def _bound(columns: Any) -> float:
@@ -105,8 +134,8 @@ def least_change(matrix: Matrix, right: Array) -> Array:
     """The x (n,) or (n, k) of least norm that solves matrix (m, n) x = right in the sense of least squares."""
     if (found := factors(matrix)) is not None:
         return np.asarray(found.solve(right))
-    if max(matrix.shape) <= DENSE:
-        return np.asarray(np.linalg.lstsq(dense(matrix), right, rcond=RANK)[0])
+    if max(matrix.shape) <= MATRICES.max_dense:
+        return np.asarray(np.linalg.lstsq(dense(matrix), right, rcond=MATRICES.rank)[0])
     return _Damped(matrix).least_change(right)
 
 
@@ -115,7 +144,7 @@ def null_space(matrix: Matrix, share: float) -> Array:
     large one whose rank is in doubt at most DIRECTIONS, the most shortened."""
     if factors(matrix) is not None:
         return np.zeros((matrix.shape[1], 0))
-    if max(matrix.shape) <= DENSE:
+    if max(matrix.shape) <= MATRICES.max_dense:
         _, values, right = np.linalg.svd(dense(matrix), full_matrices=True)
         rank = int((values > share * max(values.max(initial=0.0), 1e-300)).sum())
         return np.asarray(right[rank:].T)
@@ -138,29 +167,29 @@ class _Damped:
         self.matrix = csc_array(matrix)
         m, n = self.matrix.shape
         self.bound = _bound(self.matrix) or 1.0
-        self.damping = DAMPING * self.bound
+        self.damping = MATRICES.damping * self.bound
         whole = block_array([[self.damping * eye_array(m), self.matrix], [self.matrix.T, -self.damping * eye_array(n)]])
         self.factors = splu(csc_array(whole))
 
     def least_change(self, right: Array) -> Array:
         m, n = self.matrix.shape
         found, left, size = np.zeros((n, *right.shape[1:])), right, float(np.linalg.norm(right))
-        for _ in range(MOST_REPEATS):
+        for _ in range(MATRICES.max_repeats):
             trial = found + self.factors.solve(np.concatenate([left, np.zeros_like(found)]))[m:]
             left = right - self.matrix @ trial
             before, size = size, float(np.linalg.norm(left))
             if not size < before:
                 break
             found = trial
-            if size > (1 - CHANGE) * before:
+            if size > (1 - MATRICES.converged_change) * before:
                 break
         return np.asarray(found)
 
     def shortened(self, share: float) -> Array:
         """The directions that A shortens below a share of its largest singular value, by inverse subspace iteration."""
         m, n = self.matrix.shape
-        basis = np.cos(np.outer(np.arange(1.0, n + 1), np.arange(1.0, 1 + min(DIRECTIONS, n))))
-        for _ in range(STEPS):
+        basis = np.cos(np.outer(np.arange(1.0, n + 1), np.arange(1.0, 1 + min(MATRICES.max_directions, n))))
+        for _ in range(MATRICES.direction_iterations):
             basis = self.factors.solve(np.concatenate([np.zeros((m, basis.shape[1])), -basis]))[m:]
             basis, _ = np.linalg.qr(basis)
         _, values, turned = np.linalg.svd(self.matrix @ basis, full_matrices=False)

@@ -11,16 +11,44 @@ from heavebond.numerics.matrices import Array, Matrix, finite, largest_of_rows, 
 
 # residuals (m,) and Jacobian (m, n) in unknowns counted in their usual sizes
 System = Callable[[Array], tuple[Array, Matrix]]
-MOST_STEPS = 100
-# residuals are scaled so that a change of every unknown by its usual size changes each by about one
-CONVERGED = 1e-9
-GOOD = 1e-6
-# a continuation whose steps become shorter than this share of the whole is given up
-SHORTEST = 1e-3
-# share of a step below which halving it is given up; steps of one equation on a path from solution to solution
-SHORTEST_STEP, ON_A_PATH = 1e-7, 20
-# steps of pseudo-time, in s
-FIRST_STEP, GROWTH, MOST_PSEUDO_STEPS = 1e-3, 1.5, 160
+
+
+@dataclass(frozen=True)
+class NewtonConstants:
+    """The constants of the solution of nonlinear equations. Residuals are scaled such that a change of each unknown by its
+    usual size changes each by about one; what has no unit below is a share of that.
+
+    max_iterations: iterations of Newton's method. Origin: a bound on the time of a hopeless start. Doubled: a start
+        without a solution is refused later.
+    converged: largest residual of a solution. Origin: ten times below the default relative tolerance of runs. Doubled:
+        nothing, as the last step is quadratic.
+    acceptable: largest residual accepted where no step makes it smaller. Origin: rounding of equations whose terms far
+        exceed their sum. Doubled: starts with poorly scaled equations are accepted sooner.
+    min_continuation_step: step of a continuation, as a share of its path, below which it is given up. Origin: a bound
+        on the number of steps. Doubled: paths with a sharp bend are given up sooner.
+    min_damping: share of a Newton step below which halving it ends. Origin: rounding of the residuals' decrease.
+        Doubled: one halving less.
+    path_iterations: iterations of one equation on a path between solutions. Origin: from a near solution a few are
+        needed. Doubled: longer steps of a path succeed.
+    first_pseudo_step: first step in pseudo-time, in s. Origin: below the time constants of machines. Doubled: one step
+        less where it is short enough.
+    pseudo_step_growth: factor from step to step in pseudo-time. Origin: moderate, so that a step that was accepted is
+        followed by one that is. Doubled (in its excess over 1): fewer steps, more of them rejected.
+    max_pseudo_steps: steps in pseudo-time. Origin: with the growth above they span any time. Doubled: nothing.
+    """
+
+    max_iterations: int = 100
+    converged: float = 1e-9
+    acceptable: float = 1e-6
+    min_continuation_step: float = 1e-3
+    min_damping: float = 1e-7
+    path_iterations: int = 20
+    first_pseudo_step: float = 1e-3
+    pseudo_step_growth: float = 1.5
+    max_pseudo_steps: int = 160
+
+
+NEWTON = NewtonConstants()
 
 
 @dataclass(frozen=True)
@@ -51,12 +79,13 @@ class NewtonResult:
     @property
     def good(self) -> bool:
         """Whether the equations hold."""
-        return bool(np.all(np.isfinite(self.residual)) and np.abs(self.residual).max(initial=0.0) < GOOD)
+        return bool(np.all(np.isfinite(self.residual)) and np.abs(self.residual).max(initial=0.0) < NEWTON.acceptable)
 
     @property
     def missed(self) -> tuple[int, float]:
         """How many equations do not hold, and the largest residual: of two ends of a search the one that is nearer."""
-        return int((~(np.abs(self.residual) < GOOD)).sum()) if np.isfinite(self.size) else len(self.residual) + 1, self.size
+        return int((~(np.abs(self.residual) < NEWTON.acceptable)).sum()) \
+            if np.isfinite(self.size) else len(self.residual) + 1, self.size
 
     @property
     def size(self) -> float:
@@ -71,7 +100,7 @@ def weights(residual: Array, jacobian: Matrix) -> Array:
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a trial may go anywhere; what is no number is not taken
-def newton(system: System, y: Array, frame: Scaling, most: int = MOST_STEPS) -> NewtonResult:
+def newton(system: System, y: Array, frame: Scaling, most: int = NEWTON.max_iterations) -> NewtonResult:
     """Gauss-Newton with at most so many steps of least norm in scaled unknowns, halved until the residual falls; a step
     that leaves the bounds is cut at them."""
     y, steps = frame.within(y), 0
@@ -81,14 +110,14 @@ def newton(system: System, y: Array, frame: Scaling, most: int = MOST_STEPS) -> 
             break
         row = weights(residual, jacobian)
         size = float(np.linalg.norm(residual * row))
-        if np.abs(residual * row).max() < CONVERGED:
+        if np.abs(residual * row).max() < NEWTON.converged:
             break
         weighted = scaled(jacobian, row)
         if not finite(weighted):
             break
         step = least_change(weighted, -residual * row)
         length = 1.0
-        while length > SHORTEST_STEP:
+        while length > NEWTON.min_damping:
             trial = frame.within(y + length * step * frame.sizes)
             new, new_jacobian = system(trial)
             if np.all(np.isfinite(new)) and float(np.linalg.norm(new * row)) < (1 - 1e-4 * length) * size:
@@ -109,19 +138,19 @@ def settled(system: System, slowed: Callable[[Array, float], System], y: Array, 
     Pseudo-transient continuation; C. T. Kelley, D. E. Keyes, Convergence analysis of pseudo-transient continuation, SIAM J.
     Numer. Anal. 35 (1998) 508-523, doi:10.1137/S0036142996304796.
     """
-    y, step, steps = frame.within(y), FIRST_STEP, 0
+    y, step, steps = frame.within(y), NEWTON.first_pseudo_step, 0
     found = NewtonResult(y, np.full(1, np.inf), 0)
-    for k in range(MOST_PSEUDO_STEPS):
-        trial = newton(slowed(y, step), y, frame, ON_A_PATH)
+    for k in range(NEWTON.max_pseudo_steps):
+        trial = newton(slowed(y, step), y, frame, NEWTON.path_iterations)
         steps += trial.steps
         if trial.good:
-            y, step = trial.y, GROWTH * step
+            y, step = trial.y, NEWTON.pseudo_step_growth * step
         else:
             step /= 4
         if k % 8 == 7:
-            found = newton(system, y, frame, ON_A_PATH)
+            found = newton(system, y, frame, NEWTON.path_iterations)
             steps += found.steps
-        if found.good or step < FIRST_STEP * 1e-4 or not np.all(np.isfinite(y)):
+        if found.good or step < NEWTON.first_pseudo_step * 1e-4 or not np.all(np.isfinite(y)):
             break
     return NewtonResult(found.y, found.residual, steps)
 
@@ -137,7 +166,7 @@ def continued(family: Callable[[float], System], y: Array, frame: Scaling) -> Ne
     y = frame.within(y)
     first, _ = family(0.0)(y)
     found, steps, s, stride = NewtonResult(y, first, 0), 0, 0.0, 0.25
-    while s < 1 and stride >= SHORTEST and np.all(np.isfinite(first)):
+    while s < 1 and stride >= NEWTON.min_continuation_step and np.all(np.isfinite(first)):
         to = min(1.0, s + stride)
         member = family(to)
 
@@ -145,7 +174,7 @@ def continued(family: Callable[[float], System], y: Array, frame: Scaling) -> Ne
             residual, jacobian = system(at)
             return residual - left * first, jacobian
 
-        trial = newton(balanced, found.y, frame, ON_A_PATH)
+        trial = newton(balanced, found.y, frame, NEWTON.path_iterations)
         steps += trial.steps
         if trial.good:
             found, s, stride = trial, to, 2 * stride

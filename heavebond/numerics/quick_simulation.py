@@ -16,7 +16,7 @@ one-step method takes over, which needs a step or two.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -33,24 +33,44 @@ from heavebond.numerics.simulator import Simulator
 from heavebond.numerics.solvers import Choice, Integrator, integrator, solver_options
 from heavebond.numerics.trace import Trace
 
-# Steps between two output points after which a candidate is given up: in the search, and in what is reported of it.
-MOST_STEPS, MOST_EXACT = 2000, 20_000
-# No step is longer than so many samples of the inputs: from rest an integrator would step over a short motion, and where its
-# own steps would be longer the sum of squares would be rough (they change with the parameters; these do not).
-LONGEST = 2
-# Evaluations from one sample to the next from which on a one-step method costs less, each of whose steps takes eight and a
-# Jacobian. It errs by far less than it is allowed to, as its steps end at the samples: so many times as much will do.
-RESTARTED, LOOSER = 20, 10.0
-# Share of the tolerances asked for with which the compiled program checks a search.
-FINER = 0.1
+
+@dataclass(frozen=True)
+class SearchRunConstants:
+    """The constants of the runs of searches (fits and diagnoses), which step over the samples of the records.
+
+    max_steps: steps between two samples after which a candidate is given up. Origin: a bound on the time of a hopeless
+        candidate. Doubled: hopeless candidates take twice as long.
+    max_steps_exact: the same in what is reported of a candidate. Origin: ten times that of the search. Doubled: as
+        above.
+    longest_step: longest step, in samples of the inputs. Origin: from rest an integrator would step over a short
+        motion, and longer steps of its own change with the parameters, which makes the sum of squares rough. Doubled:
+        fewer evaluations, a rougher sum of squares.
+    one_step_from: evaluations between two samples from which a one-step method costs less. Origin: each of its steps
+        takes eight and a Jacobian. Doubled: some runs take longer, with the same result.
+    one_step_tolerance: factor on its tolerances. Origin: its steps end at the samples, so that it errs by far less than
+        allowed. Doubled: errors up to the tolerance asked for.
+    check_tolerance: share of the tolerances with which the compiled program checks a search. Origin: one decimal.
+        Doubled: a weaker check.
+    """
+
+    max_steps: int = 2000
+    max_steps_exact: int = 20_000
+    longest_step: int = 2
+    one_step_from: int = 20
+    one_step_tolerance: float = 10.0
+    check_tolerance: float = 0.1
+
+
+SEARCH_RUNS = SearchRunConstants()
 
 
 class Unexplained(Simulator):
     """A `Simulator` for one candidate among many: where it gives up it does so soon, and does not look for the reason, which
-    would cost further runs. Where the compiled program can integrate its equations, it does so with tolerances that are
-    `FINER` than asked for; IDAS, which stops at every sample of an input, errs as little."""
+    would cost further runs. Where the compiled program can integrate its equations, it does so with the share
+    `SEARCH_RUNS.check_tolerance` of the tolerances asked for; IDAS, which stops at every sample of an input, errs as
+    little."""
 
-    most_steps = MOST_EXACT
+    most_steps = SEARCH_RUNS.max_steps_exact
 
     @property
     def looks_up(self) -> bool:
@@ -73,7 +93,7 @@ class Unexplained(Simulator):
         return {} if self.looks_up else super()._driven(times)
 
     def _integrator(self) -> Integrator:
-        return self._program(FINER) if self.compiled else \
+        return self._program(SEARCH_RUNS.check_tolerance) if self.compiled else \
             integrator(self.solver.name, self.integrand, self.stops, self.tolerances, self.most_steps)
 
     def _program(self, share: float) -> Integrator:
@@ -86,7 +106,7 @@ class Unexplained(Simulator):
 
     def _longest(self) -> float:
         """The longest step, in s, over inputs that are looked up."""
-        return LONGEST * float(np.median(np.diff(self.pieces.breaks)))
+        return SEARCH_RUNS.longest_step * float(np.median(np.diff(self.pieces.breaks)))
 
     def _check_rates(self, assembly: Assembly, first: Start) -> None:
         """Nothing: the number of steps is limited."""
@@ -105,7 +125,7 @@ class QuickSimulator(Unexplained):
     """A `Simulator` for searches. Where a diagram has events, or inputs with kinks or jumps at their samples, it is one in
     all but its messages."""
 
-    most_steps = MOST_STEPS
+    most_steps = SEARCH_RUNS.max_steps
 
     def __init__(self, *given: Any, like: Simulator | None = None, **named: Any):
         self.one_step: bool = isinstance(like, QuickSimulator) and like.one_step
@@ -118,7 +138,7 @@ class QuickSimulator(Unexplained):
     def _integrator(self) -> Integrator:
         if self.compiled:
             return self._program(1.0)
-        dae, looser = self.integrand.dae, LOOSER if self.one_step else 1.0
+        dae, looser = self.integrand.dae, SEARCH_RUNS.one_step_tolerance if self.one_step else 1.0
         solver = "rosenbrock" if self.one_step else "idas" if dae["z"].numel() else "cvodes"
         tolerances = replace(self.tolerances, rtol=looser * self.tolerances.rtol, atol=looser * self.tolerances.atol)
         options = {**solver_options(solver, dae, tolerances), "max_num_steps": self.most_steps}
@@ -142,7 +162,8 @@ class QuickSimulator(Unexplained):
             self.one_step = True
             self.integrator = self._integrator()
             return super().attempt(first, moved)
-        if stopped and not self.one_step and self.integrator.stats()["nfevals"] > RESTARTED * (len(self.stops) - 1):
+        if stopped and not self.one_step and \
+                self.integrator.stats()["nfevals"] > SEARCH_RUNS.one_step_from * (len(self.stops) - 1):
             self.one_step = True
             self.integrator = self._integrator()
         return found

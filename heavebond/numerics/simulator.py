@@ -22,13 +22,8 @@ from heavebond.language.symbols import stack
 from heavebond.numerics.co_simulation import check_allowed
 from heavebond.numerics.dae import Array, Assembly, Factors, Integrand, integrand, solved_loops, substitute_inputs
 from heavebond.numerics.dynamic_state_selection import StateChoice, StateChoices
-from heavebond.numerics.event_integration import (
-    MOST_STEPS_AHEAD,
-    MOST_STEPS_BETWEEN,
-    MOST_STEPS_IN_CHART,
-    EventIntegration,
-    settled,
-)
+from heavebond.numerics.event_constants import EVENTS
+from heavebond.numerics.event_integration import EventIntegration, settled
 from heavebond.numerics.failure_messages import Stop, check_decided, explain_failure, stop_times
 from heavebond.numerics.idas import Tolerances as Tolerances  # a part of this module's interface
 from heavebond.numerics.idas import caught_errors
@@ -91,7 +86,7 @@ class Simulator:
 
     def _switching(self, charts: StateChoices, changes: bool = False) -> EventIntegration:
         def build(name: str, made: Integrand, grid: Array) -> Integrator:
-            most = MOST_STEPS_IN_CHART if charts.needed else MOST_STEPS_AHEAD if len(grid) > 2 else MOST_STEPS_BETWEEN
+            most = EVENTS.steps_in_chart if charts.needed else EVENTS.steps_ahead if len(grid) > 2 else EVENTS.steps_between
             return integrator(name, made, grid, self.tolerances, most)
 
         return EventIntegration(charts, self._framed, self.integrals, self.stops, self.inputs, build, self.solver.name,

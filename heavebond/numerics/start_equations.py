@@ -17,14 +17,49 @@ from heavebond.language.sections import Condition
 from heavebond.language.smoothing import SmoothedColumn, rounded
 from heavebond.language.symbols import CORNERS, split, stack
 from heavebond.numerics.dae import Array, Assembly
-from heavebond.numerics.matrices import LARGE, Matrix
+from heavebond.numerics.matrices import MATRICES, Matrix
 from heavebond.text.expression import Call, Expr, Name, children, parse_formula
 
 # functions whose second argument is the width over which they turn
 REGULARISED = ("smooth_sign", "signed_sqrt")
-# corners within corners (the force of a contact is cut at zero, and so is the indentation that it is made of), and the width
-# of one that no unknown reaches
-NESTED, SHARP = 6, 1e-30
+
+
+@dataclass(frozen=True)
+class InitialisationConstants:
+    """The constants of the search for consistent initial values.
+
+    max_nesting: conditional expressions nested in each other through which slopes of their conditions are followed.
+        Origin: a bound. Doubled: nothing but for deeper expressions.
+    sharp: width of a smoothed step that counts as sharp, in the unit of its argument. Origin: below any value. Doubled:
+        nothing.
+    singular: singular value, over the largest, of a system that is singular at the solution. Origin: rounding of a few
+        hundred terms. Doubled: nothing but for values within rounding of it.
+    max_shifts: shifted guesses from which a start is tried, after six plain attempts. Origin: a bound on the time of an
+        impossible start. Doubled: an impossible start is refused later.
+    dependent: share up to which gradients of two conditions depend on each other. Origin: square root of rounding.
+        Doubled: nothing.
+    disagree: residual from which such conditions contradict each other. Origin: `acceptable` of the nonlinear solver.
+        Doubled: smaller contradictions are told as too many conditions.
+    undetermined: singular value, over the largest, below which a direction of a start is named as undetermined. Origin:
+        ten times `rank`. Doubled: nothing but for values within rounding of it.
+    just_after: time in s after the start at which values are evaluated again, where they are not finite at it. Origin:
+        short against motions of machines. Doubled: nothing.
+    share: share of an unknown in an undetermined direction from which on it is named. Origin: rounding is far below.
+        Doubled: nothing.
+    """
+
+    max_nesting: int = 6
+    sharp: float = 1e-30
+    singular: float = 1e-13
+    max_shifts: int = 16
+    dependent: float = 1e-8
+    disagree: float = 1e-6
+    undetermined: float = 1e-10
+    just_after: float = 1e-3
+    share: float = 1e-3
+
+
+INITIALISATION = InitialisationConstants()
 
 
 @dataclass(frozen=True)
@@ -63,7 +98,7 @@ class StartSystem:
         self._arguments = list(assembly.arguments)
         self._residuals, self._unknowns = stack([r.residual for r in rows]), unknowns
         self._function = ca.Function("start", self._arguments, [self._residuals, ca.jacobian(self._residuals, unknowns)])
-        self._large = unknowns.numel() >= LARGE
+        self._large = unknowns.numel() >= MATRICES.sparse_from
         self._buffered = Buffered(self._function, sparse=self._large)
 
     def at(self, point: Point) -> tuple[Array, Matrix]:
@@ -95,9 +130,9 @@ class StartSystem:
         """How far each corner (n,) moves while every unknown moves by its size; what a corner that is shut hides counts as
         it does where its own is rounded."""
         found, _, slopes = self._rounded
-        widths = np.full(found.widths.numel(), SHARP)
-        for _ in range(NESTED if len(widths) else 0):
-            widths = np.maximum(abs(self._matrix(slopes(*point.values(), widths))) @ sizes, SHARP)
+        widths = np.full(found.widths.numel(), INITIALISATION.sharp)
+        for _ in range(INITIALISATION.max_nesting if len(widths) else 0):
+            widths = np.maximum(abs(self._matrix(slopes(*point.values(), widths))) @ sizes, INITIALISATION.sharp)
         return np.asarray(widths)
 
     def rounded_at(self, point: Point, widths: Array) -> tuple[Array, Matrix]:

@@ -15,16 +15,9 @@ from heavebond.equations.reduce import Pivot
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.matrices import dense, finite, null_space, scaled
 from heavebond.numerics.newton import weights
-from heavebond.numerics.start_equations import Point, StartEquations, StartRow, StartSystem
+from heavebond.numerics.start_equations import INITIALISATION, Point, StartEquations, StartRow, StartSystem
 
 AT = "at the start"
-# gradients that depend on each other up to this share, and residuals that then disagree by more than this
-DEPENDENT, DISAGREE = 1e-8, 1e-6
-# singular values up to this share of the largest are directions that a steady start does not determine
-UNDECIDED = 1e-10
-JUST_AFTER = 1e-3  # s
-# what a hint names at most
-SHARE = 1e-3  # of an unknown in a direction that no equation determines, from which on it takes part
 MOST_NAMED = 6
 
 # what brings a state to rest, by its unit
@@ -93,7 +86,7 @@ def _cure(assembly: Assembly, point: Point, finite: Callable[[Point], bool]) -> 
         return f"Some of {listing((assembly.parameter_names[k] for k in numbers), MOST_NAMED)} may not be 0: give them " \
             "other values.", flat.parameters[numbers[0]].place
     begun = [k for k in states if finite(replace(point, x=_moved(point.x, k, assembly.x_nominal[k])))]
-    if not begun and finite(replace(point, t=point.t + JUST_AFTER)):
+    if not begun and finite(replace(point, t=point.t + INITIALISATION.just_after)):
         return "It has one just after the start: something is divided by the time, or the root or logarithm taken of what " \
             "the time makes 0. Write it such that it has a value at the start, too.", None
     begun = begun or states
@@ -127,7 +120,7 @@ def _dependent(system: StartSystem, point: Point, sizes: Array) -> tuple[Array, 
         return np.zeros((len(residual), 0)), np.zeros(len(residual))
     jacobian = scaled(jacobian, None, sizes)
     row = weights(residual, jacobian)
-    null = null_space(scaled(jacobian, row).T, DEPENDENT)
+    null = null_space(scaled(jacobian, row).T, INITIALISATION.dependent)
     return null * row[:, None], np.abs(null @ (null.T @ (residual * row)))
 
 
@@ -215,7 +208,7 @@ def _balances(equations: StartEquations, conflict: Sequence[StartRow]) -> str:
 def _conflict(system: StartSystem, point: Point, sizes: Array) -> list[int]:
     """The equations whose gradients depend on each other while their residuals do not agree."""
     _, share = _dependent(system, point, sizes)
-    if not share.size or share.max() < DISAGREE:
+    if not share.size or share.max() < INITIALISATION.disagree:
         return []
     # equal shares, which differ by rounding, in the order of the file
     order = np.argsort(-np.round(share / share.max(), 6), kind="stable")
@@ -252,7 +245,7 @@ def undetermined(equations: StartEquations, point: Point, sizes: Array) -> tuple
     if not finite(jacobian):
         return ()
     jacobian = scaled(jacobian, None, sizes)
-    null = null_space(scaled(jacobian, weights(residual, jacobian)), UNDECIDED).T
+    null = null_space(scaled(jacobian, weights(residual, jacobian)), INITIALISATION.undetermined).T
     assembly = equations.assembly
     solved = [assembly.parameter_names[k] for k in equations.solved_for]
     names = [*assembly.state_names, *assembly.algebraic_names, *solved]
@@ -260,7 +253,7 @@ def undetermined(equations: StartEquations, point: Point, sizes: Array) -> tuple
         null = null[np.abs(null[:, len(names) - len(solved):]).max(axis=1, initial=0.0) > 1e-6] if len(null) else null
     if not len(null):
         return ()
-    shut_in = [name for name, share in zip(names, np.abs(null).max(axis=0), strict=True) if share > SHARE]
+    shut_in = [name for name, share in zip(names, np.abs(null).max(axis=0), strict=True) if share > INITIALISATION.share]
     if set(shut_in) <= _pressures(assembly):
         return tuple(shut_in)
     notes, suggestions = [], list[str]()

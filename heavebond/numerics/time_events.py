@@ -9,15 +9,12 @@ import numpy as np
 from heavebond.core.errors import Problem, SimulationError
 from heavebond.equations.events import FlatEvent
 from heavebond.numerics.dae import Array
-
-# Instants nearer to each other than this share of the run, or than so many times the rounding of a time, are one.
-SAME, ROUNDING = 1e-12, 8
-MOST = 1_000_000  # of one event in a run
+from heavebond.numerics.event_constants import EVENTS
 
 
 def same_instant(begin: float, end: float) -> float:
     """How near to each other two instants of a run are one."""
-    return float(max(SAME * (end - begin), ROUNDING * np.spacing(max(abs(begin), abs(end)))))
+    return float(max(EVENTS.same_instant * (end - begin), EVENTS.same_roundings * np.spacing(max(abs(begin), abs(end)))))
 
 
 def timetable(events: Sequence[FlatEvent], instants: tuple[Array, Array, Array, Array], begin: float, end: float
@@ -57,6 +54,6 @@ def _check(event: FlatEvent, period: float, span: float) -> None:
     if not period > 0:
         raise SimulationError([Problem("every-not-positive", f"'{event.name}' would happen every {period:g} s", event.place,
                                        "Give a time above 0.")])
-    if span / period > MOST:
+    if span / period > EVENTS.max_time_events:
         raise SimulationError([Problem("too-many-events", f"'{event.name}' would happen {span / period:.3g} times",
                                        event.place, "Give a longer time, or run for a shorter one.")])

@@ -26,21 +26,40 @@ from heavebond.numerics.run_verdict import RUNAWAY, Finding, Verdict, verdict
 from heavebond.numerics.start_equations import Point
 from heavebond.text.expression import ExpressionProblem, Name
 
-# of the limit (or so little of its usual size) by which a variable may pass one: errors of the integration
-GRACE = 1e-3
-# A size that no unit explains; squares of such numbers are infinite.
-WORTHLESS = 1e150
-# A position may go on at so many times the typical speed of its domain for the whole run: a shaft that turns for hours.
-FAST = 100.0
-# Points of a run at which everything is evaluated, and at which what has a declared range is. A look at all points would
-# cost a tenth of the run; what is a state is known at all of them, and what is wrong at one is looked at in all.
-SAMPLES, WATCHED = 100, 1000
-# Exponential growth: each of so many equal parts of the second half of a run goes further than the one before by this
-# factor. Of powers of the time, t**6 does not.
-PARTS, STEADILY = 8, 1.5
-# Typical sizes (of what has none: its unit) below which growth is no matter.
-GROWN, GROWN_UNKNOWN = 10.0, 1e3
 
+@dataclass(frozen=True)
+class ValidityConstants:
+    """The constants of the verdict of a run: declared limits, values without meaning, exponential growth.
+
+    grace: share of a limit, or of the usual size of a variable, by which it may pass the limit. Origin: errors of the
+        integration at an end stop. Doubled: smaller excesses are silent.
+    worthless: magnitude that no unit explains. Origin: its square is infinite. Doubled: nothing.
+    fast: multiple of the typical speed of its domain at which a position may move for the whole run. Origin: a shaft
+        that turns for hours. Doubled: a position that runs away is named later.
+    samples: points of a run at which everything is evaluated. Origin: all points would cost a tenth of the run.
+        Doubled: twice that time, short excesses of algebraic variables are found.
+    watched: points at which variables with a declared range are evaluated. Origin: as above. Doubled: as above.
+    growth_parts: equal parts of the second half of a run that are compared for growth. Origin: an exponential is told
+        from a power of time. Doubled: slow growth is less often named.
+    growth: factor by which each part goes further than the one before. Origin: t**6 does not. Doubled: only fast growth
+        is named.
+    grown: typical sizes below which growth does not matter. Origin: machines exceed their typical sizes by less.
+        Doubled: named later.
+    grown_unknown: the same in its unit for what has no typical size. Origin: no better yardstick. Doubled: named later.
+    """
+
+    grace: float = 1e-3
+    worthless: float = 1e150
+    fast: float = 100.0
+    samples: int = 100
+    watched: int = 1000
+    growth_parts: int = 8
+    growth: float = 1.5
+    grown: float = 10.0
+    grown_unknown: float = 1e3
+
+
+VALIDITY = ValidityConstants()
 CAUSES = "an instability, a wrong sign, a stop that does not hold, or a source that nothing bounds"
 LARGER = f"larger than in any machine. Look for {CAUSES}"
 RAN_AWAY = f"Look for {CAUSES}"
@@ -89,13 +108,13 @@ def _of_stretch(s: RunSection, duration: float, balanced: bool) -> Iterator[Find
     flat, reduced, n = s.assembly.flat, s.assembly.reduced, len(s.time)
     states = {j: k for k, (j, order) in enumerate(reduced.states) if order == 0}
     yield from _outside([flat.unknowns[j] for j in states], s.x[list(states.values())], s.time, duration)
-    chosen = _spread(n, SAMPLES)
+    chosen = _spread(n, VALIDITY.samples)
     columns = s.columns(chosen)
     values = evaluated(s.assembly, s.assembly.values, columns)
     wrong = {f.name for f in _outside(flat.unknowns, values, s.time[chosen], duration)}
     looked_at = [j for j, u in enumerate(flat.unknowns) if u.name in wrong or (j not in states and _ranged(u))]
     if looked_at:
-        yield from _closely(s, looked_at, _spread(n, n if wrong else WATCHED), duration)
+        yield from _closely(s, looked_at, _spread(n, n if wrong else VALIDITY.watched), duration)
     if not balanced or not np.isfinite(values).all():
         return
     shown = s.assembly.once("formulas", lambda: _formulas(s.assembly))
@@ -157,16 +176,17 @@ def _culprit(flat: Flat, values: Array) -> str:
 
 def _growing(s: RunSection) -> Iterator[Finding]:
     """States that grow exponentially over the second half of a run, to its end."""
-    if len(s.time) < 4 * PARTS or not len(s.x):
+    if len(s.time) < 4 * VALIDITY.growth_parts or not len(s.x):
         return
-    later = np.abs(s.x - s.x[:, :1])[:, len(s.time) - len(s.time) // (2 * PARTS) * PARTS:]
-    reach = later.reshape(len(s.x), PARTS, -1).max(axis=2)
-    grows = (reach[:, 1:] > STEADILY * reach[:, :-1]).all(axis=1)
+    later = np.abs(s.x - s.x[:, :1])[:, len(s.time) - len(s.time) // (2 * VALIDITY.growth_parts) * VALIDITY.growth_parts:]
+    reach = later.reshape(len(s.x), VALIDITY.growth_parts, -1).max(axis=2)
+    grows = (reach[:, 1:] > VALIDITY.growth * reach[:, :-1]).all(axis=1)
     for k in np.flatnonzero(grows).tolist():
         j, order = s.assembly.reduced.states[k]
         u = s.assembly.flat.unknowns[j]
         known = np.isfinite(u.plausible.typical)
-        if order == 0 and reach[k, -1] > (GROWN * u.plausible.typical if known else GROWN_UNKNOWN * u.nominal):
+        if order == 0 and \
+                reach[k, -1] > (VALIDITY.grown * u.plausible.typical if known else VALIDITY.grown_unknown * u.nominal):
             yield _finding("growth", u, float(s.time[len(s.time) // 2]), float(s.x[k, -1]), None, GROWING)
 
 
@@ -189,18 +209,18 @@ def _outside(unknowns: Sequence[Unknown], values: Array, time: Array, duration: 
 
 def _bounds(u: Unknown, duration: float) -> tuple[float, float]:
     """Between which values nothing is wrong with a variable."""
-    most = min(RUNAWAY * typical_size(u, duration), WORTHLESS, _largest(u, duration))
+    most = min(RUNAWAY * typical_size(u, duration), VALIDITY.worthless, _largest(u, duration))
     own = u.role == "own"
     least = max(u.plausible.least - _grace(u, u.plausible.least), u.low - _grace(u, u.low) if own else -np.inf)
     return max(-most, least), min(most, u.high + _grace(u, u.high) if own else np.inf)
 
 
 def _grace(u: Unknown, limit: float) -> float:
-    return GRACE * max(abs(limit), u.nominal * GRACE) if math.isfinite(limit) else 0.0
+    return VALIDITY.grace * max(abs(limit), u.nominal * VALIDITY.grace) if math.isfinite(limit) else 0.0
 
 
 def _largest(u: Unknown, duration: float) -> float:
-    return max(u.plausible.largest, FAST * u.plausible.per_second * duration)
+    return max(u.plausible.largest, VALIDITY.fast * u.plausible.per_second * duration)
 
 
 def _wrong(u: Unknown, values: Array, time: Array, duration: float) -> Iterator[Finding]:
@@ -211,7 +231,7 @@ def _wrong(u: Unknown, values: Array, time: Array, duration: float) -> Iterator[
         yield _finding("not-finite", u, float(time[at]), float(values[at]), None, "")
         return
     typical, largest = RUNAWAY * typical_size(u, duration), _largest(u, duration)
-    for kind, most, advice in (("runaway", min(typical, WORTHLESS), RAN_AWAY), ("larger", largest, LARGER)):
+    for kind, most, advice in (("runaway", min(typical, VALIDITY.worthless), RAN_AWAY), ("larger", largest, LARGER)):
         if np.abs(values).max() > most:
             yield _passed(kind, u, values, time, np.abs(values) > most, most, advice)
     declared = [(u.plausible.least, -1, u.plausible.beyond)]

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heavebond.numerics.dae import Array
+from heavebond.numerics.event_constants import EVENTS
 
 # Shares of an interval at which the cubic through both ends is looked at, beside its extrema: an indicator that is positive
 # there only.
 INSIDE = np.arange(1, 8) / 8
 SOON = tuple(8.0**-k for k in range(1, 15))  # shares of an interval at which one is looked for that falls at its begin
-MOST_TRIALS = 80  # a bracket is halved to rounding in some 50
 
 # indicator and rate at a time of the interval, found by integration
 Indicator = Callable[[float], tuple[float, float]]
@@ -91,7 +91,7 @@ def crossing(indicator: Indicator, begin: float, end: float, first: float, extre
         if indicator(high)[0] <= 0:
             return None
     t, precision = (low + high) / 2, max(precision, float(np.spacing(max(abs(begin), abs(end)))))
-    for _ in range(MOST_TRIALS):
+    for _ in range(EVENTS.crossing_iterations):
         value, rate = indicator(t)
         low, high = (low, t) if value > 0 else (t, high)
         step = -value / rate if rate > 0 else np.inf

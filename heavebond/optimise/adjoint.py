@@ -33,24 +33,37 @@ from heavebond.numerics.solvers import DEFAULT
 from heavebond.optimise.costs import CostSlopes, Evaluator
 
 CHARTS = "adjoint-charts"  # the code of the problem where states change
-# The multipliers jump with s and with the inputs, and the error control backward cannot leave them out as it does the
-# algebraic unknowns forward: counted in so large a unit they pass it unseen.
-UNSEEN = 1e10
-# Added to an adjoint state at a stop it moves nothing, but lets IDAS begin anew there. Otherwise it steps past the stop
-# with the inputs that hold after it, and interpolates back.
-NOTHING = 1e-300
-# Between checkpoints IDAS integrates forward again, with whatever input holds at that moment of the way back. So there
-# is one stretch only, with room for this many times the steps of the first run.
-ROOM = 2
-MOST_NUMBERS = 60_000_000  # kept steps times unknowns: about 1 GB
-# Adjoint states are weighted by so much more than forward sensitivities in the error control: contributions to an integral
-# over p cancel, and what is left of their errors is magnified.
-MORE = 4
-# So many integrals are gone back for one by one, where that saves the run before; each costs a fifth of a run.
-MOST_AT_ONCE = 4
-# The share of |integrand| at the ends of the time evaluated that a signed integral is taken to be at least: one over
-# whole periods may be zero, and still has a gradient.
-SIGNED = 1e-3
+
+
+@dataclass(frozen=True)
+class AdjointConstants:
+    """The constants of adjoint runs (gradients by IDAS backwards).
+
+    multiplier_unit: unit in which multipliers are counted, so that the error control leaves them out. Origin: they jump
+        with s and with the inputs. Doubled: nothing.
+    restart: value added to an adjoint state at a stop, which restarts IDAS and moves nothing. Origin: far below any
+        state. Doubled: nothing.
+    checkpoint_room: multiple of the steps of the first run for which there is room between checkpoints. Origin: forward
+        again takes about as many. Doubled: memory.
+    max_numbers: kept steps times unknowns. Origin: 1 GB. Doubled: twice the memory.
+    tolerance_factor: factor on the weight of adjoint states in the error control. Origin: contributions to an integral
+        cancel and magnify errors. Doubled: more steps.
+    max_separate: integrals that are gone back for one by one. Origin: each costs a fifth of a run, and saves the run
+        before. Doubled: more time.
+    signed_share: share of the |integrand| that a signed integral is taken to be at least. Origin: one over whole
+        periods may be zero and still has a gradient. Doubled: looser errors of such gradients.
+    """
+
+    multiplier_unit: float = 1e10
+    restart: float = 1e-300
+    checkpoint_room: int = 2
+    max_numbers: int = 60_000_000
+    tolerance_factor: int = 4
+    max_separate: int = 4
+    signed_share: float = 1e-3
+
+
+ADJOINT = AdjointConstants()
 
 
 @dataclass(frozen=True)
@@ -132,11 +145,12 @@ class Adjoint:
         n_q = len(self.evaluator.integrated)
         told_by_a_run = self._ends is not None or self.simulator.assembly.z_nominal.size > 0 or \
             self.simulator.switching is not None
-        if not self._steps or told_by_a_run or not 0 < n_q <= MOST_AT_ONCE:
+        if not self._steps or told_by_a_run or not 0 < n_q <= ADJOINT.max_separate:
             return self.costs(self.simulator.run(parameters), references)
         assembly, simulator = self.simulator.assembly.with_parameters(parameters), self.simulator
         first = start(assembly, float(simulator.time[0]), self._first_inputs(), simulator.start_equations)
-        weights = MORE * simulator.tolerances.along / np.maximum(self._last_sizes, simulator.tolerances.atol)
+        weights = ADJOINT.tolerance_factor * simulator.tolerances.along / \
+            np.maximum(self._last_sizes, simulator.tolerances.atol)
         made = self._integrator(self._steps, first.p, n_q)
         n_all = made.integrator.size1_in("x0")
         pulls = np.zeros((len(simulator.stops) - 1, n_q, n_all))
@@ -214,7 +228,7 @@ class Adjoint:
         for j, (slope, end) in enumerate(zip(slopes, ends, strict=True)):
             pull = end.x * nominal
             size = max(float(np.abs(slope.by_integral) @ sizes), float(np.abs(pull).max(initial=0.0)))
-            weights[j] = MORE * simulator.tolerances.along / size if size > 0 else 0.0
+            weights[j] = ADJOINT.tolerance_factor * simulator.tolerances.along / size if size > 0 else 0.0
             by_integral[j, n_all - n_q:] = weights[j] * slope.by_integral
             pulls[-1, j, : len(nominal)] = weights[j] * pull
             jumps[-1, j] = weights[j] * self._multipliers(run, -1, pull, slope.by_integral)
@@ -230,14 +244,14 @@ class Adjoint:
         if begin > 0:
             pulls[begin - 1] -= by_integral
         if self.simulator.pieces.columns.size:
-            pulls[:-1, :, -1] += NOTHING
+            pulls[:-1, :, -1] += ADJOINT.restart
 
     def _multipliers(self, run: Result, at: int, pull: Array, by_integral: Array) -> Array:
         """The multipliers (n_z,) that go with adjoint states `pull` and with s."""
         if not len(run.z):
             return np.zeros(0)
         f_z, g_z, r_z = (np.array(a.full()) for a in self._by_z(*_column(run, at), self.evaluator.factors.values))
-        return np.asarray(-np.linalg.solve(g_z.T, f_z.T @ pull + r_z.T @ by_integral) / UNSEEN)
+        return np.asarray(-np.linalg.solve(g_z.T, f_z.T @ pull + r_z.T @ by_integral) / ADJOINT.multiplier_unit)
 
     def _sizes(self, run: Result) -> Array:
         """About how large the integral of |integrand| is (n_q,)."""
@@ -245,7 +259,8 @@ class Adjoint:
         integrals = np.abs(evaluator.integrals(run))
         rates = np.array(self._rates(*columns(run), evaluator.factors.values)).reshape(len(integrals), -1)
         signed = np.array([f.kind in ("mean", "integral") for f in evaluator.integrated])
-        least = np.where(signed, np.maximum(SIGNED * np.abs(rates).max(axis=1), self.simulator.tolerances.atol), 0.0)
+        least = np.where(
+            signed, np.maximum(ADJOINT.signed_share * np.abs(rates).max(axis=1), self.simulator.tolerances.atol), 0.0)
         return np.asarray(np.maximum(integrals, evaluator.length * least))
 
     def _hoisted(self, p: Array) -> Array:
@@ -257,7 +272,7 @@ class Adjoint:
         fixed = np.delete(hoisted, self._kept)
         made = self._made.get(number)
         if made is None or 1.5 * steps > made.room or not np.array_equal(made.fixed, fixed):
-            made = self._made[number] = self._built(hoisted, ROOM * steps + 1000, number)
+            made = self._made[number] = self._built(hoisted, ADJOINT.checkpoint_room * steps + 1000, number)
         return made
 
     def _built(self, hoisted: Array, room: int, number: int) -> _BuiltIntegrator:
@@ -266,9 +281,9 @@ class Adjoint:
         rest = np.setdiff1d(np.arange(len(hoisted)), self._kept)
         numbers = ca.SX(ca.DM(hoisted[rest]))
         dae["ode"], alg = ca.substitute([dae["ode"], dae["alg"]], [dae["p"][rest.tolist()]], [numbers])
-        dae["alg"], dae["p"] = alg * UNSEEN, dae["p"][self._kept.tolist()]
+        dae["alg"], dae["p"] = alg * ADJOINT.multiplier_unit, dae["p"][self._kept.tolist()]
         size = dae["x"].numel() + dae["z"].numel()
-        if room * size > MOST_NUMBERS:
+        if room * size > ADJOINT.max_numbers:
             raise _failure(f"to keep {room} steps of {size} unknowns takes too much memory", "")
         integrator = ca.integrator("back", "idas", dae, float(simulator.stops[0]), list(simulator.stops[1:]), {
             **integrator_options(dae, simulator.tolerances), "nadj": number, "steps_per_checkpoint": room,

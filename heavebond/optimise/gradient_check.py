@@ -30,12 +30,32 @@ STEPS = (1e-2, 1e-3, 1e-4, 1e-5)  # relative to the parameter, or to 1 in its ba
 TIGHT = Tolerances(1e-11, 1e-13, along=1.0)
 # Adjoint states jump in slope where a law has a kink, which at TIGHT no step passes.
 TIGHT_BACKWARDS = Tolerances(1e-9, 1e-11)
-AGREE = 1e-4  # of the largest value: differences of runs at the tight tolerances are right to about 1e-6
-LOOSE = 2e-3  # what sensitivities at the default tolerances keep below
-STILL = 1e-9  # a relative change of a parameter by 1 that changes a quantity by less of its size does not change it
-TORN = 0.1  # one-sided differences that are further apart at every step have no common limit
-TRACED = 2000  # points at which two runs are compared for being on the same side of a kink
 
+
+@dataclass(frozen=True)
+class GradientCheckConstants:
+    """The constants of the comparison of gradients with differences of runs.
+
+    agree: relative difference at the tight tolerances. Origin: differences are right to about 1e-6 there. Doubled:
+        smaller faults pass.
+    agree_default: relative difference at the default tolerances. Origin: above the errors of forward sensitivities,
+        some 1e-4. Doubled: smaller faults pass.
+    no_effect: relative change of a quantity below which a parameter has no effect on it. Origin: tolerances. Doubled:
+        nothing.
+    torn: relative difference of one-sided differences without a common limit. Origin: a kink. Doubled: fewer kinks are
+        named.
+    traced_points: points at which two runs are compared for being on one side of a kink. Origin: the default output has
+        a thousand. Doubled: time.
+    """
+
+    agree: float = 1e-4
+    agree_default: float = 2e-3
+    no_effect: float = 1e-9
+    torn: float = 0.1
+    traced_points: int = 2000
+
+
+GRADIENT_CHECK = GradientCheckConstants()
 
 
 @dataclass(frozen=True)
@@ -156,7 +176,7 @@ def costs_of(assembly: Assembly, task: TuningProblem, *, tolerances: Tolerances 
 
 def _traced(assembly: Assembly, until: Time | None) -> Callable[[Mapping[str, float]], Result]:
     end = float(Simulator(assembly, until).time[-1])
-    simulator = Simulator(assembly, times=np.linspace(0, end, TRACED))
+    simulator = Simulator(assembly, times=np.linspace(0, end, GRADIENT_CHECK.traced_points))
     return simulator.run
 
 
@@ -250,7 +270,7 @@ def judge(quantity: str, parameter: str, values: Array, given: Array, tight: Arr
     """
     known = {h: d for h, d in differences.items() if d is not None}
     largest = max([_most(tight), *(_most(d.central) for d in known.values())])
-    still = STILL * max(_most(values), 1e-300)
+    still = GRADIENT_CHECK.no_effect * max(_most(values), 1e-300)
     scale = max(largest, still)
     steps = {h: _most(tight - d.central) / scale for h, d in known.items()}
     error = _most(given - tight) / scale
@@ -264,12 +284,12 @@ def judge(quantity: str, parameter: str, values: Array, given: Array, tight: Arr
         return verdict("unsettled", "no run near the value of the parameter could be made")
     if largest <= still:
         return verdict("agrees", "the parameter has no influence")
-    if apart > TORN:
+    if apart > GRADIENT_CHECK.torn:
         # the central difference is the mean of two slopes, as is the derivative that CasADi takes there
         return verdict("kink", _with(passings, f"the slopes from above and below are {100 * apart:.2g} % apart, so that "
                                      "none is the derivative: at the value of the parameter itself "))
-    if best <= AGREE:
-        if error <= LOOSE:
+    if best <= GRADIENT_CHECK.agree:
+        if error <= GRADIENT_CHECK.agree_default:
             return verdict("agrees", _with(passings, "the differences at long steps do not: between the runs ")
                            if max(steps.values()) > 0.1 and passings else "")
         return verdict("tolerance", f"at rtol {rtol[0]:g} it is off by {100 * error:.2g} %, at {rtol[1]:g} it agrees with "

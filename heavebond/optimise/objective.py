@@ -25,24 +25,44 @@ from heavebond.optimise.sampled_values import SAMPLED
 
 # The quality index of the reference runs is seen to about 1e-6 at these; tighter only costs time.
 TOLERANCES = Tolerances(1e-6, 1e-8)
-# Measured on the compensator, the gradients of k costs by a run backwards take as long as 2 + k/2 plain runs (some 3 where
-# no run is known yet), a run with m sensitivities as long as 1.3 + 0.25 m: backwards is quicker from 2 k and so many
-# parameters on.
-FEW = 5
-POINTS_FOR_SIZES = 400
-POINTS_FOR_CURVATURE = 200
-POINTS_FOR_SLOPES = 2000
-# Where the diagram's own values are beyond the stability boundary, so many points are asked for one that is not.
-DRAWN = 20
-# A signal that has become so many times larger or smaller than what it is divided by gets a new size.
-RESIZE = 3.0
-# A mode that grows by more than exp(3) = 20 within a run decides its cost. (Slower ones may be held by friction, which the
-# linearised machine at rest does not know.)
-GROWN = 3.0
-# A limit counts as kept where it is exceeded by less than this share of its right side.
-KEPT = 1e-4
-# Within so much of it (a damping ratio), the stability boundary is what holds a search.
-AT_BOUNDARY = 5e-4
+
+
+@dataclass(frozen=True)
+class ObjectiveConstants:
+    """The constants of the objective of a tuning: sizes, gradients, the guard of stability.
+
+    forward_up_to: parameters up to which forward sensitivities cost less than an adjoint run. Origin: measured, k costs
+        backwards take 2 + k/2 plain runs, m sensitivities 1.3 + 0.25 m. Doubled: tunings of 6 to 10 parameters take
+        longer, with the same result.
+    size_points: points of a run from which the sizes of signals are taken. Origin: a period has some twenty. Doubled:
+        nothing measurable.
+    curvature_points: points for the estimate of the curvature. Origin: as above. Doubled: a better first step, some
+        time.
+    slope_points: points at which signals of gradients are kept. Origin: as above. Doubled: memory.
+    stable_draws: points drawn in search of a stable one where the diagram's own is not. Origin: finds a stable tenth of
+        the ranges with a chance of 88 %. Doubled: seconds more before the refusal.
+    resize: factor of growth or decay at which a signal gets a new size. Origin: a high power of a signal overflows or
+        vanishes beyond. Doubled: a less exact peak.
+    max_growth: exponent of growth of a mode in a run that decides its cost, exp(3) = 20. Origin: slower modes may be
+        held by friction. Doubled: unstable points are evaluated.
+    limit_tolerance: share of its right side by which a limit may be exceeded. Origin: errors of runs. Doubled: larger
+        excesses.
+    at_boundary: damping ratio from the stability boundary within which it holds a search. Origin: 2.5 times the damping
+        ratio that a search keeps. Doubled: said more often.
+    """
+
+    forward_up_to: int = 5
+    size_points: int = 400
+    curvature_points: int = 200
+    slope_points: int = 2000
+    stable_draws: int = 20
+    resize: float = 3.0
+    max_growth: float = 3.0
+    limit_tolerance: float = 1e-4
+    at_boundary: float = 5e-4
+
+
+OBJECTIVE = ObjectiveConstants()
 
 
 @dataclass(frozen=True)
@@ -108,7 +128,7 @@ class Evaluation:
     @property
     def kept(self) -> bool:
         """Whether it is a run that ends, within the limits."""
-        return bool(np.isfinite(self.cost) and (self.limits <= KEPT).all())
+        return bool(np.isfinite(self.cost) and (self.limits <= OBJECTIVE.limit_tolerance).all())
 
 
 class Objective:
@@ -130,13 +150,14 @@ class Objective:
             check_smooth(cost)
         # The way back begins anew at every break of a measured input, which costs more than it saves, and does not go
         # through events.
-        self.backwards = len(self.names) >= 2 * len(self.costs) + FEW and not (assembly.flat.inputs or assembly.flat.events)
+        self.backwards = len(self.names) >= 2 * len(self.costs) + OBJECTIVE.forward_up_to \
+            and not (assembly.flat.inputs or assembly.flat.events)
         self.runs, self.simulations = 0, 0.0
         self._growth: dict[bytes, float] = {}
         weights = np.array([case.weight for case in task.cases])
         self.weights = weights / weights.sum()
         self._assemblies = [assembly.with_parameters(dict(case.settings)) for case in task.cases]
-        self.quiet = next((y for y in self.spread(DRAWN, 0) if self.calm(y)), self.start)
+        self.quiet = next((y for y in self.spread(OBJECTIVE.stable_draws, 0) if self.calm(y)), self.start)
         self.limits = (*task.limits, STABLE) if task.stable else task.limits
         self.cases = [self._case(*pair) for pair in zip(task.cases, self._assemblies, strict=True)]
         self._seen: dict[bytes, Evaluation] = {}
@@ -148,7 +169,7 @@ class Objective:
         if evaluator.integrated:
             self._count(1)
             with suppress(SimulationError, StartError):  # then the integrals begin unscaled
-                times = np.linspace(0, self.times[-1], POINTS_FOR_SIZES)
+                times = np.linspace(0, self.times[-1], OBJECTIVE.size_points)
                 run = Simulator(assembly, times=times, tolerances=TOLERANCES).run(self.values(self.quiet))
                 evaluator.resized(evaluator.largest(run))
         found = RunCase(case, assembly, self.times, evaluator, self.names, self.backwards)
@@ -268,7 +289,7 @@ class Objective:
     # -- stability -------------------------------------------------------------------------------------------------
     def calm(self, y: Array) -> bool:
         """Whether the machine has a start from which no mode grows so much in a run that it would decide the cost."""
-        return self.growth(y) < GROWN
+        return self.growth(y) < OBJECTIVE.max_growth
 
     def instability(self, y: Array) -> float:
         """The stability boundary, above zero where it is not kept; -1 where it is off."""
@@ -277,7 +298,7 @@ class Objective:
     def boundary(self, named: Sequence[str], values: Mapping[str, float]) -> Array | None:
         """The slope of the stability boundary by named parameters (m,), None where values (SI) are not at that limit."""
         found = self._stable(values, named)
-        return found[0][1] if found and found[0][0] > -AT_BOUNDARY else None
+        return found[0][1] if found and found[0][0] > -OBJECTIVE.at_boundary else None
 
     def growth(self, y: Array) -> float:
         """By which exponent the least stable mode grows in a run, the worst of the cases; infinite without a start."""
@@ -320,7 +341,7 @@ class Objective:
             with suppress(SimulationError, StartError, UsageError):  # then the slopes at rest and while sliding must do
                 rest = machine.at(values)
                 if rest is not None and len(rest.variants) > 1:
-                    times = np.union1d(np.linspace(self.task.begin, self.times[-1], POINTS_FOR_SLOPES), [0.0])
+                    times = np.union1d(np.linspace(self.task.begin, self.times[-1], OBJECTIVE.slope_points), [0.0])
                     run = Simulator(machine.assembly, times=times, tolerances=TOLERANCES).run(dict(values))
                     self._count(1)
                     machine.shares = slopes_over(machine.assembly, machine.frictions, run)
@@ -378,7 +399,7 @@ class RunCase:
     def forward(self) -> Simulator:
         """With the sensitivities to all free parameters."""
         plain, begin = self.plain, self.evaluator.begin
-        times = np.union1d(plain.time, np.linspace(begin, plain.time[-1], POINTS_FOR_CURVATURE))
+        times = np.union1d(plain.time, np.linspace(begin, plain.time[-1], OBJECTIVE.curvature_points))
         return Simulator(plain.assembly, times=times, tolerances=TOLERANCES, quadratures=self.evaluator.quadratures,
                          factors=self.evaluator.factors, sensitivities=self.names, like=plain)
 
@@ -427,7 +448,7 @@ class RunCase:
             return
         found = self.evaluator.found_sizes(self._numbers[1])
         off = found / self.evaluator.sizes
-        if ((off > RESIZE) | ((off > 0) & (off < 1 / RESIZE))).any():
+        if ((off > OBJECTIVE.resize) | ((off > 0) & (off < 1 / OBJECTIVE.resize))).any():
             self.plain.factors = self.evaluator.resized(found)
             self.__dict__.get("forward", self.plain).factors = self.plain.factors
             self._last = None

@@ -11,7 +11,7 @@ from heavebond.core.errors import NAMES_LISTED, Problem, UsageError, suggest
 from heavebond.core.progress import Progress
 from heavebond.core.units import UnitProblem, check_unit, parse_quantity
 from heavebond.numerics.dae import Array, Assembly
-from heavebond.optimise.objective import KEPT, Objective
+from heavebond.optimise.objective import OBJECTIVE, Objective
 from heavebond.optimise.tuning import Tuned
 
 SHARE = 0.1  # by which every free parameter is moved
@@ -32,7 +32,7 @@ class Change:
     @property
     def exceeded(self) -> list[str]:
         """The limits that are not kept."""
-        return [text for text, value in self.limits.items() if not value <= KEPT]
+        return [text for text, value in self.limits.items() if not value <= OBJECTIVE.limit_tolerance]
 
 
 @dataclass(frozen=True)

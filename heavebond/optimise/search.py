@@ -21,25 +21,57 @@ import numpy as np
 from heavebond.core.cancellation import ENDED_EARLY, clear_signal, is_interrupt
 from heavebond.core.progress import Progress
 from heavebond.numerics.dae import Array
-from heavebond.optimise.objective import GROWN, KEPT, Evaluation, Objective
+from heavebond.optimise.objective import OBJECTIVE, Evaluation, Objective
 
 METHODS = ("trust", "slsqp", "ipopt")
-# The search ends where a step gains less than this share of the cost: runs at the tolerances of a tuning are no smoother.
-SETTLED = 1e-4
-# What two searches have found is one and the same where it is nearer than this share of every range.
-APART = 0.03
-# A run that cannot be finished costs this many times the cost at the beginning.
-BROKEN = 1e3
-FLAT = 1e-4  # the least curvature, as a share of the largest
-FIRST_STEP = 0.15  # of the ranges
-LONGEST_STEP = 0.5
-SHORTEST_STEP = 1e-4
-AT_GUARD = 0.8  # of GROWN: from there on it was the guard of stability that held a search back
-BEYOND = 0.02  # of the ranges: the first step without it
-SWUNG_UP = 2.0  # so many times the cost is put down to lost stability where that is lost; less to a poor estimate
-NEAR = 0.05  # a limit that is kept by more than this share has no force
-ACCEPTED = 0.1  # a step is taken where it gains this share of what was predicted
-GOOD = 0.7  # and the next may be longer from this share on
+
+
+@dataclass(frozen=True)
+class SearchConstants:
+    """The constants of the local search of a tuning (trust region, sequential quadratic programming).
+
+    converged: gain of a step, over the cost, at which a search ends. Origin: runs at the tolerances of a tuning are no
+        smoother. Doubled: fewer runs, less exact parameters.
+    same_optimum: distance of two results, over the ranges, below which they are one optimum. Origin: searches from
+        other starts end closer where they end in one valley. Doubled: neighbouring optima are reported as one.
+    failed_cost: cost of a run that fails, in costs at the start. Origin: larger than any that is worth a step. Doubled:
+        nothing.
+    min_curvature: least curvature, over the largest. Origin: errors of gradients. Doubled: shorter steps along flat
+        valleys.
+    first_radius: first radius of the trust region, in ranges. Origin: short enough to stay in the valley of the start.
+        Doubled: one step less or a rejected one more.
+    max_radius: largest radius, in ranges. Origin: half a range. Doubled: nothing measurable.
+    min_radius: radius at which a search ends, in ranges. Origin: finer than parameters are set. Doubled: some runs
+        fewer.
+    at_guard: share of `OBJECTIVE.max_growth` from which it was the guard of stability that held a search. Origin: costs
+        near it are dominated by it. Doubled: never said.
+    step_beyond: first step without the guard, in ranges. Origin: short, as the model of the cost is new. Doubled: one
+        more rejected step.
+    unstable_cost: costs above the best from which a rise is put down to lost stability. Origin: other rises are
+        smaller. Doubled: such steps are judged as poor models.
+    inactive_limit: share by which a limit must be kept to have no force. Origin: multipliers vanish there. Doubled:
+        fewer gradients of limits, some later.
+    accepted: gain over the predicted gain from which a step is taken. Origin: usual (J. Nocedal, S. Wright, Numerical
+        Optimization, 2006, ch. 4). Doubled: a few more rejected steps.
+    good: the same from which the next step may be longer. Origin: as above. Doubled: the radius never grows.
+    """
+
+    converged: float = 1e-4
+    same_optimum: float = 0.03
+    failed_cost: float = 1e3
+    min_curvature: float = 1e-4
+    first_radius: float = 0.15
+    max_radius: float = 0.5
+    min_radius: float = 1e-4
+    at_guard: float = 0.8
+    step_beyond: float = 0.02
+    unstable_cost: float = 2.0
+    inactive_limit: float = 0.05
+    accepted: float = 0.1
+    good: float = 0.7
+
+
+SEARCH = SearchConstants()
 
 
 @dataclass(frozen=True)
@@ -113,38 +145,38 @@ def _trust(seen: _Seen, first: Array, most_steps: int, known_best: Sequence[Eval
     at = seen.slopes(first)
     if at.gradient is None:
         return "the run at the first point breaks down"
-    radii, curvature, penalty = np.full(len(first), FIRST_STEP), _first_curvature(at), abs(at.cost)
+    radii, curvature, penalty = np.full(len(first), SEARCH.first_radius), _first_curvature(at), abs(at.cost)
     calm, sure, idle = problem.calm(at.at), True, 0
     for _ in range(most_steps):
         forces = _forces(at)
         penalty = max(penalty, 3 * float(forces.max(initial=0.0)))
         step = _quadratic_step(at, curvature, radii, penalty)
-        settled = step.gain < SETTLED * max(abs(at.cost), 1e-300)
-        if settled or radii.max() < SHORTEST_STEP or idle >= 2:
+        settled = step.gain < SEARCH.converged * max(abs(at.cost), 1e-300)
+        if settled or radii.max() < SEARCH.min_radius or idle >= 2:
             return "settled" if settled or idle >= 2 else "no shorter step leads on"
         trial_at = np.clip(at.at + step.d, 0, 1)
         growth = problem.growth(trial_at)
-        if calm and not growth < GROWN:
-            calm = problem.growth(at.at) < AT_GUARD * GROWN
+        if calm and not growth < OBJECTIVE.max_growth:
+            calm = problem.growth(at.at) < SEARCH.at_guard * OBJECTIVE.max_growth
             # held back by the linearised machine alone: friction, or its own motion, may hold it a little further
             radii = _shorter_where(radii, step.d, problem.growth_slope(trial_at) * step.d, _to_guard(problem, at.at, step.d)
-                                   ) if calm else np.full(len(first), BEYOND)
+                                   ) if calm else np.full(len(first), SEARCH.step_beyond)
             continue
         # After a step that went well the next is likely taken: its gradient comes with it, at less than two runs. Runs that
         # ring are long, and longer with sensitivities.
         trial = seen.slopes(trial_at) if sure and growth < 0 else seen.plain(trial_at)
         gained = _merit(at, penalty) - _merit(trial, penalty)
-        sure = gained > ACCEPTED * step.gain
+        sure = gained > SEARCH.accepted * step.gain
         if sure and (trial := seen.slopes(trial_at)).gradient is not None:
             known = _definite(trial.curvature)
             curvature = _updated(curvature, at, trial, forces) if known is None else _corrected(known, at, trial, forces)
-            idle = idle + 1 if gained < SETTLED * abs(at.cost) else 0
+            idle = idle + 1 if gained < SEARCH.converged * abs(at.cost) else 0
             problem.resize(trial)
             at = trial
-            if any(o.kept and o.cost <= at.cost and np.abs(o.at - at.at).max() < APART for o in known_best):
+            if any(o.kept and o.cost <= at.cost and np.abs(o.at - at.at).max() < SEARCH.same_optimum for o in known_best):
                 return "came to where another search ended"
-            if gained > GOOD * step.gain:
-                radii = np.where(np.abs(step.d) > 0.9 * radii, np.minimum(2 * radii, LONGEST_STEP), radii)
+            if gained > SEARCH.good * step.gain:
+                radii = np.where(np.abs(step.d) > 0.9 * radii, np.minimum(2 * radii, SEARCH.max_radius), radii)
         else:
             radii = _after_refusal(problem, at, trial, step.d, radii)
     return f"{most_steps} steps"
@@ -156,7 +188,8 @@ def _after_refusal(problem: Objective, at: Evaluation, trial: Evaluation, d: Arr
     if trial.gradient is not None and at.gradient is not None:
         return _shorter_where(radii, d, (trial.gradient - at.gradient) * d, _lowest_between(at, trial, d))
     before, after = problem.growth(at.at), problem.growth(trial.at)
-    lost = not trial.cost < SWUNG_UP * abs(at.cost) and before + max(GROWN, 0.2 * abs(before)) < after < np.inf and after > 0
+    lost = not trial.cost < SEARCH.unstable_cost * abs(at.cost) and \
+        before + max(OBJECTIVE.max_growth, 0.2 * abs(before)) < after < np.inf and after > 0
     rise = problem.growth_slope(trial.at) * d if lost else np.zeros(len(d))
     return _shorter_where(radii, d, rise, _shorter(at, trial, d))
 
@@ -174,7 +207,7 @@ def _to_guard(problem: Objective, at: Array, d: Array) -> float:
     low, high = 0.0, 1.0
     while high - low > 0.05:
         middle = (low + high) / 2
-        inside = problem.growth(np.clip(at + middle * d, 0, 1)) < (1 + AT_GUARD) / 2 * GROWN
+        inside = problem.growth(np.clip(at + middle * d, 0, 1)) < (1 + SEARCH.at_guard) / 2 * OBJECTIVE.max_growth
         low, high = (middle, high) if inside else (low, middle)
     return max(low, 0.05)
 
@@ -185,7 +218,7 @@ def _first_curvature(at: Evaluation) -> Array:
     assert at.gradient is not None
     if (known := _definite(at.curvature)) is not None:
         return known
-    return np.eye(len(at.at)) * max(float(np.abs(at.gradient).max()), 1e-12) / FIRST_STEP
+    return np.eye(len(at.at)) * max(float(np.abs(at.gradient).max()), 1e-12) / SEARCH.first_radius
 
 
 def _definite(curvature: Array | None) -> Array | None:
@@ -194,11 +227,12 @@ def _definite(curvature: Array | None) -> Array | None:
         return None
     values, vectors = np.linalg.eigh(curvature)
     most = float(np.abs(values).max(initial=0.0))
-    return np.asarray((vectors * np.maximum(values, FLAT * most)) @ vectors.T) if most > 0 else None
+    return np.asarray((vectors * np.maximum(values, SEARCH.min_curvature * most)) @ vectors.T) if most > 0 else None
 
 
 def _merit(at: Evaluation, penalty: float) -> float:
-    return at.cost + penalty * float(np.maximum(at.limits - 0.5 * KEPT, 0).sum()) if np.isfinite(at.cost) else np.inf
+    return at.cost + penalty * float(np.maximum(at.limits - 0.5 * OBJECTIVE.limit_tolerance, 0).sum()) \
+        if np.isfinite(at.cost) else np.inf
 
 
 def _shorter(at: Evaluation, trial: Evaluation, d: Array) -> float:
@@ -226,7 +260,7 @@ def _quadratic_step(at: Evaluation, curvature: Array, radii: Array, penalty: flo
 
     assert at.gradient is not None and at.limit_gradients is not None
     n, k, gradient, rows = len(at.at), len(at.limits), at.gradient, at.limit_gradients
-    excess = at.limits - 0.5 * KEPT
+    excess = at.limits - 0.5 * OBJECTIVE.limit_tolerance
     scale = max(float(np.abs(gradient).max()), 1e-300)
     bounds = [*zip(np.maximum(-radii, -at.at), np.minimum(radii, 1 - at.at), strict=True), *[(0.0, None)] * k]
 
@@ -250,7 +284,7 @@ def _forces(at: Evaluation) -> Array:
     from scipy.optimize import nnls
 
     assert at.gradient is not None and at.limit_gradients is not None
-    near = at.limits > -NEAR
+    near = at.limits > -SEARCH.inactive_limit
     if not near.any():
         return np.zeros(len(at.limits))
     bounds = np.diag(np.where(at.at <= 0, -1.0, np.where(at.at >= 1, 1.0, 0.0)))
@@ -296,7 +330,7 @@ def _slsqp(seen: _Seen, first: Array, most_steps: int) -> str:
     from scipy.optimize import minimize
 
     begin = seen.plain(first).cost
-    broken = BROKEN * abs(begin) if np.isfinite(begin) else BROKEN
+    broken = SEARCH.failed_cost * abs(begin) if np.isfinite(begin) else SEARCH.failed_cost
     n, k = len(first), len(seen.problem.limits)
 
     def finite(value: Any) -> float:
@@ -312,7 +346,7 @@ def _slsqp(seen: _Seen, first: Array, most_steps: int) -> str:
                     "jac": lambda y, i=i: -slopes(y)[1][i]} for i in range(k)]
     found = cast(Any, minimize)(lambda y: finite(seen.guarded(y).cost), first, jac=lambda y: slopes(y)[0], method="SLSQP",
                      bounds=[(0.0, 1.0)] * n, constraints=limits,
-                     options={"maxiter": most_steps, "ftol": SETTLED * abs(finite(begin))})
+                     options={"maxiter": most_steps, "ftol": SEARCH.converged * abs(finite(begin))})
     return str(found.message)
 
 
@@ -382,8 +416,8 @@ def _ipopt(seen: _Seen, first: Array, most_steps: int) -> str:
     solver = ca.nlpsol("tune", "ipopt", {"x": y, "f": found[0] / size, "g": found[1:]}, {
         "print_time": False, "ipopt": {
             "print_level": 0, "sb": "yes", "hessian_approximation": "limited-memory", "max_iter": most_steps,
-            "tol": 10 * SETTLED, "acceptable_tol": 100 * SETTLED, "acceptable_iter": 3,
-            "acceptable_obj_change_tol": SETTLED, "mu_strategy": "adaptive", "bound_push": 1e-3, "bound_frac": 1e-3,
+            "tol": 10 * SEARCH.converged, "acceptable_tol": 100 * SEARCH.converged, "acceptable_iter": 3,
+            "acceptable_obj_change_tol": SEARCH.converged, "mu_strategy": "adaptive", "bound_push": 1e-3, "bound_frac": 1e-3,
             "honor_original_bounds": "yes", "nlp_scaling_method": "none"}})
     with suppress(RuntimeError):
         solver(x0=first, lbx=0, ubx=1, lbg=-np.inf, ubg=0)

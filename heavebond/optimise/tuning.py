@@ -17,11 +17,11 @@ from heavebond.core.reporting import reporting
 from heavebond.estimation.change import block, quoted
 from heavebond.estimation.diagram_files import extended_from, quantity
 from heavebond.language.model import Model
-from heavebond.linear.floquet import DECIDED, largest_multiplier
+from heavebond.linear.floquet import FLOQUET, largest_multiplier
 from heavebond.linear.rest_stability import Stability, crossing, describe
 from heavebond.numerics.dae import Array, Assembly, assemble
-from heavebond.optimise.objective import KEPT, Evaluation, Objective, TuningProblem
-from heavebond.optimise.search import APART, METHODS, SearchResult, search
+from heavebond.optimise.objective import OBJECTIVE, Evaluation, Objective, TuningProblem
+from heavebond.optimise.search import METHODS, SEARCH, SearchResult, search
 
 # Number of points drawn from the hypercube for each that is run: those beyond the stability boundary of the linearised
 # machine are skipped.
@@ -98,7 +98,7 @@ def tune(model: Model | Assembly | Objective, task: TuningProblem, *, explore: i
     best = min(found, key=_rank)
     if task.stable:
         problem.follow(problem.values(best.best.at))  # stability over the motion with the best gains
-        if problem.instability(best.best.at) > KEPT:
+        if problem.instability(best.best.at) > OBJECTIVE.limit_tolerance:
             found.append(best := search(problem, best.best.at, method, most_steps, say, partial=partial))
     early = any(f.message == ENDED_EARLY for f in found)
     return _told(problem, task, found, best, ENDED_EARLY if early else best.message, say)
@@ -148,7 +148,7 @@ def _of_runs(problem: Objective, values: Mapping[str, float]) -> Stability:
     if len(known) < len(found):
         return Stability("", None)
     case = max(known, key=lambda name: known[name])
-    stable = None if abs(known[case] - 1) <= DECIDED else known[case] < 1
+    stable = None if abs(known[case] - 1) <= FLOQUET.decided else known[case] < 1
     return Stability("periodic run", stable, case=case, multiplier=known[case])
 
 
@@ -199,7 +199,7 @@ def _edges(problem: Objective, found: SearchResult, say: Progress) -> list[Array
     for k, name in enumerate(problem.names):
         for end in (0.0, 1.0):
             at = limit_of_stability(problem, found.best.at, k, end)
-            if at is None or abs(at - found.best.at[k]) < APART:
+            if at is None or abs(at - found.best.at[k]) < SEARCH.same_optimum:
                 continue
             point = found.best.at.copy()
             point[k] = at - INSIDE * np.sign(at - point[k]) if problem.task.stable else at

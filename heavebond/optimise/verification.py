@@ -12,13 +12,31 @@ from heavebond.numerics.dae import Array, Assembly, assemble
 from heavebond.numerics.result import Result
 from heavebond.numerics.simulator import Simulator, Tolerances
 
-TIGHTER = 1e-2  # factor on the tolerances
-NARROWER = 0.1  # factor on the widths
-ALLOWED = 0.01  # of the range of an output
-LEAST = 1e-14  # below this tolerances are rounding
-# What stands nearly still, as a pressure that is held, is compared with this share of its size; differences below the
-# other one are rounding in any unit that an engineer shows.
-STILL, ROUNDING = 1e-3, 1e-9
+
+@dataclass(frozen=True)
+class VerificationConstants:
+    """The constants of the verification of a run by tighter tolerances and narrower transitions.
+
+    tolerance_factor: factor on the tolerances. Origin: two decimals. Doubled: a weaker check.
+    width_factor: factor on the widths of transitions. Origin: one decimal. Doubled: a weaker check.
+    allowed: difference, over the range of an output, that is accepted. Origin: what a plot shows. Doubled: larger
+        differences pass.
+    least_tolerance: tolerance below which rounding prevails. Origin: double precision. Doubled: nothing.
+    held_share: share of its size with which an output that is nearly constant is compared. Origin: a pressure that is
+        held. Doubled: smaller differences there pass.
+    rounding: share of its size below which a difference is rounding. Origin: in any unit that an engineer shows.
+        Doubled: nothing.
+    """
+
+    tolerance_factor: float = 1e-2
+    width_factor: float = 0.1
+    allowed: float = 0.01
+    least_tolerance: float = 1e-14
+    held_share: float = 1e-3
+    rounding: float = 1e-9
+
+
+VERIFICATION = VerificationConstants()
 
 
 @dataclass(frozen=True)
@@ -71,19 +89,20 @@ class Verification:
 
 
 def verify(result: Result, names: Sequence[str], also: Iterable[str] = (), tolerances: Tolerances | None = None,
-           allowed: float = ALLOWED) -> Verification:
+           allowed: float = VERIFICATION.allowed) -> Verification:
     """Repeat a run with a hundredth of its tolerances, and then with a tenth of all widths as well.
 
     Widths are the parameters that their component calls so. `also` are the positions that the assembly of the result was
     made with, `tolerances` those of the result.
     """
     base = tolerances or Tolerances()
-    tight = Tolerances(max(base.rtol * TIGHTER, LEAST), max(base.atol * TIGHTER, LEAST / 100))
+    tight = Tolerances(max(base.rtol * VERIFICATION.tolerance_factor, VERIFICATION.least_tolerance),
+                       max(base.atol * VERIFICATION.tolerance_factor, VERIFICATION.least_tolerance / 100))
     failures: list[Problem] = []
     widths = tuple(f"{path}.{name}" for path, leaf in result.assembly.flat.expanded.leaves.items()
                    for name, parameter in leaf.component.parameters.items() if parameter.width)
     tolerance = _shares(result, names, result.assembly, tight, failures, "with tighter tolerances")
-    narrow = assemble(result.assembly.model, also, NARROWER) if widths else result.assembly
+    narrow = assemble(result.assembly.model, also, VERIFICATION.width_factor) if widths else result.assembly
     width = _shares(result, names, narrow, tight, failures, "with a tenth of the widths") if widths else tolerance
     return Verification(tuple(OutputChange(n, a, b) for n, a, b in zip(names, tolerance, width, strict=True)), widths,
                         allowed,
@@ -102,9 +121,9 @@ def _shares(result: Result, names: Sequence[str], assembly: Assembly, tolerances
 
 
 def _share(before: Array, after: Array) -> float:
-    size = max(float(np.ptp(before)), STILL * float(np.abs(before).max(initial=0.0)))
+    size = max(float(np.ptp(before)), VERIFICATION.held_share * float(np.abs(before).max(initial=0.0)))
     difference = float(np.sqrt(np.mean((after - before) ** 2)))
-    return difference / max(size, ROUNDING)
+    return difference / max(size, VERIFICATION.rounding)
 
 
 def raise_if_moved(found: Verification, figures: dict[str, object]) -> None:

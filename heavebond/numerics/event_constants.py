@@ -1,0 +1,88 @@
+"""Constants of the integration through events, in one object."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class EventConstants:
+    """The constants of the integration through events: localisation, repeated events, and limits that end a run without
+    progress.
+
+    first_stretch: output points of the first stretch after an event; each further stretch has twice as many. Origin:
+        events follow each other. Doubled: fewer calls of the integrator, more of each discarded.
+    max_stretch: output points of the longest stretch. Origin: memory of the dense output. Doubled: nothing measurable.
+    min_checks: points at which conditions are checked in a run, at least; every output is one. Origin: a pulse of a
+        condition shorter than a thousandth of the run may be missed. Doubled: shorter pulses are found, more
+        evaluations.
+    approach: distance to a point that the integrator cannot pass, in instants (`same_instant`), up to which it is
+        followed. Origin: one decade. Doubled: nothing in SI within 1e-11 of the run.
+    crossing_precision: share of the distance at which two instants are one, to which a crossing is located. Origin:
+        well within one instant. Doubled: nothing in SI within 1e-14 of the run.
+    chattering_events: events of conditions within `chattering_within` of the run that are chattering. Origin: see
+        `repeated_events`. Doubled: the error comes after twice as many events.
+    repeated_events: the same for one condition. Origin: a ball that keeps 0.05 of its height reaches the rounding of
+        time after as many hops. Doubled: some more hops are integrated.
+    chattering_within: share of the run that counts as one instant of chattering. Origin: far above the rounding of
+        time, far below any period. Doubled: faster oscillations are refused.
+    sliding_events: events of conditions within `sliding_within` of the run that slide along a condition. Origin: five
+        million of them would be needed for the whole run; a converter at 100 kHz over a second stays a factor of 25
+        below. Doubled: the error comes later.
+    sliding_within: share of the run for `sliding_events`. Origin: as there. Doubled: half of that rate of events is
+        refused.
+    max_crawls: halvings of a stretch without an event before a run that crawls is given up. Origin: a piston that has
+        passed its stop empties its chamber. Doubled: such a run ends later.
+    steps_in_chart: steps of the integrator between two points where other states may be chosen. Origin: a bound on the
+        time of a crawling run. Doubled: the end of a choice of states is found later.
+    steps_ahead: steps of the integrator where several points are integrated at once. Origin: beyond, an event is likely
+        between them. Doubled: such a stretch is given up later.
+    steps_between: steps of the integrator between two points, after which the run is given up. Origin: a run has a
+        thousand points at least. Doubled: runs that crawl are given up later.
+    max_cascades: events that set off each other at one instant. Origin: a chain of as many relays. Doubled: the error
+        of a circle comes later.
+    max_halvings: halvings of a step in which a choice of states ends. Origin: rounding of time. Doubled: nothing.
+    max_failures: failures of the integrator without an event between. Origin: a bound on the time of a run without
+        progress. Doubled: a hopeless run ends later.
+    max_solver_changes: changes of the solver in one run. Origin: a bound on the time of a run without progress.
+        Doubled: a hopeless run ends later.
+    continuous: share of its usual size by which a derivative may differ before and after an event and count as
+        continuous. Origin: the square root of rounding. Doubled: nothing.
+    jump_iterations: iterations to the algebraic unknowns after an event. Origin: they may be far away. Doubled: nothing
+        measurable.
+    crossing_iterations: iterations on a bracketed crossing. Origin: a bracket is halved to rounding in some 50.
+        Doubled: nothing.
+    same_instant: share of the run within which two instants are one. Origin: some thousand times the rounding of time.
+        Doubled: nothing.
+    same_roundings: the same in roundings of a time. Origin: a sum of a few terms. Doubled: nothing.
+    max_time_events: instants of one time event in a run. Origin: memory; 1 kHz over a quarter of an hour. Doubled:
+        longer runs of fast converters, twice the memory.
+    """
+
+    first_stretch: int = 8
+    max_stretch: int = 1024
+    min_checks: int = 1000
+    approach: int = 10
+    crossing_precision: float = 1e-2
+    chattering_events: int = 30
+    repeated_events: int = 4
+    chattering_within: float = 1e-8
+    sliding_events: int = 500
+    sliding_within: float = 1e-4
+    max_crawls: int = 5
+    steps_in_chart: int = 5000
+    steps_ahead: int = 3000
+    steps_between: int = 30_000
+    max_cascades: int = 100
+    max_halvings: int = 40
+    max_failures: int = 400
+    max_solver_changes: int = 200
+    continuous: float = 1e-7
+    jump_iterations: int = 30
+    crossing_iterations: int = 80
+    same_instant: float = 1e-12
+    same_roundings: int = 8
+    max_time_events: int = 1_000_000
+
+
+EVENTS = EventConstants()
