@@ -141,7 +141,7 @@ def least_change(matrix: Matrix, right: Array) -> Array:
 
 def null_space(matrix: Matrix, share: float) -> Array:
     """Orthonormal directions (n, k) that matrix (m, n) shortens to less than a share of its largest singular value; of a
-    large one whose rank is in doubt at most DIRECTIONS, the most shortened."""
+    large one whose rank is in doubt at most `MATRICES.max_directions`, the most shortened."""
     if factors(matrix) is not None:
         return np.zeros((matrix.shape[1], 0))
     if max(matrix.shape) <= MATRICES.max_dense:
