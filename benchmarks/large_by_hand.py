@@ -64,7 +64,7 @@ def _root(dp: ca.SX, dp_t: float = 1e4) -> ca.SX:
 
 # -- the compensator with a drill string in pieces -----------------------------------------------------------------------
 def drill_string(n: int) -> Flat:
-    """The compensator of `tests/reference_cmc_ahc.py`, at the values that drill_string.yaml sets, with hook, n pieces of
+    """The compensator of `reference_cmc_ahc.py`, at the values that drill_string.yaml sets, with hook, n pieces of
     string and bit in place of two masses."""
     s, t = _States(), ca.SX.sym("t")
     wob, c, d, piece = 30e3, 298e3 * n, 15e3 * n, 80e3 / n

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import reference_cmc_ahc as reference
 
 import heavebond as hb
+from benchmarks import reference_cmc_ahc as reference
 from heavebond.core.units import read_unit
 from heavebond.numerics.initialise import start
 from heavebond.numerics.simulator import Simulator, Tolerances

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import reference_cmc_ahc as reference
 
 from benchmarks import published_search as search
 from benchmarks import published_structures as structures
+from benchmarks import reference_cmc_ahc as reference
 from benchmarks.published_structures import BASE, OURS, STRUCTURES
 
 PAGE = Path(__file__).parents[1] / "docs" / "published_structures.md"
