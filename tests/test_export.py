@@ -276,7 +276,7 @@ def test_an_fmu_brings_its_sources_and_is_the_same_each_time(tmp_path: Path) -> 
 
 
 def test_names_of_outputs_that_are_taken(tmp_path: Path) -> None:
-    from heavebond.exchange.fmu_export import description
+    from heavebond.exchange.model_description import description
 
     text = LOOP.replace("inlet:  {is: inlet.p, unit: bar}", "inlet.p: {unit: bar}")
     names = [v.get("name") for v in Xml.fromstring(description(portable(hb.loads(text)), "m", "t")).iter("Float64")]

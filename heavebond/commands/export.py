@@ -19,12 +19,14 @@ SUFFIXES = (".fmu", ".c")
 @click.command(short_help="Write a diagram as an FMU or as C for other programs.")
 @click.argument("model")
 @click.option("-o", "--output", metavar="FILE", required=True, type=click.Path(path_type=Path),
-              help="model.fmu (FMI 3.0 for model exchange; needs a C compiler) or model.c.")
+              help="model.fmu (needs a C compiler) or model.c.")
+@click.option("--fmi", "version", type=click.Choice(["2", "3"]), default="3", show_default=True,
+              help="The standard of an FMU: 3 for model exchange and co-simulation, 2 for co-simulation.")
 @click.option("--input", "inputs", metavar="SIGNAL", multiple=True,
               help="Make a signal input of the diagram an input of what is written, e.g. --input deck.u. May be repeated.")
 @set_option
 @json_option
-def export(model: str, output: Path, inputs: tuple[str, ...], settings: tuple[str, ...]) -> dict[str, object]:
+def export(model: str, output: Path, version: str, inputs: tuple[str, ...], settings: tuple[str, ...]) -> dict[str, object]:
     """Write the diagram MODEL as an FMU or as C: its states, parameters, inputs, and the outputs under `show:`.
 
     Initial conditions are those of the diagram. Measured inputs and those named by --input become inputs.
@@ -36,8 +38,9 @@ def export(model: str, output: Path, inputs: tuple[str, ...], settings: tuple[st
 
     check_writable(output, SUFFIXES)
     with blamed_on_settings(settings), terminal.working("writing"):
-        write = export_fmu if output.suffix.lower() == ".fmu" else export_c
-        made = write(with_settings(load(model), settings), output, inputs)
+        diagram = with_settings(load(model), settings)
+        made = export_fmu(diagram, output, inputs, int(version)) if output.suffix.lower() == ".fmu" \
+            else export_c(diagram, output, inputs)
     console = terminal.output()
     kept = [q for q, own in zip(made.parameters, made.tunable, strict=True) if own]
     groups = {"inputs": made.inputs, "outputs": made.outputs, "states": made.states, "algebraic unknowns": made.algebraic,

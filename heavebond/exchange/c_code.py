@@ -42,6 +42,7 @@ def c_text(made: Portable, prefix: str, *, directions: bool = False) -> str:
     generator.add(made.equations)
     if directions:
         generator.add(made.directions)
+        generator.add(made.jacobian)
     evaluate = (SOURCES / "evaluate.c").read_text(encoding="utf-8")
     return "\n".join([_head(made, prefix), generator.dump(), *_arrays(made, prefix), evaluate.replace("MODEL", prefix)])
 

@@ -47,9 +47,9 @@ class Quantity:
 
 @dataclass(frozen=True)
 class Portable:
-    """What is exported; `equations` is (t, x, z, p, u) -> (x', y, g, dg/dz by rows), and `directions` (t, x, z, p, u and a
-    direction of each) -> what (x', y, g) change along it. `parameters` are all of p, of which those in `tunable` are the
-    user's."""
+    """What is exported; `equations` is (t, x, z, p, u) -> (x', y, g, dg/dz by rows), `directions` (t, x, z, p, u and a
+    direction of each) -> what (x', y, g) change along it, and `jacobian` (t, x, z, p, u) -> the derivatives of (x', g) by
+    (x, z), by rows, and by t. `parameters` are all of p, of which those in `tunable` are the user's."""
 
     assembly: Assembly
     states: tuple[Quantity, ...]
@@ -60,6 +60,7 @@ class Portable:
     outputs: tuple[Quantity, ...]
     equations: ca.Function
     directions: ca.Function
+    jacobian: ca.Function
 
     @property
     def name(self) -> str:
@@ -146,11 +147,15 @@ def _portable(assembly: Assembly, column: Array, prefix: str) -> Portable:
     cuts = np.cumsum([0, *(side.numel() for side in right[:3])]).tolist()
     directions = ca.Function(f"{prefix}directions", [t, x, z, p, u, *along],
                              ca.cse([ca.densify(slopes[a:b]) for a, b in pairwise(cuts)]))
+    laws, unknowns = stack([right[0], right[2]]), stack([x, z])
+    by_unknowns = ca.densify(ca.jacobian(laws, unknowns)).T if unknowns.numel() else ca.SX(0, 0)
+    by_all = ca.Function(f"{prefix}jacobian", [t, x, z, p, u],
+                         ca.cse([ca.vec(by_unknowns), ca.densify(ca.jtimes(laws, t, ca.SX(1)))]))
     return Portable(assembly, _columns(assembly, assembly.reduced.states, first.x, assembly.x_nominal),
                     _columns(assembly, assembly.reduced.algebraic, first.z, assembly.z_nominal),
                     _parameters(assembly, first), tuple(not q.name.startswith(DERIVED) for q in flat.parameters),
                     tuple(_input(assembly, k, order, column) for k, order in kept),
-                    tuple(_outputs(assembly, shown, outputs, first, column)), equations, directions)
+                    tuple(_outputs(assembly, shown, outputs, first, column)), equations, directions, by_all)
 
 
 def derived(base: Unit, order: int) -> Unit:

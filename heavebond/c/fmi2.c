@@ -1,0 +1,193 @@
+/* FMI 2.0 for co-simulation around the equations in model.c.
+   Modelica Association, Functional Mock-up Interface Specification 2.0, https://fmi-standard.org */
+#include "fmu_core.c"
+
+typedef enum { fmi2OK, fmi2Warning, fmi2Discard, fmi2Error, fmi2Fatal, fmi2Pending } fmi2Status;
+typedef void *fmi2Component;
+typedef void *fmi2FMUstate;
+typedef int fmi2Boolean;
+typedef struct {
+  void (*log)(void *environment, const char *instance, fmi2Status status, const char *category, const char *message, ...);
+  void *(*allocate)(size_t n, size_t size);
+  void (*release)(void *block);
+  void (*finished)(void *environment, fmi2Status status);
+  void *environment;
+} Callbacks;
+
+typedef struct {
+  Values now;
+  Callbacks calls;
+  char name[256];
+} Model;
+
+static fmi2Status fail(Model *model, fmi2Status status, const char *message) {
+  if (model->calls.log)
+    model->calls.log(model->calls.environment, model->name, status,
+                     status == fmi2Discard ? "logStatusDiscard" : "logStatusError", "%s", message);
+  return status;
+}
+
+/* The status for what is wrong: values for which there is no solution can be given up, wrong calls are errors. */
+static fmi2Status judge(Model *model, const char *wrong) {
+  if (!wrong) return fmi2OK;
+  return fail(model, wrong == NO_SOLUTION || wrong == NOT_FINITE || wrong == NO_DERIVATIVE || wrong == NO_STEP ? fmi2Discard
+                     : fmi2Error, wrong);
+}
+
+/* -- instances ---------------------------------------------------------------------------------------------------- */
+EXPORT const char *fmi2GetTypesPlatform(void) { return "default"; }
+EXPORT const char *fmi2GetVersion(void) { return "2.0"; }
+
+EXPORT fmi2Component fmi2Instantiate(const char *name, int type, const char *token, const char *resources,
+                                     const Callbacks *calls, fmi2Boolean visible, fmi2Boolean logging) {
+  Model *model;
+  (void)resources, (void)visible, (void)logging;
+  if (type != 1 || !token || strcmp(token, model_token)) {
+    if (calls && calls->log)
+      calls->log(calls->environment, name, fmi2Error, "logStatusError", "%s",
+                 type != 1 ? "it is for co-simulation only" : "modelDescription.xml and the binary do not belong together");
+    return NULL;
+  }
+  model = calloc(1, sizeof *model);
+  if (!model) return NULL;
+  if (calls) model->calls = *calls;
+  strncpy(model->name, name ? name : "", sizeof model->name - 1);
+  begin(&model->now);
+  return model;
+}
+
+EXPORT void fmi2FreeInstance(fmi2Component instance) { free(instance); }
+
+EXPORT fmi2Status fmi2Reset(fmi2Component instance) {
+  begin(&((Model *)instance)->now);
+  return fmi2OK;
+}
+
+EXPORT fmi2Status fmi2SetDebugLogging(fmi2Component instance, fmi2Boolean on, size_t n, const char *const categories[]) {
+  (void)instance, (void)on, (void)n, (void)categories;
+  return fmi2OK;
+}
+
+EXPORT fmi2Status fmi2SetupExperiment(fmi2Component instance, fmi2Boolean has_tolerance, double tolerance, double start,
+                                      fmi2Boolean has_stop, double stop) {
+  Values *now = &((Model *)instance)->now;
+  (void)has_stop, (void)stop;
+  if (has_tolerance && tolerance > 0) now->tolerance = tolerance;
+  now->t = start;
+  now->fresh = false;
+  return fmi2OK;
+}
+
+/* changes of mode that change no value */
+#define NOTHING(name) \
+  EXPORT fmi2Status name(fmi2Component instance) { \
+    (void)instance; \
+    return fmi2OK; \
+  }
+NOTHING(fmi2EnterInitializationMode)
+NOTHING(fmi2ExitInitializationMode)
+NOTHING(fmi2Terminate)
+
+/* -- values and steps ------------------------------------------------------------------------------------------------- */
+EXPORT fmi2Status fmi2GetReal(fmi2Component instance, const Reference references[], size_t n, double values[]) {
+  return judge(instance, get_values(&((Model *)instance)->now, references, n, values));
+}
+
+EXPORT fmi2Status fmi2SetReal(fmi2Component instance, const Reference references[], size_t n, const double values[]) {
+  return judge(instance, set_values(&((Model *)instance)->now, references, n, values));
+}
+
+EXPORT fmi2Status fmi2DoStep(fmi2Component instance, double point, double step, fmi2Boolean no_return) {
+  Model *model = instance;
+  (void)no_return;
+  if (!(step >= 0)) return fail(model, fmi2Error, "a step is not negative");
+  if (point != model->now.t) model->now.fresh = false;
+  model->now.t = point;
+  return judge(model, do_step(&model->now, point + step));
+}
+
+EXPORT fmi2Status fmi2CancelStep(fmi2Component instance) { return fail(instance, fmi2Error, "no step is pending"); }
+
+EXPORT fmi2Status fmi2GetDirectionalDerivative(fmi2Component instance, const Reference unknowns[], size_t n_unknowns,
+                                               const Reference knowns[], size_t n_knowns, const double seed[],
+                                               double sensitivity[]) {
+  return judge(instance, derivative(&((Model *)instance)->now, unknowns, n_unknowns, knowns, n_knowns, seed, sensitivity));
+}
+
+/* -- snapshots ------------------------------------------------------------------------------------------------------- */
+EXPORT fmi2Status fmi2GetFMUstate(fmi2Component instance, fmi2FMUstate *state) {
+  if (!*state) *state = malloc(sizeof(Values));
+  if (!*state) return fail(instance, fmi2Error, "no memory is left");
+  memcpy(*state, &((Model *)instance)->now, sizeof(Values));
+  return fmi2OK;
+}
+
+EXPORT fmi2Status fmi2SetFMUstate(fmi2Component instance, fmi2FMUstate state) {
+  memcpy(&((Model *)instance)->now, state, sizeof(Values));
+  return fmi2OK;
+}
+
+EXPORT fmi2Status fmi2FreeFMUstate(fmi2Component instance, fmi2FMUstate *state) {
+  (void)instance;
+  free(*state);
+  *state = NULL;
+  return fmi2OK;
+}
+
+EXPORT fmi2Status fmi2SerializedFMUstateSize(fmi2Component instance, fmi2FMUstate state, size_t *size) {
+  (void)instance, (void)state;
+  *size = sizeof(Values);
+  return fmi2OK;
+}
+
+EXPORT fmi2Status fmi2SerializeFMUstate(fmi2Component instance, fmi2FMUstate state, char bytes[], size_t size) {
+  if (size < sizeof(Values)) return fail(instance, fmi2Error, "the block is too short for a state");
+  memcpy(bytes, state, sizeof(Values));
+  return fmi2OK;
+}
+
+EXPORT fmi2Status fmi2DeSerializeFMUstate(fmi2Component instance, const char bytes[], size_t size, fmi2FMUstate *state) {
+  if (size != sizeof(Values)) return fail(instance, fmi2Error, "the block is no state of this FMU");
+  if (!*state) *state = malloc(sizeof(Values));
+  if (!*state) return fail(instance, fmi2Error, "no memory is left");
+  memcpy(*state, bytes, sizeof(Values));
+  return fmi2OK;
+}
+
+/* -- what is not here: all variables are real numbers ------------------------------------------------------------------ */
+#define NONE(name, type) \
+  EXPORT fmi2Status fmi2Get##name(fmi2Component instance, const Reference references[], size_t n, type values[]) { \
+    (void)references, (void)values; \
+    return n ? fail(instance, fmi2Error, "there is no variable of this type") : fmi2OK; \
+  } \
+  EXPORT fmi2Status fmi2Set##name(fmi2Component instance, const Reference references[], size_t n, const type values[]) { \
+    (void)references, (void)values; \
+    return n ? fail(instance, fmi2Error, "there is no variable of this type") : fmi2OK; \
+  }
+typedef const char *Text;
+NONE(Integer, int)
+NONE(Boolean, fmi2Boolean)
+NONE(String, Text)
+
+/* The further arguments are not looked at, so that these serve for every list of them. */
+#define REFUSED(name) \
+  EXPORT fmi2Status name(fmi2Component instance) { return fail(instance, fmi2Error, #name " is not offered"); }
+REFUSED(fmi2SetRealInputDerivatives)
+REFUSED(fmi2GetRealOutputDerivatives)
+
+EXPORT fmi2Status fmi2GetRealStatus(fmi2Component instance, int kind, double *value) {
+  if (kind != 2) return fmi2Discard;
+  *value = ((Model *)instance)->now.t; /* the last successful time */
+  return fmi2OK;
+}
+
+/* steps are never pending */
+#define STATUS(name, type) \
+  EXPORT fmi2Status name(fmi2Component instance, int kind, type *value) { \
+    (void)instance, (void)kind, (void)value; \
+    return fmi2Discard; \
+  }
+STATUS(fmi2GetStatus, fmi2Status)
+STATUS(fmi2GetIntegerStatus, int)
+STATUS(fmi2GetBooleanStatus, fmi2Boolean)
+STATUS(fmi2GetStringStatus, Text)

@@ -1,0 +1,132 @@
+/* Integration of x' = f(t, x, z), 0 = g(t, x, z) by the Rosenbrock method Rodas5P: eight stages, order 5 with an error
+   estimate of order 4, stiffly accurate and L-stable, for equations of index 1. It is a one-step method: a run goes on from
+   time, states and length of the next step exactly as if it had not been interrupted.
+   G. Steinebach, Construction of Rosenbrock-Wanner method Rodas5P and numerical benchmarks within the Julia Differential
+   Equations package, BIT Numerical Mathematics 63, 2023, doi:10.1007/s10543-023-00967-x (coefficients).
+   E. Hairer and G. Wanner, Solving Ordinary Differential Equations II, 1996, IV.7 and VI.3 (form of the stages). */
+
+enum { STAGES = 8, UNKNOWNS = model_n_x + model_n_z, MOST_STEPS = 1000000 };
+
+static const double GAMMA = 0.21193756319429014;
+static const double A[STAGES][STAGES] = {
+    {0},
+    {3.0},
+    {2.849394379747939, 0.45842242204463923},
+    {-6.954028509809101, 2.489845061869568, -10.358996098473584},
+    {2.8029986275628964, 0.5072464736228206, -0.3988312541770524, -0.04721187230404641},
+    {-7.502846399306121, 2.561846144803919, -11.627539656261098, -0.18268767659942256, 0.030198172008377946},
+    {-7.502846399306121, 2.561846144803919, -11.627539656261098, -0.18268767659942256, 0.030198172008377946, 1},
+    {-7.502846399306121, 2.561846144803919, -11.627539656261098, -0.18268767659942256, 0.030198172008377946, 1, 1}};
+static const double C[STAGES][STAGES] = {
+    {0},
+    {-14.155112264123755},
+    {-17.97296035885952, -2.859693295451294},
+    {147.12150275711716, -1.41221402718213, 71.68940251302358},
+    {165.43517024871676, -0.4592823456491126, 42.90938336958603, -5.961986721573306},
+    {24.854864614690072, -3.0009227002832186, 47.4931110020768, 5.5814197821558125, -0.6610691825249471},
+    {30.91273214028599, -3.1208243349937974, 77.79954646070892, 34.28646028294783, -19.097331116725623, -28.087943162872662},
+    {37.80277123390563, -3.2571969029072276, 112.26918849496327, 66.9347231244047, -40.06618937091002, -54.66780262877968,
+     -9.48861652309627}};
+static const double TIMES[STAGES] = {0, 0.6358126895828704, 0.4095798393397535, 0.9769306725060716, 0.4288403609558664, 1, 1, 1};
+static const double SLOPES[STAGES] = {0.21193756319429014, -0.42387512638858027, -0.3384627126235924, 1.8046452872882734,
+                                      2.325825639765069};
+
+/* LU factors of a (by rows) in its place with the order of the rows; 0 where it is singular. */
+static int factorise(int n, double *a, int *order) {
+  int i, j, k;
+  for (k = 0; k < n; ++k) {
+    int pivot = k;
+    for (i = k + 1; i < n; ++i)
+      if (fabs(a[i * n + k]) > fabs(a[pivot * n + k])) pivot = i;
+    order[k] = pivot;
+    if (!(fabs(a[pivot * n + k]) > 0)) return 0;
+    for (j = 0; j < n && pivot != k; ++j) {
+      double kept = a[k * n + j];
+      a[k * n + j] = a[pivot * n + j];
+      a[pivot * n + j] = kept;
+    }
+    for (i = k + 1; i < n; ++i) {
+      double factor = a[i * n + k] /= a[k * n + k];
+      if (factor != 0)
+        for (j = k + 1; j < n; ++j) a[i * n + j] -= factor * a[k * n + j];
+    }
+  }
+  return 1;
+}
+
+static void back_substitute(int n, const double *a, const int *order, double *b) {
+  int i, j;
+  for (i = 0; i < n; ++i) {
+    double kept = b[order[i]];
+    b[order[i]] = b[i];
+    b[i] = kept;
+  }
+  for (i = 0; i < n; ++i)
+    for (j = 0; j < i; ++j) b[i] -= a[i * n + j] * b[j];
+  for (i = n - 1; i >= 0; --i) {
+    for (j = i + 1; j < n; ++j) b[i] -= a[i * n + j] * b[j];
+    b[i] /= a[i * n + i];
+  }
+}
+
+/* One step of length h from y = (x, z) to `next`; the size of its error over the tolerance, or infinity where it fails. */
+static double one_step(double t, const double *y, const double *p, const double *u, double h, const double *jacobian,
+                       const double *slope, double tolerance, double *next) {
+  static const int n = UNKNOWNS;
+  double w[UNKNOWNS * UNKNOWNS + 1], k[STAGES][UNKNOWNS + 1], sum = 0;
+  int order[UNKNOWNS + 1], s, i, j;
+  for (i = 0; i < n * n; ++i) w[i] = -jacobian[i];
+  for (i = 0; i < model_n_x; ++i) w[i * n + i] += 1 / (h * GAMMA);
+  if (!factorise(n, w, order)) return INFINITY;
+  for (s = 0; s < STAGES; ++s) {
+    for (i = 0; i < n; ++i) {
+      next[i] = y[i];
+      for (j = 0; j < s; ++j) next[i] += A[s][j] * k[j][i];
+    }
+    if (model_call(t + TIMES[s] * h, next, next + model_n_x, p, u, k[s], 0, k[s] + model_n_x, 0)) return INFINITY;
+    for (i = 0; i < n; ++i) {
+      k[s][i] += h * SLOPES[s] * slope[i];
+      for (j = 0; j < s && i < model_n_x; ++j) k[s][i] += C[s][j] / h * k[j][i];
+    }
+    back_substitute(n, w, order, k[s]);
+  }
+  for (i = 0; i < n; ++i) {
+    double nominal = i < model_n_x ? model_x_nominal[i] : model_z_nominal[i - model_n_x];
+    double error = k[STAGES - 1][i];
+    next[i] += error;
+    error /= tolerance * (nominal + fmax(fabs(y[i]), fabs(next[i])));
+    sum += error * error;
+  }
+  return isfinite(sum) ? sqrt(sum / (n ? n : 1)) : INFINITY;
+}
+
+/* Integrate from t to `end`; y = (x, z) and the length *h of the next step are changed. 0, or 1 where it does not get there;
+   *reached is how far it came. */
+static int integrate(double t, double end, double *y, const double *p, const double *u, double tolerance, double *h,
+                     double *reached) {
+  double jacobian[UNKNOWNS * UNKNOWNS + 1], slope[UNKNOWNS + 1], next[UNKNOWNS + 1];
+  const double *arg[] = {&t, y, y + model_n_x, p, u};
+  double *res[] = {jacobian, slope};
+  int steps, fresh = 0;
+  if (!(*h > 0)) *h = 1e-3 * (end - t);
+  for (steps = 0; t < end && steps < MOST_STEPS; ++steps) {
+    double length = fmin(*h, end - t), error;
+    int last = length >= (end - t) * (1 - 1e-12);
+    if (!fresh && model_jacobian(arg, res, 0, 0, 0)) break;
+    fresh = 1;
+    error = one_step(t, y, p, u, length, jacobian, slope, tolerance, next);
+    if (error <= 1) {
+      double growth = fmin(6, 0.9 * pow(fmax(error, 1e-12), -0.2));
+      /* a step that the end has cut short says nothing about the length of the others, unless it asks for shorter ones */
+      if (length >= *h || growth < 1) *h = length * fmax(0.2, growth);
+      t = last ? end : t + length;
+      memcpy(y, next, sizeof(double) * UNKNOWNS);
+      fresh = 0;
+    } else {
+      *h = length * (isfinite(error) ? fmax(0.2, 0.9 * pow(error, -0.2)) : 0.1);
+      if (!(*h > 1e-14 * fmax(fabs(t), end - t))) break;
+    }
+  }
+  *reached = t;
+  return t < end;
+}

@@ -1,0 +1,168 @@
+"""modelDescription.xml of an exported diagram, of FMI 2.0 (co-simulation) and 3.0 (model exchange and co-simulation).
+
+Modelica Association, Functional Mock-up Interface Specification 2.0.4 and 3.0.1, https://fmi-standard.org.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from math import isfinite
+from xml.etree import ElementTree as Xml
+
+from heavebond import __version__
+from heavebond.core.quoting import xml_text
+from heavebond.core.units import Unit
+from heavebond.exchange.portable import Portable, Quantity, derived
+from heavebond.numerics.simulator import grid
+
+STRUCTURED = re.compile(r"(der\()*[A-Za-z_]\w*(\[[0-9]+\])?(\.[A-Za-z_]\w*(\[[0-9]+\])?)*\)*")
+
+
+def description(made: Portable, identifier: str, token: str, version: int = 3) -> bytes:
+    """The XML that tells what the FMU holds; `version` of the standard is 2 or 3."""
+    shown = [q for group in (made.states, made.inputs, made.outputs) for q in group]
+    structured = all(STRUCTURED.fullmatch(q.name) for q in shown)
+    root = Xml.Element("fmiModelDescription", {
+        "fmiVersion": f"{version}.0", "modelName": made.name, "instantiationToken" if version == 3 else "guid": token,
+        "generationTool": f"heavebond {__version__}",
+        "variableNamingConvention": "structured" if structured else "flat",
+        **({"description": summary} if (summary := made.assembly.model.summary) else {})})
+    (_kinds_3 if version == 3 else _kinds_2)(root, identifier)
+    quantities = [q for group in (made.states, made.parameters, made.inputs, made.outputs) for q in group]
+    rates = [_rate(q) for q in made.states]
+    _units(root, [*(q.unit for q in quantities), *(unit for _, unit in rates)])
+    _experiment(root, made)
+    (_Variables3 if version == 3 else _Variables2)(root).write(made, rates)
+    return xml_bytes(root)
+
+
+def _kinds_3(root: Xml.Element, identifier: str) -> None:
+    shared = {"modelIdentifier": identifier, "canGetAndSetFMUState": "true", "providesDirectionalDerivatives": "true"}
+    Xml.SubElement(root, "ModelExchange", shared)
+    Xml.SubElement(root, "CoSimulation", {**shared, "canHandleVariableCommunicationStepSize": "true"})
+
+
+def _kinds_2(root: Xml.Element, identifier: str) -> None:
+    kind = Xml.SubElement(root, "CoSimulation", {
+        "modelIdentifier": identifier, "canHandleVariableCommunicationStepSize": "true", "canGetAndSetFMUstate": "true",
+        "canSerializeFMUstate": "true", "providesDirectionalDerivative": "true"})
+    Xml.SubElement(Xml.SubElement(kind, "SourceFiles"), "File", {"name": "fmi2.c"})  # which includes the others
+
+
+def _rate(state: Quantity) -> tuple[str, Unit]:
+    """Name and unit of a state's derivative."""
+    return f"der({state.name})", derived(state.unit, 1)
+
+
+def unit_name(unit: Unit) -> str:
+    """A unit as FMI tools write it: `m3/(s.Pa)` for `m**3/(s*Pa)`."""
+    return unit.text.replace("**", "").replace("*", ".")
+
+
+def _units(root: Xml.Element, units: Sequence[Unit]) -> None:
+    definitions = Xml.SubElement(root, "UnitDefinitions")
+    for name, unit in {unit_name(unit): unit for unit in units}.items():
+        entry = Xml.SubElement(definitions, "Unit", {"name": name})
+        if any(power.denominator != 1 for _, power in unit.dimension):
+            continue  # FMI counts in whole powers
+        base = {symbol: str(power.numerator) for symbol, power in unit.dimension}
+        if unit.counts == "angle":
+            base["rad"] = "1"
+        if unit.scale != 1:
+            base["factor"] = repr(unit.scale)
+        if unit.offset:
+            base["offset"] = repr(unit.offset)
+        Xml.SubElement(entry, "BaseUnit", base)
+
+
+def _experiment(root: Xml.Element, made: Portable) -> None:
+    model = made.assembly.model
+    if model.until is not None:
+        times = grid(model, None, None)
+        Xml.SubElement(root, "DefaultExperiment", {"startTime": "0", "stopTime": repr(float(times[-1])), "tolerance": "1e-9",
+                                                   "stepSize": repr(float(times[1]))})
+
+
+class _Variables3:
+    """Variables and their structure as FMI 3.0 writes them; value references are as `fmu_core.c` counts them."""
+
+    def __init__(self, root: Xml.Element):
+        self.variables, self.structure = Xml.SubElement(root, "ModelVariables"), Xml.SubElement(root, "ModelStructure")
+
+    def add(self, name: str, reference: int, causality: str, variability: str, **more: str) -> None:
+        """One variable; `derivative` is the value reference of the state."""
+        Xml.SubElement(self.variables, "Float64", {"name": name, "valueReference": str(reference), "causality": causality,
+                                                   "variability": variability, **{k: v for k, v in more.items() if v}})
+
+    def write(self, made: Portable, rates: Sequence[tuple[str, Unit]]) -> None:
+        """All variables."""
+        names = {q.name for group in (made.states, made.parameters, made.inputs) for q in group}
+        self.add("time", 0, "independent", "continuous", description="time in s")
+        first, n_x = 1, len(made.states)
+        for k, q in enumerate(made.states):
+            self.add(q.name, first + k, "local", "continuous", initial="exact", **_told(q), nominal=repr(q.nominal))
+        for k, (name, unit) in enumerate(rates):
+            self.add(name, first + n_x + k, "local", "continuous", initial="calculated", unit=unit_name(unit),
+                     derivative=str(first + k))
+        first += 2 * n_x
+        for k, (q, shown) in enumerate(zip(made.parameters, made.tunable, strict=True)):
+            if shown:
+                self.add(q.name, first + k, "parameter", "tunable", initial="exact", **_told(q), **_bounds(q))
+        first += len(made.parameters)
+        for k, q in enumerate(made.inputs):
+            self.add(q.name, first + k, "input", "continuous", **_told(q))
+        first += len(made.inputs)
+        for k, q in enumerate(made.outputs):
+            # an output may have the name of a state or a parameter, which FMI does not allow
+            name = f"show.{q.name}" if q.name in names else q.name
+            self.add(name, first + k, "output", "continuous", initial="calculated", unit=unit_name(q.unit),
+                     description=q.doc)
+        self.structured(list(range(1 + n_x, 1 + 2 * n_x)), list(range(first, first + len(made.outputs))))
+
+    def structured(self, rates: list[int], outputs: list[int]) -> None:
+        """Outputs, derivatives of states, and what is unknown at the start, by value references."""
+        for kind, references in (("Output", outputs), ("ContinuousStateDerivative", rates),
+                                 ("InitialUnknown", [*rates, *outputs])):
+            for reference in references:
+                Xml.SubElement(self.structure, kind, {"valueReference": str(reference)})
+
+
+class _Variables2(_Variables3):
+    """The same as FMI 2.0 writes it: variables are counted from 1 in the order of the file."""
+
+    def __init__(self, root: Xml.Element):
+        super().__init__(root)
+        self.index: dict[int, int] = {}
+
+    def add(self, name: str, reference: int, causality: str, variability: str, **more: str) -> None:
+        self.index[reference] = len(self.index) + 1
+        outer = {k: v for k in ("description", "initial") if (v := more.pop(k, ""))}
+        element = Xml.SubElement(self.variables, "ScalarVariable", {
+            "name": name, "valueReference": str(reference), "causality": causality, "variability": variability, **outer})
+        if state := more.pop("derivative", ""):
+            more["derivative"] = str(self.index[int(state)])
+        Xml.SubElement(element, "Real", {k: v for k, v in more.items() if v})
+
+    def structured(self, rates: list[int], outputs: list[int]) -> None:
+        for kind, references in (("Outputs", outputs), ("Derivatives", rates),
+                                 ("InitialUnknowns", sorted([*rates, *outputs], key=lambda r: self.index[r]))):
+            if references:
+                group = Xml.SubElement(self.structure, kind)
+                for reference in references:
+                    Xml.SubElement(group, "Unknown", {"index": str(self.index[reference])})
+
+
+def _told(q: Quantity) -> dict[str, str]:
+    return {"description": q.doc, "unit": unit_name(q.unit), "start": repr(q.start)}
+
+
+def _bounds(q: Quantity) -> dict[str, str]:
+    return {name: repr(float(value)) for name, value in (("min", q.low), ("max", q.high)) if isfinite(value)}
+
+
+def xml_bytes(root: Xml.Element) -> bytes:
+    """The file, with characters that XML does not take left out of all attributes."""
+    for element in root.iter():
+        element.attrib.update({name: xml_text(value) for name, value in element.attrib.items()})
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{Xml.tostring(root, encoding="unicode")}\n'.encode()
