@@ -13,18 +13,19 @@ from heavebond.language.definition import Component
 from heavebond.language.laws import check
 from heavebond.language.library import bundled, library
 from heavebond.language.power_law import TOLERANCE, PowerReport, check_power
-from heavebond.text.expression import Call, Name, children
+from heavebond.text.expression import Call, FunctionCall, Name, calling, children, inside
 from heavebond.text.yaml_source import read
 
 DOMAINS = library().domains
 FILES = [path for path in (*sorted(bundled("components").rglob("*.yaml")),
                            *sorted(bundled("models").glob("*/components/**/*.yaml")))
-         if path.name not in ("domains.yaml", "effect_classes.yaml")]
+         if path.name not in ("domains.yaml", "effect_classes.yaml") and path.parent.name != "functions"]
 every_file = pytest.mark.parametrize("path", FILES, ids=[path.stem for path in FILES])
 
 
 def load(path: Path) -> Component:
-    return parse_component(read(path), DOMAINS)
+    with calling(library().functions):
+        return parse_component(read(path), DOMAINS)
 
 
 @every_file
@@ -62,7 +63,7 @@ def test_widths_of_transitions_are_declared(path: Path) -> None:
     waiting = [side for line in component.equations for side in (line.tree.left, line.tree.right)]
     while waiting:
         expr = waiting.pop()
-        waiting += children(expr)
+        waiting += [*children(expr), *(inside(expr) if isinstance(expr, FunctionCall) else ())]
         if isinstance(expr, Call) and expr.function in ("smooth_sign", "signed_sqrt") and isinstance(expr.args[1], Name):
             name = expr.args[1].text
             assert name not in component.parameters or component.parameters[name].width, f"{name} has no `width`"

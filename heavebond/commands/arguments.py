@@ -140,14 +140,14 @@ def _about(problem: Problem, settings: Iterable[str]) -> Problem:
     return problem
 
 
-def read_signals(option: str, texts: Sequence[str]) -> dict[str, Expr]:
+def read_signals(option: str, texts: Sequence[str], model: Model) -> dict[str, Expr]:
     """The signals of an option as formulas; UsageError where one cannot be read."""
-    from heavebond.text.expression import ExpressionProblem, parse_formula
+    from heavebond.text.expression import ExpressionProblem
 
     found, problems = {}, Problems()
     for text in texts:
         try:
-            found[text] = parse_formula(text)
+            found[text] = model.library.formula(text)
         except ExpressionProblem as problem:
             problems.add(problem.code, f"{option} {text}: {problem.message}", hint=problem.hint)
     problems.raise_as(UsageError)

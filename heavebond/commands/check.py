@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from heavebond.numerics.start_equations import Point
 
 
-@click.command(short_help="Check a diagram, component, experiment or study file.")
+@click.command(short_help="Check a diagram, component, function, experiment or study file.")
 @click.argument("model", metavar="FILE")
 @click.option("--names", "listed", is_flag=True, help="List every variable and parameter by its name.")
 @click.option("--fix", is_flag=True, help="Write the present names of renamed keys into FILE and the files that it reads.")
@@ -28,8 +28,8 @@ def check(model: str, listed: bool, fix: bool, settings: tuple[str, ...]) -> dic
 
     FILE is a YAML file or a bundled name (cmc_ahc, cmc_ahc/passive). Its first key tells what is checked. Diagram: states,
     algebraic loops, index, initial conditions, and whether your own components in it create power. Component: units,
-    equations and power. Experiment: the records, their columns, times and units, and that the diagram has the inputs,
-    outputs and free parameters. Study: that every case assembles and every quantity exists.
+    equations and power. Function: names and units. Experiment: the records, their columns, times and units, and that the
+    diagram has the inputs, outputs and free parameters. Study: that every case assembles and every quantity exists.
     """
     from heavebond.core.renamed import collecting
     from heavebond.language.model import find
@@ -37,7 +37,8 @@ def check(model: str, listed: bool, fix: bool, settings: tuple[str, ...]) -> dic
 
     path = find(model)
     kind = next(iter(read(path).root.items), "")
-    others = {"component": _check_component, "experiment": _check_experiment, "study": _check_study}
+    others = {"component": _check_component, "function": _check_function, "experiment": _check_experiment,
+              "study": _check_study}
     if kind in others and (listed or settings):
         option = "--names" if listed else "--set"
         raise UsageError([Problem("option-unsuited", f"{option} is for diagrams; {model} is a file of the kind `{kind}:`",
@@ -193,10 +194,12 @@ def _check_component(path: Path) -> dict[str, object]:
     from heavebond.language.library import library
     from heavebond.language.power_law import check_power
     from heavebond.language.power_terms import power_problems, used
+    from heavebond.text.expression import calling
     from heavebond.text.yaml_source import read
 
     known = library([path.parent, path.parent.parent])
-    component = parse_component(read(path), known.domains)
+    with calling(known.functions):
+        component = parse_component(read(path), known.domains)
     if not component.composite:
         check_laws(component, known.domains)
     console = output()
@@ -212,6 +215,25 @@ def _check_component(path: Path) -> dict[str, object]:
         raise ModelError(found)
     return {"component": component.name, "power": {"tried": report.tried, "exempt": report.exempt,
                                                    "imbalance": report.imbalance, "problems": []}}
+
+
+def _check_function(path: Path) -> dict[str, object]:
+    """Names and units of a function, and of those that it calls."""
+    from heavebond.commands.terminal import output
+    from heavebond.language.function_file import parse_function
+    from heavebond.language.library import library
+    from heavebond.text.expression import calling
+    from heavebond.text.yaml_source import read
+
+    with calling(library([path.parent, path.parent.parent]).functions):
+        function = parse_function(read(path))
+    console = output()
+    console.print(f"Function {function.name}", style="bold")
+    console.print("  names and units agree", soft_wrap=True)
+    console.print(f"  called as {function.usage}", soft_wrap=True, markup=False, highlight=False)
+    return {"function": function.name, "usage": function.usage,
+            "inputs": {q.name: q.unit.text for q in function.inputs.values()},
+            "outputs": {q.name: q.unit.text for q in function.outputs.values()}}
 
 
 def _names(assembly: Assembly) -> object:

@@ -87,8 +87,8 @@ def _subject(file: str, study: Study | None, of: tuple[str, ...], settings: tupl
     if backwards and (of or study is None):
         raise UsageError([Problem("backwards-signal", "only the costs of a study have gradients by runs backwards", None,
                                   "Leave --backwards out, or name a study without --of.")])
-    formulas = read_signals("--of", of)
-    assembly = assembled(with_settings(study.model if study else load(file), settings), "--of", formulas)
+    loaded = with_settings(study.model if study else load(file), settings)
+    assembly = assembled(loaded, "--of", formulas := read_signals("--of", of, loaded))
     if study and not of:
         return costs_of(assembly, study.tuning, tolerances=tolerances, backwards=backwards)
     return signals_of(assembly, list(formulas), until, tolerances=tolerances)

@@ -1,4 +1,4 @@
-"""`heavebond library`: every component by domain, or one of them in full."""
+"""`heavebond library`: every component by domain and every function, or one of them in full."""
 
 from __future__ import annotations
 
@@ -8,22 +8,23 @@ from typing import TYPE_CHECKING
 import click
 
 from heavebond.commands.arguments import json_option
-from heavebond.core.errors import ModelError, Problem, Problems, UsageError, suggest
+from heavebond.core.errors import HeavebondError, ModelError, Problem, Problems, UsageError, suggest
 
 if TYPE_CHECKING:
     from heavebond.language.definition import Component, Parameter, Variable
     from heavebond.language.library import Library
+    from heavebond.text.expression import Function
 
 OWN = "this folder"
 
 
-@click.command(short_help="List the components, or describe one.")
+@click.command(short_help="List the components and functions, or describe one.")
 @click.argument("name", required=False)
 @click.option("--pages", metavar="FOLDER", type=click.Path(path_type=Path, file_okay=False),
-              help="Write a page (Markdown, SVG) about each component of the library into FOLDER.")
+              help="Write a page (Markdown, SVG) about each component and function of the library into FOLDER.")
 @json_option
 def library(name: str | None, pages: Path | None) -> dict[str, object]:
-    """List the components by domain, those of the current folder first; with NAME describe one component."""
+    """List the components by domain, those of the current folder first, and the functions; with NAME describe one."""
     from heavebond.language.library import library as load_library
 
     if pages is not None:
@@ -31,9 +32,11 @@ def library(name: str | None, pages: Path | None) -> dict[str, object]:
     known = load_library([Path.cwd()])
     if name is None:
         return _list(known)
+    if name in known.functions and name not in known.files:
+        return _show_function(known.functions[name])
     if name not in known.files:
         raise UsageError([Problem("component-unknown", f"there is no component '{name}'", None, suggest(
-            name, known.files) or "`heavebond library` lists every component.")])
+            name, [*known.files, *known.functions]) or "`heavebond library` lists every component.")])
     return _show(known.component(name))
 
 
@@ -53,6 +56,7 @@ def _list(known: Library) -> dict[str, object]:
     from heavebond.commands.terminal import output
     from heavebond.core.presentation import columns
     from heavebond.language.library import bundled
+    from heavebond.text.expression import ExpressionProblem
 
     problems = Problems()
     folders: dict[str, dict[str, str]] = {}
@@ -65,15 +69,56 @@ def _list(known: Library) -> dict[str, object]:
             folders.setdefault(folder, {})[name] = known.component(name).summary
         except ModelError as error:
             problems.extend(error)
+    functions = {}
+    for name in known.functions:
+        try:
+            functions[name] = known.functions[name].summary
+        except HeavebondError as error:
+            problems.extend(error)
+        except ExpressionProblem as problem:
+            problems.add(problem.code, problem.message, hint=problem.hint)
     console = output()
-    for folder, summaries in folders.items():
+    for folder, summaries in [*folders.items(), ("functions", functions)]:
         console.print(folder, style="bold")
         for line in columns(sorted(summaries.items()), console.width):
             console.print(line, soft_wrap=True)
         console.print()
     console.print("`heavebond library NAME` tells all about one.", soft_wrap=True)
     problems.raise_as(ModelError)
-    return {"components": folders}
+    return {"components": folders, "functions": functions}
+
+
+def _show_function(function: Function) -> dict[str, object]:
+    from heavebond.commands.terminal import output
+    from heavebond.core.presentation import columns, number, path_text
+
+    console = output()
+    console.print(function.name, style="bold")
+    for line in columns([(text,) for text in (function.summary, function.restrictions) if text], console.width):
+        console.print(line, soft_wrap=True)
+    console.print(f"\nCalled as {function.usage}", soft_wrap=True, markup=False, highlight=False)
+    groups = {"Inputs": function.inputs, "Outputs": function.outputs, "Constants": function.constants}
+    for title, group in groups.items():
+        if group:
+            console.print(f"\n{title}", style="bold")
+            rows = [(q.name, q.unit.text, *([number(q.value)] if q.value is not None else []), q.doc)
+                    for q in group.values()]
+            for line in columns(rows, console.width):
+                console.print(line.rstrip(), soft_wrap=True)
+    console.print("\nEquations", style="bold")
+    width = max(len(step.text.strip()) for step in function.steps)
+    for step in function.steps:
+        text = step.text.strip()
+        console.print(f"  {text.ljust(width)}  # {step.label}" if step.label else f"  {text}", soft_wrap=True, markup=False)
+    if function.source:
+        console.print(f"\nSource: {function.source}", soft_wrap=True, markup=False)
+    console.print(f"\n{path_text(function.path)}", style="dim", soft_wrap=True)
+    return {"function": {
+        "name": function.name, "summary": function.summary, "restrictions": function.restrictions, "source": function.source,
+        "file": str(function.path), "usage": function.usage,
+        **{key.lower(): {q.name: {"unit": q.unit.text, "doc": q.doc, **({"value": q.value} if q.value is not None else {})}
+                         for q in group.values()} for key, group in groups.items()},
+        "equations": [{"text": step.text.strip(), "label": step.label} for step in function.steps]}}
 
 
 def _show(component: Component) -> dict[str, object]:

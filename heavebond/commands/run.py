@@ -72,10 +72,11 @@ def run(model: str, settings: tuple[str, ...], until: str | None, every: str | N
     check_picture(output)
     for path in saved:
         check_writable(path, SUFFIXES)
-    formulas = read_signals("--plot", plotted)
     with blamed_on_settings(settings):
+        loaded = with_settings(load(model), settings)
+        formulas = read_signals("--plot", plotted, loaded)
         with terminal.working("assembling"):
-            assembly = assembled(with_settings(load(model), settings), "--plot", formulas)
+            assembly = assembled(loaded, "--plot", formulas)
         with terminal.working("integrating"):
             result = simulate(assembly, until, every=every, rtol=rtol, solver=solver, allow_fmu=allow_fmu)
     listed = list(assembly.model.show) or assembly.state_names or [u.name for u in assembly.flat.unknowns]

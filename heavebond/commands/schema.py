@@ -21,7 +21,7 @@ NAME = "heavebond.schema.json"
               help=f"Where to write the schema (.json).  [default: FOLDER/.vscode/{NAME}]")
 @json_option
 def schema(folder: Path, output: Path | None) -> dict[str, object]:
-    """Write a JSON Schema of diagrams, components, experiments and studies, and the settings for Visual Studio Code.
+    """Write a JSON Schema of the files of the language, and the settings for Visual Studio Code.
 
     Its extension YAML (redhat.vscode-yaml) then completes while you type and underlines what is wrong. Run this again after
     you have added a component.

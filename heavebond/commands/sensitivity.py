@@ -54,10 +54,11 @@ def sensitivity(model: str, of: tuple[str, ...], parameters: tuple[str, ...], se
     from heavebond.optimise.influence import rank
 
     check_picture(output)
-    formulas = read_signals("--of", of)
     with blamed_on_settings(settings):
+        loaded = with_settings(load(model), settings)
+        formulas = read_signals("--of", of, loaded)
         with terminal.working("assembling"):
-            assembly = assembled(with_settings(load(model), settings), "--of", formulas)
+            assembly = assembled(loaded, "--of", formulas)
         with terminal.working("sensitivities") as progress:
             found = rank(assembly, list(formulas), listed(parameters), until, every=every, most=most, progress=progress)
     console = terminal.output()

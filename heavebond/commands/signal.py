@@ -85,10 +85,11 @@ def _run(file: str, signals: tuple[str, ...], settings: tuple[str, ...], until: 
     from heavebond.numerics.simulation import simulate
     from heavebond.records.spectra import evenly
 
-    formulas = read_signals("--signal", signals)
     with blamed_on_settings(settings):
+        loaded = with_settings(load(file), settings)
+        formulas = read_signals("--signal", signals, loaded)
         with terminal.working("assembling"):
-            assembly = assembled(with_settings(load(file), settings), "--signal", formulas)
+            assembly = assembled(loaded, "--signal", formulas)
         with terminal.working("integrating"):
             result = simulate(assembly, until, every=every)
     inside = (result.time >= window[0]) & (result.time <= window[1])

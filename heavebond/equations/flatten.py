@@ -35,7 +35,7 @@ from heavebond.language.model import Model
 from heavebond.language.symbols import nonsmooth, split, stack
 from heavebond.language.template import LEVELS, Template, template
 from heavebond.language.values import add_formula_problem, check_dimension
-from heavebond.text.expression import Expr, ExpressionProblem, constant, names, parse_formula
+from heavebond.text.expression import Expr, ExpressionProblem, calling, constant, names, parse_formula
 
 SECOND = declared_unit("s").dimension
 Entries = list[tuple[int, int]]  # (column, kind); column = level * len(unknowns) + unknown
@@ -132,7 +132,8 @@ def flatten(model: Model, also: Iterable[str] = (), widths: float = 1.0) -> Flat
     problems = Problems()
     claimed = claim_names(expanded, network, problems)
     problems.raise_as(ModelError)
-    return _Builder(expanded, network, make_parameters(expanded, network, order), claimed).build(tuple(also))
+    with calling(model.library.functions):  # names of outputs and of conditions are formulas
+        return _Builder(expanded, network, make_parameters(expanded, network, order), claimed).build(tuple(also))
 
 
 def unclocked(flat: Flat) -> Flat:

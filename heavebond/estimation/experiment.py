@@ -16,7 +16,7 @@ from heavebond.language import reading
 from heavebond.language.definition import FileInput
 from heavebond.language.model import Model, beside, beside_hint, find, load_beside
 from heavebond.language.sections import Condition, NamedOutput, Setting, read_conditions, read_settings, shown_as
-from heavebond.text.expression import constant, parse_formula
+from heavebond.text.expression import calling, constant, parse_formula
 from heavebond.text.yaml_source import Mapping, Node, Scalar, Source, read
 
 EXPERIMENT_KEYS = ("experiment", "summary", "extends", "model", "records", "time", "inputs", "outputs", "free", "notes")
@@ -164,7 +164,7 @@ def _load(path: Path, chain: tuple[Path, ...]) -> Experiment:
     source = read(path)
     root = source.root
     if "experiment" not in root.items:
-        kind = next((k for k in ("model", "component", "study") if k in root.items), None)
+        kind = next((k for k in ("model", "component", "function", "study") if k in root.items), None)
         hint = "This file describes a diagram; `heavebond run` runs it. An experiment says which records lie beside it: " \
             "`heavebond new FOLDER` makes one to begin with." if kind == "model" else \
             f"This file describes a {kind}." if kind else \
@@ -177,7 +177,8 @@ def _load(path: Path, chain: tuple[Path, ...]) -> Experiment:
     own = _Reader(source, problems)
     model = _model(source, base, problems)
     problems.raise_as(ModelError)
-    experiment = own.changed(base, model)
+    with calling(model.library.functions):
+        experiment = own.changed(base, model)
     problems.raise_as(ModelError)
     return experiment
 

@@ -40,12 +40,14 @@ TIME = {"$ref": "#/definitions/time"}
 UNIT = {"$ref": "#/definitions/unit"}
 BODY = {"components": {"$ref": "#/definitions/components"}, "nodes": {"$ref": "#/definitions/nodes"}}
 COUNT = {"type": ["string", "integer"], "description": "how many it is a list of, by whole numbers"}
-HEADS = ("component", "experiment", "study", "model")  # in this order: an experiment and a study name a model too
+# in this order: an experiment and a study name a model too
+HEADS = ("component", "function", "experiment", "study", "model")
 
 
 def schema(known: Library) -> Schema:
-    """The schema of all four kinds of files, with the components of a library."""
-    kinds = {"model": diagram(), "component": component_file(known), "experiment": experiment(), "study": study()}
+    """The schema of all kinds of files, with the components of a library."""
+    kinds = {"model": diagram(), "component": component_file(known), "function": function_file(),
+             "experiment": experiment(), "study": study()}
     chosen: Schema = {"$ref": "#/definitions/model_file"}
     for head in reversed(HEADS[:-1]):
         chosen = {"if": {"required": [head]}, "then": {"$ref": f"#/definitions/{head}_file"}, "else": chosen}
@@ -172,6 +174,19 @@ def component_file(known: Library) -> Schema:
         "placeholder": _said("why its law is missing"),
         "units": {"enum": ["unchecked"], "description": "its equations are between plain numbers in SI"}},
         ["component", "summary"])
+
+
+def function_file() -> Schema:
+    """A function."""
+    quantity = _object({"unit": UNIT, "doc": TEXT}, ["unit"])
+    return _object({
+        "function": _said("its name, in small letters with `_`", {"type": "string"}), "summary": _said("a sentence"),
+        "restrictions": _said("what it leaves out"), "source": _said("where the law is from"),
+        "inputs": _each(quantity, "what it is called with, in this order"),
+        "outputs": _each(quantity, "what it gives"),
+        "constants": _each(_object({"unit": UNIT, "value": QUANTITY, "doc": TEXT}, ["unit", "value"]), "numbers of the law"),
+        "equations": _said("one line `name = formula` for each output and step, its name behind #", {"type": "string"})},
+        ["function", "summary", "inputs", "outputs", "equations"])
 
 
 def _effect(domain: Schema) -> Schema:

@@ -24,6 +24,7 @@ from heavebond.language.definition import (
     Variable,
 )
 from heavebond.language.effects import EffectReader, read_search_range
+from heavebond.language.equation_lines import equation_lines
 from heavebond.language.renamed_keys import present
 from heavebond.language.when import when_entries
 from heavebond.text.expression import Expr, Number, constant, parse_equation, parse_formula
@@ -34,7 +35,6 @@ COMPONENT_KEYS = (
     "component", "summary", "restrictions", "source", "ports", "parameters", "variables", "equations", "when",
     "components", "nodes", "stores", "dissipates", "unbalanced", "power", "requires", "effect", "domain", "symbol",
     "sliding", "units", "placeholder")
-_EQUALS = re.compile(r"(?<![<>=!])=(?!=)")
 _EACH = re.compile(r"each\s+([A-Za-z_]\w*)\s+in\s+(.+?)\.\.(.+?):\s*")
 
 
@@ -249,24 +249,8 @@ class _Parser:
         return number
 
     def _equations(self, node: Node | None) -> tuple[EquationLine, ...]:
-        if node is None:
-            return ()
-        if not isinstance(node, Scalar):
-            self.problems.add("not-text", f"`equations:` holds {node.kind}; text is expected", node.place,
-                              hint="Write `equations: |` and one equation a line below it.")
-            return ()
-        if node.place.continued and not node.block:
-            self.problems.add("equations-joined", "without `|` YAML makes one line of all equations", node.place,
-                              hint="Write `equations: |` and one equation a line below it.")
-            return ()
-        found = []
-        for line in _joined(node.lines()):
-            content, _, label = line.text.partition("#")
-            if content.strip():
-                equation = self._equation(content.rstrip(), label.strip(), line.place)
-                if equation is not None:
-                    found.append(equation)
-        return tuple(found)
+        found = (self._equation(*line) for line in equation_lines(node, self.problems))
+        return tuple(equation for equation in found if equation is not None)
 
     def _equation(self, content: str, label: str, place: Place) -> EquationLine | None:
         each = None
@@ -308,25 +292,3 @@ class _Parser:
         counted = f"sum(if_else({body}, 0, 1) for {rest}) == 0"
         read = reading.formula_of(replace(word, text=counted) if loop else word, "requires", self.problems)
         return read if read is None else replace(read, text=word.text)
-
-
-def _joined(lines: list[Scalar]) -> list[Scalar]:
-    """Lines with an open parenthesis are continued by the next one, unless that is an equation of its own."""
-    joined: list[Scalar] = []
-    for line in lines:
-        previous = joined[-1] if joined else None
-        if previous is not None and _open(previous.text) and not _EQUALS.search(line.text.partition("#")[0]):
-            head, _, comment = previous.text.partition("#")
-            tail, _, more = line.text.partition("#")
-            content = head.rstrip() + " "
-            label = comment.strip() or more.strip()
-            place = replace(previous.place, continued=(*previous.place.continued, (len(content), line.place)))
-            joined[-1] = Scalar(content + tail.strip() + (f"  # {label}" if label else ""), place)
-        else:
-            joined.append(line)
-    return joined
-
-
-def _open(line: str) -> bool:
-    content = line.partition("#")[0]
-    return content.count("(") > content.count(")")

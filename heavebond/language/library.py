@@ -1,9 +1,9 @@
-"""The component library: lookup of components by name."""
+"""The library: lookup of components and functions by name."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from collections.abc import Mapping as Dictionary
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -15,10 +15,11 @@ from heavebond.language import reading
 from heavebond.language.component_file import parse_component
 from heavebond.language.definition import Component, Domain, Member
 from heavebond.language.fmu_description import described
-from heavebond.text.expression import constant
+from heavebond.language.function_file import parse_function
+from heavebond.text.expression import Expr, ExpressionProblem, Function, calling, constant, functions_in, parse_formula
 from heavebond.text.yaml_source import Mapping, parse, read, read_text, short_path
 
-_HEAD = re.compile(r"""^component:[ \t]+["']?([^"'#\n]+?)["']?[ \t]*(?:#.*)?$""", re.MULTILINE)
+_HEAD = re.compile(r"""^(component|function):[ \t]+["']?([^"'#\n]+?)["']?[ \t]*(?:#.*)?$""", re.MULTILINE)
 
 
 def bundled(folder: str) -> Path:
@@ -27,14 +28,75 @@ def bundled(folder: str) -> Path:
     return inside if inside.is_dir() else Path(__file__).parents[2] / folder
 
 
+OwnFunction = tuple[str, Path, tuple[int, int]]  # name, file, its time and size
+
+
+@dataclass(frozen=True, eq=False)
+class Functions(Dictionary[str, Function]):
+    """The functions of files by name, each read when it is first asked for: the user's `own`, as their files are now, and
+    those of the library; `twice`: names that two of the user's files have. Made by `_functions`."""
+
+    own: tuple[OwnFunction, ...]
+    twice: tuple[tuple[str, tuple[Path, Path]], ...]
+    files: dict[str, Path]
+    _read: dict[str, Function] = field(default_factory=dict)
+    _reading: list[str] = field(default_factory=list)
+
+    def __hash__(self) -> int:
+        return id(self)
+
+    def __eq__(self, other: object) -> bool:
+        return self is other
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Another process has the same object for the same files, too: components are kept by it."""
+        return _functions, (self.own, self.twice)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.files)
+
+    def __len__(self) -> int:
+        return len(self.files)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.files
+
+    def __getitem__(self, name: str) -> Function:
+        """The function; ModelError with what is wrong in its file, ExpressionProblem where it may not be called."""
+        if paths := dict(self.twice).get(name):
+            raise ExpressionProblem("function-twice", "two files describe a function "
+                                    f"'{name}', {either(p.name for p in paths)}", 0, 1,
+                                    "Give one of them another name.")
+        if name in self._reading:
+            circle = [*self._reading[self._reading.index(name):], name]
+            raise ExpressionProblem("function-circle", f"'{name}' calls itself" if len(circle) == 2 else
+                                    "functions call each other in a circle: " + " > ".join(circle), 0, 1,
+                                    "A function is evaluated line by line; leave one of these calls out.")
+        if name not in self._read:
+            path = self.files[name]
+            self._reading.append(name)
+            try:
+                with calling(self):
+                    self._read[name] = parse_function(read(path, shown_path(path), bundled=is_bundled(path)))
+            finally:
+                self._reading.pop()
+        return self._read[name]
+
+
 @dataclass(frozen=True)
 class Library:
-    """Domains and the files in which each component is found; the user's own folders come first."""
+    """Domains and the files in which each component and each function is found; the user's own folders come first."""
 
     domains: dict[str, Domain]
     files: dict[str, Path]
     # names that two of the user's files have
     twice: dict[str, tuple[Path, Path]] = field(default_factory=dict)
+    functions: Functions = field(default_factory=lambda: library_functions())
+
+    def formula(self, text: str, functions: Dictionary[str, int] | None = None) -> Expr:
+        """A formula of a diagram, as `parse_formula` reads it; it may call the functions that the library knows."""
+        with calling(self.functions):
+            return parse_formula(text, functions=functions)
 
     def names(self) -> list[str]:
         """Every component in a file of the language, in the order of their files. FMUs are known by name, but a folder may
@@ -52,24 +114,51 @@ class Library:
                                       "Give one of them another name.")])
         if self.files[name].suffix == ".fmu":
             return _foreign(self.files[name], place)
-        return _load(self.files[name], tuple(self.domains.values()))
+        return _load(self.files[name], tuple(self.domains.values()), self.functions)
+
+
+def library_functions() -> Functions:
+    """Those of the library alone."""
+    return _functions((), ())
 
 
 def library(folders: Iterable[Path] = ()) -> Library:
     """The bundled library with the components of the user's `folders` (each with its `components/`) before it."""
-    files: dict[str, Path] = {}
-    twice: dict[str, tuple[Path, Path]] = {}
+    files: dict[str, dict[str, Path]] = {"component": {}, "function": {}}
+    twice: dict[str, dict[str, tuple[Path, Path]]] = {"component": {}, "function": {}}
     for folder in folders:
         for path in (*sorted(folder.glob("*.yaml")), *sorted((folder / "components").rglob("*.yaml")),
                      *sorted(folder.glob("*.fmu")), *sorted((folder / "components").rglob("*.fmu"))):
-            name = path.name if path.suffix == ".fmu" else _name_in(path)
-            if name in files:
-                twice[name] = (files[name], path)
+            kind, name = ("component", path.name) if path.suffix == ".fmu" else _head_of(path)
+            if name and name in files[kind]:
+                twice[kind][name] = (files[kind][name], path)
             elif name:
-                files[name] = path
-    for name, path in _bundled_files().items():
-        files.setdefault(name, path)
-    return Library(domains(), files, twice)
+                files[kind][name] = path
+    own = tuple((name, path, _stamp(path)) for name, path in files["function"].items())
+    for kind, known in _bundled_files().items():
+        for name, path in known.items():
+            files[kind].setdefault(name, path)
+    return Library(domains(), files["component"], twice["component"], _functions(own, tuple(twice["function"].items())))
+
+
+@lru_cache(maxsize=64)
+def _functions(own: tuple[OwnFunction, ...], twice: tuple[tuple[str, tuple[Path, Path]], ...]) -> Functions:
+    """The library's functions with the user's before them; the same object for the same files as they are now."""
+    return Functions(own, twice, {**_bundled_files()["function"], **{name: path for name, path, _ in own}})
+
+
+def joined_functions(folder: Path, inherited: Functions, own: Functions) -> Functions:
+    """The functions that a diagram in a folder knows which extends one of another folder: its own before the inherited."""
+    local = {entry[0]: entry for entry in own.own if folder.resolve() in entry[1].resolve().parents}
+    if not local:
+        return inherited
+    every = {**{entry[0]: entry for entry in inherited.own}, **local}
+    return _functions(tuple(every.values()), tuple({**dict(inherited.twice), **dict(own.twice)}.items()))
+
+
+def _stamp(path: Path) -> tuple[int, int]:
+    status = path.stat()
+    return status.st_mtime_ns, status.st_size
 
 
 def is_bundled(path: Path) -> bool:
@@ -85,22 +174,33 @@ def example(component: Component) -> Path | None:
     return path if inside and path.is_file() else None
 
 
+def called_functions(component: Component) -> list[Function]:
+    """The functions of files that a component calls, in the order of its file."""
+    formulas = [component.stores, component.dissipates, component.unbalanced, *component.requires]
+    for event in component.when:
+        formulas += [event.formula, *(reset.value for reset in event.resets)]
+    trees = [side for line in component.equations for side in (line.tree.left, line.tree.right)]
+    trees += [formula.tree for formula in formulas if formula is not None]
+    return list(dict.fromkeys(function for tree in trees for function in functions_in(tree)))
+
+
 @lru_cache(maxsize=1)
-def _bundled_files() -> Dictionary[str, Path]:
-    files: dict[str, Path] = {}
+def _bundled_files() -> dict[str, dict[str, Path]]:
+    files: dict[str, dict[str, Path]] = {"component": {}, "function": {}}
     for path in sorted(bundled("components").rglob("*.yaml")):
-        if name := _name_in(path):
-            files[name] = path
+        kind, name = _head_of(path)
+        if name:
+            files[kind][name] = path
     return files
 
 
-def _name_in(path: Path) -> str:
-    """The name of the component that a file describes, empty where it describes none."""
+def _head_of(path: Path) -> tuple[str, str]:
+    """Whether a file describes a component or a function, and its name; empty where it describes neither."""
     try:
         found = _HEAD.search(read_text(path))
     except ModelError:
-        return ""  # an unreadable neighbour is no fault of the diagram that is being loaded
-    return found.group(1) if found else ""
+        return "", ""  # an unreadable neighbour is no fault of the diagram that is being loaded
+    return (found.group(1), found.group(2)) if found else ("", "")
 
 
 @lru_cache(maxsize=1)
@@ -185,21 +285,19 @@ def _figure(entry: Mapping, key: str, problems: Problems) -> float | None:
 
 
 @lru_cache(maxsize=1024)
-def _load_cached(path: Path, shown: str, stamp: tuple[int, int], names: tuple[str, ...]) -> Component:
-    return parse_component(read(path, shown, bundled=is_bundled(path)), domains())
+def _load_cached(path: Path, shown: str, stamp: tuple[int, int], names: tuple[str, ...], functions: Functions) -> Component:
+    with calling(functions):
+        return parse_component(read(path, shown, bundled=is_bundled(path)), domains())
 
 
-def _load(path: Path, domains: tuple[Domain, ...]) -> Component:
-    status = path.stat()
-    stamp = (status.st_mtime_ns, status.st_size)
-    return _load_cached(path.resolve(), shown_path(path), stamp, tuple(d.name for d in domains))
+def _load(path: Path, domains: tuple[Domain, ...], functions: Functions) -> Component:
+    return _load_cached(path.resolve(), shown_path(path), _stamp(path), tuple(d.name for d in domains), functions)
 
 
 def _foreign(path: Path, place: Place | None) -> Component:
     """The component that an FMU amounts to."""
-    status = path.stat()
     try:
-        return _foreign_cached(path.resolve(), (status.st_mtime_ns, status.st_size))
+        return _foreign_cached(path.resolve(), _stamp(path))
     except ModelError as error:
         raise ModelError([replace(p, place=p.place or place) for p in error.problems]) from error
 

@@ -13,7 +13,7 @@ from heavebond.core.errors import HeavebondError, ModelError, Place, Problem, Pr
 from heavebond.core.presentation import brief, count
 from heavebond.language import reading
 from heavebond.language.definition import Body, End, FileInput, Instance, Value, Wire
-from heavebond.language.library import Library, bundled, is_bundled, library, shown_path
+from heavebond.language.library import Library, bundled, is_bundled, joined_functions, library, shown_path
 from heavebond.language.sections import (
     Condition,
     Initial,
@@ -25,7 +25,7 @@ from heavebond.language.sections import (
     read_show,
 )
 from heavebond.language.view import ViewShape, read_view
-from heavebond.text.expression import Number
+from heavebond.text.expression import Number, calling
 from heavebond.text.yaml_source import Node, Scalar, Source, parse, read
 
 if TYPE_CHECKING:
@@ -230,7 +230,8 @@ def extended(base: Model, source: Source) -> Model:
     """The diagram that a source which `extends` the diagram `base` describes; ModelError with what is wrong."""
     problems = Problems()
     reading.known_keys(source.root, MODEL_KEYS, "a diagram", problems)
-    model = _changed(base, source, problems)
+    with calling(base.library.functions):
+        model = _changed(base, source, problems)
     problems.raise_as(ModelError)
     return model
 
@@ -238,12 +239,14 @@ def extended(base: Model, source: Source) -> Model:
 def _other_kind(source: Source) -> tuple[str, str]:
     """What a file that is no diagram is, and what to do."""
     items = source.root.items
-    for kind, article in (("experiment", "an"), ("study", "a"), ("component", "a")):
+    for kind, article in (("experiment", "an"), ("study", "a"), ("component", "a"), ("function", "a")):
         if isinstance(head := items.get(kind), Scalar):
             said = f"{source.name} is no diagram; it describes {article} {kind}, '{head.text}'"
             diagram = items.get("model")
             if kind == "component":
                 return said, f"A diagram uses it under `components:`, as in `part: {{is: {head.text}, ...}}`."
+            if kind == "function":
+                return said, f"Equations call it: `{head.text}(...)`."
             return said, f"Its diagram is {diagram.text}." if isinstance(diagram, Scalar) else "Give its diagram."
     return f"{source.name} is no diagram", suggest("model", items) or "A diagram begins with `model: name`."
 
@@ -282,7 +285,8 @@ def _base(source: Source, chain: tuple[Path, ...]) -> Model:
 def _joined_library(folder: Path, inherited: Library) -> Library:
     own = library([folder])
     local = {n: p for n, p in own.files.items() if folder.resolve() in p.resolve().parents}
-    return Library(inherited.domains, {**inherited.files, **local}, {**inherited.twice, **own.twice})
+    return Library(inherited.domains, {**inherited.files, **local}, {**inherited.twice, **own.twice},
+                   joined_functions(folder, inherited.functions, own.functions))
 
 
 def _changed(base: Model, source: Source, problems: Problems) -> Model:

@@ -114,6 +114,8 @@ def parsed(parser: Callable[[str], T], content: str, place: Place, problems: Pro
         return parser(content)
     except ExpressionProblem as problem:
         add_expression_problem(problem, place, problems)
+    except HeavebondError as error:  # the file of a function that it calls
+        problems.extend(error)
     return None
 
 

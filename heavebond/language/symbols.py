@@ -15,6 +15,8 @@ from heavebond.text.expression import (
     Compare,
     Expr,
     ExpressionProblem,
+    Function,
+    FunctionCall,
     Logic,
     Name,
     Negative,
@@ -39,20 +41,23 @@ _ONE_ARGUMENT: dict[str, Callable[[ca.SX], ca.SX]] = {
     "sqrt": ca.sqrt, "exp": ca.exp, "log": ca.log, "sin": ca.sin, "cos": ca.cos, "tan": ca.tan, "tanh": ca.tanh,
     "asin": ca.asin, "acos": ca.acos, "atan": ca.atan, "abs": ca.fabs, "sign": ca.sign, "floor": ca.floor,
 }
+# by the function and the hashes of its arguments: these, which keep the hashes their own, and the value of each name inside
+Called = dict[tuple[str, tuple[int, ...]], tuple[list[ca.SX], dict[str, ca.SX]]]
 Derivative = Callable[[ca.SX], ca.SX]
 Lookup = Callable[[str, Name], ca.SX]
 
 
 @dataclass(frozen=True)
 class Context:
-    """What an expression is evaluated in: names to SX, d/dt of an SX, whole numbers, array ports and their size, and of how
-    many terms the sums around it already are."""
+    """What an expression is evaluated in: names to SX, d/dt of an SX, whole numbers, array ports and their size, of how many
+    terms the sums around it already are, and what functions gave for arguments that they were called with before."""
 
     lookup: Lookup
     der: Derivative
     integers: Mapping[str, int] = field(default_factory=dict)
     arrays: Mapping[str, int] = field(default_factory=dict)
     terms: int = 1
+    called: Called = field(default_factory=dict)
 
 
 def stack(items: Iterable[ca.SX]) -> ca.SX:
@@ -79,6 +84,8 @@ def evaluate(expr: Expr, context: Context) -> ca.SX:
         return _binary(expr, context)
     if isinstance(expr, Call):
         return _call(expr, context)
+    if isinstance(expr, FunctionCall):
+        return _function_call(expr, context)
     if isinstance(expr, SumOver):
         return _sum_over(expr, context)
     if isinstance(expr, Compare):
@@ -170,13 +177,34 @@ def _call(expr: Call, context: Context) -> ca.SX:
     return args[0] / ca.sqrt(ca.sqrt(args[0] ** 2 + args[1] ** 2))
 
 
+def _function_call(expr: FunctionCall, context: Context) -> ca.SX:
+    """The output of a function, written out: what follows differentiates through it. Outputs of one call share its steps."""
+    args = [evaluate(arg, context) for arg in expr.args]
+    key = (str(expr.function.path) + expr.function.name, tuple(arg.element_hash() for arg in args))
+    if key not in context.called:
+        context.called[key] = args, stepwise(expr.function, args)
+    return context.called[key][1][expr.output]
+
+
+def stepwise(function: Function, args: Iterable[ca.SX]) -> dict[str, ca.SX]:
+    """The value of every name in a function: its inputs, its constants and its steps."""
+    values = dict(zip(function.inputs, args, strict=True))
+    values.update({name: ca.SX(constant.value or 0.0) for name, constant in function.constants.items()})
+    # its file was checked: it calls no der, and knows every name
+    context = Context(lambda text, name: values[text], lambda expression: expression)
+    for step in function.steps:
+        values[step.name] = evaluate(step.expr, context)
+    return values
+
+
 def _sum_over(expr: SumOver, context: Context) -> ca.SX:
     total, low, high = ca.SX(0), _integer(expr.low, context), _integer(expr.high, context)
     terms = context.terms * max(1, high - low + 1)
     if terms > TERMS:  # bounds may be parameters, or the index of a sum around this one
         raise too_long(expr.column)
     for k in range(low, high + 1):
-        inner = Context(context.lookup, context.der, {**context.integers, expr.index: k}, context.arrays, terms)
+        inner = Context(context.lookup, context.der, {**context.integers, expr.index: k}, context.arrays, terms,
+                        context.called)
         total = total + evaluate(expr.body, inner)
     return total
 
@@ -214,11 +242,27 @@ def nonsmooth(expr: Expr, constants: Callable[[str], bool]) -> str | None:
         return None
     if isinstance(expr, Call) and expr.function in NONSMOOTH and varies(expr, constants):
         return expr.function
+    if isinstance(expr, FunctionCall) and (inside := _kink_inside(expr, constants)):
+        return inside
     return next((found for child in children(expr) if (found := nonsmooth(child, constants))), None)
+
+
+def _kink_inside(call: FunctionCall, constants: Callable[[str], bool]) -> str | None:
+    """The first kink in something that varies, in the steps on which the output of a call depends."""
+    function = call.function
+    moving = {name for name, arg in zip(function.inputs, call.args, strict=True) if varies(arg, constants)}
+    for step in function.needed(call.output):
+        if found := nonsmooth(step.expr, lambda text: text not in moving):
+            return found
+        if varies(step.expr, lambda text: text not in moving):
+            moving.add(step.name)
+    return None
 
 
 def kinked(expr: Expr, among: Container[str]) -> bool:
     """Whether one of these names stands inside a function that has a kink."""
     if isinstance(expr, Call) and expr.function in NONSMOOTH and any(n.text in among for n in names(expr)):
+        return True
+    if isinstance(expr, FunctionCall) and _kink_inside(expr, lambda text: text not in among):
         return True
     return any(kinked(child, among) for child in children(expr))

@@ -12,7 +12,7 @@ import casadi as ca
 from heavebond.core.errors import ModelError, Place, Problem, listing, suggest
 from heavebond.language.definition import Component, Domain, EventDefinition, Formula, Variable
 from heavebond.language.incidence import Entry, Interval, classify
-from heavebond.language.symbols import Context, evaluate, indicator, nonsmooth, stack
+from heavebond.language.symbols import Called, Context, evaluate, indicator, nonsmooth, stack
 from heavebond.text.expression import Expr, ExpressionProblem, Name, names
 
 # der(der(x)) is as far as a component's own text goes; index reduction differentiates on the flat model
@@ -103,7 +103,11 @@ class _Builder:
         for slot in self._slots():
             for level in range(LEVELS):
                 self.levels[level][slot] = ca.SX.sym("d" * level + slot)
-        self.context = Context(self._lookup, self._der, integers, self.arrays)
+        self.called: Called = {}
+        self.context = self._context({})
+
+    def _context(self, index: Mapping[str, int]) -> Context:
+        return Context(self._lookup, self._der, {**self.integers, **index}, self.arrays, called=self.called)
 
     def _count(self, expr: Expr) -> int:
         context = Context(self._lookup_nothing, lambda x: x, self.integers)
@@ -173,13 +177,13 @@ class _Builder:
         for equation in self.component.equations:
             constant = self._constants({*known, equation.each[0]} if equation.each else known)
             for index in self._indices(equation.each, equation.place):
-                self.context = Context(self._lookup, self._der, {**self.integers, **index}, self.arrays)
+                self.context = self._context(index)
                 left = self._evaluated(equation.tree.left, equation.place)
                 right = self._evaluated(equation.tree.right, equation.place)
                 kink = nonsmooth(equation.tree.left, constant) or nonsmooth(equation.tree.right, constant)
                 lines.append(Line(equation.label, equation.text.strip(), equation.place, kink))
                 residuals.append(left - right)
-        self.context = Context(self._lookup, self._der, self.integers, self.arrays)
+        self.context = self._context({})
         return lines, residuals
 
     @staticmethod

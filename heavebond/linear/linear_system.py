@@ -30,7 +30,7 @@ from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.result import unknown_signal
 from heavebond.numerics.simulator import Time
 from heavebond.numerics.start_equations import Point
-from heavebond.text.expression import ExpressionProblem, names, parse_formula
+from heavebond.text.expression import ExpressionProblem, names
 
 Complex = NDArray[np.complex128]
 
@@ -244,11 +244,11 @@ class StateSpaces:
 
     def __init__(self, model: Model, inputs: Sequence[str], outputs: Sequence[str], at: Time | None = None):
         self.inputs, self.outputs = tuple(dict.fromkeys(inputs)), tuple(dict.fromkeys(outputs))
-        plain = OperatingPoints(model, at, also=_named(self.outputs))
+        plain = OperatingPoints(model, at, also=_named(model, self.outputs))
         known = plain.assembly.parameter_names
         self._added = [name for name in self.inputs if name not in known]
         self._given = [name for name in self.inputs if name in known]
-        self.points = OperatingPoints(model, at, disturbances=self._added, also=_named(self.outputs)) \
+        self.points = OperatingPoints(model, at, disturbances=self._added, also=_named(model, self.outputs)) \
             if self._added else plain
         self._linearisation = Linearisation(self.points.assembly, self._given, self.outputs,
                                             [inner_name(name) for name in self._added])
@@ -306,12 +306,12 @@ def _balanced(b: Array, c: Array, d: Array, higher: Array, largest: float) -> tu
     return b / largest / left, c / right, d / (left * right), higher * largest / (left * right)
 
 
-def _named(formulas: Sequence[str]) -> set[str]:
+def _named(model: Model, formulas: Sequence[str]) -> set[str]:
     """The names in formulas; what cannot be read is complained about later."""
     found = set()
     for text in formulas:
         try:
-            found |= {name.text for name in names(parse_formula(text))}
+            found |= {name.text for name in names(model.library.formula(text))}
         except ExpressionProblem:
             continue
     return found
@@ -329,6 +329,7 @@ def _units(assembly: Assembly, inputs: Sequence[str], outputs: Sequence[str]
 def _unit(assembly: Assembly, name: str) -> str:
     shown = assembly.model.show.get(name)
     try:
-        return dimension_text(assembly.resolver().dimension(parse_formula(name) if shown is None else shown.expr) or ())
+        formula = assembly.model.library.formula(name) if shown is None else shown.expr
+        return dimension_text(assembly.resolver().dimension(formula) or ())
     except ExpressionProblem as problem:
         raise unknown_signal(assembly, name, problem) from None

@@ -23,7 +23,7 @@ from heavebond.numerics.initialise import start
 from heavebond.numerics.result import columns
 from heavebond.numerics.simulator import Simulator, Time, grid, seconds
 from heavebond.numerics.start_equations import Point, StartEquations
-from heavebond.text.expression import Call, Expr, children, names
+from heavebond.text.expression import Call, Expr, FunctionCall, children, inside, names
 
 MOST_STEPS = 20
 STEADY = "steady"
@@ -114,7 +114,7 @@ def _asked(expr: Expr) -> Iterator[str]:
     """The names in the conditions of an expression."""
     if isinstance(expr, Call) and expr.function == "if_else":
         yield from (name.text for name in names(expr.args[0]))
-    for child in children(expr):
+    for child in (*children(expr), *(inside(expr) if isinstance(expr, FunctionCall) else ())):
         yield from _asked(child)
 
 

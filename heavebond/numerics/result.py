@@ -23,7 +23,7 @@ from heavebond.numerics.initialise import Start
 from heavebond.numerics.run_verdict import NOT_BECOME, Finding, Verdict
 from heavebond.numerics.validity import RunSection, judged
 from heavebond.records.saved_runs import SavedRun, Signals, check_si, write_run
-from heavebond.text.expression import ExpressionProblem, parse_formula
+from heavebond.text.expression import ExpressionProblem
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -129,7 +129,7 @@ class Result:
             return self.assembly.flat.unknowns[index].unit.text
         resolver = self.assembly.resolver()
         try:
-            return dimension_text(resolver.dimension(parse_formula(name)) or ())
+            return dimension_text(resolver.dimension(self.assembly.model.library.formula(name)) or ())
         except ExpressionProblem as problem:
             raise unknown_signal(self.assembly, name, problem) from None
 
@@ -347,7 +347,7 @@ def signal_expression(assembly: Assembly, name: str, si: bool = False) -> ca.SX:
     shown = None if si else assembly.model.show.get(name)
     try:
         if shown is None:
-            return assembly.expression(parse_formula(name))
+            return assembly.expression(assembly.model.library.formula(name))
         unit = read_unit(shown.unit)
         return (assembly.expression(shown.expr) - unit.offset) / unit.scale
     except ExpressionProblem as problem:

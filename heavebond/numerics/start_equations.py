@@ -18,7 +18,7 @@ from heavebond.language.smoothing import SmoothedColumn, rounded
 from heavebond.language.symbols import CORNERS, split, stack
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.matrices import MATRICES, Matrix
-from heavebond.text.expression import Call, Expr, Name, children, parse_formula
+from heavebond.text.expression import Call, Expr, FunctionCall, Name, children, inside
 
 # functions whose second argument is the width over which they turn
 REGULARISED = ("smooth_sign", "signed_sqrt")
@@ -189,7 +189,7 @@ class StartEquations:
         assembly = self.assembly
         number = assembly.flat.constants.get(f"initial.{condition.name}")
         value = assembly.expression(condition.value.expr) if number is None or condition.guess else number
-        return StartRow(assembly.expression(parse_formula(condition.name)) - value,
+        return StartRow(assembly.expression(assembly.model.library.formula(condition.name)) - value,
                         f"{condition.name} = {condition.value.text.lstrip('= ')}", condition.place, name=condition.name)
 
     def _system(self, rows: list[StartRow]) -> StartSystem:
@@ -272,5 +272,5 @@ def _widths(expr: Expr) -> Iterator[str]:
     """The names of second arguments of `smooth_sign` and `signed_sqrt`."""
     if isinstance(expr, Call) and expr.function in REGULARISED and isinstance(expr.args[1], Name):
         yield expr.args[1].text
-    for child in children(expr):
+    for child in (*children(expr), *(inside(expr) if isinstance(expr, FunctionCall) else ())):
         yield from _widths(child)

@@ -18,7 +18,7 @@ Inside a cost stand, beside the usual functions, with T the length of the time t
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from heavebond.core.errors import Place, Problem, UsageError, suggest
 from heavebond.core.units import ONE, Dimension, dimension_text, read_unit, times
+from heavebond.language.library import Library
 from heavebond.language.symbols import stack
 from heavebond.linear.modal_values import NUMBERS, WHICH, ModalNumbers, part_of
 from heavebond.numerics.dae import Array, Assembly, Factors
@@ -38,12 +39,12 @@ from heavebond.text.expression import (
     Compare,
     Expr,
     ExpressionProblem,
+    FunctionCall,
     Name,
     Negative,
     children,
     constant,
     names,
-    parse_formula,
 )
 
 FUNCTIONALS = {"integral": 1, "mean": 1, "rms": 1, "peak": 1, "final": 1, "ref": 1,
@@ -99,13 +100,13 @@ class Cost:
 
 def read_cost(assembly: Assembly, text: str) -> Cost:
     """A cost from its text; UsageError with a caret for what is wrong in it."""
-    return _Reader(assembly, text).cost(parse(text))
+    return _Reader(assembly, text).cost(parse(text, assembly.model.library))
 
 
 def read_limit(assembly: Assembly, text: str) -> Cost:
     """`peak(extension) < 3.8 m` as a cost that is below zero where the limit is kept: relative to its right side, or in SI
     where that is zero or no plain quantity."""
-    tree = parse(text)
+    tree = parse(text, assembly.model.library)
     if not isinstance(tree, Compare) or tree.op not in ("<", "<=", ">", ">="):
         raise _problem(text, ExpressionProblem("limit-form", "a limit says what is below or above what", 0, len(text),
                                                "Write for example `peak(extension) < 3.8 m` or `damping(least) > 0.1`."))
@@ -116,10 +117,10 @@ def read_limit(assembly: Assembly, text: str) -> Cost:
     return _Reader(assembly, text).cost(excess)
 
 
-def parse(text: str) -> Expr:
+def parse(text: str, library: Library) -> Expr:
     """The tree of a cost; UsageError with a caret for what is wrong in it."""
     try:
-        return parse_formula(text, functions=FUNCTIONALS)
+        return library.formula(text, FUNCTIONALS)
     except ExpressionProblem as problem:
         raise _problem(text, problem) from None
 
@@ -207,6 +208,8 @@ class _Reader:
             return Negative(self._stood_in(expr.operand, reference, stood), expr.column)
         if isinstance(expr, Call):
             return Call(expr.function, tuple(self._stood_in(a, reference, stood) for a in expr.args), expr.column)
+        if isinstance(expr, FunctionCall):
+            return replace(expr, args=tuple(self._stood_in(a, reference, stood) for a in expr.args))
         flat = self.assembly.flat
         if isinstance(expr, Name) and (expr.text in flat.names or expr.text in self.outputs
                                        or any(h.name == expr.text for h in flat.held)):

@@ -11,7 +11,7 @@ import numpy as np
 from heavebond.language.symbols import stack
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.result import Result, columns
-from heavebond.text.expression import ExpressionProblem, parse_formula
+from heavebond.text.expression import ExpressionProblem
 
 _DIFFERENCES = {ca.OP_FMAX: "max", ca.OP_FMIN: "min", ca.OP_LT: "if_else", ca.OP_LE: "if_else", ca.OP_EQ: "if_else",
                 ca.OP_NE: "if_else"}
@@ -73,7 +73,7 @@ def _of_equations(assembly: Assembly) -> Iterator[Kink]:
 def _of_signals(assembly: Assembly, signals: Iterable[str]) -> Iterator[Kink]:
     for name in signals:
         shown = assembly.model.show.get(name)
-        formula = assembly.resolver().evaluate(shown.expr if shown else parse_formula(name))
+        formula = assembly.resolver().evaluate(shown.expr if shown else assembly.model.library.formula(name))
         yield from _expressed(assembly, formula, f"the signal {name}", name)
 
 

@@ -1,4 +1,5 @@
-"""The component library as pages: one for each component, made from its file alone, an index of each domain, one of all.
+"""The library as pages: one for each component and each function, made from its file alone, an index of each domain, one of
+all.
 
     pages()  ->  {"index.md": ..., "pneumatic/receiver.md": ..., "pneumatic/receiver.svg": ..., ...}
 
@@ -15,9 +16,9 @@ from pathlib import Path
 from heavebond.core.presentation import number, unit_label
 from heavebond.core.writable import write_text
 from heavebond.language.definition import Component, Domain, EquationLine, Parameter, SearchRange, Variable
-from heavebond.language.library import bundled, example, library
+from heavebond.language.library import bundled, called_functions, example, library
 from heavebond.pictures.drawing import symbol_picture
-from heavebond.text.expression import Name
+from heavebond.text.expression import Equation, Function, Name
 from heavebond.text.tex import equation_tex, formula_tex, symbol_tex, text_tex
 from heavebond.text.yaml_source import read_text
 
@@ -41,7 +42,13 @@ def pages() -> dict[str, str]:
         found[place.with_suffix(".md").as_posix()] = _page(component, known.domains)
         found[place.with_suffix(".svg").as_posix()] = symbol_picture(component)
     by_domain = {f"{domain}/index.md": _domain_index(domain, components) for domain, components in domains.items()}
-    return {"index.md": _index(domains), **by_domain, **found}
+    callers: dict[str, list[Component]] = {name: [] for name in known.functions}
+    for component in (c for components in domains.values() for c in components):
+        for function in called_functions(component):
+            callers[function.name].append(component)
+    functions = [known.functions[name] for name in sorted(known.functions)]
+    found.update({f"functions/{f.name}.md": _function_page(f, callers[f.name], root) for f in functions})
+    return {"index.md": _index(domains, functions), "functions/index.md": _function_index(functions), **by_domain, **found}
 
 
 def write_pages(folder: Path) -> int:
@@ -58,14 +65,45 @@ def write_pages(folder: Path) -> int:
     return sum(name.endswith(".svg") for name in made)
 
 
-def _index(domains: dict[str, list[Component]]) -> str:
+def _index(domains: dict[str, list[Component]], functions: Sequence[Function]) -> str:
     rows = [(f"[{domain.replace('_', ' ')}]({domain}/index.md)", str(len(components)),
              ", ".join(f"[{c.name}]({domain}/{c.path.stem}.md)" for c in _sorted(components)))
             for domain, components in domains.items()]
     return "\n".join([GENERATED, "", "# Components", "",
                       "Every component of the library by domain. A component of your own is a file beside your diagram, see",
                       "[your own component](../tutorials/own_component.md).", "",
-                      *_table(("domain", "components", "which"), rows)]) + "\n"
+                      *_table(("domain", "components", "which"), rows), "",
+                      "Laws that several components share are [functions](functions/index.md): "
+                      + ", ".join(f"[{f.name}](functions/{f.name}.md)" for f in functions) + "."]) + "\n"
+
+
+def _function_index(functions: Sequence[Function]) -> str:
+    rows = [(f"[{f.name}]({f.name}.md)", _prose(f.summary)) for f in functions]
+    return "\n".join([GENERATED, "", "# Functions", "", "[All domains](../index.md)", "",
+                      "A function is a law that several components share. It is called in equations by its name, see",
+                      "[functions](../../language.md#functions).", "", *_table(("function", "what it gives"), rows)]) + "\n"
+
+
+def _function_page(function: Function, callers: Sequence[Component], root: Path) -> str:
+    own = {step.name for step in function.steps} | {*function.inputs, *function.constants}
+    steps = [f"{equation_tex(Equation(Name((s.name,), 0, 0), s.expr), own)} && {text_tex(s.label)}" for s in function.steps]
+    inputs, outputs = ([(f"`{q.name}`", f"${symbol_tex(q.name)}$", _unit(q.unit.text), _prose(q.doc))
+                        for q in group.values()] for group in (function.inputs, function.outputs))
+    constants = [(f"`{q.name}`", f"${symbol_tex(q.name)}$", _unit(q.unit.text), number(q.value or 0.0), _prose(q.doc))
+                 for q in function.constants.values()]
+    used = [f"[{c.name}](../{c.path.resolve().relative_to(root).with_suffix('.md').as_posix()})"
+            for c in _sorted([*callers])]
+    lines = [GENERATED, "", f"# {function.name}", "",
+             f"**Restrictions.** {_prose(function.restrictions or 'None are stated.')}", "", _prose(function.summary), "",
+             f"A call is written `{function.usage}`."]
+    for title, body in (("Inputs", _table(("input", "", "unit", "meaning"), inputs)),
+                        ("Outputs", _table(("output", "", "unit", "meaning"), outputs)),
+                        ("Constants", _table(("constant", "", "unit", "value", "meaning"), constants)),
+                        ("Equations", _aligned(steps)), ("Source", [_prose(function.source)] if function.source else []),
+                        ("Used by", [", ".join(used) + "."] if used else [])):
+        if body:
+            lines += ["", f"## {title}", "", *body]
+    return "\n".join(lines) + "\n"
 
 
 def _domain_index(domain: str, components: list[Component]) -> str:
@@ -130,7 +168,8 @@ def _parts(component: Component) -> list[str]:
 
 def _equations(component: Component) -> list[str]:
     rows = [_equation(line, component.variables | component.parameters) for line in component.equations]
-    return _aligned(rows)
+    called = ", ".join(f"[{f.name}](../functions/{f.name}.md)" for f in called_functions(component))
+    return [*_aligned(rows), *(["", f"Functions: {called}."] if called else [])]
 
 
 def _equation(line: EquationLine, own: Iterable[str]) -> str:

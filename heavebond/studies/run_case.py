@@ -30,7 +30,7 @@ from heavebond.optimise.objective import Objective, check_free, check_smooth
 from heavebond.optimise.tuning import Tuned, sweep_in_turn, tune
 from heavebond.studies.axes import StudyCase, case_at, changed
 from heavebond.studies.study import COST, SIMULATIONS, Calibration, Measure, PackedCase, Procedure, Study
-from heavebond.text.expression import ExpressionProblem, names, parse_formula
+from heavebond.text.expression import ExpressionProblem, names
 
 # Signals of pictures are kept to so many digits, on at most so many points.
 DIGITS = 7
@@ -294,7 +294,7 @@ def _check_signal(assembly: Assembly, name: str) -> None:
     if name in assembly.model.show:
         return
     try:
-        formula = parse_formula(name)
+        formula = assembly.model.library.formula(name)
         assembly.resolver().dimension(formula)
         assembly.expression(formula)
     except ExpressionProblem as problem:
@@ -330,5 +330,5 @@ def named_in(study: Study) -> set[str]:
     found: set[str] = set()
     for text in texts:
         with suppress(ExpressionProblem):
-            found |= {name.text for name in names(parse_formula(text, functions=FUNCTIONALS))}
+            found |= {name.text for name in names(study.model.library.formula(text, FUNCTIONALS))}
     return found

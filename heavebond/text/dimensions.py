@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from fractions import Fraction
 
-from heavebond.core.units import ONE, Dimension, dimension_text, times
+from heavebond.core.units import ONE, Dimension, dimension_text, is_generic, times
 from heavebond.text.expression import (
     Binary,
     Call,
@@ -13,6 +13,7 @@ from heavebond.text.expression import (
     Equation,
     Expr,
     ExpressionProblem,
+    FunctionCall,
     Logic,
     Name,
     Negative,
@@ -57,6 +58,8 @@ def dimension(expr: Expr, lookup: Lookup) -> Dimension | None:
         return _binary(expr, lookup)
     if isinstance(expr, Call):
         return _call(expr, lookup)
+    if isinstance(expr, FunctionCall):
+        return _function_call(expr, lookup)
     if isinstance(expr, SumOver):
         return number_dimension(expr.body, lambda name: ONE if name.text == expr.index else lookup(name))
     return _truth(expr, lookup)
@@ -129,6 +132,39 @@ def _call(expr: Call, lookup: Lookup) -> Dimension | None:
     if name == "signed_sqrt":
         return ANY if common is ANY else times(ONE, common, Fraction(1, 2))
     return common
+
+
+def _function_call(expr: FunctionCall, lookup: Lookup) -> Dimension | None:
+    """The dimension of the output; each argument has the unit of its input. Units that are open there (`$U`) are solved by
+    the first argument that has them; those of the caller may be open too, and are another thing."""
+    units: dict[str, Dimension] = {}
+    for arg, wanted in zip(expr.args, expr.function.inputs.values(), strict=True):
+        found = number_dimension(arg, lookup)
+        known, unsolved = _put_in(wanted.unit.dimension, units)
+        if found is ANY:
+            continue
+        if len(unsolved) == 1:
+            (base, power), = unsolved
+            units[base] = times(ONE, times(found, known, -1), 1 / power)
+        elif not unsolved and found != known:
+            raise ExpressionProblem("units-argument", f"argument {wanted.name} of {expr.function.name} must be "
+                                    f"{_in(known)}; this is {_in(found)}", _start(arg), hint=f"{wanted.name} is "
+                                    f"{wanted.doc or f'an input of {expr.function.name}'}" + _factor(known, found))
+    known, unsolved = _put_in(expr.function.outputs[expr.output].unit.dimension, units)
+    return ANY if unsolved else known
+
+
+def _put_in(declared: Dimension, units: Mapping[str, Dimension]) -> tuple[Dimension, list[tuple[str, Fraction]]]:
+    """A declared unit with the open ones that are known put in, and those that are not with their powers."""
+    if not is_generic(declared):
+        return declared, []
+    known, unsolved = ONE, []
+    for base, power in declared:
+        if base.startswith("$") and base not in units:
+            unsolved.append((base, power))
+        else:
+            known = times(known, units.get(base, ((base, Fraction(1)),)), power)
+    return known, unsolved
 
 
 def _truth(expr: Compare | Logic | Not, lookup: Lookup) -> Dimension:

@@ -6,7 +6,7 @@
     product    = unary (('*'|'/') unary)*
     unary      = '-' unary | power
     power      = atom ('**' unary)?
-    atom       = number [unit] | name ('.' name | '[' sum ']')* | function '(' ... ')' | '(' formula ')'
+    atom       = number [unit] | name ('.' name | '[' sum ']')* | function '(' ... ')' ['.' name] | '(' formula ')'
 
 Units after a number (`2 * 460 L/min`) are understood in diagrams only; component equations know declared names, plain
 numbers and a bare 0.
@@ -14,16 +14,34 @@ numbers and a bare 0.
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import Union
+from contextvars import ContextVar
 
 from heavebond.core.errors import suggest
 from heavebond.core.limits import BRACKETS, FORMULA, OPERATIONS, TERMS
 from heavebond.core.limits import NUMBER as LARGEST
-from heavebond.core.units import TOO_LARGE, Unit, UnitProblem, read_unit
+from heavebond.core.units import TOO_LARGE, UnitProblem, read_unit
+from heavebond.text.syntax import Binary as Binary
+from heavebond.text.syntax import Call as Call
+from heavebond.text.syntax import Compare as Compare
+from heavebond.text.syntax import Equation as Equation
+from heavebond.text.syntax import Expr as Expr
+from heavebond.text.syntax import Function as Function
+from heavebond.text.syntax import FunctionCall as FunctionCall
+from heavebond.text.syntax import Logic as Logic
+from heavebond.text.syntax import Name as Name
+from heavebond.text.syntax import Negative as Negative
+from heavebond.text.syntax import Not as Not
+from heavebond.text.syntax import Number as Number
+from heavebond.text.syntax import Quantity as Quantity
+from heavebond.text.syntax import Step as Step
+from heavebond.text.syntax import SumOver as SumOver
+from heavebond.text.syntax import children as children
+from heavebond.text.syntax import constant as constant
+from heavebond.text.syntax import functions_in as functions_in
+from heavebond.text.syntax import inside as inside
+from heavebond.text.syntax import names as names
 from heavebond.text.tokens import KEYWORDS as KEYWORDS
 from heavebond.text.tokens import ExpressionProblem as ExpressionProblem
 from heavebond.text.tokens import Token, tokens
@@ -39,113 +57,18 @@ USAGE = {"min": "min(a, b)", "max": "max(a, b)", "smooth_sign": "smooth_sign(v, 
          "signed_sqrt": "signed_sqrt(dp, dp_t)", "if_else": "if_else(a > b, x, y)"}
 SUM_FORM = "A sum is written `sum(... for i in 1..n)`."
 COMPARISONS = ("<=", ">=", "==", "!=", "<", ">")
-
-Expr = Union["Number", "Name", "Call", "Binary", "Negative", "Compare", "Logic", "Not", "SumOver"]
-
-
-@dataclass(frozen=True)
-class Number:
-    """A number in SI, `unit` None where none was written."""
-
-    value: float
-    unit: Unit | None
-    column: int
+Functions = Mapping[str, Function]  # those of files, by name; one is read when it is first asked for
+_defined: ContextVar[Functions] = ContextVar("defined", default={})  # noqa: B039 - a mapping that nobody changes
 
 
-@dataclass(frozen=True)
-class Name:
-    """A dotted name; a part in brackets (`p[i]`) is kept as an expression after its name."""
-
-    parts: tuple[str | Expr, ...]
-    column: int
-    length: int
-
-    @property
-    def text(self) -> str:
-        """`a.x`, or `p[2].effort` where every index is a number."""
-        words: list[str] = []
-        for part in self.parts:
-            if isinstance(part, str):
-                words.append(part)
-            elif isinstance(part, Number):
-                words[-1] += f"[{int(part.value)}]"
-            else:
-                words[-1] += "[...]"
-        return ".".join(words)
-
-
-@dataclass(frozen=True)
-class Call:
-    """function(args)."""
-
-    function: str
-    args: tuple[Expr, ...]
-    column: int
-
-
-@dataclass(frozen=True)
-class Binary:
-    """left op right, op one of + - * / **."""
-
-    op: str
-    left: Expr
-    right: Expr
-    column: int
-
-
-@dataclass(frozen=True)
-class Negative:
-    """-operand."""
-
-    operand: Expr
-    column: int
-
-
-@dataclass(frozen=True)
-class Compare:
-    """left op right, op one of < <= > >= == !=."""
-
-    op: str
-    left: Expr
-    right: Expr
-    column: int
-
-
-@dataclass(frozen=True)
-class Logic:
-    """left and/or right."""
-
-    op: str
-    left: Expr
-    right: Expr
-    column: int
-
-
-@dataclass(frozen=True)
-class Not:
-    """not operand."""
-
-    operand: Expr
-    column: int
-
-
-@dataclass(frozen=True)
-class SumOver:
-    """sum(body for index in low..high)."""
-
-    body: Expr
-    index: str
-    low: Expr
-    high: Expr
-    column: int
-
-
-@dataclass(frozen=True)
-class Equation:
-    """left = right."""
-
-    left: Expr
-    right: Expr
+@contextmanager
+def calling(defined: Functions) -> Iterator[None]:
+    """What is parsed within may call the functions that files define, beside those of the language."""
+    before = _defined.set(defined)
+    try:
+        yield
+    finally:
+        _defined.reset(before)
 
 
 def parse_equation(text: str) -> Equation:
@@ -190,7 +113,7 @@ def _check_depth(*trees: Expr) -> None:
 
 class _Parser:
     def __init__(self, text: str, *, units: bool, functions: Mapping[str, int] = FUNCTIONS):
-        self.text, self.functions = text, functions
+        self.text, self.functions, self.defined = text, functions, _defined.get()
         if len(text) > FORMULA:
             raise ExpressionProblem("formula-too-long", f"a formula of more than {FORMULA} signs", 0, 1,
                                     "Split it: give a part of it a name of its own.")
@@ -346,28 +269,66 @@ class _Parser:
 
     def _known_functions(self) -> str:
         known = list(self.functions)
-        return f"Functions: {', '.join(known[:14])},\n{', '.join(known[14:])}."
+        return f"Functions: {', '.join(known[:14])},\n{', '.join(known[14:])}." \
+            + (" `heavebond library` lists those of files." if self.defined else "")
 
     def _call(self, token: Token) -> Expr:
         name = token.text
+        if name not in self.functions and name in self.defined:
+            return self._function_call(self._definition(token), token)
         if name not in self.functions:
             raise ExpressionProblem("function-unknown", f"there is no function '{name}'", token.column, len(name),
-                                    suggest(name, self.functions) or self._known_functions())
+                                    suggest(name, [*self.functions, *self.defined]) or self._known_functions())
         self.take()
         args = [self.formula()]
         if name == "sum" and self.peek().text == "for":
             return self._sum_over(args[0], token)
-        while self.peek().text == ",":
-            self.take()
-            args.append(self.formula())
         usage = USAGE.get(name, f"{name}(a)")
-        self.expect(")", f"a `)` is missing behind {name}(", f"Write `{usage}`.")
+        self._arguments(args, name, usage)
         needed = self.functions[name]
         if len(args) != needed and not (name in ("min", "max") and len(args) > 1):
             many = "s" if needed > 1 else ""
             raise ExpressionProblem("function-arguments", f"{name} takes {needed} argument{many}, not "
                                     f"{len(args)}", token.column, len(name), f"Write `{usage}`.")
         return Call(name, tuple(args), token.column)
+
+    def _arguments(self, args: list[Expr], name: str, usage: str) -> None:
+        """The arguments behind the first one, to the closing parenthesis."""
+        while self.peek().text == ",":
+            self.take()
+            args.append(self.formula())
+        self.expect(")", f"a `)` is missing behind {name}(", f"Write `{usage}`.")
+
+    def _definition(self, token: Token) -> Function:
+        """The function of a file; one that is being read itself calls itself in the end."""
+        try:
+            return self.defined[token.text]
+        except ExpressionProblem as problem:
+            raise ExpressionProblem(problem.code, problem.message, token.column, len(token.text), problem.hint) from None
+
+    def _function_call(self, function: Function, token: Token) -> FunctionCall:
+        self.take()
+        args = [self.formula()]
+        self._arguments(args, function.name, function.usage)
+        if len(args) != len(function.inputs):
+            many = "s" if len(function.inputs) > 1 else ""
+            raise ExpressionProblem("function-arguments", f"{function.name} takes {len(function.inputs)} argument{many}, "
+                                    f"not {len(args)}", token.column, len(function.name), f"Write `{function.usage}`.")
+        outputs = list(function.outputs)
+        if self.peek().text != ".":
+            if len(outputs) > 1:
+                others = " or ".join(f"`.{name}`" for name in outputs[1:])
+                raise ExpressionProblem("function-output", f"{function.name} has {len(outputs)} outputs; the one that is "
+                                        "meant is missing", token.column, len(function.name),
+                                        f"Write `{function.usage}`, or {others} behind the parenthesis.")
+            return FunctionCall(function, tuple(args), outputs[0], token.column)
+        self.take()
+        output = self.take()
+        if output.text not in function.outputs:
+            raise ExpressionProblem("function-output", f"{function.name} has no output '{output.text}'", output.column,
+                                    max(1, len(output.text)), suggest(output.text, outputs)
+                                    or f"Its outputs: {', '.join(outputs)}.")
+        return FunctionCall(function, tuple(args), output.text, token.column)
 
     def _sum_over(self, body: Expr, token: Token) -> SumOver:
         self.take()
@@ -398,54 +359,3 @@ def _terms(expr: Expr) -> float:
         return inner
     first, last = constant(expr.low), constant(expr.high)
     return inner if first is None or last is None else inner * max(1.0, last - first + 1)
-
-
-def names(expr: Expr) -> Iterator[Name]:
-    """Every name in an expression, in the order of the text (the index of a sum is left out)."""
-    if isinstance(expr, Name):
-        yield expr
-        for part in expr.parts:
-            if not isinstance(part, str):
-                yield from names(part)
-    elif isinstance(expr, SumOver):
-        for inner in (expr.low, expr.high, expr.body):
-            yield from (n for n in names(inner) if n.text != expr.index)
-    else:
-        for child in children(expr):
-            yield from names(child)
-
-
-def children(expr: Expr) -> tuple[Expr, ...]:
-    """The operands of an expression."""
-    if isinstance(expr, Call):
-        return expr.args
-    if isinstance(expr, (Binary, Compare, Logic)):
-        return (expr.left, expr.right)
-    if isinstance(expr, (Negative, Not)):
-        return (expr.operand,)
-    if isinstance(expr, SumOver):
-        return (expr.low, expr.high, expr.body)
-    return ()
-
-
-def constant(expr: Expr) -> float | None:
-    """The value of an expression of plain numbers only, else None."""
-    if isinstance(expr, Number):
-        return expr.value
-    if isinstance(expr, Negative):
-        inner = constant(expr.operand)
-        return None if inner is None else -inner
-    if isinstance(expr, Binary):
-        left, right = constant(expr.left), constant(expr.right)
-        if left is None or right is None:
-            return None
-        try:
-            value = _ARITHMETIC[expr.op](left, right)
-        except (OverflowError, ZeroDivisionError):
-            return None
-        return value if isinstance(value, float) else None  # a root of a negative number is complex
-    return None
-
-
-_ARITHMETIC: dict[str, Callable[[float, float], float]] = {
-    "+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv, "**": operator.pow}

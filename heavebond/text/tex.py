@@ -16,6 +16,7 @@ from heavebond.text.expression import (
     Compare,
     Equation,
     Expr,
+    FunctionCall,
     Logic,
     Name,
     Negative,
@@ -95,6 +96,9 @@ class _Names:
             return self._binary(expr)
         if isinstance(expr, Call):
             return self._call(expr)
+        if isinstance(expr, FunctionCall):
+            output = rf"_{{{symbol_tex(expr.output)}}}" if len(expr.function.outputs) > 1 else ""
+            return rf"{text_tex(expr.function.name)}{output}\left({', '.join(self.of(a) for a in expr.args)}\right)", _POWER
         if isinstance(expr, Compare):
             return f"{self.of(expr.left)} {_SIGNS[expr.op]} {self.of(expr.right)}", _SUM
         if isinstance(expr, Logic):

@@ -1,0 +1,211 @@
+"""Reading of function files: a law that several components share, called in their equations by its name.
+
+    function: oil_with_air
+    inputs:    {p: {unit: Pa, doc: ...}, ...}
+    constants: {w: {unit: Pa, value: 10 kPa, doc: ...}}
+    outputs:   {k: {unit: 1/Pa, doc: ...}}
+    equations: |
+      r = ...      # a name of its own, which later lines may use
+      k = ...      # an output
+
+Every line gives one name, from inputs, constants and the names of the lines above it. Units are checked as in a component.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from heavebond.core.errors import ModelError, Place, Problems, listing, suggest
+from heavebond.core.units import DIMENSIONLESS, ONE, Dimension, UnitProblem, check_unit, dimension_text
+from heavebond.language import reading
+from heavebond.language.equation_lines import equation_lines
+from heavebond.text.dimensions import ANY, number_dimension
+from heavebond.text.expression import (
+    FUNCTIONS,
+    Call,
+    Expr,
+    ExpressionProblem,
+    Function,
+    Name,
+    Number,
+    Quantity,
+    Step,
+    children,
+    constant,
+    names,
+    parse_equation,
+)
+from heavebond.text.yaml_source import Mapping, Node, Scalar, Source
+
+FUNCTION_KEYS = ("function", "summary", "restrictions", "source", "inputs", "outputs", "constants", "equations")
+# a function is a relation between numbers: it knows no derivative, no time and no jump that an event would have to find
+REFUSED = {"der": "a function relates values at one instant", "floor": "it jumps where no event stops the integrator"}
+SNAKE_CASE = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
+
+
+def parse_function(source: Source) -> Function:
+    """A function file as a value; ModelError with all that is wrong with its form, names and units."""
+    return _Parser(source).function()
+
+
+@dataclass
+class _Parser:
+    source: Source
+    problems: Problems = field(default_factory=Problems)
+
+    def function(self) -> Function:
+        root, problems = self.source.root, self.problems
+        head = root.items.get("function")
+        name = reading.text(head, "function", problems)
+        reading.known_keys(root, FUNCTION_KEYS, f"function '{name}'", problems,
+                           required=("function", "summary", "inputs", "outputs", "equations"))
+        if isinstance(head, Scalar):
+            self._check_name(head)
+        inputs, outputs, constants = (
+            self._quantities(root.items.get(key), key) for key in ("inputs", "outputs", "constants"))
+        place = head.place if isinstance(head, Scalar) else root.place
+        found = Function(name, reading.text(root.items.get("summary"), "summary", problems), place, self.source.path,
+                         inputs, outputs, constants, self._steps(root.items.get("equations")),
+                         reading.text(root.items.get("restrictions"), "restrictions", problems),
+                         reading.text(root.items.get("source"), "source", problems))
+        for key, group in (("inputs", inputs), ("outputs", outputs)):
+            if key in root.items and not group:
+                problems.add("function-empty", f"function '{name}' has no {key}", root.items[key].place,
+                             hint=f"Write `{key}: {{x: {{unit: ..., doc: ...}}}}`.")
+        problems.raise_as(ModelError)
+        _Checker(found, problems).check()
+        problems.raise_as(ModelError)
+        return found
+
+    def _check_name(self, head: Scalar) -> None:
+        if head.text in FUNCTIONS:
+            self.problems.add("name-bad", f"'{head.text}' cannot name a function; the language has one of that name",
+                              head.place, hint="Take another name.")
+        elif reading.identifier(head, "a function", self.problems) and not SNAKE_CASE.fullmatch(head.text):
+            self.problems.add("name-bad", f"'{head.text}' cannot name a function", head.place,
+                              hint="The name of a function has small letters, digits and `_`, as in `oil_with_air`.")
+
+    def _quantities(self, node: Node | None, what: str) -> dict[str, Quantity]:
+        entries = reading.mapping(node, what, self.problems)
+        found: dict[str, Quantity] = {}
+        for name, item in (entries.items if entries else {}).items():
+            key = entries.keys[name] if entries else None
+            if key is None or not reading.identifier(key, f"one of the {what}", self.problems):
+                continue
+            entry = reading.mapping(item, f"'{name}'", self.problems, f"Write `{name}: {{unit: ..., doc: ...}}`.")
+            if entry is not None:
+                found[name] = self._quantity(key, entry, what == "constants")
+        return found
+
+    def _quantity(self, key: Scalar, entry: Mapping, valued: bool) -> Quantity:
+        needed = ("unit", "value") if valued else ("unit",)
+        reading.known_keys(entry, (*needed, "doc"), f"'{key.text}'", self.problems, needed)
+        unit = reading.unit(entry.items.get("unit"), self.problems) or DIMENSIONLESS
+        found = None
+        if valued and "value" in entry.items:
+            value = reading.value(entry.items["value"], f"value of {key.text}", self.problems)
+            found = constant(value.expr) if value is not None else None
+            if value is not None and found is None:
+                self.problems.add("not-a-quantity", f"value of {key.text} must be a plain quantity", value.place,
+                                  hint="Write a number with its unit.")
+            if value is not None and found is not None:
+                try:
+                    check_unit(value.expr.unit if isinstance(value.expr, Number) else None, unit, found, value.text)
+                except UnitProblem as problem:
+                    self.problems.add(problem.code, f"value of {key.text}: {problem.message}", value.place,
+                                      hint=problem.hint)
+        return Quantity(key.text, unit, key.place, reading.text(entry.items.get("doc"), "doc", self.problems), found)
+
+    def _steps(self, node: Node | None) -> tuple[Step, ...]:
+        found = []
+        for content, label, place in equation_lines(node, self.problems):
+            tree = reading.parsed(parse_equation, content, place, self.problems)
+            if tree is None:
+                continue
+            if not isinstance(tree.left, Name) or len(tree.left.parts) > 1:
+                self.problems.add("function-left", "the left side of a line of a function is one name", place,
+                                  hint="Write `name = formula`: a function is evaluated line by line.")
+                continue
+            found.append(Step(tree.left.text, tree.right, content, label, place))
+        return tuple(found)
+
+
+@dataclass
+class _Checker:
+    """Names and units of a function, line by line."""
+
+    function: Function
+    problems: Problems
+    units: dict[str, Dimension | None] = field(default_factory=dict)
+
+    def check(self) -> None:
+        function = self.function
+        self._check_names_once()
+        self.units = {"pi": ONE, **{q.name: q.unit.dimension for group in (function.inputs, function.constants)
+                                    for q in group.values()}}
+        for step in function.steps:
+            self._step(step)
+        given = {step.name for step in function.steps}
+        for output in function.outputs.values():
+            if output.name not in given:
+                self._add("function-output", f"no line gives the output '{output.name}'", output.place,
+                          f"Add `{output.name} = ...` under `equations:`.")
+        used = {name.text for step in function.steps for name in names(step.expr)}
+        for step in function.steps:
+            if step.name not in used and step.name not in function.outputs:
+                self._add("function-unused", f"nothing uses '{step.name}', and it is no output", step.place,
+                          "Remove the line, or declare the name under `outputs:`.")
+
+    def _check_names_once(self) -> None:
+        seen: dict[str, str] = {}
+        for what, group in (("inputs", self.function.inputs), ("constants", self.function.constants),
+                            ("outputs", self.function.outputs)):
+            for name, quantity in group.items():
+                if name in seen:
+                    self._add("name-twice", f"'{name}' stands under {seen[name]} and under {what}", quantity.place,
+                              "Give one of them another name.")
+                seen[name] = what
+
+    def _step(self, step: Step) -> None:
+        if step.name in self.units:
+            what = "an input" if step.name in self.function.inputs else \
+                "a constant" if step.name in self.function.constants else "given by a line above"
+            self._add("function-given-twice", f"'{step.name}' is {what} already", step.place, "Take another name.")
+            return
+        found: Dimension | None = ANY
+        try:
+            _refuse(step.expr)
+            found = number_dimension(step.expr, self._lookup(step))
+        except ExpressionProblem as problem:
+            reading.add_expression_problem(problem, step.place, self.problems)
+        output = self.function.outputs.get(step.name)
+        if output is not None and found is not ANY and found != output.unit.dimension:
+            self._add("units-differ", f"output {step.name} must be in {dimension_text(output.unit.dimension)}; this is in "
+                      f"{dimension_text(found)}", step.place, "Both sides of an equation have the same unit.")
+        self.units[step.name] = output.unit.dimension if output is not None else found
+
+    def _lookup(self, step: Step) -> Callable[[Name], Dimension | None]:
+        def lookup(name: Name) -> Dimension | None:
+            if name.text in self.units:
+                return self.units[name.text]
+            later = any(other.name == name.text for other in self.function.steps)
+            hint = f"Move the line of '{name.text}' above this one." if later else \
+                suggest(name.text, self.units) or f"Known here: {listing(self.units)}."
+            raise ExpressionProblem("name-unknown", f"'{name.text}' is not given in {self.function.name}"
+                                    + (" before it is used" if later else ""), name.column, name.length, hint)
+        return lookup
+
+    def _add(self, code: str, message: str, place: Place, hint: str) -> None:
+        self.problems.add(code, message, place, hint=hint)
+
+
+def _refuse(expr: Expr) -> None:
+    """No derivative and no jump inside a function."""
+    if isinstance(expr, Call) and expr.function in REFUSED:
+        raise ExpressionProblem("function-refused", f"{expr.function}() has no place in a function: "
+                                f"{REFUSED[expr.function]}", expr.column, len(expr.function),
+                                "Write it in the component, and pass its value.")
+    for child in children(expr):
+        _refuse(child)

@@ -1,0 +1,268 @@
+"""Trees of expressions: the nodes, the functions that files define, and what is read off a tree."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Union
+
+from heavebond.core.errors import Place
+from heavebond.core.units import Unit
+
+Expr = Union["Number", "Name", "Call", "FunctionCall", "Binary", "Negative", "Compare", "Logic", "Not", "SumOver"]
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number in SI, `unit` None where none was written."""
+
+    value: float
+    unit: Unit | None
+    column: int
+
+
+@dataclass(frozen=True)
+class Name:
+    """A dotted name; a part in brackets (`p[i]`) is kept as an expression after its name."""
+
+    parts: tuple[str | Expr, ...]
+    column: int
+    length: int
+
+    @property
+    def text(self) -> str:
+        """`a.x`, or `p[2].effort` where every index is a number."""
+        words: list[str] = []
+        for part in self.parts:
+            if isinstance(part, str):
+                words.append(part)
+            elif isinstance(part, Number):
+                words[-1] += f"[{int(part.value)}]"
+            else:
+                words[-1] += "[...]"
+        return ".".join(words)
+
+
+@dataclass(frozen=True)
+class Call:
+    """function(args)."""
+
+    function: str
+    args: tuple[Expr, ...]
+    column: int
+
+
+@dataclass(frozen=True)
+class FunctionCall:
+    """function(args).output of a function that stands in a file of its own."""
+
+    function: Function
+    args: tuple[Expr, ...]
+    output: str
+    column: int
+
+
+@dataclass(frozen=True)
+class Binary:
+    """left op right, op one of + - * / **."""
+
+    op: str
+    left: Expr
+    right: Expr
+    column: int
+
+
+@dataclass(frozen=True)
+class Negative:
+    """-operand."""
+
+    operand: Expr
+    column: int
+
+
+@dataclass(frozen=True)
+class Compare:
+    """left op right, op one of < <= > >= == !=."""
+
+    op: str
+    left: Expr
+    right: Expr
+    column: int
+
+
+@dataclass(frozen=True)
+class Logic:
+    """left and/or right."""
+
+    op: str
+    left: Expr
+    right: Expr
+    column: int
+
+
+@dataclass(frozen=True)
+class Not:
+    """not operand."""
+
+    operand: Expr
+    column: int
+
+
+@dataclass(frozen=True)
+class SumOver:
+    """sum(body for index in low..high)."""
+
+    body: Expr
+    index: str
+    low: Expr
+    high: Expr
+    column: int
+
+
+@dataclass(frozen=True)
+class Equation:
+    """left = right."""
+
+    left: Expr
+    right: Expr
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """An input, an output or a constant of a function; its unit may be one that each call solves (`$U`). `value`: that of
+    a constant, in SI."""
+
+    name: str
+    unit: Unit
+    place: Place
+    doc: str = ""
+    value: float | None = None
+
+
+@dataclass(frozen=True)
+class Step:
+    """One line of a function, `name = expr`, by its label; columns of `expr` count from `place`."""
+
+    name: str
+    expr: Expr
+    text: str
+    label: str
+    place: Place
+
+
+@dataclass(frozen=True, eq=False)
+class Function:
+    """A function file: outputs by inputs through steps, each of which gives a name that later ones may use."""
+
+    name: str
+    summary: str
+    place: Place
+    path: Path
+    inputs: dict[str, Quantity]
+    outputs: dict[str, Quantity]
+    constants: dict[str, Quantity]
+    steps: tuple[Step, ...]
+    restrictions: str = ""
+    source: str = ""
+
+    @property
+    def usage(self) -> str:
+        """A call as it is written."""
+        output = f".{next(iter(self.outputs))}" if len(self.outputs) > 1 else ""
+        return f"{self.name}({', '.join(self.inputs)}){output}"
+
+    def needed(self, output: str) -> tuple[Step, ...]:
+        """The steps that an output depends on, in their order."""
+        wanted, found = {output}, list[Step]()
+        for step in reversed(self.steps):
+            if step.name in wanted:
+                found.append(step)
+                wanted |= {name.text for name in names(step.expr)}
+        return tuple(reversed(found))
+
+
+def functions_in(expr: Expr) -> Iterator[Function]:
+    """Every function of a file that an expression calls itself."""
+    if isinstance(expr, FunctionCall):
+        yield expr.function
+    for child in children(expr):
+        yield from functions_in(child)
+
+
+def inside(call: FunctionCall) -> Iterator[Expr]:
+    """The steps on which the output of a call depends, with its arguments for the inputs: for whoever looks for what stands
+    in an equation. Names of steps remain, written so that they are none of the caller's."""
+    function = call.function
+    values: dict[str, Expr] = {step.name: Name((f"{function.name}()", step.name), call.column, 1) for step in function.steps}
+    values.update(zip(function.inputs, call.args, strict=True))
+    for step in function.needed(call.output):
+        yield _put_in(step.expr, values)
+
+
+def _put_in(expr: Expr, values: Mapping[str, Expr]) -> Expr:
+    """An expression with others for some of its names."""
+    if isinstance(expr, Name):
+        return values.get(expr.text, expr)
+    if isinstance(expr, (Call, FunctionCall)):
+        return replace(expr, args=tuple(_put_in(arg, values) for arg in expr.args))
+    if isinstance(expr, (Binary, Compare, Logic)):
+        return replace(expr, left=_put_in(expr.left, values), right=_put_in(expr.right, values))
+    if isinstance(expr, (Negative, Not)):
+        return replace(expr, operand=_put_in(expr.operand, values))
+    if isinstance(expr, SumOver):
+        inner = {name: value for name, value in values.items() if name != expr.index}
+        return replace(expr, low=_put_in(expr.low, values), high=_put_in(expr.high, values), body=_put_in(expr.body, inner))
+    return expr
+
+
+def names(expr: Expr) -> Iterator[Name]:
+    """Every name in an expression, in the order of the text (the index of a sum is left out)."""
+    if isinstance(expr, Name):
+        yield expr
+        for part in expr.parts:
+            if not isinstance(part, str):
+                yield from names(part)
+    elif isinstance(expr, SumOver):
+        for inner in (expr.low, expr.high, expr.body):
+            yield from (n for n in names(inner) if n.text != expr.index)
+    else:
+        for child in children(expr):
+            yield from names(child)
+
+
+def children(expr: Expr) -> tuple[Expr, ...]:
+    """The operands of an expression."""
+    if isinstance(expr, (Call, FunctionCall)):
+        return expr.args
+    if isinstance(expr, (Binary, Compare, Logic)):
+        return (expr.left, expr.right)
+    if isinstance(expr, (Negative, Not)):
+        return (expr.operand,)
+    if isinstance(expr, SumOver):
+        return (expr.low, expr.high, expr.body)
+    return ()
+
+
+def constant(expr: Expr) -> float | None:
+    """The value of an expression of plain numbers only, else None."""
+    if isinstance(expr, Number):
+        return expr.value
+    if isinstance(expr, Negative):
+        inner = constant(expr.operand)
+        return None if inner is None else -inner
+    if isinstance(expr, Binary):
+        left, right = constant(expr.left), constant(expr.right)
+        if left is None or right is None:
+            return None
+        try:
+            value = _ARITHMETIC[expr.op](left, right)
+        except (OverflowError, ZeroDivisionError):
+            return None
+        return value if isinstance(value, float) else None  # a root of a negative number is complex
+    return None
+
+
+_ARITHMETIC: dict[str, Callable[[float, float], float]] = {
+    "+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv, "**": operator.pow}

@@ -1,0 +1,295 @@
+"""Functions in files of their own: called in equations, checked by units, differentiated, written in one place."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import heavebond as hb
+from heavebond.cli import main
+from heavebond.core.errors import HeavebondError
+from heavebond.language.definition import Component
+from heavebond.language.library import bundled, called_functions, library
+from heavebond.language.symbols import nonsmooth, stepwise
+from heavebond.text.expression import Binary, Call, Expr, FunctionCall, Name, Negative, Number, parse_formula
+
+LIBRARY = library()
+EVERY = sorted(LIBRARY.functions)
+
+SQUARE = """\
+function: drag
+summary: Drag that grows with the square of the speed.
+inputs:
+  v:   {unit: m/s, doc: speed}
+  k:   {unit: N*s**2/m**2, doc: force at 1 m/s}
+constants:
+  v_t: {unit: m/s, value: 1 mm/s, doc: transition speed}
+outputs:
+  F: {unit: N, doc: force}
+  P: {unit: W, doc: power lost}
+equations: |
+  s = smooth_sign(v, v_t)   # direction
+  F = k*v**2 * s            # quadratic drag
+  P = F*v                   # power
+"""
+BRAKE = """\
+component: Brake
+summary: Drag against the frame.
+ports: {a: translational}
+parameters:
+  k: {unit: N*s**2/m**2, min: 0, doc: force at 1 m/s}
+equations: |
+  a.f = drag(a.v, k).F   # quadratic drag
+dissipates: drag(a.v, k).P
+"""
+COASTING = """\
+model: coasting
+components:
+  load:  {is: Mass, m: 2 kg}
+  brake: {is: Brake, k: 3 N*s**2/m**2}
+nodes: {load: [load.a, brake.a]}
+initial: {load.v: 4 m/s}
+show: {power: {is: "drag(load.v, brake.k).P", unit: W}}
+simulate: {until: 2 s}
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Callable[..., Path]:
+    """A folder with the files above, some of them changed: folder(function=("old", "new"), ...)."""
+    def made(**changes: tuple[str, str]) -> Path:
+        for name, text in (("drag", SQUARE), ("brake", BRAKE), ("coasting", COASTING)):
+            old, new = changes.get(name, ("", ""))
+            assert old in text
+            (tmp_path / f"{name}.yaml").write_text(text.replace(old, new, 1) if old else text)
+        return tmp_path / "coasting.yaml"
+    return made
+
+
+# -- a function of one's own -------------------------------------------------------------------------------------------
+def test_a_function_is_called_in_equations_energies_and_outputs(folder: Callable[..., Path]) -> None:
+    """m dv/dt = -k v^2 from v0: v = v0/(1 + k v0 t/m); the drag is P = k v^3."""
+    run = hb.simulate(hb.load(folder()), sensitivities=["brake.k"])
+    v = 4/(1 + 3*4*run.time/2)
+    np.testing.assert_allclose(run.si["load.v"], v, rtol=2e-6)
+    np.testing.assert_allclose(run.si["power"], 3*v**3, rtol=6e-6)
+    # derivatives go through it: dv/dk = -v0^2 t/m / (1 + k v0 t/m)^2
+    np.testing.assert_allclose(run.sensitivity("load.v", "brake.k")[1:], -(v**2*run.time/2)[1:], rtol=1e-4)
+
+
+def test_its_power_is_checked_with_the_component(folder: Callable[..., Path]) -> None:
+    path = folder(drag=("F = k*v**2", "F = -k*v**2")).with_name("brake.yaml")
+    found = CliRunner().invoke(main, ["check", str(path)])
+    assert found.exit_code != 0
+    assert "creates power" in found.output
+
+
+@pytest.mark.filterwarnings("ignore:.*does not balance")  # the energy of the component is that of the law it replaces
+def test_a_function_of_ones_own_comes_before_that_of_the_library(tmp_path: Path) -> None:
+    """Oil whose compressibility does not depend on the air in it: the library's Volume uses the law of the folder."""
+    text = (bundled("components") / "functions" / "oil_with_air.yaml").read_text()
+    text = text.replace("(1/beta + c) / (1 + y)", "1/beta")
+    diagram = "model: one\nnodes: {oil: [oil.a, pump.a]}\nsimulate: {until: 1 s}\n" \
+        "components: {oil: {is: Volume, V: 1 L, beta: 1 GPa, air: 5 %}, pump: {is: FlowSource, u: 1 L/min}}\n"
+    (tmp_path / "one.yaml").write_text(diagram)
+    before = hb.simulate(hb.load(tmp_path / "one.yaml")).si["oil.p"][-1]
+    (tmp_path / "oil_with_air.yaml").write_text(text)
+    after = hb.simulate(hb.load(tmp_path / "one.yaml")).si["oil.p"][-1]
+    assert after == pytest.approx(1e9/60, rel=1e-6)
+    assert before < 0.5*after
+    (tmp_path / "oil_with_air.yaml").write_text(text.replace("k = 1/beta", "k = 2/beta"))
+    assert hb.simulate(hb.load(tmp_path / "one.yaml")).si["oil.p"][-1] == pytest.approx(5e8/60, rel=1e-6)
+
+
+def test_a_variant_in_another_folder_knows_the_functions_of_both(folder: Callable[..., Path], tmp_path: Path) -> None:
+    base = folder()
+    below = tmp_path / "below"
+    below.mkdir()
+    (below / "variant.yaml").write_text("model: variant\nextends: ../coasting.yaml\n"
+                                        "show: {twice: {is: twice(load.v), unit: m/s}}\n")
+    (below / "twice.yaml").write_text("function: twice\nsummary: Twice.\ninputs: {x: {unit: $U, doc: any}}\n"
+                                      "outputs: {y: {unit: $U, doc: twice as much}}\nequations: |\n  y = 2*x   # twice\n")
+    run = hb.simulate(hb.load(below / "variant.yaml"))
+    assert run.si["twice"][0] == pytest.approx(8)
+    assert hb.load(base).library.functions is hb.load(base).library.functions
+    again = pickle.loads(pickle.dumps(hb.load(base)))
+    assert again.library.functions is hb.load(base).library.functions, "another process must not read all components anew"
+
+
+# -- what is wrong -------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(("changes", "code", "said"), [
+    ({"brake": ("drag(a.v, k).F", "drak(a.v, k).F")}, "function-unknown", "Did you mean 'drag'?"),
+    ({"brake": ("drag(a.v, k).F", "drag(a.v).F")}, "function-arguments", "drag takes 2 arguments, not 1"),
+    ({"brake": ("drag(a.v, k).F", "drag(a.v, k)")}, "function-output", "Write `drag(v, k).F`, or `.P` behind"),
+    ({"brake": ("drag(a.v, k).F", "drag(a.v, k).f")}, "function-output", "Did you mean 'F'?"),
+    ({"brake": ("drag(a.v, k).F", "drag(a.f, k).F")}, "units-argument", "argument v of drag must be in m/s; this is in N"),
+    ({"brake": ("drag(a.v, k).F", "drag(a.v, k).P")}, "units-differ", "the right side is in W"),
+    ({"coasting": ("brake.k).P", "load.m).P")}, "units-argument", "argument k of drag"),
+    ({"drag": ("F = k*v**2 * s ", "F = k*v * s    ")}, "units-differ", "output F must be in N"),
+    ({"drag": ("smooth_sign(v, v_t)", "smooth_sign(v, k)")}, "units-differ", "drag.yaml:12"),
+    ({"drag": ("P = F*v ", "P = Q*v ")}, "name-unknown", "'Q' is not given in drag"),
+    ({"drag": ("  s = smooth_sign(v, v_t)   # direction\n", "")}, "name-unknown", "'s' is not given"),
+    ({"drag": ("  P = F*v                   # power\n", "")}, "function-output", "no line gives the output 'P'"),
+    ({"drag": ("P = F*v ", "F = F*v ")}, "function-given-twice", "'F' is given by a line above already"),
+    ({"drag": ("P = F*v ", "v = F*v ")}, "function-given-twice", "'v' is an input already"),
+    ({"drag": ("P = F*v ", "P = F*der(v)")}, "function-refused", "der() has no place in a function"),
+    ({"drag": ("P = F*v ", "P = floor(F*v/1)")}, "function-refused", "jumps"),
+    ({"drag": ("P = F*v ", "P = F*time*v ")}, "name-unknown", "'time' is not given"),
+    ({"drag": ("P = F*v   ", "P + F = F*v   ")}, "function-left", "one name"),
+    ({"drag": ("# power\n", "# power\n  e = 1 # nothing\n")}, "function-unused", "nothing uses 'e'"),
+    ({"drag": ("1 mm/s", "1 mm")}, "unit-wrong", "value of v_t"),
+    ({"drag": ("1 mm/s", "1")}, "unit-missing", "value of v_t"),
+    ({"drag": ("P: {unit: W", "v: {unit: W")}, "name-twice", "'v' stands under inputs and under outputs"),
+    ({"drag": ("P = F*v ", "P = drag(v, k).P ")}, "function-circle", "'drag' calls itself"),
+    ({"drag": ("summary: D", "sumary: D")}, "key-unknown", "has no entry 'sumary'"),
+    ({"drag": ("function: drag", "function: sqrt")}, "function-unknown", "there is no function 'drag'"),
+])
+def test_mistakes_are_told_with_their_place(folder: Callable[..., Path], changes: dict[str, tuple[str, str]], code: str,
+                                            said: str) -> None:
+    path = folder(**changes)
+    with pytest.raises(HeavebondError) as caught:
+        hb.assemble(hb.load(path))
+    first = [problem for problem in caught.value.problems if problem.code == code]
+    assert first, str(caught.value)
+    assert said in str(caught.value)
+    assert all(problem.place is not None for problem in caught.value.problems)
+    assert len({str(problem) for problem in caught.value.problems}) == len(caught.value.problems)
+
+
+def test_functions_that_call_each_other_in_a_circle_are_refused(folder: Callable[..., Path]) -> None:
+    path = folder(drag=("P = F*v ", "P = other(v, F) "))
+    path.with_name("other.yaml").write_text(
+        "function: other\nsummary: Another.\ninputs: {v: {unit: m/s, doc: speed}, F: {unit: N, doc: force}}\n"
+        "outputs: {P: {unit: W, doc: power}}\nequations: |\n  P = drag(v, F*v/v).P   # round about\n")
+    with pytest.raises(HeavebondError, match="in a circle: drag > other > drag"):
+        hb.assemble(hb.load(path))
+
+
+def test_two_files_of_one_name_are_refused(folder: Callable[..., Path]) -> None:
+    path = folder()
+    path.with_name("drag_again.yaml").write_text(SQUARE)
+    with pytest.raises(HeavebondError, match="two files describe a function 'drag'"):
+        hb.assemble(hb.load(path))
+
+
+def test_a_kink_in_a_function_is_found_where_it_must_be_differentiated() -> None:
+    """As in a component: of what varies alone, and in the steps of the output that is meant."""
+    from heavebond.text.expression import calling
+
+    with calling(LIBRARY.functions):
+        zone, flow = parse_formula("dead_zone(x, g)"), parse_formula("oil_with_air(p, beta, air, p_a, n).k")
+        smooth = parse_formula("rated_orifice_flow(x, q, g, g)")
+    assert nonsmooth(zone, lambda name: name == "g") == "max"
+    assert nonsmooth(zone, lambda name: True) is None
+    assert nonsmooth(flow, lambda name: name != "p") == "max"
+    assert nonsmooth(smooth, lambda name: False) is None
+
+
+# -- the library -------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("name", EVERY)
+def test_a_function_of_the_library_says_all(name: str) -> None:
+    function = LIBRARY.functions[name]
+    assert function.path.stem == name
+    assert function.summary.endswith(".")
+    assert function.source
+    assert function.restrictions
+    assert all(q.doc for group in (function.inputs, function.outputs, function.constants) for q in group.values())
+    assert all(step.label for step in function.steps)
+    assert any(function in called_functions(component) for component in COMPONENTS), "nothing calls it"
+
+
+COMPONENTS = [LIBRARY.component(name) for name in LIBRARY.names()]
+LONG = 60  # signs of a right side with its names replaced: shorter ones are products and sums that many laws have
+
+
+def _form(expr: Expr, names: dict[str, str]) -> str:
+    """An expression with its names numbered: equal for the same law in other letters."""
+    if isinstance(expr, Name):
+        return names.setdefault(expr.text, f"x{len(names)}")
+    if isinstance(expr, Number):
+        return repr(expr.value)
+    if isinstance(expr, Binary):
+        return f"({_form(expr.left, names)}{expr.op}{_form(expr.right, names)})"
+    if isinstance(expr, Negative):
+        return f"-{_form(expr.operand, names)}"
+    if isinstance(expr, FunctionCall):
+        return "law"
+    return f"{expr.function}({','.join(_form(a, names) for a in expr.args)})" if isinstance(expr, Call) else repr(expr)
+
+
+def test_no_long_law_is_written_in_three_components() -> None:
+    """A law that several components share is a function. Twins of translation and rotation are two."""
+    where: dict[str, list[Component]] = {}
+    for component in COMPONENTS:
+        for form in {_form(line.tree.right, {}) for line in component.equations}:
+            if len(form) > LONG and "law" not in form:
+                where.setdefault(form, []).append(component)
+    assert {form: [c.name for c in found] for form, found in where.items() if len(found) > 2} == {}
+
+
+def test_the_law_of_air_stands_in_one_place() -> None:
+    users = {c.name for c in COMPONENTS if LIBRARY.functions["oil_with_air"] in called_functions(c)}
+    assert users == {"Volume", "Cylinder", "SingleActingCylinder", "LineSegment"}
+    exponent = [path for path in bundled("components").rglob("*.yaml") if "**(-1/n_air)" in path.read_text()]
+    assert [path.name for path in exponent] == ["oil_with_air.yaml"]
+
+
+def test_the_law_of_air_is_the_derivative_of_the_volume() -> None:
+    """The compressibility is -dV/dp/V of oil and air in series, V = 1 - p/beta + y to first order in p/beta, and y falls
+    with pressure by c; both by CasADi's derivative of the steps."""
+    function = LIBRARY.functions["oil_with_air"]
+    p = ca.SX.sym("p")
+    values = stepwise(function, [p, ca.SX(1.4e9), ca.SX(0.02), ca.SX(101325.0), ca.SX(1.3)])
+    given = ca.Function("f", [p], [values["c"], -ca.jacobian(values["y"], p), values["k"], values["y"]])
+    for pressure in (-5e4, 0.0, 1e5, 2e7):
+        c, slope, k, y = (float(v) for v in given(pressure))
+        assert c == pytest.approx(slope, rel=1e-12)
+        assert k == pytest.approx((1/1.4e9 + slope)/(1 + y), rel=1e-12)
+
+
+def test_outputs_of_one_call_share_its_steps() -> None:
+    """Three outputs cost as many operations as their steps have, not three times that."""
+    from heavebond.language.template import template
+
+    volume = LIBRARY.component("Volume")
+    made = template(volume, LIBRARY.domains, {"a": "hydraulic"}, {})
+    steps = stepwise(LIBRARY.functions["oil_with_air"], [ca.SX.sym(n) for n in "abcde"])
+    alone = ca.Function("f", [ca.vertcat(*ca.symvar(ca.vertcat(*steps.values())))], [ca.vertcat(*steps.values())])
+    assert made.residuals.n_instructions() < 1.5*alone.n_instructions()
+
+
+def test_commands_know_functions(folder: Callable[..., Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    run, path = CliRunner().invoke, folder()
+    monkeypatch.chdir(path.parent)
+    listed, shown = run(main, ["library"]).output, run(main, ["library", "drag"]).output
+    assert all(name in listed for name in (*EVERY, "drag"))
+    assert "Called as drag(v, k).F" in shown
+    assert "v_t  m/s  0.001  transition speed" in shown
+    plotted = run(main, ["run", "coasting.yaml", "--plot", "drag(load.v, brake.k).P"])
+    assert plotted.exit_code == 0, plotted.output
+    assert "drag(load.v, brake.k).P" in plotted.output
+    assert run(main, ["check", "coasting.yaml"]).exit_code == 0
+    checked = run(main, ["check", str(bundled("components") / "functions" / "dead_zone.yaml")])
+    assert "called as dead_zone(x, g)" in checked.output
+    wrong = run(main, ["run", str(bundled("components") / "functions" / "dead_zone.yaml")])
+    assert "it describes a function, 'dead_zone'" in wrong.output
+
+
+def test_units_that_are_open_are_solved_by_each_call() -> None:
+    """`dead_zone` in lengths and in angles; two units in one call are refused."""
+    from heavebond.text.dimensions import dimension
+    from heavebond.text.expression import ExpressionProblem, calling
+
+    metre, newton = (("m", 1),), (("kg", 1), ("m", 1), ("s", -2))
+    units = {"x": metre, "g": metre, "F": newton}
+    with calling(LIBRARY.functions):
+        good, bad = parse_formula("dead_zone(x, g)"), parse_formula("dead_zone(x, F)")
+    assert dimension(good, lambda name: units[name.text]) == metre
+    with pytest.raises(ExpressionProblem, match="argument g of dead_zone must be in m"):
+        dimension(bad, lambda name: units[name.text])
