@@ -220,10 +220,12 @@ class PageRun:
 
 
 def _accept(path: Path) -> None:
-    """Load a file as far as it goes: a diagram to its start, a component to its laws, an experiment and a study
-    to their equations."""
+    """Load a file as far as it goes: a diagram to its start, a component to its laws, a function to its steps, an
+    experiment and a study to their equations."""
     keys = read(path).root.items
-    if "component" in keys:
+    if "function" in keys:
+        assert library([path.parent]).functions[str(getattr(keys["function"], "text", ""))].steps
+    elif "component" in keys:
         known = library([path.parent])
         component = known.component(str(getattr(keys["component"], "text", "")))
         laws.check(component, known.domains)
