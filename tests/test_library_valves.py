@@ -176,7 +176,8 @@ def test_a_mapped_pump_has_its_efficiencies_at_the_points_and_losses_around() ->
     eta_v = np.array([[0.95, 0.98], [0.9, 0.95], [0.8, 0.9]])
     eta_hm = np.array([[0.85, 0.8], [0.9, 0.88], [0.93, 0.92]])
     law = part("MappedPump", D="45 cm**3/rev", p="[50 bar, 150 bar, 300 bar]", w="[500 rpm, 1500 rpm]", n=3, m=2,
-               eta_v=f"{[float(v) for v in eta_v.ravel()]}", eta_hm=f"{[float(v) for v in eta_hm.ravel()]}", w_t="1e-3 rad/s")
+               eta_v=f"{[float(v) for v in eta_v.ravel()]}", eta_hm=f"{[float(v) for v in eta_hm.ravel()]}",
+               w_t="1e-3 rad/s")
     rise, w = (k.ravel() for k in np.meshgrid(p, speeds, indexing="ij"))
     found = law({"a.p": 3*BAR, "b.p": 3*BAR + rise, "s.w": w})
     agree(found["a.q"]/(DISPLACEMENT*w), eta_v.ravel())
