@@ -15,10 +15,10 @@ from heavebond.commands.arguments import Number, blamed_on_settings, check_writa
               help="A page (.html) or a film (.gif, .mp4); without it MODEL.html in the current folder.")
 @click.option("--signal", "signals", metavar="SIGNAL", multiple=True,
               help="Draw a variable or an output over time below. May be repeated; without it the first outputs.")
-@click.option("--until", metavar="TIME", help="How long to simulate, e.g. --until '2 min'.")
+@click.option("--until", metavar="TIME", help="End time of the simulation, e.g. --until '2 min'.")
 @click.option("--every", metavar="TIME", help="Time between output points, e.g. --every '10 ms'.")
 @click.option("--speed", metavar="NUMBER", type=Number(0, min_open=True), default=1.0, show_default=True,
-              help="How fast it plays; 1 is real time.")
+              help="Playback speed; 1 is real time.")
 @set_option
 @json_option
 def animate(model: str, output: Path | None, signals: tuple[str, ...], until: str | None, every: str | None, speed: float,

@@ -28,6 +28,8 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 class Number(click.FloatRange):
     """A finite number within bounds, with the digits 0 to 9."""
 
+    name = "number"  # as --help shows it
+
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         if isinstance(value, str) and not re.fullmatch(NUMBER_FORM, value.strip()):
             self.fail(f"{value!r} is not a number.", param, ctx)
@@ -38,6 +40,8 @@ class Number(click.FloatRange):
 
 class Whole(click.IntRange):
     """A whole number within bounds, with the digits 0 to 9."""
+
+    name = "n"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         if isinstance(value, str) and whole(value.strip().removeprefix("-")) is None:

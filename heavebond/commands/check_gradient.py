@@ -35,7 +35,7 @@ WORDS = {"agrees": "agrees", "tolerance": "tolerance too loose", "kink": "kink",
 @of_option(required=False)
 @parameter_option("By default what is free in a study.")
 @set_option
-@click.option("--until", metavar="TIME", help="How long to simulate, e.g. --until '2 min'.")
+@click.option("--until", metavar="TIME", help="End time of the simulation, e.g. --until '2 min'.")
 @click.option("--rtol", metavar="NUMBER", type=Number(0, 0.1, min_open=True),
               help="Relative tolerance of the sensitivities that are checked [default: as they are computed].")
 @click.option("--backwards", is_flag=True, help="Check the gradients of a study by runs backwards.")

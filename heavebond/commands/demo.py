@@ -65,7 +65,7 @@ def _largest(values: Array) -> float:
 
 @click.command(short_help="Run the crown-mounted compensator in two seas.")
 @click.option("--output", metavar="FOLDER", type=click.Path(path_type=Path), required=True,
-              help="Where the pictures go; made if it is not there.")
+              help="Folder for the pictures; created if it does not exist.")
 @json_option
 def demo(output: Path) -> dict[str, object]:
     """Run the crown-mounted compensator passive and active in two seas; one table and a picture of each sea.

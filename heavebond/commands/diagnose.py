@@ -28,8 +28,8 @@ RANKED = 12  # candidates that are shown
 @click.option("--only", "classes", metavar="CLASS", multiple=True, help="Try effects of this class only. May be repeated.")
 @click.option("--seconds", type=Number(0, min_open=True), default=600.0, show_default=True,
               help="Time for the whole command; the search then ends with its best result so far.")
-@click.option("--processes", type=Whole(1), help="Processes that search side by side [default: all processors].")
-@click.option("--samples", type=Whole(100), metavar="N", help="Search on the beginning of what is fitted, so many "
+@click.option("--processes", type=Whole(1), help="Number of parallel processes [default: all processors].")
+@click.option("--samples", type=Whole(100), metavar="N", help="Search on the beginning of the fitted records, so many "
               "points in time [default: all, or 5000 of more than 30000].")
 @click.option("--folder", metavar="FOLDER", type=click.Path(path_type=Path, file_okay=False),
               help="Where the files go; made if it does not exist [default: beside EXPERIMENT].")

@@ -26,18 +26,18 @@ if TYPE_CHECKING:
 
 @click.command(short_help="Audit the energy of a run; rank components by activity.")
 @click.argument("model")
-@click.option("--until", metavar="TIME", help="How long to simulate, e.g. --until '2 min'.")
+@click.option("--until", metavar="TIME", help="End time of the simulation, e.g. --until '2 min'.")
 @click.option("--every", metavar="TIME", help="Time between output points, e.g. --every '10 ms'.")
 @click.option("--audit", "audited", is_flag=True, help="End with an error that names the component whose balance is open.")
 @click.option("--sankey", metavar="PICTURE", type=click.Path(path_type=Path),
-              help="Draw from where to where energy goes (.png, .svg or .pdf).")
+              help="Draw the flow of energy between components (Sankey diagram; .png, .svg or .pdf).")
 @click.option("--activity", metavar="PICTURE", type=click.Path(path_type=Path),
-              help="Draw which components are active (.png, .svg or .pdf).")
+              help="Draw the activity of the components (.png, .svg or .pdf).")
 @click.option("--close", "closed", multiple=True, metavar="BLOCK",
               help="Count a block as one component, in table and pictures, e.g. --close ahc. May be repeated.")
 @click.option("--close-all", is_flag=True, help="Count every block as one component.")
 @click.option("--reduce", "share", metavar="SHARE", type=Number(0, 100, min_open=True),
-              help="Keep the components that make up so many per cent of the activity, and neutralise the others.")
+              help="Keep the components with this share of the activity in per cent, and neutralise the others.")
 @click.option("--error", "limit", metavar="PERCENT", type=Number(0, min_open=True), default=5.0, show_default=True,
               help="With --reduce: leave what would move an output by more than this.")
 @click.option("--write", "written", metavar="FILE", type=click.Path(path_type=Path),

@@ -23,10 +23,10 @@ HEAD = ("parameter", "before", "fitted", "95 % interval", "range")
 @click.command(short_help="Fit the free parameters of an experiment to its records.")
 @click.argument("experiment")
 @click.option("--starts", type=Whole(1), default=1, show_default=True,
-              help="Try so many starting points within the ranges.")
+              help="Number of starting points within the ranges.")
 @click.option("--segments", type=Whole(1), default=1, show_default=True,
-              help="Begin with multiple shooting over so many segments of each record.")
-@click.option("--robust", is_flag=True, help="Let outliers pull less (soft-L1 loss).")
+              help="Number of segments of each record for an initial multiple shooting.")
+@click.option("--robust", is_flag=True, help="Reduce the weight of outliers (soft-L1 loss).")
 @click.option("--profile", "profiled", metavar="PARAMETER", multiple=True,
               help="Interval of a parameter by profile likelihood. May be repeated.")
 @click.option("--write", "written", metavar="DIAGRAM", type=click.Path(path_type=Path),

@@ -13,7 +13,7 @@ from heavebond.core.errors import Problem, UsageError
 @click.command("import", short_help="Translate a 20-sim model (.emx) into a diagram with its components.")
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("-o", "--output", metavar="FOLDER", type=click.Path(path_type=Path),
-              help="The folder to write to; without it, a folder with the name of the model.")
+              help="Output folder; by default named after the model.")
 @json_option
 def import_model(file: Path, output: Path | None) -> dict[str, object]:
     """Translate the 20-sim model FILE (.emx) into a folder with a diagram and component files.

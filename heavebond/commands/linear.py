@@ -43,11 +43,11 @@ MATRICES = (".npz", ".mat")
 @click.option("--to", "outputs", metavar="OUTPUT[,...]", multiple=True,
               help="A variable, an output or a formula of these. May be repeated.")
 @click.option("--loop", metavar="SIGNAL", help="Cut the loop at this signal and show its stability margins.")
-@click.option("--over", metavar="PARAMETER='LOW .. HIGH'", help="Draw how the poles move while a parameter does.")
+@click.option("--over", metavar="PARAMETER='LOW .. HIGH'", help="Draw the root locus over a range of a parameter.")
 @click.option("--picture", type=click.Choice(PICTURES), default="bode", show_default=True, help="What to draw.")
 @at_options
 @click.option("--frequencies", metavar="'LOW .. HIGH'", help="Of the pictures, e.g. --frequencies '0.01 .. 10 Hz'.")
-@click.option("--until", metavar="TIME", help="How long a step is drawn.")
+@click.option("--until", metavar="TIME", help="End time of the step response.")
 @set_option
 @picture_option("Where to draw")
 @click.option("--save", "saved", metavar="FILE", type=click.Path(path_type=Path),

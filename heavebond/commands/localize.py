@@ -18,7 +18,7 @@ HEAD = ("place", "explains", "behind", "rms", "follows", "R2", "shape")
 @click.command(short_help="Locate where in its diagram a model fails its records.")
 @click.argument("experiment")
 @click.option("--fitted", is_flag=True, help="Begin with a fit of the free parameters instead of the diagram's values.")
-@picture_option("Draw what acts at the best place of each kind, and the misfit over time")
+@picture_option("Draw the estimated input at the best place of each kind, and the misfit over time")
 @json_option
 def localize(experiment: str, fitted: bool, output: Path | None) -> dict[str, object]:
     """Locate the error of the model of EXPERIMENT: when and in which state of motion it occurs, and at which place of the

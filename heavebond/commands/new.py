@@ -9,7 +9,7 @@ import click
 from heavebond.commands.arguments import json_option
 
 
-@click.command(short_help="Make a folder with a diagram, an experiment and records to begin with.")
+@click.command(short_help="Create a project folder with a diagram, an experiment and records.")
 @click.argument("folder", type=click.Path(path_type=Path))
 @click.option("--from", "origin", metavar="MACHINE", help="Copy a bundled machine, e.g. --from passive_rig.")
 @json_option

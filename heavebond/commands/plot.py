@@ -17,9 +17,9 @@ from heavebond.core.errors import Problem, UsageError
 @click.option("--column", "columns", metavar="SIGNAL='COLUMN UNIT'", multiple=True,
               help="What a column of a record is, e.g. --column crown.x='crown_m m'. May be repeated.")
 @click.option("--record", metavar="NAME", default="", help="Which record of an experiment; without it the first.")
-@click.option("--from", "begin", metavar="TIME", help="Where to begin, e.g. --from '72 s'.")
-@click.option("--until", "end", metavar="TIME", help="Where to end.")
-@click.option("--title", metavar="TEXT", default="", help="A line above.")
+@click.option("--from", "begin", metavar="TIME", help="Start of the time axis, e.g. --from '72 s'.")
+@click.option("--until", "end", metavar="TIME", help="End of the time axis.")
+@click.option("--title", metavar="TEXT", default="", help="Title of the plot.")
 @click.option("-o", "--output", metavar="PICTURE", type=click.Path(path_type=Path), default=Path("plot.png"),
               show_default=True, help="Where to draw (.png, .svg or .pdf).")
 @json_option

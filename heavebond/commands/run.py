@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 @click.command(short_help="Simulate a diagram; plot and save the results.")
 @click.argument("model")
 @set_option
-@click.option("--until", metavar="TIME", help="How long to simulate, e.g. --until '2 min'.")
+@click.option("--until", metavar="TIME", help="End time of the simulation, e.g. --until '2 min'.")
 @click.option("--every", metavar="TIME", help="Time between output points, e.g. --every '10 ms'.")
 @click.option("--plot", "plotted", metavar="SIGNAL", multiple=True,
               help="Draw a variable, an output or a formula of these. May be repeated.")
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 @click.option("--verify", "verified", is_flag=True, help="Repeat with tighter tolerances and a tenth of the widths of all "
               "transitions; tell which outputs move.")
 @click.option("--within", metavar="SHARE", type=Number(0, 1, min_open=True), default=0.01, show_default=True,
-              help="With --verify: by how much of its range an output may move.")
+              help="With --verify: allowed change of an output, as a share of its range.")
 @json_option
 def run(model: str, settings: tuple[str, ...], until: str | None, every: str | None, plotted: tuple[str, ...],
         saved: tuple[Path, ...], output: Path | None, rtol: float, solver: str | None, allow_fmu: bool,

@@ -14,7 +14,7 @@ from heavebond.core.writable import write_text
 NAME = "heavebond.schema.json"
 
 
-@click.command(short_help="Let an editor complete keys, components, parameters and units.")
+@click.command(short_help="Write a JSON schema for completion and checks in an editor.")
 @click.option("--for", "folder", metavar="FOLDER", type=click.Path(path_type=Path), default=Path(),
               help="Where your diagrams are; its components are known too.  [default: the current folder]")
 @click.option("-o", "--output", metavar="FILE", type=click.Path(path_type=Path),

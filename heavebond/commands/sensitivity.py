@@ -33,13 +33,13 @@ HEAD = ("parameter", "value", "influence", "1 % more moves it by", "at")
 @of_option(required=True)
 @parameter_option("By default all that are not zero.")
 @set_option
-@click.option("--until", metavar="TIME", help="How long to simulate, e.g. --until '2 min'.")
+@click.option("--until", metavar="TIME", help="End time of the simulation, e.g. --until '2 min'.")
 @click.option("--every", metavar="TIME", help="Time between output points, e.g. --every '10 ms'.")
 @click.option("--most", metavar="N", type=Whole(1), default=60, show_default=True,
-              help="Try so many parameters where none are named.")
+              help="Number of parameters that are examined if none are named.")
 @click.option("--rows", metavar="N", type=Whole(1), default=15, show_default=True,
               help="Parameters to list for each signal.")
-@picture_option("Draw bars, and what the strongest do over time")
+@picture_option("Draw the influences as bars, and the strongest over time")
 @json_option
 def sensitivity(model: str, of: tuple[str, ...], parameters: tuple[str, ...], settings: tuple[str, ...], until: str | None,
                 every: str | None, most: int, rows: int, output: Path | None) -> dict[str, object]:

@@ -30,9 +30,9 @@ DIAGRAMS = (".yaml", ".yml", "")
 @click.argument("file", metavar="RUN")
 @click.option("--signal", "signals", metavar="SIGNAL", multiple=True, required=True,
               help="A signal of the run, or a column of the record. May be repeated.")
-@click.option("--from", "begin", metavar="TIME", help="From when on it counts, e.g. --from '60 s'.")
-@click.option("--until", metavar="TIME", help="Until when it counts; of a diagram: how long to simulate.")
-@click.option("--segment", metavar="TIME", help="How long the pieces are that the spectrum is averaged from.")
+@click.option("--from", "begin", metavar="TIME", help="Start of the evaluated time, e.g. --from '60 s'.")
+@click.option("--until", metavar="TIME", help="End of the evaluated time; of a diagram, of the simulation.")
+@click.option("--segment", metavar="TIME", help="Length of the segments over which the spectrum is averaged (Welch).")
 @click.option("--slope", metavar="NUMBER", type=Number(1, 20), default=3.0, show_default=True,
               help="Exponent of the S-N curve, for the equivalent range.")
 @click.option("--time", metavar="COLUMN", help="Of a record: the column of the times in s [default: the first].")

@@ -26,8 +26,8 @@ TOLD = 3  # cases that leave a range that are told one by one
 @click.argument("file", metavar="STUDY")
 @click.option("--output", metavar="FOLDER", type=click.Path(path_type=Path, file_okay=False),
               help="Where tables and pictures go [default: a folder of the study's name].")
-@click.option("--processes", type=Whole(1), help="Cases worked side by side [default: all processors].")
-@click.option("--fresh", is_flag=True, help="Work all cases out anew, also those done already.")
+@click.option("--processes", type=Whole(1), help="Number of cases that run in parallel [default: all processors].")
+@click.option("--fresh", is_flag=True, help="Run all cases again, also those that are complete.")
 @scheduler_option
 @json_option
 def study(file: str, output: Path | None, processes: int | None, fresh: bool, scheduler: str | None) -> dict[str, object]:

@@ -15,23 +15,23 @@ from heavebond.core.writable import write_text
 @click.command(short_help="Run a diagram many times: grids, samples, worst case, sensitivity indices.")
 @click.argument("model")
 @click.option("--over", "overs", metavar="PATH=VALUES", multiple=True, required=True,
-              help="What is varied: 'controller.K_p=1 .. 4 1/m; 9' (nine steps), 'wave.T=8 s, 10 s' (a list), or a range "
-                   "that is sampled: '20 .. 60 kN/m' or '42 kN/m +- 20 %'. May be repeated.")
+              help="Parameter and values: 'controller.K_p=1 .. 4 1/m; 9' (nine steps), 'wave.T=8 s, 10 s' (a list), or a "
+                   "range that is sampled: '20 .. 60 kN/m' or '42 kN/m +- 20 %'. May be repeated.")
 @click.option("--measure", "measures", metavar="FORMULA", multiple=True, required=True,
               help="A number of each run, e.g. 'peak(WOB - 30 kN) in kN' or 'rms(crown)'. May be repeated.")
 @click.option("--sample", metavar="KIND", default="",
-              help="How ranges are sampled: sobol:64, latin_hypercube:50, random:100, sobol_indices:64 (which range makes "
-                   "the spread), one_at_a_time (both ends of each), local (exact slopes).")
+              help="How ranges are sampled: sobol:64, latin_hypercube:50, random:100, sobol_indices:64 (share of each range "
+                   "in the variance), one_at_a_time (both ends of each), local (exact slopes).")
 @click.option("--worst", type=click.Choice(["highest", "lowest"]),
-              help="Seek the worst within the ranges by exact gradients instead.")
-@click.option("--seed", type=Whole(0), default=1, show_default=True, help="Which sample is drawn.")
-@click.option("--from", "begin", metavar="TIME", default="", help="From when on a run counts, e.g. --from '72 s'.")
-@click.option("--until", "end", metavar="TIME", default="", help="How long each case is simulated.")
+              help="Search the worst case within the ranges by exact gradients instead.")
+@click.option("--seed", type=Whole(0), default=1, show_default=True, help="Seed of the random numbers.")
+@click.option("--from", "begin", metavar="TIME", default="", help="Start of the evaluated time, e.g. --from '72 s'.")
+@click.option("--until", "end", metavar="TIME", default="", help="End time of each simulation.")
 @click.option("--plot", "plotted", metavar="SIGNAL", multiple=True, help="Draw a signal of all cases. May be repeated.")
 @click.option("--output", metavar="FOLDER", type=click.Path(path_type=Path, file_okay=False),
               help="Where study, tables and pictures go [default: a folder MODEL_sweep].")
-@click.option("--processes", type=Whole(1), help="Cases worked side by side [default: all processors].")
-@click.option("--fresh", is_flag=True, help="Work all cases out anew, also those done already.")
+@click.option("--processes", type=Whole(1), help="Number of cases that run in parallel [default: all processors].")
+@click.option("--fresh", is_flag=True, help="Run all cases again, also those that are complete.")
 @scheduler_option
 @set_option
 @json_option
