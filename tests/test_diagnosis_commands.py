@@ -193,7 +193,7 @@ def test_a_file_that_try_is_told_to_write(folder: Path) -> None:
     assert "results/choking_diagram.yaml exists and is kept" in again.stdout
     assert "wrote results/choking_2.yaml" in again.stdout
     assert load_experiment(folder / "results" / "choking_2.yaml").model.path.name == "choking_diagram_2.yaml"
-    assert "go on: heavebond compare results/choking_2.yaml; heavebond diagnose" in again.stdout
+    assert "next: heavebond compare results/choking_2.yaml; heavebond diagnose" in again.stdout
     unjustified = call(*words[:2], "outlet.b_cr", "--write", "results")
     assert "does not lower the error" in unjustified.stdout and "heavebond diagnose" not in unjustified.stdout
     (folder / "mine.yaml").write_text("experiment: mine")

@@ -14,8 +14,8 @@ from heavebond.core.presentation import readable
 
 PAGE = Path(__file__).parents[2] / "docs" / "diagnosis_study.md"
 BEGIN, END = "<!-- written by `python -m benchmarks.diagnosis.page` -->", "<!-- end of what it writes -->"
-OUTCOMES = {"right": "named", "cluster": "among those said to be alike", "shape": "a shape, no name", "missed": "missed",
-            "weak": "too weak", "wrong": "named wrong", "broken": "broken"}
+OUTCOMES = {"right": "named", "cluster": "among the indistinguishable", "shape": "a shape, no name", "missed": "missed",
+            "weak": "too weak", "wrong": "misclassified", "broken": "broken"}
 NEVER = 1e4  # chi-square per sample; nobody begins a diagnosis so far from the record
 Row = Mapping[str, Any]
 
@@ -40,8 +40,9 @@ def alarms(rows: Sequence[Row]) -> str:
               found["nothing"], found["parameters"], sum(found.values()) - found["nothing"] - found["parameters"])
              for (rig, drawn), found in sorted(groups.items())]
     told = sum(line[-1] for line in lines)
-    return f"{told} of {len(rows)} records without anything hidden were told otherwise.\n\n" + table(
-        ["rig", "parameters", "records", "nothing", "parameters", "told otherwise"], lines)
+    were = "was" if told == 1 else "were"
+    return f"{told} of {len(rows)} records without a hidden effect {were} misclassified.\n\n" + table(
+        ["rig", "parameters drawn", "records", "result: nothing", "result: parameters", "misclassified"], lines)
 
 
 def outcomes(rows: Sequence[Row]) -> str:
@@ -79,7 +80,7 @@ def cases(rows: Sequence[Row]) -> str:
         outcome = OUTCOMES.get(row["outcome"], row["outcome"])
         lines.append((row["rig"], hidden, figure(row.get("misfit", float("nan"))), outcome, said(row),
                       f"{figure(before)} to {figure(after)}", f"{row.get('seconds', 0):.0f}"))
-    return table(["rig", "hidden", "misfit", "outcome", "said", "chi-square held out", "s"], lines)
+    return table(["rig", "hidden effect", "misfit", "outcome", "result", "chi-square, held out", "s"], lines)
 
 
 def matrix(rows: Sequence[Row]) -> str:
@@ -92,7 +93,7 @@ def matrix(rows: Sequence[Row]) -> str:
             counts.setdefault(kind, Counter())[told] += 1
     lines = [(kind, sum(found.values()), found[kind], ", ".join(f"{k} ({n})" for k, n in found.items() if k != kind) or "-")
              for kind, found in sorted(counts.items())]
-    return table(["class hidden", "cases", "named, or among those alike", "else"], lines)
+    return table(["hidden class", "cases", "named, or among the indistinguishable", "other"], lines)
 
 
 def sizes(rows: Sequence[Row], checks: Sequence[Row]) -> str:
@@ -110,10 +111,10 @@ def sizes(rows: Sequence[Row], checks: Sequence[Row]) -> str:
     told = [(*key, *(_told(found[f]) if f in found else "-" for f in detectability.FACTORS))
             for key, found in points.items()]
     return "\n\n".join([
-        table(["rig", "effect", "seen from", "misfit", "named from", "misfit",
+        table(["rig", "effect", "detected from", "misfit", "distinguished from", "misfit",
                "nearest of another class or place", "cosine"], lines),
-        "Checked by simulation, at half and at twice the amplitude from which it should be named:",
-        table(["rig", "effect", "at half of it", "at twice"], told)])
+        "Check by simulation at half and at twice the amplitude from which the effect should be distinguished:",
+        table(["rig", "effect", "at half", "at twice"], told)])
 
 
 def _from(row: Row, what: str) -> tuple[str, str]:
@@ -136,17 +137,17 @@ def machine(rows: Sequence[Row]) -> str:
         ladder = row["ladder"]
         effects = [f"{p['name']} {readable(p['value'], p['unit'], 3)}" for p in row["parameters"]]
         off = [abs(row["fitted"][name] / true - 1) for name, true in row["values"].items() if name in row["fitted"]]
-        outcome = OUTCOMES[row["outcome"]] if row["kinds"] else {"right": "told so"}.get(row["outcome"], row["outcome"])
+        outcome = OUTCOMES[row["outcome"]] if row["kinds"] else {"right": "correct"}.get(row["outcome"], row["outcome"])
         lines.append((row["key"], outcome, said(row),
                       " to ".join(figure(ladder[k][2], 4) for k in ([1, -1] if len(ladder) > 2 else [-1])),
                       f"{row['refitted']} of {row['scored']}", f"{row['processor']:.0f}", f"{row['megabytes']:.0f}"))
         values.append((row["key"], ", ".join(effects) or "-", f"{100 * max(off, default=0):.1f} %"))
     return "\n\n".join([
-        "Effects hidden in [the compensator](compensator.md#what-a-diagnosis-finds-in-it), sought among the whole catalogue "
-        "in one process; of the candidates that can be simulated those that can matter are refitted.",
-        table(["hidden", "outcome", "said", "chi-square held out", "refitted", "processor, s", "MB"], lines),
-        "What was fitted, and how far the free parameters are from the machine's own values at most:",
-        table(["hidden", "the effect's numbers", "parameters off by"], values)])
+        "Effects hidden in [the compensator](compensator.md#results-of-a-diagnosis), diagnosed with the whole catalogue in "
+        "one process. Of the candidates that can be simulated, those that can reduce the error are refitted.",
+        table(["hidden effect", "outcome", "result", "chi-square, held out", "refitted", "processor time, s", "MB"], lines),
+        "Estimated values, and the largest deviation of the free parameters from the true values:",
+        table(["hidden effect", "estimated values of the effect", "largest deviation"], values)])
 
 
 def main() -> None:
@@ -155,7 +156,7 @@ def main() -> None:
              (confusion.STUDY, false_alarms.STUDY, detectability.STUDY, detectability.CHECKS, compensator.STUDY)}
     rows = found[confusion.STUDY]
     parts = ["## False alarms", alarms(found[false_alarms.STUDY]), "## Confusion", outcomes(rows), matrix(rows),
-             "### Every case", cases(rows), "## How large an effect must be",
+             "### Every case", cases(rows), "## Detectability",
              sizes(found[detectability.STUDY], found[detectability.CHECKS]),
              "## A machine of real size", machine(found[compensator.STUDY])]
     text = PAGE.read_text(encoding="utf-8")

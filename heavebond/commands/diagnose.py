@@ -88,9 +88,9 @@ def diagnose(experiment: str, steps: int, classes: tuple[str, ...], seconds: flo
     if files and ended_early:
         console.print(f"look at it: heavebond compare {files[-1]}", soft_wrap=True)
     elif files:
-        console.print(f"go on: heavebond compare {files[-1]}; heavebond diagnose {files[-1]}", soft_wrap=True)
+        console.print(f"next: heavebond compare {files[-1]}; heavebond diagnose {files[-1]}", soft_wrap=True)
     elif found.verdict == "parameters":
-        console.print(f"go on: heavebond fit {experiment} --write fitted.yaml", soft_wrap=True)
+        console.print(f"next: heavebond fit {experiment} --write fitted.yaml", soft_wrap=True)
     return {"experiment": given.name, **found.as_dict(), "files": [str(f) for f in (*files, *proposed, page)]}
 
 

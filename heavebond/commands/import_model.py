@@ -38,6 +38,6 @@ def import_model(file: Path, output: Path | None) -> dict[str, object]:
     for item in made.untranslated:
         console.print(visible(f"not translated: {file.name}:{item.line}: {item.submodel}: {item.reason}"), soft_wrap=True,
                       markup=False)
-    console.print(f"go on: heavebond check {written[0]}", soft_wrap=True, markup=False)
+    console.print(f"next: heavebond check {written[0]}", soft_wrap=True, markup=False)
     return {"model": made.name, "files": [str(path) for path in written],
             "untranslated": [{"submodel": u.submodel, "line": u.line, "reason": u.reason} for u in made.untranslated]}

@@ -55,7 +55,7 @@ def modes(model: str, at: str | None, steady: bool, settings: tuple[str, ...]) -
              _named(share.energy or mode.participation), _named(share.damping))
             for mode, share in zip(found, shares, strict=True)]
     console.print(terminal.table(f"{assembly.model.name} {operating.words}, {count(len(assembly.state_names), 'state')}",
-                                 ("frequency", "damping", "decay", "energy in", "damped (fed) by"), rows, text=5))
+                                 ("frequency", "damping", "decay", "energy in", "damping contribution"), rows, text=5))
     growing = len(judged.growing)
     if growing:
         console.print(f"{growing} modes grow" if growing > 1 else "1 mode grows",

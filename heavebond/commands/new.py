@@ -26,6 +26,6 @@ def new(folder: Path, origin: str | None) -> dict[str, object]:
     console = terminal.output()
     for path in made.files:
         console.print(f"wrote {path}", soft_wrap=True)
-    console.print(f"go on: cd {folder}; heavebond run {made.diagrams[0].name}; then as {folder / 'README.md'} says",
+    console.print(f"next: cd {folder}; heavebond run {made.diagrams[0].name}; then as {folder / 'README.md'} says",
                   soft_wrap=True)
     return {"folder": str(folder), "files": [str(path) for path in made.files]}

@@ -56,7 +56,7 @@ def try_effect(experiment: str, component: str, between: tuple[str, str] | None,
         console.print(f"wrote {path}", soft_wrap=True)
     if files:
         further = f"; heavebond diagnose {files[-1]}" if found.earned else ""
-        console.print(f"go on: heavebond compare {files[-1]}{further}", soft_wrap=True)
+        console.print(f"next: heavebond compare {files[-1]}{further}", soft_wrap=True)
     return {"experiment": given.name, **found.as_dict(), "files": list(map(str, files))}
 
 

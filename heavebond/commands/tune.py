@@ -58,7 +58,7 @@ TIMES = 3  # a free parameter without a range may grow to so many times its valu
 @click.option("--sweep", "grid", metavar="N", type=Whole(2), help="Compare with a sweep of N x N points.")
 @click.option("--write", "written", metavar="DIAGRAM", type=click.Path(path_type=Path),
               help="Write a diagram that extends the model with the tuned values (.yaml, must be new).")
-@picture_option("Draw the cost surface and the way of the search (two free parameters, with --sweep)")
+@picture_option("Draw the cost surface and the optimisation path (two free parameters, with --sweep)")
 @json_option
 def tune(study: str, free: tuple[str, ...], cost: str | None, limits: tuple[str, ...], evaluate: str | None,
          reference: tuple[str, ...], settings: tuple[str, ...], method: str, explore: int, starts: int, robustness: bool,

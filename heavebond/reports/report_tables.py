@@ -159,7 +159,7 @@ def shown_unit(unit: str, size: float) -> tuple[Unit, str]:
     return read_unit(shown), "" if shown == "1" else f" {unit_label(shown)}"
 
 
-# -- what is left ------------------------------------------------------------------------------------------------------
+# -- residual tests ----------------------------------------------------------------------------------------------------
 def tests(steps: Sequence[Stage], names: Sequence[str]) -> Html:
     """The tests on what each model leaves of the fitted samples; `names` says which model that is."""
     rows = []
@@ -168,7 +168,7 @@ def tests(steps: Sequence[Stage], names: Sequence[str]) -> Html:
             p, level = getattr(step.left, test), LEVELS[test]
             rows.append([name if test == "score" else "", question, _answer(test, p, level, step.left),
                          words_of_chance(p), number(level, 2)])
-    return table(("what is left by", "question", "answer", "by chance?", "limit"), rows)
+    return table(("residual of", "question", "answer", "by chance?", "limit"), rows)
 
 
 def _answer(test: str, p: float, level: float, left: ResidualTests) -> Html:
