@@ -15,13 +15,12 @@ from scipy.sparse.csgraph import maximum_bipartite_matching
 from heavebond.equations.index_reduction import collapse, pantelides
 from heavebond.equations.matching import (
     Block,
-    Tearing,
     block_lower_triangular,
     components_of,
     dulmage_mendelsohn,
     maximum_matching,
-    tear,
 )
+from heavebond.equations.tearing import Tearing, tear
 
 
 @st.composite

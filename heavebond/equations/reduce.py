@@ -22,8 +22,9 @@ from heavebond.equations import structural_messages
 from heavebond.equations.flatten import Flat, FlatEquation
 from heavebond.equations.index_reduction import Pantelides, collapse, pantelides
 from heavebond.equations.lost_rank import Row, Simultaneous, losses
-from heavebond.equations.matching import block_lower_triangular, maximum_matching, tear
+from heavebond.equations.matching import block_lower_triangular, maximum_matching
 from heavebond.equations.state_selection import Column, Constraints, InitialGuess, constraints, select_states
+from heavebond.equations.tearing import tear
 from heavebond.language.incidence import DEFINITE, NONLINEAR, PARAMETER, UNIT, classify
 from heavebond.language.symbols import split, stack, uniform
 
