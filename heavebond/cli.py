@@ -44,6 +44,7 @@ from heavebond.commands.run import run
 from heavebond.commands.schema import schema
 from heavebond.commands.sensitivity import sensitivity
 from heavebond.commands.signal import signal
+from heavebond.commands.studio import studio
 from heavebond.commands.study import study
 from heavebond.commands.sweep import sweep
 from heavebond.commands.terminal import PIPE_CLOSED, print_problems, warn
@@ -62,6 +63,7 @@ ALIASES = {"where": "localize", "ladder": "errors"}
 FORMER_OPTIONS = {"plot": {"--to": "--until"}, "sweep": {"--to": "--until"}, "signal": {"--to": "--until"},
                   "sensitivity": {"--to": "--parameter"}, "check-gradient": {"--to": "--parameter"},
                   "diagnose": {"--auto": "--steps=5"}}
+SERVING = ("studio",)  # commands that go on until they are ended: no lines of progress
 FINE, AT_FAULT, WRONG_USAGE, OWN_FAULT, SIGNALLED = 0, 1, 2, 70, 128
 
 
@@ -95,7 +97,8 @@ class Commands(click.Group):
         try:
             if path := json_path(given):
                 check_writable(Path(path))
-            with listening() as heard, collecting() as renamed, progress_lines(command or "heavebond"):
+            words = "" if command in SERVING else command or "heavebond"
+            with listening() as heard, collecting() as renamed, progress_lines(words):
                 code, figures = self._run(present_options(command, given), prog_name)
         except HeavebondError as error:
             problems, figures = list(error.problems), error.figures
@@ -278,5 +281,5 @@ def main() -> None:
 
 for _command in (check, draw, run, plot, animate, compare, fit, localize, candidates, try_effect, diagnose, errors, tune,
                  study, sweep, signal, modes, linear, energy, sensitivity, check_gradient, library, demo, export,
-                 import_model, schema, new):
+                 import_model, schema, new, studio):
     main.add_command(_command)

@@ -77,9 +77,13 @@ class Tab:
 
     def open(self, path: Path) -> None:
         """Load a file and wait until it has run."""
-        self.call("Page.navigate", url=path.as_uri())
-        end = time.monotonic() + PATIENCE
-        while not any(e["method"] == "Page.loadEventFired" for e in self.events):
+        self.go(path.as_uri())
+
+    def go(self, address: str) -> None:
+        """Load an address and wait until it has run."""
+        before, end = len(self.events), time.monotonic() + PATIENCE
+        self.call("Page.navigate", url=address)
+        while not any(e["method"] == "Page.loadEventFired" for e in self.events[before:]):
             self._read(end)
         self.run("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => done(1))))")
 
@@ -96,6 +100,41 @@ class Tab:
     def mouse(self, kind: str, x: float, y: float, **more: Any) -> None:
         """Pressed, released, moved or wheel."""
         self.call("Input.dispatchMouseEvent", type=f"mouse{kind}", x=x, y=y, **more)
+
+    def wait(self, script: str, patience: float = PATIENCE) -> Any:
+        """The value of a piece of JavaScript as soon as it is true."""
+        end = time.monotonic() + patience
+        while not (found := self.run(script)):
+            assert time.monotonic() < end, f"never came true: {script}"
+            time.sleep(0.03)
+        return found
+
+    def middle(self, selector: str) -> tuple[float, float]:
+        """The middle of the first element that a selector finds, once it is on the page and scrolled to."""
+        quoted = json.dumps(selector)
+        self.wait(f"document.querySelector({quoted}) !== null")
+        x, y = self.run(f"""(() => {{ const found = document.querySelector({quoted});
+            found.scrollIntoView({{block: "nearest"}});
+            const box = found.getBoundingClientRect(); return [box.x + box.width / 2, box.y + box.height / 2]; }})()""")
+        return x, y
+
+    def click(self, selector: str, count: int = 1) -> None:
+        """Click what a selector finds with the mouse."""
+        x, y = self.middle(selector)
+        for k in range(count):
+            self.mouse("Pressed", x, y, button="left", clickCount=k + 1)
+            self.mouse("Released", x, y, button="left", clickCount=k + 1)
+
+    def key(self, key: str, *, ctrl: bool = False, alt: bool = False, code: int = 0, text: str = "") -> None:
+        """Press a key and let it go; `code` is its number on Windows, by which the browser knows Tab, Enter and arrows."""
+        more = {"key": key, "modifiers": 2 * ctrl + alt, "windowsVirtualKeyCode": code or (ord(key.upper()) if len(key) == 1
+                                                                                         else 0)}
+        self.call("Input.dispatchKeyEvent", type="keyDown", **more, **({"text": text} if text else {}))
+        self.call("Input.dispatchKeyEvent", type="keyUp", **more)
+
+    def write(self, text: str) -> None:
+        """Type a text where the focus is."""
+        self.call("Input.insertText", text=text)
 
     def requested(self) -> list[str]:
         """Every address that was asked for."""

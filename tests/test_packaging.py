@@ -29,6 +29,8 @@ def test_nothing_lands_beside_the_package(wheel: Path) -> None:
             "heavebond/web/animation.css", "heavebond/web/animation.js",
             "heavebond/c/fmi2.c", "heavebond/c/fmi3.c", "heavebond/c/fmu_core.c", "heavebond/c/rosenbrock.c",
             "heavebond/c/evaluate.c",
+            "heavebond/studio/page/index.html", "heavebond/studio/page/main.js", "heavebond/studio/page/vendor/uPlot.js",
+            "heavebond/studio/page/vendor/codemirror.js", "heavebond/studio/page/vendor/codemirror.LICENSE",
             "heavebond/starter/NAME.yaml", "heavebond/starter/README.md"} <= set(names)
     assert not any("__pycache__" in name for name in names)
 

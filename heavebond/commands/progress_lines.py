@@ -64,9 +64,10 @@ class ProgressLines:
 
 @contextlib.contextmanager
 def progress_lines(words: str) -> Iterator[None]:
-    """Within it lines are printed where standard error is no terminal; within another one nothing changes."""
+    """Within it lines are printed where standard error is no terminal; within another one, or without words, nothing
+    changes."""
     every = interval()
-    if _running or not every or sys.stderr.isatty():
+    if _running or not every or not words or sys.stderr.isatty():
         yield
         return
     lines, ended = ProgressLines(words, clock.monotonic()), threading.Event()

@@ -102,11 +102,11 @@ class Unexplained(Simulator):
         tolerances = replace(self.tolerances, rtol=share * self.tolerances.rtol, atol=share * self.tolerances.atol)
         table = (self.pieces.breaks, self.pieces.columns) if self.looks_up else None
         return CompiledCvodes(self.integrand.dae, len(self.assembly.x_nominal), self.stops, tolerances, self.most_steps,
-                              table, self._longest() if self.looks_up else 0.0)
+                              table, self._longest())
 
     def _longest(self) -> float:
-        """The longest step, in s, over inputs that are looked up."""
-        return SEARCH_RUNS.longest_step * float(np.median(np.diff(self.pieces.breaks)))
+        """The longest step, in s, over inputs that are looked up; 0 where none is set."""
+        return SEARCH_RUNS.longest_step * float(np.median(np.diff(self.pieces.breaks))) if self.looks_up else 0.0
 
     def _check_rates(self, assembly: Assembly, first: Start) -> None:
         """Nothing: the number of steps is limited."""
@@ -145,6 +145,7 @@ class QuickSimulator(Unexplained):
         given: dict[str, Any] = dict(dae)
         if self.looks_up:
             given = self._with_table()
+        if self._longest() and not self.one_step:
             options["max_step_size"] = self._longest()
         if not dae["z"].numel():
             del given["z"], given["alg"]
@@ -179,6 +180,15 @@ class QuickSimulator(Unexplained):
                                 {"lookup_mode": ["binary"]})(t)
         ode, alg = right(t, x, z, p, u)
         return {"t": t, "x": x, "z": z, "p": p, "ode": ode, "alg": alg}
+
+
+class PreviewSimulator(QuickSimulator):
+    """A `QuickSimulator` for curves that are looked at while a slider moves. No step is longer than `longest_step` intervals
+    between output points, so that a short motion that the output points show (a bump after a rest) is not stepped over."""
+
+    def _longest(self) -> float:
+        shown = SEARCH_RUNS.longest_step * float(np.median(np.diff(self.time))) if len(self.time) > 1 else 0.0
+        return min(shown, super()._longest() or shown)
 
 
 def _sides(dae: Mapping[str, ca.SX]) -> ca.Function:

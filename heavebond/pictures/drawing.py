@@ -183,7 +183,7 @@ def _sheet(drawn: Drawn, look: Look) -> list[str]:
 def _item(item: Item, look: Look, reached: frozenset[tuple[int, int]]) -> list[str]:
     """A part; `reached` are the points where wires end, to mark a port at that of its anchors which is in use."""
     kind = item.part.component
-    lines = [f'<g class="part" transform="translate({item.x} {item.y})">',
+    lines = [f'<g class="part" data-part="{xml(item.part.path)}" transform="translate({item.x} {item.y})">',
              f"<title>{xml(f'{item.part.path}: {kind.name}. {kind.summary}')}</title>"]
     main = item.shape.domain or next((d for d in item.part.ports.values() if d != "signal"), "signal")
     colour = look.part(item, main)
@@ -196,7 +196,8 @@ def _item(item: Item, look: Look, reached: frozenset[tuple[int, int]]) -> list[s
         lines += [f'<circle cx="{a.x}" cy="{a.y}" r="6" stroke="{WARNING}" stroke-width="2.5"/>' for a in ends[:1]]
     lines.append("</g>")
     if item.caption is not None:
-        lines += _lettered(item.caption, WARNING if "" in item.marks else "#000000", "part")
+        lines += [f'<g data-part="{xml(item.part.path)}">',
+                  *_lettered(item.caption, WARNING if "" in item.marks else "#000000", "part"), "</g>"]
     return lines
 
 
@@ -274,7 +275,8 @@ def _wire(line: Strand, look: Look) -> list[str]:
     if marked:
         lines.append(f'<path d="{paths}" stroke="{HALO}" stroke-width="10" stroke-linecap="round"/>')
     told = f"<title>{xml(line.net.path)}: {look.paint.text(value)}</title>" if look.paint and value is not None else ""
-    head = f'<path class="wire" d="{paths}" stroke="{colour}" stroke-width="{width}"'
+    place = f' data-node="{xml(line.net.path)}"' if not line.net.given else ""
+    head = f'<path class="wire"{place} d="{paths}" stroke="{colour}" stroke-width="{width}"'
     lines.append(f"{head}>{told}</path>" if told else f"{head}/>")
     lines += [f'<circle class="dot" cx="{x}" cy="{y}" r="3" fill="{colour}"/>' for x, y in line.wire.dots]
     if line.free is not None:

@@ -1,0 +1,79 @@
+"""Takes the pictures of the studio in a headless browser: `python docs/pictures/studio/draw.py [FOLDER]`."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE.parents[2] / "tests"))
+
+import browser  # noqa: E402
+
+SETTLED = 0.5  # s until the charts are drawn
+
+
+def pictures(tab: browser.Tab, address: str, folder: Path) -> None:
+    """The first page; the compensator after a run; a gain moved; a block opened; a mistake."""
+    def take(name: str) -> None:
+        time.sleep(SETTLED)
+        (folder / f"{name}.png").write_bytes(tab.screenshot())
+        print(f"wrote {folder / name}.png")
+
+    tab.go(address)
+    tab.wait("document.querySelectorAll('.cards li').length > 3")
+    take("first_page")
+    tab.click("[data-open='bundled:cmc_ahc']")
+    tab.wait("studio.view?.parts")
+    tab.click("#run")
+    tab.wait("studio.live && !studio.busy")
+    tab.click("#keep")
+    tab.click("g.part[data-part='controller'] .frame")
+    x, y = tab.middle("[id='s-controller.K_p']")
+    tab.mouse("Pressed", x, y, button="left", clickCount=1)
+    tab.mouse("Moved", x - 60, y, button="left")
+    tab.mouse("Released", x - 60, y, button="left", clickCount=1)
+    tab.wait("studio.live.values['controller.K_p'] && !studio.live.preview && !studio.busy")
+    take("slider")
+    tab.click("g.part[data-part='ahc'] .frame", 2)
+    tab.wait("studio.view.opened.length === 1")
+    tab.click("#toggle-text")
+    tab.click("[data-zoom='fit']")
+    take("block")
+    tab.run("studio.open('rig.yaml')")
+    tab.wait("studio.document.name === 'rig.yaml' && studio.view?.parts")
+    tab.click("#toggle-text")
+    tab.run("studio.editor.replace(studio.editor.text.replace('N*s/m', 'N/m'))")
+    tab.wait("document.querySelector('g.part.faulty') !== null")
+    tab.click("[data-zoom='fit']")
+    take("mistake")
+
+
+def main(folder: Path) -> None:
+    """Start the studio on an empty folder, and a browser."""
+    with tempfile.TemporaryDirectory() as place:
+        opened = Path(place) / "machines"
+        opened.mkdir()
+        command = [sys.executable, "-c", "from heavebond.cli import main; main()", "studio", ".", "--no-browser"]
+        server = subprocess.Popen(command, cwd=opened, stdout=subprocess.PIPE, text=True)
+        try:
+            assert server.stdout is not None
+            address = server.stdout.readline().split(": ")[1].strip()
+            from heavebond.studio.folder import Folder
+
+            Folder(opened).create("rig")
+            tab = browser.Tab(Path(place) / "profile", 1440, 960)
+            try:
+                pictures(tab, address, folder)
+            finally:
+                tab.close()
+        finally:
+            server.terminate()
+            server.wait()
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else HERE)

@@ -1,0 +1,187 @@
+"""The work of the studio's workers: diagrams checked and drawn, simulated, and their signals looked up."""
+
+from __future__ import annotations
+
+import warnings
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from heavebond.core.errors import HeavebondError, Problem, Problems, RunWarning
+from heavebond.equations.connect import connect
+from heavebond.equations.expand import expand
+from heavebond.language.model import Model, from_source
+from heavebond.language.power_terms import CREATED, power_problems, used
+from heavebond.numerics.dae import Array, Assembly, assemble
+from heavebond.numerics.initialise import start
+from heavebond.numerics.inputs import pieced
+from heavebond.numerics.quick_simulation import PreviewSimulator
+from heavebond.numerics.result import Result
+from heavebond.numerics.simulation import changes_of, simulate
+from heavebond.numerics.simulator import grid
+from heavebond.pictures.drawing import draw
+from heavebond.studio.contents import Entry, contents, part_lines, problem_entry
+from heavebond.studio.job import Job
+from heavebond.text.yaml_source import parse
+
+KEPT = 24  # runs whose results a worker keeps; older ones are simulated again where a further signal of them is asked for
+
+
+def read(job: Job) -> Model:
+    """The diagram; ModelError with its problems."""
+    model = from_source(parse(job.text, Path(job.path), job.name))
+    return model.with_parameters(dict(job.values)) if job.values else model
+
+
+def stamps(model: Model, path: str) -> tuple[Any, ...]:
+    """By what a change of the other files that a diagram reads is noticed."""
+    return tuple((str(p), p.stat().st_mtime_ns) for p in dependencies(model, Path(path)) if p.exists())
+
+
+def dependencies(model: Model, path: Path) -> list[Path]:
+    """The files beside its own that a diagram is made of: those that it extends, lists of values, and the components in its
+    folder."""
+    library = [p for p in model.library.files.values() if path.parent.resolve() in p.resolve().parents]
+    return [p for p in dict.fromkeys([*model.sources, *library]) if p.resolve() != path.resolve()]
+
+
+# -- check and drawing -----------------------------------------------------------------------------------------------
+def view(job: Job, opened: Sequence[str] = ()) -> Entry:
+    """The drawing and the contents of a diagram, with the problems that `heavebond check` finds; as far as it goes."""
+    problems, found, parts = Problems(), Entry(), dict[str, tuple[int, int]]()
+    try:
+        source = parse(job.text, Path(job.path), job.name)
+        parts = part_lines(source.root)
+        model = from_source(source)
+        found["files"] = [str(p) for p in dependencies(model, Path(job.path))]
+        expanded = expand(model)
+        network = connect(expanded)
+        blocks = [name for name in opened if name in expanded.blocks]
+        found |= {"svg": draw(model, open=blocks), "opened": blocks}
+        assembly = _checked(model, problems)
+        found |= contents(expanded, network, assembly, job.name)
+        found["runs"] = assembly is not None
+    except HeavebondError as error:
+        problems.extend(error)
+    return {**found, "problems": [problem_entry(p, job.name, parts) for p in problems.found]}
+
+
+def _checked(model: Model, problems: Problems) -> Assembly | None:
+    """The assembled diagram with the problems of its structure, its start and the power of its components noted."""
+    try:
+        assembly = assemble(model)
+    except HeavebondError as error:
+        problems.extend(error)
+        return None
+    for problem in power_problems(used(model.library, [model.body]), model.library.domains):
+        if problem.code == CREATED:
+            problems.extend(HeavebondError([problem]))
+    try:
+        u = None
+        if assembly.flat.inputs:
+            times = grid(model, None, None)
+            u = pieced(assembly.flat, 0.0, float(times[-1])).at(np.zeros(1))[:, 0]
+        start(assembly, 0.0, u)
+    except HeavebondError as error:
+        problems.extend(error)
+    return assembly
+
+
+# -- runs ------------------------------------------------------------------------------------------------------------
+class Bench:
+    """Runs of one page: the diagram assembled once for as long as its text stays, and the results that were made last."""
+
+    def __init__(self) -> None:
+        self._assembled: tuple[Any, Assembly] | None = None
+        self._quick: tuple[Any, PreviewSimulator] | None = None
+        self._results: OrderedDict[Any, Result] = OrderedDict()
+
+    def _assembly(self, job: Job) -> tuple[Any, Assembly]:
+        """The diagram as it is written, without the values of sliders."""
+        if self._assembled is not None and self._assembled[0][:3] == (job.text, job.path, job.name) and \
+                self._assembled[0][3] == stamps(self._assembled[1].model, job.path):
+            return self._assembled
+        model = read(replace(job, values={}))
+        key = (job.text, job.path, job.name, stamps(model, job.path))
+        self._assembled = (key, assemble(model))
+        return self._assembled
+
+    def run(self, job: Job, names: Sequence[str] = ()) -> tuple[Entry, Array]:
+        """A run as `heavebond run` makes it, by `--set` with the values of the sliders."""
+        result = self._result(job)
+        shown = list(result.assembly.model.show) or result.assembly.state_names
+        figures = _figures(result, list(dict.fromkeys([*shown, *names])))
+        told: Entry = {
+            "outputs": figures, "verdict": {"status": result.verdict.status, "text": result.verdict.text},
+            "events": len(result.events), "until": float(result.time[-1]), "points": len(result.time),
+            "solver": str(result.statistics.get("solver", "")), "notes": changes_of(result)}
+        return _with_series(told, result, names)
+
+    def _result(self, job: Job) -> Result:
+        key, assembly = self._assembly(job)
+        which = (key, tuple(sorted(job.values.items())))
+        if which not in self._results:
+            if job.values:
+                # assembled with the values, so that their limits and all that depends on them are checked
+                assembly = assemble(read(job))
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", RunWarning)  # the page shows the verdict itself
+                self._results[which] = simulate(assembly)
+            while len(self._results) > KEPT:
+                self._results.popitem(last=False)
+        self._results.move_to_end(which)
+        return self._results[which]
+
+    def prepare(self, job: Job) -> tuple[Entry, Array]:
+        """Build what sliders run with, which may take a second (a program is compiled)."""
+        key, assembly = self._assembly(job)
+        if self._quick is None or self._quick[0] != key:
+            self._quick = (key, PreviewSimulator(assembly))
+        return {}, np.zeros((0, 0))
+
+    def preview(self, job: Job, names: Sequence[str]) -> tuple[Entry, Array]:
+        """A run while a slider moves: the same equations with other numbers, by the integrator of searches, which keeps the
+        tolerances but does not look for the reason where it fails."""
+        self.prepare(job)
+        assert self._quick is not None
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            result = self._quick[1].run(dict(job.values))
+        return _with_series({"verdict": {"status": "clean", "text": ""}}, result, names)
+
+    def signals(self, job: Job, names: Sequence[str]) -> tuple[Entry, Array]:
+        """Further signals of a run; one that is no longer kept is made again."""
+        return _with_series({}, self._result(job), names)
+
+
+def _with_series(told: Entry, result: Result, names: Sequence[str]) -> tuple[Entry, Array]:
+    """What is told of a run, with the units of signals, and their values: the time in s, then each signal."""
+    names = list(dict.fromkeys(names))
+    signals = result.signals(names) if names else {}
+    told = {**told, "signals": names, "units": {name: result.unit(name) for name in names}}
+    return told, np.vstack([result.time, *(signals[name] for name in names)])
+
+
+def _figures(result: Result, names: Sequence[str]) -> dict[str, Entry]:
+    """min, max, rms and last value, as `heavebond run` lists them."""
+    values = result.signals(names)
+    return {name: {"min": float(v.min()), "max": float(v.max()), "rms": float(np.sqrt(np.mean(v ** 2))),
+                   "final": float(v[-1]), "unit": result.unit(name)} for name, v in values.items()}
+
+
+def fault(error: Exception) -> Problem:
+    """An exception that is none of the project's own."""
+    said = (str(error).strip().splitlines() or [""])[0]
+    return Problem("internal", f"a fault of heavebond itself, not of your files: {type(error).__name__}: {said}", None,
+                   "The same command on the command line writes a file with its trace.")
+
+
+def tasks() -> dict[str, Callable[..., tuple[Entry, Array | None]]]:
+    """What a worker does, by the name of the task."""
+    bench = Bench()
+    return {"view": lambda job, opened: (view(job, opened), None), "run": bench.run, "prepare": bench.prepare,
+            "preview": bench.preview, "signals": bench.signals}

@@ -1,0 +1,152 @@
+"""What the page shows of a diagram besides its drawing: parts, nodes, parameters with their units and limits, signals."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+from heavebond.core.errors import Problem
+from heavebond.core.units import Unit, UnitProblem, read_unit
+from heavebond.equations.connect import Network
+from heavebond.equations.expand import Bound, Expanded, Leaf
+from heavebond.equations.parameters import declared
+from heavebond.language.definition import FileInput, Parameter, SignalPort, Value
+from heavebond.text.expression import Number
+from heavebond.text.yaml_source import Mapping, Node, Sequence
+
+if TYPE_CHECKING:
+    from heavebond.numerics.dae import Assembly
+
+Entry = dict[str, object]
+DECADE = 10.0  # a slider goes from a tenth of a positive value to ten times it, where no limit is nearer
+
+
+def contents(expanded: Expanded, network: Network, assembly: Assembly | None, text_name: str) -> Entry:
+    """Parts and nodes by their paths, the diagram's own parameters, and its outputs; signals where it is assembled."""
+    names = _signals(assembly) if assembly is not None else {}
+    owned = _by_owner(names, [*expanded.leaves, *expanded.junctions])
+    free = set(assembly.parameter_names) if assembly is not None else set()
+    given: dict[str, list[Entry]] = {}
+    for path, bound, leaf in declared(expanded):
+        owner = leaf.path if leaf is not None else ""
+        name = path.removeprefix(f"{owner}.") if owner else path
+        parameter = leaf.component.parameters[name] if leaf is not None else None
+        given.setdefault(owner, []).append(_parameter(path, name, bound, parameter, path in free))
+    parts = {path: {"kind": leaf.component.name, "summary": leaf.component.summary, "block": leaf.component.composite,
+                    "line": leaf.place.line if leaf.place.file == text_name else None,
+                    "parameters": [*given.get(path, ()), *_inputs(leaf, free)], "signals": owned.get(path, [])}
+             for path, leaf in expanded.leaves.items()}
+    nodes = {path: {"domain": _domain(network, path), "line": j.place.line if j.place.file == text_name else None,
+                    "ends": [f"{end.leaf}.{end.port}" for end in j.ends if end.sign > 0],
+                    "signals": owned.get(path, [])} for path, j in expanded.junctions.items()}
+    model = expanded.model
+    shown = [{"name": name, "unit": output.unit, "doc": output.text} for name, output in model.show.items()]
+    if not shown and assembly is not None:
+        shown = [{"name": name, **names[name]} for name in assembly.state_names if name in names]
+    return {"name": model.name, "summary": model.summary, "parts": parts, "nodes": nodes,
+            "parameters": given.get("", []), "outputs": shown, "until": model.until.text if model.until else ""}
+
+
+def _domain(network: Network, path: str) -> str:
+    index = network.group_of_node.get(path)
+    return "signal" if index is None else network.groups[index].domain
+
+
+def _signals(assembly: Assembly) -> dict[str, dict[str, str]]:
+    """Every variable by its name, with unit and meaning."""
+    flat = assembly.flat
+    found = {name: {"unit": flat.unknowns[j].unit.text, "doc": flat.unknowns[j].doc} for name, j in flat.names.items()}
+    return found | {h.name: {"unit": h.unit.text, "doc": h.doc} for h in flat.held}
+
+
+def _by_owner(names: dict[str, dict[str, str]], owners: Iterable[str]) -> dict[str, list[Entry]]:
+    """Variables by the innermost part or node whose path they begin with; a part and a node may share a name."""
+    known, found = set(owners), dict[str, list[Entry]]()
+    for name, told in names.items():
+        owner = name.rpartition(".")[0]
+        while owner and owner not in known:
+            owner = owner.rpartition(".")[0]
+        found.setdefault(owner, []).append({"name": name, **told})
+    # what a part computes itself before what stands at its ports
+    return {owner: sorted(entries, key=lambda e: str(e["name"]).count(".")) for owner, entries in found.items()}
+
+
+def _inputs(leaf: Leaf, free: set[str]) -> list[Entry]:
+    """Signal inputs that a value is given to."""
+    return [_parameter(f"{leaf.path}.{name}", name, bound, leaf.component.signals[name], f"{leaf.path}.{name}" in free)
+            for name, bound in leaf.inputs.items()]
+
+
+def _parameter(path: str, name: str, bound: Bound, declaration: Parameter | SignalPort | None, free: bool) -> Entry:
+    """A parameter with its value as it is written, and the range of its slider where it is one number that may be changed
+    without assembling the diagram anew."""
+    value = bound.value
+    text = value.file.name if isinstance(value, FileInput) else value.text
+    entry: Entry = {"path": path, "name": name, "text": text, "doc": declaration.doc if declaration else "",
+                    "unit": declaration.unit.text if declaration else ""}
+    low = declaration.low if isinstance(declaration, Parameter) else None
+    high = declaration.high if isinstance(declaration, Parameter) else None
+    if declaration is not None:
+        entry["limits"] = [None if low is None else declaration.unit.from_si(low),
+                           None if high is None else declaration.unit.from_si(high)]
+    if free and isinstance(value, Value) and (slider := _slider(value, low, high)):
+        entry["slider"] = slider
+    return entry
+
+
+def _slider(value: Value, low: float | None, high: float | None) -> Entry | None:
+    """Value, ends and limits in the unit in which the value is written; logarithmic where all are positive."""
+    written = value.text.partition(" ")[2].strip()
+    if not isinstance(value.expr, Number) or value.formula:
+        return None
+    try:
+        unit = read_unit(written) if written else Unit("1", 1.0, 0.0, ())
+    except UnitProblem:
+        return None
+    now = unit.from_si(value.expr.value)
+    least, most = (None if end is None else unit.from_si(end) for end in (low, high))
+    if now > 0 and not unit.offset:
+        begin, end = now / DECADE, now * DECADE
+    elif now < 0 and not unit.offset:
+        begin, end = 2 * now, 0.0
+    elif unit.offset:
+        begin, end = now - 50.0, now + 50.0
+    else:
+        begin, end = -1.0 if least is None or least < 0 else 0.0, 1.0
+    begin = begin if least is None else max(begin, least)
+    end = end if most is None else min(end, most)
+    if least is not None and most is not None and not (most > 100 * max(least, now / DECADE) > 0):
+        begin, end = least, most
+    if not begin < end:
+        return None
+    return {"value": now, "unit": written, "from": begin, "to": end, "low": least, "high": most,
+            "log": begin > 0 and end / begin >= DECADE}
+
+
+def problem_entry(problem: Problem, text_name: str, parts: dict[str, tuple[int, int]]) -> Entry:
+    """A problem with its place in the text, and the part of the diagram that is written there."""
+    place = problem.place
+    here = place is not None and place.file == text_name
+    owners = [name for name, (first, last) in parts.items() if place is not None and here and first <= place.line <= last]
+    return {"code": problem.code, "message": problem.message, "hint": problem.hint, "notes": list(problem.notes),
+            "file": place.file if place and not here else "", "line": place.line if place and here else None,
+            "other_line": place.line if place and not here else None,
+            "column": place.column if place and here else 1, "length": place.length if place and here else 0,
+            "part": owners[-1] if owners else ""}
+
+
+def part_lines(root: Mapping) -> dict[str, tuple[int, int]]:
+    """First and last line of each part under `components:`."""
+    entries = root.items.get("components")
+    return {name: (key.place.line, last_line(entries.items[name])) for name, key in entries.keys.items()} \
+        if isinstance(entries, Mapping) else {}
+
+
+def last_line(node: Node) -> int:
+    """The last line on which something of a node begins."""
+    inner: list[Node] = []
+    if isinstance(node, Mapping):
+        inner = list(node.items.values())
+    elif isinstance(node, Sequence):
+        inner = list(node.items)
+    return max([node.place.line, *(last_line(n) for n in inner)])

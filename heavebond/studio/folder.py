@@ -1,0 +1,202 @@
+"""The opened folder: its diagrams and the bundled ones, read and saved to the byte, and never a file outside."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+from heavebond.core.errors import HeavebondError, Problem, UsageError
+from heavebond.core.limits import FILE_BYTES
+from heavebond.core.writable import new_file
+from heavebond.language.library import bundled
+from heavebond.text.yaml_source import Scalar, read, read_text
+
+BUNDLED = "bundled:"  # before the name of a machine that comes with heavebond
+LISTED, DEPTH = 500, 4  # files of the folder that the first page lists, and how deep it looks for them
+BOM = b"\xef\xbb\xbf"
+HEAD = re.compile(r"^model\s*:", re.MULTILINE)
+NEW = """\
+model: NAME
+summary: A load on a spring and a damper, released 20 mm from rest.
+components:
+  wall:   {is: Fixed, at: [0, 0]}
+  spring: {is: Spring, c: 4 kN/m, at: [1, 0]}
+  damper: {is: Damper, d: 100 N*s/m, at: [1, 1]}
+  load:   {is: Mass, m: 100 kg, at: [2, 0]}
+nodes:
+  ground: [wall.a, spring.a, damper.a]
+  load:   [spring.b, damper.b, load.a]
+initial: {load.x: 20 mm, load.v: 0 m/s}
+show:
+  place: {is: load.x, unit: mm}
+  speed: {is: load.v, unit: mm/s}
+  force: {is: spring.F + damper.F, unit: N}
+simulate: {until: 6 s, every: 5 ms}
+"""
+
+
+@dataclass(frozen=True)
+class Document:
+    """A diagram as it stands on disk: its `name` on the page, its text with `\\n` at the ends of lines, and the `version`
+    of its bytes by which a change beside the page is noticed."""
+
+    name: str
+    path: Path
+    text: str
+    version: str
+    writable: bool
+
+
+@dataclass(frozen=True)
+class Folder:
+    """What the page may see: YAML files below `root`, and the bundled machines, which it cannot write."""
+
+    root: Path
+
+    def path(self, name: str) -> Path:
+        """The file of a document; UsageError for any that lies outside, is hidden or is no YAML file."""
+        if name.startswith(BUNDLED):
+            machines = {entry["name"]: entry["path"] for entry in bundled_machines()}
+            if name not in machines:
+                raise UsageError([Problem("file-missing", f"there is no bundled diagram '{name.removeprefix(BUNDLED)}'")])
+            return Path(machines[name])
+        root = self.root.resolve()
+        try:
+            path = (root / name).resolve()
+        except (OSError, ValueError, RuntimeError):  # a NUL in it, links in a circle
+            raise _outside(name) from None
+        inside = path.is_relative_to(root) and path != root
+        if not inside or path.suffix not in (".yaml", ".yml") or \
+                any(part.startswith(".") for part in path.relative_to(root).parts):
+            raise _outside(name)
+        return path
+
+    def read(self, name: str) -> Document:
+        """A document; ModelError where it cannot be read."""
+        path = self.path(name)
+        read_text(path, name)  # says what is wrong with one that is absent, too large or no text
+        raw = path.read_bytes()
+        return Document(name, path, _decoded(raw), version(raw), not name.startswith(BUNDLED) and os.access(path, os.W_OK))
+
+    def save(self, name: str, text: str, base: str) -> Document:
+        """Write a text in place of the version `base`, in the line ends of the file; UsageError `file-changed` where another
+        version stands on disk."""
+        if name.startswith(BUNDLED):
+            raise UsageError([Problem("file-bundled", "a bundled diagram cannot be changed", None,
+                                      "Copy the machine into your folder, and change the copy.")])
+        path = self.path(name)
+        if len(data := text.encode("utf-8")) > FILE_BYTES:
+            raise UsageError([Problem("file-too-large", f"the text is larger than {FILE_BYTES // 10**6} MB")])
+        before = path.read_bytes() if path.is_file() else b""
+        if version(before) != base:
+            raise UsageError([Problem("file-changed", f"{name} has been changed on disk since it was read", None,
+                                      "Compare the two, then keep one.")])
+        try:
+            with new_file(path) as fresh:
+                fresh.write_bytes(_encoded(data, before))
+        except OSError as error:
+            raise UsageError([Problem("file-unwritable", f"{name} cannot be saved: {error.strerror or error}")]) from None
+        return self.read(name)
+
+    def create(self, name: str, text: str = NEW) -> str:
+        """A new diagram `name`, by default one to begin with; the name of its document."""
+        if not re.fullmatch(r"[A-Za-z]\w{0,60}", name, flags=re.ASCII):
+            raise UsageError([Problem("name-bad", f"'{name}' cannot name a diagram: letters, digits and _, a letter first")])
+        path = self.path(f"{name}.yaml")
+        try:
+            with new_file(path, exclusive=True) as fresh:
+                fresh.write_text(text.replace("NAME", name, 1), encoding="utf-8", newline="\n")
+        except FileExistsError:
+            raise UsageError([Problem("file-exists", f"{name}.yaml exists already", None, "Give another name.")]) from None
+        except OSError as error:
+            said = f"{name}.yaml cannot be made: {error.strerror or error}"
+            raise UsageError([Problem("file-unwritable", said)]) from None
+        return path.name
+
+    def derive(self, name: str, origin: str, values: Mapping[str, str]) -> str:
+        """A new diagram that extends `origin` and sets some of its parameters; the name of its document."""
+        path = self.path(origin)
+        base = path.relative_to(bundled("models").resolve() if origin.startswith(BUNDLED) else self.root.resolve())
+        lines = ["model: NAME", f"extends: {json.dumps(base.as_posix(), ensure_ascii=False)}"]
+        for parameter, value in values.items():
+            if not re.fullmatch(r"[\w.\[\]]+", parameter) or not value.isprintable():
+                raise UsageError([Problem("usage", f"'{parameter[:60]}' cannot be set")])
+        lines += ["set:", *(f"  {k}: {_plain_or_quoted(v)}" for k, v in values.items())] if values else []
+        return self.create(name, "\n".join(lines) + "\n")
+
+    def diagrams(self) -> list[dict[str, str]]:
+        """The diagrams below the folder, by name; links out of it, hidden folders and what is no diagram left out."""
+        found, root = [], self.root.resolve()
+        for folder, folders, files in os.walk(root):
+            here = Path(folder)
+            deep = len(here.relative_to(root).parts)
+            folders[:] = sorted(d for d in folders if not d.startswith((".", "__")) and deep + 1 < DEPTH)
+            for name in sorted(files):
+                relative = (here / name).relative_to(root).as_posix()
+                if name.endswith((".yaml", ".yml")) and not name.startswith(".") and self._is_diagram(relative):
+                    found.append({"name": relative})
+                if len(found) >= LISTED:
+                    return found
+        return found
+
+    def _is_diagram(self, name: str) -> bool:
+        """Whether a file begins as a diagram, as far as can be told without reading all of it."""
+        try:
+            with open(self.path(name), encoding="utf-8", errors="replace") as file:
+                head = file.read(4000)
+        except (OSError, HeavebondError):
+            return False
+        return bool(HEAD.search(head)) and not re.search(r"^(experiment|study)\s*:", head, re.MULTILINE)
+
+
+def _plain_or_quoted(value: str) -> str:
+    plain = re.fullmatch(r"[-+.\w]+( [\w*/().%]+)?", value, flags=re.ASCII)
+    return value if plain else json.dumps(value, ensure_ascii=False)
+
+
+def version(data: bytes) -> str:
+    """A version of a file's bytes, by which another one is told from it."""
+    return hashlib.sha256(data).hexdigest()
+
+
+def _outside(name: str) -> UsageError:
+    return UsageError([Problem("file-outside", f"'{name[:100]}' is no YAML file in the opened folder")])
+
+
+def _decoded(raw: bytes) -> str:
+    """The text; where every line ends with CR LF, with LF alone, as editors show it."""
+    raw = raw.removeprefix(BOM)
+    return (raw.replace(b"\r\n", b"\n") if _with_cr(raw) else raw).decode("utf-8")
+
+
+def _encoded(data: bytes, before: bytes) -> bytes:
+    """The bytes of a text with the mark and the line ends that the file had before."""
+    data = data.replace(b"\n", b"\r\n") if _with_cr(before) else data
+    return BOM + data if before.startswith(BOM) else data
+
+
+def _with_cr(raw: bytes) -> bool:
+    return b"\r\n" in raw and raw.count(b"\n") == raw.count(b"\r\n") == raw.count(b"\r")
+
+
+@lru_cache(maxsize=1)
+def bundled_machines() -> tuple[dict[str, str], ...]:
+    """The bundled diagrams with their summaries: those of each machine together, its own first."""
+    root, found = bundled("models"), []
+    for folder in sorted(p for p in root.iterdir() if p.is_dir() and p.name != "examples"):
+        main = folder / f"{folder.name}.yaml"
+        for path in sorted(folder.glob("*.yaml"), key=lambda p: (p != main, p.name)):
+            items = read(path, bundled=True).root.items
+            if next(iter(items)) != "model":
+                continue
+            said = items.get("summary")
+            name = folder.name if path == main else f"{folder.name}/{path.stem}"
+            found.append({"name": BUNDLED + name, "path": str(path), "machine": folder.name,
+                          "summary": said.text if isinstance(said, Scalar) else ""})
+    return tuple(found)

@@ -1,0 +1,167 @@
+// The drawing: the SVG of `heavebond draw`, moved and scaled by mouse and keyboard, its parts and wires selected.
+
+import { byId } from "./dom.js";
+
+const SVG = "http://www.w3.org/2000/svg";
+const LEAST = 0.05, MOST = 6, STEP = 40;
+
+export class Diagram {
+  /** @param {(kind: string, path: string) => void} onpick @param {(path: string) => void} onopen */
+  constructor(onpick, onopen) {
+    this.onpick = onpick;
+    this.onopen = onopen;
+    this.sheet = byId("sheet");
+    /** @type {SVGSVGElement|null} */
+    this.svg = null;
+    this.scale = 1;
+    this.x = 0;
+    this.y = 0;
+    this.frame = 0;
+    /** @type {{kind: string, path: string}|null} */
+    this.picked = null;
+    this.listen();
+  }
+
+  /** @param {string} text @param {Record<string, any>} parts @param {boolean} fit */
+  draw(text, parts, fit) {
+    const held = document.activeElement?.closest?.("[data-part], .reach"), focus = held && this.sheet.contains(held) ?
+      [held.getAttribute("data-part"), held.getAttribute("data-node")] : null;
+    const svg = /** @type {any} */ (document.importNode(new DOMParser().parseFromString(text, "image/svg+xml").documentElement, true));
+    this.sheet.replaceChildren(svg);
+    this.svg = svg;
+    svg.querySelector(":scope > rect")?.remove(); // the white sheet; the page gives the ground
+    for (const group of svg.querySelectorAll("g.part[data-part]")) this.prepare(group, parts);
+    for (const wire of svg.querySelectorAll("path.wire[data-node]")) {
+      const reach = document.createElementNS(SVG, "path");
+      for (const [name, value] of [["d", wire.getAttribute("d")], ["data-node", wire.getAttribute("data-node")], ["class", "reach"],
+        ["tabindex", "0"], ["role", "button"], ["aria-label", `node ${wire.getAttribute("data-node")}`]]) reach.setAttribute(name, value);
+      wire.after(reach);
+    }
+    if (fit) this.fit();
+    else this.place();
+    if (this.picked) this.pick(this.picked.kind, this.picked.path);
+    if (focus) [...this.sheet.querySelectorAll("g.part, .reach")].find((found) => focus[0] ?
+      found.getAttribute("data-part") === focus[0] : found.getAttribute("data-node") === focus[1] && found.classList.contains("reach"))?.focus();
+  }
+
+  /** A frame around a part, which takes clicks and shows what is selected. @param {any} group @param {Record<string, any>} parts */
+  prepare(group, parts) {
+    const path = group.getAttribute("data-part"), part = parts[path];
+    const box = group.getBBox(), frame = document.createElementNS(SVG, "rect");
+    for (const [name, value] of [["x", box.x - 4], ["y", box.y - 4], ["width", box.width + 8], ["height", box.height + 8], ["rx", 5], ["class", "frame"]])
+      frame.setAttribute(String(name), String(value));
+    group.prepend(frame);
+    group.setAttribute("tabindex", "0");
+    group.setAttribute("role", "button");
+    group.setAttribute("aria-label", part ? `${path}, ${part.kind}${part.block ? ", a block" : ""}` : path);
+  }
+
+  /** @param {string[]} parts */
+  blame(parts) {
+    for (const group of this.sheet.querySelectorAll("g.part")) group.classList.toggle("faulty", parts.includes(group.getAttribute("data-part") ?? ""));
+  }
+
+  /** @param {string} kind part, node or nothing @param {string} path */
+  pick(kind, path) {
+    this.picked = kind ? { kind, path } : null;
+    for (const found of this.sheet.querySelectorAll("g.part, .reach")) {
+      const own = found.getAttribute(kind === "node" ? "data-node" : "data-part");
+      found.classList.toggle("picked", Boolean(kind) && own === path && (kind === "node") === found.classList.contains("reach"));
+    }
+  }
+
+  fit() {
+    if (!this.svg) return;
+    const { clientWidth: width, clientHeight: height } = this.sheet;
+    const w = Number(this.svg.getAttribute("width")), h = Number(this.svg.getAttribute("height"));
+    this.scale = Math.min(1.6, Math.max(LEAST, Math.min(width / w, height / h)));
+    this.x = (width - w * this.scale) / 2;
+    this.y = (height - h * this.scale) / 2;
+    this.place();
+  }
+
+  /** @param {number} factor @param {number} [x] @param {number} [y] about which point of the sheet */
+  zoom(factor, x = this.sheet.clientWidth / 2, y = this.sheet.clientHeight / 2) {
+    const scale = Math.min(MOST, Math.max(LEAST, this.scale * factor)), real = scale / this.scale;
+    this.x = x - (x - this.x) * real;
+    this.y = y - (y - this.y) * real;
+    this.scale = scale;
+    this.place();
+  }
+
+  /** @param {number} dx @param {number} dy */
+  move(dx, dy) {
+    this.x += dx;
+    this.y += dy;
+    this.place();
+  }
+
+  place() {
+    if (this.frame) return;
+    this.frame = requestAnimationFrame(() => {
+      this.frame = 0;
+      if (this.svg) this.svg.style.transform = `translate(${this.x}px, ${this.y}px) scale(${this.scale})`;
+    });
+  }
+
+  listen() {
+    const sheet = this.sheet;
+    /** @type {{x: number, y: number, moved: boolean, target: any}|null} */
+    let held = null;
+    sheet.addEventListener("pointerdown", (event) => {
+      if (event.button > 1) return;
+      held = { x: event.clientX, y: event.clientY, moved: false, target: event.target };
+      sheet.setPointerCapture(event.pointerId);
+    });
+    sheet.addEventListener("pointermove", (event) => {
+      if (!held) return;
+      const dx = event.clientX - held.x, dy = event.clientY - held.y;
+      if (!held.moved && Math.hypot(dx, dy) < 4) return;
+      held.moved = true;
+      sheet.classList.add("panning");
+      this.move(dx, dy);
+      held.x = event.clientX;
+      held.y = event.clientY;
+    });
+    sheet.addEventListener("pointerup", () => {
+      if (held && !held.moved) this.choose(held.target);
+      held = null;
+      sheet.classList.remove("panning");
+    });
+    sheet.addEventListener("dblclick", (event) => {
+      const under = document.elementFromPoint(event.clientX, event.clientY)?.closest("[data-part]");
+      if (under) this.onopen(under.getAttribute("data-part") ?? "");
+    });
+    sheet.addEventListener("wheel", (event) => {
+      event.preventDefault();
+      const box = sheet.getBoundingClientRect();
+      this.zoom(Math.exp(-event.deltaY / 400), event.clientX - box.left, event.clientY - box.top);
+    }, { passive: false });
+    sheet.addEventListener("keydown", (event) => this.key(event));
+    byId("zoom").addEventListener("click", (event) => {
+      const what = /** @type {HTMLElement} */ (event.target).dataset.zoom;
+      if (what === "fit") this.fit();
+      else if (what) this.zoom(what === "in" ? 1.3 : 1 / 1.3);
+    });
+  }
+
+  /** @param {KeyboardEvent} event */
+  key(event) {
+    if (event.ctrlKey || event.altKey || event.metaKey) return;
+    /** @type {Record<string, () => void>} */
+    const keys = { ArrowLeft: () => this.move(STEP, 0), ArrowRight: () => this.move(-STEP, 0), ArrowUp: () => this.move(0, STEP),
+      ArrowDown: () => this.move(0, -STEP), "+": () => this.zoom(1.3), "=": () => this.zoom(1.3), "-": () => this.zoom(1 / 1.3),
+      "0": () => this.fit(), Enter: () => this.choose(event.target), " ": () => this.choose(event.target),
+      Escape: () => this.choose(null), o: () => this.picked?.kind === "part" && this.onopen(this.picked.path) };
+    const act = keys[event.key];
+    if (act) { event.preventDefault(); act(); }
+  }
+
+  /** @param {any} target */
+  choose(target) {
+    const part = target?.closest?.("[data-part]"), wire = target?.closest?.(".reach");
+    if (wire) this.onpick("node", wire.getAttribute("data-node"));
+    else if (part) this.onpick("part", part.getAttribute("data-part"));
+    else this.onpick("", "");
+  }
+}

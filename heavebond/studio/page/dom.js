@@ -1,0 +1,52 @@
+// Elements of the page, made of text only: nothing is ever read as markup.
+
+/** @param {string} tag @param {Record<string, any>} [given] @param {...(Node|string|null|undefined|false)} children */
+export function el(tag, given = {}, ...children) {
+  const made = document.createElement(tag);
+  for (const [name, value] of Object.entries(given)) {
+    if (value === null || value === undefined || value === false) continue;
+    if (name.startsWith("on")) made.addEventListener(name.slice(2), value);
+    else if (name === "value" || name === "checked" || name === "disabled") made[name] = value;
+    else made.setAttribute(name, value === true ? "" : String(value));
+  }
+  made.append(...children.filter((child) => child !== null && child !== undefined && child !== false));
+  return made;
+}
+
+/** @param {string} id @returns {HTMLElement} */
+export const byId = (id) => /** @type {HTMLElement} */ (document.getElementById(id));
+
+/** A number to so many digits, without a tail of zeros. @param {number} value */
+export function number(value, digits = 5) {
+  if (!Number.isFinite(value)) return "—";
+  if (value === 0) return "0";
+  const plain = Number(value.toPrecision(digits)), size = Math.abs(plain);
+  return size >= 1e-4 && size < 1e7 ? String(plain) : plain.toExponential();
+}
+
+/** Hand a file to the browser's downloads. @param {string} name @param {Blob} blob */
+export function download(name, blob) {
+  const link = el("a", { href: URL.createObjectURL(blob), download: name });
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.getAttribute("href") ?? ""), 10_000);
+}
+
+/** Ask for a name; `act` is tried with it, and what it throws is shown. @param {string} title @param {string} words @param {string} first @param {(name: string) => Promise<void>} act */
+export function askName(title, words, first, act) {
+  const dialog = /** @type {HTMLDialogElement} */ (byId("ask")), form = /** @type {HTMLFormElement} */ (dialog.querySelector("form"));
+  const input = el("input", { id: "ask-name", value: first, spellcheck: "false", autocomplete: "off" });
+  const wrong = el("p", { class: "wrong", role: "alert" });
+  form.replaceChildren(el("b", {}, title), el("br"), el("label", { for: "ask-name" }, words), input, wrong,
+    el("menu", {}, el("button", { type: "button", onclick: () => dialog.close() }, "Cancel"), el("button", { class: "main" }, "Make")));
+  form.onsubmit = async (event) => {
+    event.preventDefault();
+    try {
+      await act(/** @type {HTMLInputElement} */ (input).value.trim());
+      dialog.close();
+    } catch (error) {
+      wrong.textContent = error instanceof Error ? error.message : String(error);
+    }
+  };
+  dialog.showModal();
+  /** @type {HTMLInputElement} */ (input).select();
+}

@@ -1,0 +1,31 @@
+// The first page: the diagrams of the folder, a new one, and the machines that come with heavebond.
+
+import { askName, byId, el } from "./dom.js";
+
+/** @param {any} studio @param {any} told */
+export function showHome(studio, told) {
+  const open = (/** @type {string} */ name, /** @type {string} */ text) => el("button", { class: "plain", "data-open": name, onclick: () => studio.open(name) }, text);
+  const fresh = () => askName("A new diagram", "Its name, letters, digits and _:", "machine", async (name) => {
+    const made = await studio.link.ask("new", { name });
+    await studio.open(made.name);
+  });
+  const own = told.diagrams.length
+    ? el("ul", { class: "cards" }, ...told.diagrams.map((/** @type {any} */ d) => el("li", {}, el("b", {}, open(d.name, d.name)))))
+    : el("p", { class: "none" }, "No diagrams yet. Make a new one, or copy a machine from below and change it.");
+  /** @type {Map<string, any[]>} */
+  const machines = new Map();
+  for (const m of told.machines) machines.set(m.machine, [...(machines.get(m.machine) ?? []), m]);
+  byId("home").replaceChildren(
+    el("h2", {}, "Diagrams in ", el("code", {}, told.folder)), own, el("div", {}, el("button", { class: "main", id: "new", onclick: fresh }, "New diagram")),
+    el("h2", {}, "Machines that come with heavebond"), el("p", {}, "To be looked at, run, and copied into the folder."),
+    el("ul", { class: "cards" }, ...[...machines].map(([name, all]) => machine(studio, open, name, all))));
+}
+
+/** @param {any} studio @param {(name: string, text: string) => Node} open @param {string} name @param {any[]} all */
+function machine(studio, open, name, all) {
+  const main = all.find((m) => m.name === `bundled:${name}`), rest = all.filter((m) => m !== main);
+  const list = el("ul", {}, ...rest.map((m) => el("li", { title: m.summary }, open(m.name, m.name.split("/").at(-1)))));
+  if (!main) return el("li", {}, el("b", {}, name), el("details", { open: true }, el("summary", {}, `${rest.length} diagrams`), list));
+  return el("li", {}, el("b", {}, open(main.name, name)), el("p", {}, main.summary),
+    rest.length ? el("details", {}, el("summary", {}, `${rest.length} ${rest.length > 1 ? "variants" : "variant"}`), list) : null);
+}

@@ -1,0 +1,127 @@
+// What is known of the selected part, wire or diagram: its parameters with sliders, its signals.
+
+import { byId, el, number } from "./dom.js";
+
+const TICKS = 1000;
+
+export class Panel {
+  /** @param {any} studio */
+  constructor(studio) {
+    this.studio = studio;
+    this.place = byId("panel");
+    /** @type {Map<string, [number, number]>} */
+    this.ranges = new Map(); // of sliders that a user gave other ends
+  }
+
+  show() {
+    const { view, picked } = this.studio, held = /** @type {HTMLElement|null} */ (document.activeElement), focus = held && this.place.contains(held) ? held.id : "";
+    const scroll = this.place.scrollTop;
+    this.place.replaceChildren(...(view?.parts ? this.content(view, picked) : []));
+    this.place.scrollTop = scroll;
+    if (focus) document.getElementById(focus)?.focus();
+  }
+
+  /** @param {any} view @param {any} picked */
+  content(view, picked) {
+    const part = picked?.kind === "part" ? view.parts[picked.path] : null, node = picked?.kind === "node" ? view.nodes[picked.path] : null;
+    if (part) return this.part(picked.path, part, view);
+    if (node) return [el("h2", {}, picked.path), el("p", {}, `Node (${node.domain}). It joins ${node.ends.join(", ")}.`), ...this.lines(node), ...this.signals("Signals", node.signals)];
+    return [el("h2", {}, view.name), el("p", {}, view.summary), ...this.changed(), ...this.parameters(view.parameters),
+      ...this.signals("Outputs", view.outputs), view.outputs.length ? null : el("p", {}, "The diagram names no outputs under show:."),
+      el("h3", {}, "More"), el("p", {}, "Click a part or a wire of the drawing, or go there by Tab and press Enter: its parameters and signals appear here.")].filter(Boolean);
+  }
+
+  /** @param {string} path @param {any} part @param {any} view */
+  part(path, part, view) {
+    const open = view.opened.includes(path);
+    return [el("h2", {}, path), el("p", {}, el("b", {}, part.kind), ` ${part.summary}`),
+      part.block && el("button", { id: "open-block", onclick: () => this.studio.openBlock(path) }, open ? "Close the block (O)" : "Open the block (O)"),
+      ...this.lines(part), ...this.parameters(part.parameters), ...this.signals("Signals", part.signals)].filter(Boolean);
+  }
+
+  /** @param {any} thing */
+  lines(thing) {
+    return thing.line ? [el("button", { class: "plain", id: "to-line", onclick: () => this.studio.editor.show(thing.line, true) }, `line ${thing.line} of the text`)] : [];
+  }
+
+  changed() {
+    const paths = Object.keys(this.studio.values);
+    if (!paths.length) return [];
+    return [el("h3", {}, "Changed by sliders"), el("ul", { class: "signals" }, ...paths.map((path) => el("li", {}, el("code", {}, `${path} = ${this.studio.values[path]}`)))),
+      el("p", {}, "These values hold for runs on this page. The text keeps its own."),
+      el("button", { id: "reset-all", onclick: () => this.studio.setValues({}) }, "Back to the text's values")];
+  }
+
+  /** @param {any[]} parameters */
+  parameters(parameters) {
+    return parameters.length ? [el("h3", {}, "Parameters"), ...parameters.map((p) => this.parameter(p))] : [];
+  }
+
+  /** @param {any} p */
+  parameter(p) {
+    const id = `p-${p.path}`, given = this.studio.values[p.path], s = p.slider;
+    const unit = s ? s.unit : "";
+    const now = s ? (given !== undefined ? parseFloat(given) : s.value) : 0;
+    const limits = p.limits?.some((/** @type {any} */ v) => v !== null) ? ` (${p.limits[0] === null ? "" : `at least ${number(p.limits[0])}`}${p.limits.every((/** @type {any} */ v) => v !== null) ? ", " : ""}${p.limits[1] === null ? "" : `at most ${number(p.limits[1])}`}${p.unit && p.unit !== "1" ? ` ${p.unit}` : ""})` : "";
+    const wrong = el("div", { class: "wrong", role: "alert" });
+    const field = s && el("input", { id, value: number(now, 6), inputmode: "decimal", "aria-describedby": `${id}-doc`,
+      onchange: (/** @type {any} */ event) => this.typed(p, event.target, wrong) });
+    return el("div", { class: `parameter${given !== undefined ? " changed" : ""}`, "data-parameter": p.path },
+      el("div", { class: "head" }, el("label", { for: s ? id : null, title: p.path }, p.name),
+        el("span", { class: "value" }, s ? field : el("code", {}, p.text)), el("span", { class: "unit" }, s ? unit : "")),
+      ...(s ? this.slider(p, now) : []), wrong, el("div", { class: "doc", id: `${id}-doc` }, `${p.doc}${limits}`,
+        given !== undefined && el("button", { class: "plain", id: `${id}-reset`, onclick: () => this.studio.setValue(p.path, undefined) }, ` back to ${p.text}`)));
+  }
+
+  /** @param {any} p @param {number} now */
+  slider(p, now) {
+    const s = p.slider;
+    let [from, to] = this.ranges.get(p.path) ?? [s.from, s.to];
+    from = Math.min(from, now);
+    to = Math.max(to, now);
+    const log = s.log && from > 0;
+    const value = (/** @type {number} */ tick) => log ? from * (to / from) ** (tick / TICKS) : from + (to - from) * tick / TICKS;
+    const tick = log ? Math.log(now / from) / Math.log(to / from) * TICKS : (now - from) / (to - from) * TICKS;
+    const range = /** @type {HTMLInputElement} */ (el("input", { type: "range", id: `s-${p.path}`, min: 0, max: TICKS, step: "any", value: tick,
+      "aria-label": `${p.path}${s.unit ? ` in ${s.unit}` : ""}`, "aria-valuetext": `${number(now)} ${s.unit}`,
+      onpointerdown: () => this.studio.prepare(), onfocus: () => this.studio.prepare() }));
+    const told = () => this.text(s, Number(value(Number(range.value)).toPrecision(4)));
+    range.addEventListener("input", () => {
+      range.setAttribute("aria-valuetext", told());
+      /** @type {HTMLInputElement} */ (document.getElementById(`p-${p.path}`)).value = String(parseFloat(told()));
+      this.studio.slide(p.path, told());
+    });
+    range.addEventListener("change", () => this.studio.setValue(p.path, told()));
+    range.addEventListener("keydown", (event) => { // a thousandth of the range is no step for a key
+      const step = /** @type {Record<string, number>} */ ({ ArrowRight: 10, ArrowUp: 10, ArrowLeft: -10, ArrowDown: -10, PageUp: 100, PageDown: -100 })[event.key];
+      if (!step) return;
+      event.preventDefault();
+      range.value = String(Number(range.value) + step);
+      range.dispatchEvent(new Event("input"));
+      range.dispatchEvent(new Event("change"));
+    });
+    return [range, el("div", { class: "ends" }, el("span", {}, number(from, 4)), el("span", {}, log ? "logarithmic" : ""), el("span", {}, number(to, 4)))];
+  }
+
+  /** @param {any} s @param {number} value */
+  text(s, value) { return s.unit ? `${value} ${s.unit}` : String(value); }
+
+  /** @param {any} p @param {HTMLInputElement} field @param {HTMLElement} wrong */
+  typed(p, field, wrong) {
+    const s = p.slider, value = Number(field.value.trim());
+    const said = field.value.trim() === "" || !Number.isFinite(value) ? "Type a number." :
+      s.low !== null && value < s.low ? `The least is ${number(s.low)} ${s.unit}.` : s.high !== null && value > s.high ? `The most is ${number(s.high)} ${s.unit}.` : "";
+    wrong.textContent = said;
+    field.setAttribute("aria-invalid", String(Boolean(said)));
+    if (!said) this.studio.setValue(p.path, this.text(s, value));
+  }
+
+  /** @param {string} title @param {any[]} signals */
+  signals(title, signals) {
+    if (!signals.length) return [];
+    return [el("h3", {}, `${title} to plot`), el("ul", { class: "signals" }, ...signals.map((s) => el("li", {}, el("label", { title: s.name },
+      el("input", { type: "checkbox", id: `y-${s.name}`, checked: this.studio.plotted.includes(s.name),
+        onchange: (/** @type {any} */ event) => this.studio.plot(s.name, event.target.checked) }),
+      el("span", {}, el("span", { class: "mono" }, s.name), s.unit && s.unit !== "1" ? ` [${s.unit}]` : "", " ", el("span", { class: "doc" }, s.doc)))))) ];
+  }
+}

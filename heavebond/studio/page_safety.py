@@ -1,0 +1,69 @@
+"""Access to the studio: a token in the address, the studio's own Host and Origin, and a strict policy for the page."""
+
+from __future__ import annotations
+
+import hmac
+import secrets
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+HOSTS = ("127.0.0.1", "localhost")
+
+
+def new_token() -> str:
+    """A token that nobody can guess (256 bits)."""
+    return secrets.token_urlsafe(32)
+
+
+def policy(nonce: str, port: int) -> bytes:
+    """The content security policy: scripts and styles of the studio alone (and the styles that the editor makes, by their
+    nonce), connections to it alone, no frames, no forms."""
+    return (f"default-src 'none'; script-src 'self'; style-src 'self' 'nonce-{nonce}'; img-src 'self' data: blob:; "
+            f"connect-src 'self' ws://127.0.0.1:{port} ws://localhost:{port}; "
+            "base-uri 'none'; form-action 'none'; frame-ancestors 'none'").encode()
+
+
+class Guard:
+    """The middleware in front of everything: other hosts, other origins and other addresses get nothing."""
+
+    def __init__(self, app: ASGIApp, token: str, port: int):
+        self.app, self.token = app, token
+        self.hosts = {f"{host}:{port}".encode() for host in HOSTS}
+        self.origins = {b"http://" + host for host in self.hosts}
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "lifespan" or self._admits(scope):
+            await self.app(scope, receive, send)
+        elif scope["type"] == "websocket":
+            await receive()
+            await send({"type": "websocket.close", "code": 1008})
+        else:
+            await _refuse(send)
+
+    def _admits(self, scope: Scope) -> bool:
+        """Against pages of other sites: their Origin is their own, and a name of theirs that leads here (DNS rebinding) is
+        the Host. A socket needs an Origin; browsers send it always."""
+        headers = list(scope["headers"])
+        host, origin = _values(headers, b"host"), _values(headers, b"origin")
+        if len(host) != 1 or host[0] not in self.hosts or len(origin) > 1:
+            return False
+        if (origin and origin[0] not in self.origins) or (scope["type"] == "websocket" and not origin):
+            return False
+        given = str(scope["path"]).split("/")[1].encode("utf-8", "replace")
+        return hmac.compare_digest(given, self.token.encode())
+
+
+def _values(headers: Iterable[tuple[bytes, bytes]], name: bytes) -> list[bytes]:
+    return [value.lower() for key, value in headers if key.lower() == name]
+
+
+async def _refuse(send: Send) -> None:
+    text = b"This address is not that of the studio. Open the one that `heavebond studio` printed.\n"
+    start: Message = {"type": "http.response.start", "status": 403, "headers": [
+        (b"content-type", b"text/plain; charset=utf-8"), (b"content-length", str(len(text)).encode()),
+        (b"x-content-type-options", b"nosniff")]}
+    await send(start)
+    await send({"type": "http.response.body", "body": text})

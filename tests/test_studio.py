@@ -1,0 +1,238 @@
+"""The studio without a browser: the folder and its limits, who is let in, what the workers answer."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import heavebond as hb
+from heavebond.cli import main
+from heavebond.core.errors import HeavebondError, UsageError
+from heavebond.studio.bench import Bench, view
+from heavebond.studio.folder import BUNDLED, Folder, bundled_machines, version
+from heavebond.studio.job import Job
+from heavebond.studio.page_safety import Guard, policy
+from heavebond.studio.workers import Worker
+
+ROOT = Path(__file__).parents[1]
+CAR = (ROOT / "models" / "quarter_car" / "quarter_car.yaml").read_text(encoding="utf-8")
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Folder:
+    inside = tmp_path / "opened"
+    inside.mkdir()
+    (inside / "car.yaml").write_text(CAR, encoding="utf-8")
+    (tmp_path / "secret.yaml").write_text(CAR, encoding="utf-8")
+    return Folder(inside)
+
+
+def _code(work: Callable[[], Any]) -> str:
+    with pytest.raises(HeavebondError) as caught:
+        work()
+    return caught.value.problems[0].code
+
+
+# -- files -----------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("name", ["../secret.yaml", "/etc/passwd", "sub/../../secret.yaml", "..", "", ".", ".hidden.yaml",
+                                  ".git/config.yaml", "car.txt", "a\0.yaml", "link.yaml", "linked/secret.yaml", "x" * 5000,
+                                  f"{BUNDLED}../../etc/passwd", f"{BUNDLED}cmc_ahc/../cmc_ahc"])
+def test_no_name_leads_out_of_the_folder(folder: Folder, name: str) -> None:
+    (folder.root / ".hidden.yaml").write_text(CAR, encoding="utf-8")
+    (folder.root / "link.yaml").symlink_to(folder.root.parent / "secret.yaml")
+    (folder.root / "linked").symlink_to(folder.root.parent)
+    before = sorted(folder.root.parent.rglob("*"))
+    assert _code(lambda: folder.read(name)) in ("file-outside", "file-missing", "file-unreadable")
+    assert _code(lambda: folder.save(name, "model: x\n", version(b""))) in ("file-outside", "file-missing", "file-bundled",
+                                                                         "file-unwritable")
+    assert sorted(folder.root.parent.rglob("*")) == before
+    assert (folder.root.parent / "secret.yaml").read_text(encoding="utf-8") == CAR
+    assert [entry["name"] for entry in folder.diagrams()] == ["car.yaml"]
+
+
+@pytest.mark.parametrize("raw", [b"model: a\r\n# b\r\n", b"\xef\xbb\xbfmodel: a\n", b"model: a\n# mixed\r\n", b"model: a",
+                                 "model: a  # \u00fc\u2028\n".encode()])
+def test_a_file_is_saved_to_the_byte(folder: Folder, raw: bytes) -> None:
+    """Its line ends, its mark and its missing last line end are kept; what is typed is all that changes."""
+    path = folder.root / "other.yaml"
+    path.write_bytes(raw)
+    read = folder.read("other.yaml")
+    assert folder.save("other.yaml", read.text, read.version).version == read.version
+    assert path.read_bytes() == raw
+    folder.save("other.yaml", read.text.replace("a", "b", 1), read.version)
+    assert path.read_bytes() == raw.replace(b"a", b"b", 1)
+
+
+def test_a_changed_file_is_never_overwritten(folder: Folder) -> None:
+    read = folder.read("car.yaml")
+    (folder.root / "car.yaml").write_text("model: theirs\n", encoding="utf-8")
+    assert _code(lambda: folder.save("car.yaml", "model: mine\n", read.version)) == "file-changed"
+    assert (folder.root / "car.yaml").read_text(encoding="utf-8") == "model: theirs\n"
+    (folder.root / "car.yaml").unlink()
+    assert _code(lambda: folder.save("car.yaml", "model: mine\n", read.version)) == "file-changed"
+    assert _code(lambda: folder.save(f"{BUNDLED}cmc_ahc", "", "")) == "file-bundled"
+
+
+def test_new_diagrams_run_at_once(folder: Folder) -> None:
+    assert folder.create("rig") == "rig.yaml"
+    assert hb.simulate(hb.load(folder.root / "rig.yaml")).si["place"][0] == pytest.approx(0.02)
+    assert _code(lambda: folder.create("rig")) == "file-exists"
+    for bad in ("", "a b", "../x", "1a", "a" * 80, "a.yaml"):
+        assert _code(lambda bad=bad: folder.create(bad)) == "name-bad"
+    folder.derive("mine", f"{BUNDLED}cmc_ahc", {"controller.K_p": "1.278 1/m"})
+    assert hb.load(folder.root / "mine.yaml").settings["controller.K_p"].value.text == "1.278 1/m"  # type: ignore[union-attr]
+    folder.derive("stiffer", "car.yaml", {"spring.c": "30 kN/m"})
+    assert "tyre" in hb.load(folder.root / "stiffer.yaml").body.instances
+    with pytest.raises(UsageError):
+        folder.derive("bad", "car.yaml", {"a: b\nremove": "1"})
+    with pytest.raises(UsageError):
+        folder.derive("bad", "car.yaml", {"spring.c": "1\nremove: [tyre]"})
+
+
+def test_the_first_page_lists_the_machines() -> None:
+    names = [entry["name"] for entry in bundled_machines()]
+    assert {f"{BUNDLED}cmc_ahc", f"{BUNDLED}cmc_ahc/passive", f"{BUNDLED}circuits/crane"} <= set(names)
+    assert f"{BUNDLED}cmc_ahc/quality_index" not in names  # a study
+    assert all(entry["summary"] and not entry["summary"].startswith(">") for entry in bundled_machines())
+
+
+# -- who is let in ---------------------------------------------------------------------------------------------------------
+HOST, ORIGIN = b"127.0.0.1:9000", b"http://127.0.0.1:9000"
+
+
+@pytest.mark.parametrize(("kind", "path", "headers", "admitted"), [
+    ("http", "/TOKEN/", {b"host": HOST}, True),
+    ("http", "/TOKEN/main.js", {b"host": b"localhost:9000", b"origin": b"http://localhost:9000"}, True),
+    ("http", "/", {b"host": HOST}, False),
+    ("http", "/TOKENS/", {b"host": HOST}, False),
+    ("http", "/TOKE/", {b"host": HOST}, False),
+    ("http", "/TOKEN/", {}, False),
+    ("http", "/TOKEN/", {b"host": b"evil.example:9000"}, False),       # a name that leads here
+    ("http", "/TOKEN/", {b"host": b"127.0.0.1:9001"}, False),
+    ("http", "/TOKEN/", {b"host": HOST, b"origin": b"http://evil.example"}, False),
+    ("http", "/TOKEN/", {b"host": HOST, b"origin": b"null"}, False),
+    ("websocket", "/TOKEN/socket", {b"host": HOST, b"origin": ORIGIN}, True),
+    ("websocket", "/TOKEN/socket", {b"host": HOST}, False),
+    ("websocket", "/TOKEN/socket", {b"host": HOST, b"origin": b"http://evil.example"}, False),
+    ("websocket", "/TOKEN/socket", {b"host": HOST, b"origin": b"http://127.0.0.1:9001"}, False),
+    ("websocket", "/socket", {b"host": HOST, b"origin": ORIGIN}, False)])
+def test_the_guard(kind: str, path: str, headers: dict[bytes, bytes], admitted: bool) -> None:
+    reached, sent = [], []
+
+    async def app(scope: Any, receive: Any, send: Any) -> None:
+        reached.append(scope["path"])
+
+    async def receive() -> Any:
+        return {"type": "websocket.connect"}
+
+    async def send(message: Any) -> None:
+        sent.append(message)
+
+    asyncio.run(Guard(app, "TOKEN", 9000)({"type": kind, "path": path, "headers": list(headers.items())}, receive, send))
+    assert bool(reached) == admitted
+    if not admitted:
+        assert sent[0].get("status", 403) == 403 and sent[0]["type"] in ("http.response.start", "websocket.close")
+
+
+def test_the_policy_lets_nothing_in_from_elsewhere() -> None:
+    said = policy("abc", 9000).decode()
+    assert "unsafe" not in said and "*" not in said and "https:" not in said
+    assert said.startswith("default-src 'none'; script-src 'self';")
+
+
+# -- what the workers answer -----------------------------------------------------------------------------------------------
+def test_the_contents_of_the_compensator() -> None:
+    path = ROOT / "models" / "cmc_ahc" / "cmc_ahc.yaml"
+    found = view(Job(path.read_text(encoding="utf-8"), str(path), "cmc"), ["ahc"])
+    assert found["problems"] == []
+    parts: Any = found["parts"]
+    gain = next(p for p in parts["controller"]["parameters"] if p["name"] == "K_p")
+    assert gain["slider"] == {"value": 3.02, "unit": "1/m", "from": 0.302, "to": pytest.approx(30.2), "low": None,
+                              "high": None, "log": True}
+    opening = next(p for p in parts["ahc"]["parameters"] if p["name"] == "open")
+    assert opening["text"] == "=bypass_open" and "slider" not in opening  # it follows from another one
+    assert "cmc.friction.F" in [s["name"] for s in parts["cmc.friction"]["signals"]]
+    assert found["nodes"]["crown"]["domain"] == "translational"  # type: ignore[index]
+    assert 'data-part="ahc.valve"' in str(found["svg"]) and 'data-node="crown"' in str(found["svg"])
+    assert any(Path(f).parent.name == "components" for f in found["files"])  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(("old", "new", "code", "line", "part"), [
+    ("d: 1.5 kN*s/m", "d: 1.5 kN/m", "unit-wrong", 12, "damper"),
+    ("is: Damper", "is: Dampr", "component-unknown", 12, "damper"),
+    ("road:  [tyre.a, road.a]", "road:  [tyre.a, road.q]", "", 20, ""),
+    ("start: steady", "start: [", "not-yaml", 21, "")])
+def test_problems_stand_at_their_lines_and_parts(tmp_path: Path, old: str, new: str, code: str, line: int, part: str
+                                                 ) -> None:
+    problems: Any = view(Job(CAR.replace(old, new, 1), str(tmp_path / "car.yaml"), "car.yaml"))["problems"]
+    assert problems[0]["line"] == line and problems[0]["part"] == part
+    assert not code or problems[0]["code"] == code
+
+
+def test_a_run_has_the_figures_of_the_command_line(tmp_path: Path) -> None:
+    (tmp_path / "car.yaml").write_text(CAR, encoding="utf-8")
+    job = Job(CAR, str(tmp_path / "car.yaml"), "car.yaml", {"damper.d": "2.5 kN*s/m"})
+    told, series = Bench().run(job, ["damper.F", "suspension"])
+    run = CliRunner().invoke(main, ["run", job.path, "--set", "damper.d=2.5 kN*s/m", "--json", str(tmp_path / "out.json")])
+    assert run.exit_code == 0
+    outputs = json.loads((tmp_path / "out.json").read_text(encoding="utf-8"))["outputs"]
+    assert {k: v for k, v in told["outputs"].items() if k in outputs} == outputs  # type: ignore[attr-defined]
+    result = hb.simulate(hb.load(job.path).with_parameters(job.values))
+    assert np.array_equal(series, np.vstack([result.time, result.si["damper.F"], result.display["suspension"]]))
+
+
+def test_a_slider_shows_the_run_that_follows_when_it_rests(tmp_path: Path) -> None:
+    bench = Bench()
+    job = Job(CAR, str(tmp_path / "car.yaml"), "car.yaml", {"damper.d": "2.5 kN*s/m"})
+    _, quick = bench.preview(job, ["suspension", "tyre_force"])
+    _, exact = bench.run(job, ["suspension", "tyre_force"])
+    assert np.array_equal(quick[0], exact[0])
+    assert (np.abs(quick - exact).max(axis=1) < 1e-4 * np.ptp(exact, axis=1)).all()  # the line on the page is wider
+    _, other = bench.signals(job, ["damper.v"])
+    assert other.shape == (2, exact.shape[1])
+
+
+def test_limits_of_a_parameter_hold_for_runs(tmp_path: Path) -> None:
+    job = Job(CAR, str(tmp_path / "car.yaml"), "car.yaml", {"damper.d": "-2 kN*s/m"})
+    assert _code(lambda: Bench().run(job)) == "parameter-bound"
+
+
+def test_waiting_tasks_give_way_to_the_newest_and_a_long_one_is_stopped(tmp_path: Path) -> None:
+    path = str(tmp_path / "car.yaml")
+    long = Job(CAR.replace("until: 4 s, every: 2 ms", "until: 9000 s, every: 20 ms"), path, "car.yaml")
+    short = Job(CAR, path, "car.yaml")
+
+    async def work() -> None:
+        worker = Worker()
+        try:
+            first = asyncio.create_task(worker.ask_newest("run", long, []))
+            while not worker._since or worker._pipe is None:
+                await asyncio.sleep(0.05)
+            await asyncio.sleep(0.5)
+            others = [asyncio.create_task(worker.ask_newest("run", short, [])) for _ in range(3)]
+            await asyncio.sleep(0.1)
+            began = time.monotonic()
+            worker.stop()
+            assert (await first)[0] == "stopped"
+            assert time.monotonic() - began < 5
+            kinds = [(await other)[0] for other in others]
+            assert kinds == ["superseded", "superseded", "done"]  # a new process does it
+        finally:
+            worker.close()
+
+    asyncio.run(work())
+
+
+def test_without_the_extra_the_command_says_what_to_type(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    run = CliRunner().invoke(main, ["studio"])
+    assert run.exit_code == 2
+    assert "pip install 'heavebond[studio]'" in run.output

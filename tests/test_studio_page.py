@@ -1,0 +1,205 @@
+"""The studio in a headless browser: diagrams opened, run and changed, and what happens on disk beside the page."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import browser
+import pytest
+
+import heavebond as hb
+
+CAR = (Path(__file__).parents[1] / "models" / "quarter_car" / "quarter_car.yaml").read_text(encoding="utf-8")
+
+
+class Server:
+    """`heavebond studio` as a process of its own."""
+
+    def __init__(self, folder: Path):
+        self.folder = folder
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            self.port = free.getsockname()[1]
+        self.start()
+
+    def start(self) -> None:
+        command = [sys.executable, "-c", "from heavebond.cli import main; main()", "studio", ".", "--no-browser", "--port",
+                   str(self.port)]
+        self.process = subprocess.Popen(command, cwd=self.folder, stdout=subprocess.PIPE, text=True,
+                                        env={**os.environ, "PYTHONPATH": str(Path(hb.__file__).parents[1])})
+        assert self.process.stdout is not None
+        line = self.process.stdout.readline()
+        self.address = line.split(": ")[1].strip()
+
+    def kill(self) -> None:
+        self.process.kill()
+        self.process.wait()
+
+    def end(self) -> int:
+        """As by Ctrl-C; the exit code."""
+        self.process.send_signal(signal.SIGINT)
+        return self.process.wait(20)
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    pytest.importorskip("starlette", reason="the studio needs its extra")
+    if browser.browser() is None:
+        pytest.skip("no browser is installed")
+    found = Server(tmp_path_factory.mktemp("folder"))
+    yield found
+    if found.process.poll() is None:
+        assert found.end() == 0
+
+
+@pytest.fixture(scope="module")
+def tab(server: Server, tmp_path_factory: pytest.TempPathFactory) -> Iterator[browser.Tab]:
+    found = browser.Tab(tmp_path_factory.mktemp("browser") / "profile", 1500, 1000)
+    yield found
+    found.close()
+
+
+def _open(tab: browser.Tab, server: Server, name: str = "car.yaml", text: str = CAR) -> None:
+    (server.folder / name).write_text(text, encoding="utf-8")
+    tab.go("about:blank")
+    tab.go(f"{server.address}#{name}")
+    tab.wait(f"window.studio?.document?.name === {json.dumps(name)} && studio.view?.parts && "
+             "!document.querySelector('#model').hidden")
+
+
+def _typed(tab: browser.Tab, old: str, new: str) -> None:
+    """Change the text as a user does: by the keyboard, where `old` stands."""
+    tab.run(f"""(() => {{ const at = studio.editor.text.indexOf({json.dumps(old)}); studio.editor.view.focus();
+        studio.editor.view.dispatch({{selection: {{anchor: at, head: at + {len(old)}}}}}); }})()""")
+    tab.write(new)
+
+
+def test_a_diagram_is_run_and_its_signals_are_found_by_clicking(tab: browser.Tab, server: Server) -> None:
+    (server.folder / "car.yaml").write_text(CAR, encoding="utf-8")
+    tab.go(server.address)
+    assert "cmc_ahc" in tab.wait("document.querySelector('#home .cards') && document.querySelector('#home').innerText")
+    tab.click("[data-open='car.yaml']")
+    tab.wait("studio.view?.svg")
+    tab.key("Enter", ctrl=True, code=13)
+    tab.wait("studio.live && !studio.busy && studio.plots.charts.length > 0")
+    result = hb.simulate(hb.load(server.folder / "car.yaml"))
+    assert tab.run("studio.live.told.outputs.comfort.max") == result.display["comfort"].max()  # to the last digit
+    tab.click("g.part[data-part='damper'] .frame")
+    assert "kN*s/m" in tab.wait("document.querySelector('#panel').innerText.includes('Viscous damper') && "
+                                "document.querySelector('#panel').innerText")
+    tab.click("[id='y-damper.F']")
+    tab.wait("studio.live.series.has('damper.F')")
+    assert tab.run("Math.max(...studio.live.series.get('damper.F'))") == result.si["damper.F"].max()
+    assert tab.run("studio.plots.charts.some(c => c.series.some(s => s.label === 'damper.F'))")
+    assert tab.complaints == []
+    hosts = {address.split("/")[2] for address in tab.requested() if address.startswith("http")}
+    assert hosts == {f"127.0.0.1:{server.port}"}
+
+
+def test_a_slider_runs_while_it_moves_and_runs_are_laid_over_each_other(tab: browser.Tab, server: Server) -> None:
+    _open(tab, server)
+    tab.click("#run")
+    tab.wait("studio.live && !studio.busy")
+    tab.click("#keep")
+    tab.click("g.part[data-part='damper'] .frame")
+    x, y = tab.middle("[id='s-damper.d']")
+    tab.mouse("Pressed", x, y, button="left", clickCount=1)
+    tab.mouse("Moved", x + 30, y, button="left")
+    tab.wait("studio.live.preview")
+    tab.mouse("Moved", x + 50, y, button="left")
+    tab.mouse("Released", x + 50, y, button="left", clickCount=1)
+    tab.wait("!studio.live.preview && !studio.busy && studio.live.values['damper.d']")
+    value = tab.run("studio.values['damper.d']")
+    assert value.endswith(" kN*s/m") and float(value.split()[0]) > 2
+    result = hb.simulate(hb.load(server.folder / "car.yaml").with_parameters({"damper.d": value}))
+    assert tab.run("studio.live.told.outputs.suspension.max") == result.display["suspension"].max()
+    assert tab.run("studio.plots.charts[0].series.length") == 1 + 2 * tab.run("studio.plots.charts[0].series.filter("
+                                                                            "s => s.label?.includes('now')).length")
+    tab.run("document.getElementById('s-damper.d').focus()")
+    tab.key("ArrowLeft", code=37)  # the keyboard moves it too
+    tab.wait(f"studio.values['damper.d'] !== {json.dumps(value)} && !studio.busy")
+    assert (server.folder / "car.yaml").read_text(encoding="utf-8") == CAR
+    tab.run("window.saved = []; const url = URL.createObjectURL; "
+            "URL.createObjectURL = blob => (blob.text().then(t => saved.push(t)), url(blob)); 1")
+    tab.click("#csv")
+    rows = tab.wait("saved[0]").splitlines()
+    assert len(rows) == 2002 and rows[0].startswith("time (run 1) [s],body (run 1) [m]") and "body (now) [m]" in rows[0]
+
+
+def test_a_mistake_is_shown_at_its_line_and_part_and_saving_changes_what_was_typed(tab: browser.Tab, server: Server) -> None:
+    _open(tab, server)
+    _typed(tab, "1.5 kN*s/m", "1.5 kN/m")
+    tab.wait("document.querySelector('g.part.faulty')?.dataset.part === 'damper'")
+    assert "line 12" in tab.run("document.querySelector('#problems').innerText")
+    assert tab.wait("document.querySelectorAll('.cm-lintRange-error').length") == 1
+    tab.key("z", ctrl=True)
+    tab.wait("!document.querySelector('g.part.faulty') && !studio.unsaved")
+    _typed(tab, "1.5 kN*s/m", "1.75 kN*s/m")
+    tab.wait("studio.unsaved")
+    assert (server.folder / "car.yaml").read_text(encoding="utf-8") == CAR
+    tab.key("s", ctrl=True)
+    tab.wait("!studio.unsaved")
+    assert (server.folder / "car.yaml").read_text(encoding="utf-8") == CAR.replace("1.5 kN*s/m", "1.75 kN*s/m")
+
+
+def test_what_changes_on_disk_appears_and_is_never_overwritten(tab: browser.Tab, server: Server) -> None:
+    """Also the way in which a second tab learns what the first has saved."""
+    _open(tab, server)
+    path = server.folder / "car.yaml"
+    path.write_text(CAR.replace("40 kg", "45 kg"), encoding="utf-8")
+    tab.wait("studio.editor.text.includes('45 kg') && !studio.unsaved")
+    _typed(tab, "320 kg", "350 kg")
+    path.write_text(CAR.replace("40 kg", "50 kg"), encoding="utf-8")
+    tab.wait("document.querySelector('#keep-mine') !== null")
+    tab.key("s", ctrl=True)
+    time.sleep(0.3)
+    assert path.read_text(encoding="utf-8") == CAR.replace("40 kg", "50 kg")
+    tab.click("#take-disk")
+    tab.wait("studio.editor.text.includes('50 kg') && studio.editor.text.includes('320 kg') && !studio.unsaved")
+    tab.run("studio.editor.view.focus()")
+    tab.key("z", ctrl=True)
+    tab.wait("studio.editor.text.includes('350 kg')")
+    tab.key("s", ctrl=True)
+    tab.wait("!studio.unsaved")
+    assert "350 kg" in path.read_text(encoding="utf-8")
+
+
+def test_a_killed_server_has_lost_nothing(tab: browser.Tab, server: Server) -> None:
+    _open(tab, server)
+    _typed(tab, "320 kg", "333 kg")
+    tab.wait("localStorage.length === 1")
+    server.kill()
+    tab.wait("!document.querySelector('#banner').hidden")
+    assert (server.folder / "car.yaml").read_text(encoding="utf-8") == CAR
+    server.start()
+    tab.run("window.onbeforeunload = null; studio.document.text = studio.editor.text; 1")  # or the browser asks
+    _open(tab, server)
+    tab.click("#draft-take")
+    tab.wait("studio.editor.text.includes('333 kg') && studio.unsaved")
+    tab.key("s", ctrl=True)
+    tab.wait("!studio.unsaved")
+    assert (server.folder / "car.yaml").read_text(encoding="utf-8") == CAR.replace("320 kg", "333 kg")
+
+
+def test_names_of_others_are_text_and_nothing_else(tab: browser.Tab, server: Server) -> None:
+    """What a file or its name says is shown, and never runs."""
+    tab.complaints.clear()
+    evil = "<img src=x onerror=alert(1)><script>alert(2)</script>"
+    name = "a'b <i onclick=1>.yaml"
+    (server.folder / name).write_text(CAR.replace("summary: One", f"summary: \"{evil}\" #"), encoding="utf-8")
+    tab.go("about:blank")
+    tab.go(server.address)
+    tab.wait("document.querySelector('#home')?.innerText.includes('onclick=1')")
+    tab.run(f"studio.open({json.dumps(name)})")
+    tab.wait("document.querySelector('#panel')?.innerText.includes('onerror=alert')")
+    assert tab.run("document.querySelectorAll('#panel img, #panel script, #home i, #sheet script, #sheet img').length") == 0
+    assert tab.complaints == []
+    (server.folder / name).unlink()
