@@ -224,6 +224,20 @@ code
     assert at(run, "beats", 0.05, 0.15, 2) == [10, 12, 20]
 
 
+def test_a_value_that_no_branch_assigns_is_kept(tmp_path: Path) -> None:
+    """y follows t while sin(2 pi t) > 0 and keeps its last value, at each half second, while it is not."""
+    run = run_part(tmp_path, one_part("""variables
+  real ramp, y;
+initialequations
+  y = 7;
+equations
+  ramp = int (1);
+code
+  if sin (2 * pi * time) < 0 then y = ramp; end;
+  kept = y;""", "kept"))
+    assert at(run, "kept", 0.3, 0.7, 1.2, 1.4, 1.7) == pytest.approx([7, 0.7, 1, 1, 1.7], abs=1e-6)
+
+
 def test_loops_cases_and_matrices_are_worked_out(tmp_path: Path) -> None:
     run = run_part(tmp_path, one_part("""constants
   integer n = 3;

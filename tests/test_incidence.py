@@ -6,6 +6,7 @@ from math import inf
 from pathlib import Path
 
 import casadi as ca
+import numpy as np
 import pytest
 
 import heavebond as hb
@@ -17,7 +18,8 @@ x, y, p, volume = (ca.SX.sym(name) for name in ("x", "y", "p", "V"))
 
 @pytest.mark.parametrize(("residual", "kind"), [
     (y - x, UNIT), (2 * x + y, NUMBER), (p * x - y, PARAMETER), (volume * x - y, DEFINITE), (y * x, INDEFINITE),
-    (x**2 - y, NONLINEAR), (ca.sign(x) - y, NONLINEAR), (ca.if_else(x > 0, y, 0), NONLINEAR)])
+    (x**2 - y, NONLINEAR), (ca.sign(x) - y, NONLINEAR), (ca.if_else(x > 0, y, 0), NONLINEAR),
+    (x - ca.if_else(x > 0, y, 0), NONLINEAR), (p * x + ca.sign(x), NONLINEAR), (x - ca.if_else(y > 0, p, 0), UNIT)])
 def test_the_kind_of_an_unknown_in_an_equation(residual: ca.SX, kind: int) -> None:
     row, = classify(residual, x, {p.element_hash()}, {volume.element_hash(): (0.0, inf)})
     assert [(entry.column, entry.kind) for entry in row] == [(0, kind)]
@@ -29,6 +31,27 @@ def test_equations_are_solved_together_as_they_are_alone() -> None:
     for k, (residual, symbol) in enumerate(zip(residuals, (x, volume), strict=True)):
         alone = explicit(residual, symbol)
         assert ca.is_equal(a[k], alone[0], 10) and ca.is_equal(v[k], alone[1], 10)
+
+
+def test_a_loop_through_a_condition_is_not_solved_as_if_it_were_linear(tmp_path: Path) -> None:
+    """left = 10 - a - b, where a and b are 3 and 4 as long as something is left: 3, and not the 10 of a linear loop."""
+    (tmp_path / "components").mkdir()
+    (tmp_path / "components" / "budget.yaml").write_text("""component: Budget
+summary: Two consumers of what is left.
+ports: {y: {signal: out, unit: "1"}}
+variables: {a: {unit: 1}, b: {unit: 1}, left: {unit: 1}, s: {unit: 1}}
+equations: |
+  a = if_else(left > 0, 3, 0)
+  b = if_else(left > 0, 4, 0)
+  left = if_else(10 - a - b < 0, 0, 10 - a - b)
+  der(s) + s/1 = 0
+  y = left
+units: unchecked
+""")
+    model = hb.loads("model: m\ncomponents: {b: {is: Budget}}\nnodes: {y: [b.y]}\ninitial: {b.s: 1, b.left: ~ 1}\n"
+                     "simulate: {until: 1 s}\n", tmp_path)
+    run = hb.simulate(model)
+    assert run["b.left"] == pytest.approx(np.full(len(run.time), 3.0))
 
 
 RELAY = """

@@ -133,11 +133,6 @@ def renamed(expr: Expr, old: str, new: Expr) -> Expr:
     return rebuilt(expr, lambda e: renamed(e, old, new))
 
 
-def replaced(expr: Expr, name: str, value: Expr) -> Expr:
-    """An expression with a value in place of the one that a variable had before."""
-    return value if expr.op == "prev" and expr.name == name else rebuilt(expr, lambda e: replaced(e, name, value))
-
-
 def leaves(expr: Expr, held: Expr) -> list[tuple[Expr, Expr]]:
     """The conditions and values of a nested choice, without the branches that keep the value."""
     if expr.op != "if":

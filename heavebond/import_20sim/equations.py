@@ -14,7 +14,6 @@ from heavebond.import_20sim.choices import (
     names,
     rebuilt,
     renamed,
-    replaced,
     simplified,
     triggers,
 )
@@ -290,10 +289,10 @@ class Builder:
 
     # -- results -----------------------------------------------------------------------------------------------------
     def _moves(self, expr: Expr) -> bool:
-        """Whether a value changes between events."""
+        """Whether a value changes between events, other than by the time alone."""
         if expr.op == "name" and expr.name not in ("time", "pi"):
             item = self.made.items.get(expr.name)
-            return item is None or item.kind in ("bond", "in", "out")
+            return item is None or item.kind not in ("parameter", "held")
         return any(self._moves(e) for e in expr.args)
 
     def _passed(self, expr: Expr) -> Expr:
@@ -327,13 +326,27 @@ class Builder:
             else:
                 self.made.equations.append((f.name(name), between, ""))
             return
-        if any(self._moves(leaf) for _, leaf in leaves(between, Expr("prev", name=name))):
-            first = start.get(name, f.number(0))
-            self.made.omitted.append((self.submodel.line, f"'{name}' keeps its value where no branch assigns it; "
-                                      f"{f.text(first)} is used there"))
-            self.made.equations.append((f.name(name), replaced(between, name, first), ""))
-            return
+        found = leaves(between, Expr("prev", name=name))
+        if any(self._moves(leaf) for _, leaf in found):
+            if not any(keeps(e, name) for pair in found for e in pair):
+                self._follows(name, item, between, found, start.get(name, f.number(0)))
+                return
+            self.made.omitted.append((self.submodel.line, f"'{name}' depends on the value that it had before; it is set "
+                                      "only at the instants at which the conditions of its branches become true"))
         self._held(name, item, value, start.get(name, f.number(0)))
+
+    def _follows(self, name: str, item: Item, value: Expr, found: list[tuple[Expr, Expr]], first: Expr) -> None:
+        """A variable that follows an expression while a branch assigns it, and keeps its last value where none does."""
+        kept = self.made.hold(f"{name}_kept", item.unit, f"last value of {name}", first)
+        self.made.equations.append((f.name(name), renamed(value, name, f.name(kept)), ""))
+        for condition, leaf in found:
+            condition = self._passed(condition)
+            flag = self.made.hold(f"{name}_assigned", "", f"1 while a branch assigns {name}", f.number(0))
+            # left only where it was entered: at the start a condition may pass from equality to either side
+            left = Expr("and", (simplified(Expr("not", (condition,))), Expr("==", (f.name(flag), f.number(1)))))
+            self.made.on("at_start", {"at": "0"}, {flag: Expr("if", (condition, f.number(1), f.number(0)))})
+            self.made.on(f"{name}_begins", {"condition": f.text(condition)}, {flag: f.number(1)})
+            self.made.on(f"{name}_ends", {"condition": f.text(left)}, {kept: leaf, flag: f.number(0)})
 
     def _held(self, name: str, item: Item, value: Expr, first: Expr) -> None:
         """A variable that keeps its value: held, and set by events."""

@@ -33,18 +33,53 @@ def classify(residuals: ca.SX, unknowns: ca.SX, constants: set[int], bounds: Map
     `constants` holds the hashes of symbols that never change during a run; `bounds` the interval that a symbol
     keeps to, by its hash. A coefficient is
     UNIT +-1 | NUMBER another number | PARAMETER of constants only | DEFINITE never of both signs within the bounds |
-    INDEFINITE linear, but the coefficient may pass through zero | NONLINEAR (also where only a sign or a comparison
-    is made of it, whose derivative is zero).
+    INDEFINITE linear, but the coefficient may pass through zero | NONLINEAR (also where a sign or a comparison is made of
+    it, whose derivative is zero).
     """
     jacobian = ca.jacobian(residuals, unknowns)
+    stepped = _stepped(residuals, unknowns)
     own = [s.element_hash() for s in split(unknowns)]
     rows: list[list[Entry]] = [[] for _ in range(residuals.numel())]
     row_of, column_of = jacobian.sparsity().get_triplet()
     # CasADi's stubs call the entries SXElem; they are scalar SX
     coefficients = cast(list[ca.SX], jacobian.nonzeros())
     for entry, row, column in zip(coefficients, row_of, column_of, strict=True):
-        rows[row].append(Entry(column, _kind(entry, own[column], constants, bounds), entry))
+        kind = NONLINEAR if (row, column) in stepped else _kind(entry, own[column], constants, bounds)
+        rows[row].append(Entry(column, kind, entry))
     return rows
+
+
+# Operations of CasADi whose derivative is zero wherever they have one.
+STEPS = frozenset((ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_AND, ca.OP_OR, ca.OP_SIGN, ca.OP_FLOOR,
+                   ca.OP_CEIL))
+
+
+def _stepped(residuals: ca.SX, unknowns: ca.SX) -> set[tuple[int, int]]:
+    """The (row, column) where a comparison, a sign or a whole number is made of the unknown: the residual is not linear in
+    it there, whatever the derivative is (`v - if_else(v > 0, a, b)` has the constant derivative 1)."""
+    own = {s.element_hash() for s in split(unknowns)}
+    others = [s for s in ca.symvar(residuals) if s.element_hash() not in own]
+    function = ca.Function("f", [unknowns, stack(others)], [residuals])
+    ids = [function.instruction_id(k) for k in range(function.n_instructions())]
+    if STEPS.isdisjoint(ids):
+        return set()
+    # of each place of the work vector: the unknowns in it, and those of which it holds steps
+    nothing: frozenset[int] = frozenset()
+    work: dict[int, tuple[frozenset[int], frozenset[int]]] = {}
+    found: set[tuple[int, int]] = set()
+    for k, op in enumerate(ids):
+        inputs, outputs = function.instruction_input(k), function.instruction_output(k)
+        if op == ca.OP_OUTPUT:
+            found.update((outputs[1], column) for column in work[inputs[0]][1])
+        elif op == ca.OP_INPUT:
+            work[outputs[0]] = (frozenset((inputs[1],)) if inputs[0] == 0 else nothing, nothing)
+        elif op == ca.OP_CONST:
+            work[outputs[0]] = (nothing, nothing)
+        else:
+            held = [work[i] for i in inputs]
+            inside, steps = (nothing.union(*(h[side] for h in held)) for side in (0, 1))
+            work[outputs[0]] = (inside, inside if op in STEPS else steps)
+    return found
 
 
 def _kind(coefficient: ca.SX, unknown: int, constants: set[int], bounds: Mapping[int, Interval]) -> int:
