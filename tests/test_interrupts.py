@@ -18,8 +18,8 @@ from click.testing import CliRunner
 
 import heavebond as hb
 from heavebond.cli import main
-from heavebond.core.cancellation import check, clear_signal, finishing, is_interrupt, listening
-from heavebond.core.parallel import Processes
+from heavebond.core.cancellation import check, clear_signal, deferred, finishing, is_interrupt, listening
+from heavebond.core.parallel import Processes, as_done
 from heavebond.diagnosis import diagnosis_files
 from heavebond.estimation.residuals import Residuals
 from heavebond.optimise.objective import Objective
@@ -114,6 +114,69 @@ def test_sigterm_is_put_off_while_a_result_is_finished() -> None:
         with finishing(said.append):
             terminate()
         assert len(said) == 1
+
+
+def test_a_signal_waits_for_the_end_of_a_step() -> None:
+    """And another one behind it does not; one that was heard before is no reason to end the step's own exit."""
+    done = []
+
+    def work() -> None:
+        with deferred():
+            terminate()
+            with deferred():
+                done.append("step")
+        done.append("not reached")
+
+    with listening():
+        with pytest.raises(KeyboardInterrupt):
+            work()
+        assert done == ["step"]
+        with deferred():
+            done.append("exit")
+        with pytest.raises(KeyboardInterrupt):
+            terminate()
+        clear_signal()
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="signals are sent by POSIX means")
+@pytest.mark.parametrize("name", ["_work_ids", "_pending_work_items"])
+def test_a_signal_does_not_leave_an_executor_half_way(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that arrives while a job is handed over, where the executor holds its locks: the job is handed over all the same,
+    and the threads and processes of the executor end without an error."""
+    failed: list[object] = []
+    monkeypatch.setattr(threading, "excepthook", failed.append)
+    made = []
+
+    def hit(_: object) -> None:
+        if not made:
+            made.append(name)
+            terminate()
+
+    def work(workers: Processes) -> None:
+        kept = getattr(workers.pool, name)
+        if name == "_work_ids":
+            monkeypatch.setattr(kept, "_put", lambda item, put=kept._put: (hit(item), put(item)))
+        else:
+            class Items(dict[int, object]):
+                def __setitem__(self, key: int, item: object) -> None:
+                    super().__setitem__(key, item)
+                    hit(item)
+
+            workers.pool._pending_work_items = Items()  # type: ignore[assignment]
+        with workers:
+            list(as_done(workers, _slow, [(k, (1,)) for k in range(3)], 2))
+
+    with listening():
+        workers = Processes(1)
+        with pytest.raises(KeyboardInterrupt):
+            work(workers)
+        assert clear_signal() == signal.SIGTERM and made
+        assert workers.pool._queue_count == 1  # the step was done to its end, and no further one was begun
+    for thread in threading.enumerate():
+        if thread is not threading.main_thread() and not thread.daemon:
+            thread.join(20)
+            assert not thread.is_alive()
+    assert not failed
 
 
 def test_a_signal_that_a_library_drops_is_raised_again() -> None:

@@ -22,6 +22,8 @@ WORDS = {"SIGINT": "interrupted", "SIGTERM": "terminated", "SIGHUP": "terminated
 # of the process, as signals are: that which is not obeyed yet, and the last one
 _heard: list[int] = []
 _last: list[int] = []
+_deferring = False  # whether the main thread is in a `deferred` block
+_deferred: list[int] = []  # what was heard there
 
 
 class Interrupted(KeyboardInterrupt):
@@ -68,7 +70,32 @@ def listening(numbers: Sequence[int] = SIGNALS) -> Iterator[None]:
 
 def _hear(number: int, frame: FrameType | None) -> None:
     _heard[:] = _last[:] = [number]
-    raise Interrupted(number)
+    _raise(number)
+
+
+def _raise(number: int) -> None:
+    if not _deferring:
+        raise Interrupted(number)
+    _deferred.append(number)
+
+
+@contextmanager
+def deferred() -> Iterator[None]:
+    """Within it a signal is only stored; it is raised at the end of the block. For short steps that an exception in their
+    midst would leave half done, such as those of an executor, whose locks it would keep. Elsewhere than in the main thread
+    nothing changes."""
+    global _deferring
+    if threading.current_thread() is not threading.main_thread() or _deferring:
+        yield
+        return
+    _deferring = True
+    try:
+        yield
+    finally:
+        _deferring, came = False, _deferred[-1:]
+        _deferred.clear()
+    for number in came:
+        raise Interrupted(number)
 
 
 def check() -> None:
@@ -128,7 +155,7 @@ def time_limit(seconds: float) -> Iterator[None]:
 
     def late(number: int, frame: FrameType | None) -> None:
         _heard[:] = [number]
-        raise Interrupted(number)
+        _raise(number)
 
     before = signal.signal(signal.SIGALRM, late)
     signal.setitimer(signal.ITIMER_REAL, max(seconds, 1e-3))

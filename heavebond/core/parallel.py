@@ -16,7 +16,7 @@ from multiprocessing.synchronize import Event
 from types import FrameType
 from typing import Any, TypeVar
 
-from heavebond.core.cancellation import SIGNALS, check
+from heavebond.core.cancellation import SIGNALS, check, deferred
 from heavebond.core.threads import single
 
 T = TypeVar("T")
@@ -24,6 +24,7 @@ K = TypeVar("K")
 Lost = tuple[tuple[K, tuple[Any, ...]], BaseException]  # a job, its key and what is given, and how it ended
 ALONE = 2  # a job may never have begun when others took its process away: only so many deaths alone are its own
 LISTEN = 5.0  # seconds without a result after which it is asked whether any worker is left
+ANSWER = 0.2  # seconds within which a signal is obeyed while results are waited for
 WATCH = 1.0  # seconds between two looks whether the parent is there
 GRACE = 2.0  # seconds that processes have to end by themselves
 LATER = 1.0  # seconds by which SIGTERM ends a worker later than the process that collects
@@ -93,9 +94,10 @@ class Processes(Workers):
         self.pool.shutdown(wait=wait, cancel_futures=cancel_futures)
 
     def __exit__(self, *_: object) -> None:
-        self.stop.set()
-        working = list((self.pool._processes or {}).values())
-        self.shutdown(wait=False, cancel_futures=True)
+        with deferred():
+            self.stop.set()
+            working = list((self.pool._processes or {}).values())
+            self.shutdown(wait=False, cancel_futures=True)
         until = clock.monotonic() + GRACE
         for process in working:
             process.join(max(0.0, until - clock.monotonic()))
@@ -157,7 +159,7 @@ def as_done(executor: Executor, function: Callable[..., T], jobs: Iterable[tuple
     Where a worker dies, the jobs that were lost with it are tried again, each alone, so that the one to blame is known;
     `instead(key, error)` stands for what comes of that one. Without it the error is raised.
     """
-    coming, refused = iter(jobs), list[tuple[K, tuple[Any, ...]]]()
+    coming, refused, heard = iter(jobs), list[tuple[K, tuple[Any, ...]]](), clock.monotonic()
     running: dict[Future[T], tuple[K, tuple[Any, ...]]] = {}
     workers = executor if isinstance(executor, Workers) and instead is not None else None
     while True:
@@ -166,7 +168,8 @@ def as_done(executor: Executor, function: Callable[..., T], jobs: Iterable[tuple
             if job is None:
                 break
             try:
-                running[executor.submit(function, *job[1])] = job
+                with deferred():
+                    running[executor.submit(function, *job[1])] = job
             except BrokenExecutor:
                 if workers is None:
                     raise
@@ -178,9 +181,13 @@ def as_done(executor: Executor, function: Callable[..., T], jobs: Iterable[tuple
             return
         check()
         lost: list[Lost[K]] = []
-        ended = wait(running, LISTEN, FIRST_COMPLETED).done
-        if not ended and isinstance(executor, Workers):
+        with deferred():
+            ended = wait(running, ANSWER, FIRST_COMPLETED).done
+        if ended:
+            heard = clock.monotonic()
+        elif isinstance(executor, Workers) and clock.monotonic() - heard > LISTEN:
             executor.listen()
+            heard = clock.monotonic()
         for done in ended:
             job = running.pop(done)
             if workers is not None and isinstance(error := done.exception(), workers.died):
