@@ -369,7 +369,8 @@ class _Formulas:
                 return member.unit.dimension
         if leaf is None:
             return None
-        item = leaf.component.variables.get(name) or leaf.component.parameters.get(name)
+        item = next((found for group in (leaf.component.variables, leaf.component.parameters)
+                     for key in (name, f"{name}[1]") if (found := group.get(key)) is not None), None)
         return None if item is None else solved(item.unit.dimension, self.solution[owner])
 
     def signal(self, group: Group) -> Dimension | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import inf
 
 import casadi as ca
@@ -13,7 +13,8 @@ from heavebond.core.units import ONE, Dimension, Unit, declared_unit
 from heavebond.language.definition import Domain
 from heavebond.language.symbols import Context, evaluate, stack
 from heavebond.text.dimensions import SECOND, dimension
-from heavebond.text.expression import Expr, ExpressionProblem, Name
+from heavebond.text.expression import Expr, ExpressionProblem, Name, Slice, constant, names
+from heavebond.text.shapes import Lengths
 
 POWER, WATT = "power", declared_unit("W").dimension
 
@@ -92,12 +93,42 @@ class Resolver:
     def evaluate(self, expr: Expr, scope: str = "", extra: Mapping[str, ca.SX] | None = None) -> ca.SX:
         """The SX of a formula (`extra` names more than the diagram does); ExpressionProblem for an unknown name."""
         more = extra or {}
+        self._check_lengths(expr, scope)
         return evaluate(expr, Context(
             lambda text, name: more[text] if text in more else self._value(scope, text, name), self._der))
+
+    def _check_lengths(self, expr: Expr, scope: str) -> None:
+        """ExpressionProblem where a formula gives a list, or joins lists that do not fit."""
+        if any(self._elements(scope + name.text) or any(isinstance(part, Slice) for part in name.parts)
+               for name in names(expr)):
+            Lengths(lambda name: self._length(scope, name), exact=True).number(expr, "what a formula gives")
+
+    def _length(self, scope: str, name: Name) -> int | None:
+        part = next((part for part in name.parts if isinstance(part, Slice)), None)
+        if part is None:
+            return len(self._elements(scope + name.text)) or None
+        low, high = constant(part.low), constant(part.high)
+        if low is None or high is None or low != int(low) or high != int(high):
+            raise ExpressionProblem("not-an-integer", "whole numbers are needed here", part.column, 2,
+                                    "Write for example `x[1..3]`.")
+        last = _end_of(name, "high")
+        if scope + last not in self.names and scope + last not in self.constants:
+            raise self._unknown(scope + last, replace(name, parts=(last,)))
+        return max(1, int(high - low) + 1)
+
+    def _elements(self, path: str) -> list[str]:
+        """The paths of the elements of a list; none for anything else."""
+        found: list[str] = []
+        if path in self.names or path in self.constants:
+            return found
+        while (element := f"{path}[{len(found) + 1}]") in self.names or element in self.constants:
+            found.append(element)
+        return found
 
     def dimension(self, expr: Expr, scope: str = "", extra: Mapping[str, Dimension] | None = None) -> Dimension | None:
         """The dimension of a formula; ExpressionProblem where its units disagree."""
         more = extra or {}
+        self._check_lengths(expr, scope)
         return dimension(expr, lambda name: more[name.text] if name.text in more else self._dimension(scope, name))
 
     def _value(self, scope: str, text: str, name: Name) -> ca.SX:
@@ -108,15 +139,19 @@ class Resolver:
             return self.levels[0][self.names[path]]
         if path in self.constants:
             return self.constants[path]
+        if elements := self._elements(path):
+            return stack(self._value("", element, name) for element in elements)
         port, _, member = path.rpartition(".")
         if member == POWER and port in self.bonds:
             return self.bonds[port].power(self.levels[0])
         raise self._unknown(path, name)
 
     def _dimension(self, scope: str, name: Name) -> Dimension:
-        path = scope + name.text
+        path = scope + _end_of(name, "low")
         if name.text in ("time", "pi"):
             return SECOND if name.text == "time" else ONE
+        if elements := self._elements(path):
+            path = elements[0]
         if path in self.names:
             return self.unknowns[self.names[path]].unit.dimension
         if path in self.units:
@@ -136,3 +171,9 @@ class Resolver:
         low = stack([s for level in self.levels[:-1] for s in level])
         high = stack([s for level in self.levels[1:] for s in level])
         return ca.jtimes(expression, low, high) + ca.jtimes(expression, self.time, self.rate)
+
+
+def _end_of(name: Name, end: str) -> str:
+    """A name, of its first (`low`) or last (`high`) element where it means several."""
+    parts = tuple(getattr(part, end) if isinstance(part, Slice) else part for part in name.parts)
+    return Name(parts, name.column, name.length).text

@@ -10,20 +10,21 @@ from heavebond.language import reading
 from heavebond.language.definition import Component, EventDefinition, Formula, Reset
 from heavebond.text.dimensions import SECOND, TRUTH, Lookup, dimension, number_dimension
 from heavebond.text.expression import Call, Compare, Expr, ExpressionProblem, Name, children, constant, names
+from heavebond.text.shapes import Lengths
 
 EQUALITIES = ("==", "!=")
 
 
-def check_events(component: Component, lookup: Lookup, problems: Problems) -> None:
+def check_events(component: Component, lookup: Lookup, lengths: Lengths, problems: Problems) -> None:
     """Note what is wrong in the held variables and the events of a component; `lookup` gives the unit of a name."""
     _equations_leave_alone(component, problems)
     for event in component.when:
         if event.key == "condition":
-            _condition(component, event.formula, lookup, problems)
+            _condition(component, event.formula, lookup, lengths, problems)
         else:
-            _instant(component, event, lookup, problems)
+            _instant(component, event, lookup, lengths, problems)
         for reset in event.resets:
-            _reset(component, reset, lookup, problems)
+            _reset(component, reset, lookup, lengths, problems)
     set_by = {reset.target.text for event in component.when for reset in event.resets}
     for name, variable in component.held.items():
         if name not in set_by:
@@ -61,7 +62,7 @@ def _only_parameters(component: Component, name: Name, what: str) -> None:
                                 or (f"Parameters: {listing(known)}." if known else "Declare it under `parameters:`."))
 
 
-def _instant(component: Component, event: EventDefinition, lookup: Lookup, problems: Problems) -> None:
+def _instant(component: Component, event: EventDefinition, lookup: Lookup, lengths: Lengths, problems: Problems) -> None:
     """`at`, `every` and `from` are times that follow from parameters; a period is above zero."""
     for key, formula in ((event.key, event.formula), ("from", event.first)):
         if formula is None:
@@ -70,6 +71,7 @@ def _instant(component: Component, event: EventDefinition, lookup: Lookup, probl
             for name in names(formula.tree):
                 _only_parameters(component, name, f"`{key}:`")
             found = number_dimension(formula.tree, lookup)
+            lengths.number(formula.tree, f"`{key}:`")
         except ExpressionProblem as problem:
             reading.add_expression_problem(problem, formula.place, problems)
             continue
@@ -81,9 +83,10 @@ def _instant(component: Component, event: EventDefinition, lookup: Lookup, probl
                          hint="Name a parameter in s, as in `every: T_s`.")
 
 
-def _condition(component: Component, formula: Formula, lookup: Lookup, problems: Problems) -> None:
+def _condition(component: Component, formula: Formula, lookup: Lookup, lengths: Lengths, problems: Problems) -> None:
     try:
         found = dimension(formula.tree, lookup)
+        lengths.number(formula.tree, "a condition")
         if found != TRUTH:
             raise ExpressionProblem("condition-form", "a condition is a comparison; this is a number", 0, len(formula.text),
                                     f"Write for example `{formula.text} > 0`.")
@@ -102,7 +105,7 @@ def _equality(component: Component, part: Compare) -> None:
                                 part.column, 2, "Compare with `>` or `<`: the event happens as it passes the value.")
 
 
-def _reset(component: Component, reset: Reset, lookup: Lookup, problems: Problems) -> None:
+def _reset(component: Component, reset: Reset, lookup: Lookup, lengths: Lengths, problems: Problems) -> None:
     target = reset.target.tree
     if not isinstance(target, Name):
         problems.add("reset-form", f"'{reset.target.text}' is no variable that an event could set", reset.target.place,
@@ -110,6 +113,7 @@ def _reset(component: Component, reset: Reset, lookup: Lookup, problems: Problem
         return
     try:
         wanted = lookup(target)
+        lengths.number(target, "what an event sets")
         if _is_given(component, target):
             raise ExpressionProblem("reset-given", f"an event cannot set '{target.text}'", target.column, target.length,
                                     _settable(component))
@@ -118,6 +122,7 @@ def _reset(component: Component, reset: Reset, lookup: Lookup, problems: Problem
         return
     try:
         found = number_dimension(reset.value.tree, lookup)
+        lengths.number(reset.value.tree, "a new value")
     except ExpressionProblem as problem:
         reading.add_expression_problem(problem, reset.value.place, problems)
         return

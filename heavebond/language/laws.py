@@ -23,7 +23,8 @@ from heavebond.language.definition import (
 )
 from heavebond.language.event_laws import check_events
 from heavebond.text.dimensions import ANY, SECOND, TRUTH, Lookup, check_equation, dimension
-from heavebond.text.expression import Binary, Expr, ExpressionProblem, Name, constant, names
+from heavebond.text.expression import Binary, Expr, ExpressionProblem, Name, Slice, constant, names
+from heavebond.text.shapes import Lengths
 
 Domains = Mapping[str, Domain]
 MOST = 10_000  # more ports or equations of a kind than this are a slip
@@ -61,13 +62,22 @@ class Scope:
                                 name.column, name.length, hint)
 
     def _indexed(self, word: str, name: Name) -> None:
-        """A list is named with an index, and nothing else is."""
+        """Nothing but a list has an index."""
         item = self.component.parameters.get(word) or self.component.variables.get(word)
-        if (item is not None and item.count is not None) != (len(name.parts) > 1):
-            raise ExpressionProblem("list-index", f"'{word}' is a list; an index is missing" if len(name.parts) == 1 else
-                                    f"'{word}' is no list; it has no index", name.column, name.length,
-                                    f"Write `{word}[1]`, or `{word}[i]` after `each i in 1..n:`."
-                                    if len(name.parts) == 1 else f"Write `{word}`, or declare it with `count: n`.")
+        if (item is None or item.count is None) and len(name.parts) > 1:
+            raise ExpressionProblem("list-index", f"'{word}' is no list; it has no index", name.column, name.length,
+                                    f"Write `{word}`, or declare it with `count: n`.")
+
+    def length(self, name: Name) -> int | None:
+        """How many elements a name means, with every whole number at 3; None for a number."""
+        listed = [part for part in name.parts if not isinstance(part, str)]
+        if listed and isinstance(listed[0], Slice):
+            low, high = (_integer(bound, self.component) for bound in (listed[0].low, listed[0].high))
+            return max(1, high - low + 1)
+        word = name.parts[0]
+        item = self.component.ports.get(word) or self.component.parameters.get(word) or self.component.variables.get(word) \
+            if isinstance(word, str) else None
+        return _integer(item.count, self.component) if item is not None and item.count is not None and not listed else None
 
     def _reaches_inside(self, words: list[str]) -> bool:
         return words[0] in self.component.body.instances
@@ -123,6 +133,7 @@ def _units(component: Component, domains: Domains, problems: Problems) -> None:
         lookup = _with_index(scope, line)
         try:
             check_equation(line.tree, lookup)
+            Lengths(scope.length, exact=False).equation(line.tree)
         except ExpressionProblem as problem:
             reading.add_expression_problem(problem, line.place, problems)
     watt, joule = declared_unit("W").dimension, declared_unit("J").dimension
@@ -134,7 +145,7 @@ def _units(component: Component, domains: Domains, problems: Problems) -> None:
             _formula(formula, wanted, what, wanted_text, scope, problems)
     for requirement in component.requires:
         _formula(requirement, TRUTH, "requires", "a comparison, as in `x_max > x_min`", scope, problems)
-    check_events(component, scope, problems)
+    check_events(component, scope, Lengths(scope.length, exact=False), problems)
 
 
 def _with_index(scope: Scope, line: EquationLine) -> Lookup:
@@ -148,6 +159,7 @@ def _formula(formula: Formula, wanted: Dimension, what: str, wanted_text: str, s
              problems: Problems) -> None:
     try:
         found = dimension(formula.tree, scope)
+        Lengths(scope.length, exact=False).number(formula.tree, f"`{what}:`")
     except ExpressionProblem as problem:
         reading.add_expression_problem(problem, formula.place, problems)
         return
@@ -161,7 +173,8 @@ def _formula(formula: Formula, wanted: Dimension, what: str, wanted_text: str, s
 def _balance(component: Component, domains: Domains, problems: Problems) -> None:
     """Law 2: as many equations as unknowns that the component itself must decide."""
     unknowns = _own_unknowns(component, domains)
-    equations = sum(_repetitions(line, component) for line in component.equations)
+    lengths = Lengths(Scope(component, domains).length, exact=False)
+    equations = sum(_repetitions(line, component) * (lengths.equation(line.tree) or 1) for line in component.equations)
     if equations == len(unknowns):
         return
     used = {n.text for line in component.equations for side in (line.tree.left, line.tree.right) for n in names(side)}

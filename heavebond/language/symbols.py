@@ -22,6 +22,7 @@ from heavebond.text.expression import (
     Negative,
     Not,
     Number,
+    Slice,
     SumOver,
     children,
     names,
@@ -49,13 +50,12 @@ Lookup = Callable[[str, Name], ca.SX]
 
 @dataclass(frozen=True)
 class Context:
-    """What an expression is evaluated in: names to SX, d/dt of an SX, whole numbers, array ports and their size, of how many
-    terms the sums around it already are, and what functions gave for arguments that they were called with before."""
+    """What an expression is evaluated in: names to SX (lists to columns), d/dt of an SX, whole numbers, of how many terms
+    the sums around it already are, and what functions gave for arguments that they were called with before."""
 
     lookup: Lookup
     der: Derivative
     integers: Mapping[str, int] = field(default_factory=dict)
-    arrays: Mapping[str, int] = field(default_factory=dict)
     terms: int = 1
     called: Called = field(default_factory=dict)
 
@@ -119,9 +119,17 @@ def indicator(expr: Expr, context: Context) -> ca.SX:
 
 def _name(expr: Name, context: Context) -> ca.SX:
     words: list[str] = []
-    for part in expr.parts:
+    for k, part in enumerate(expr.parts):
         if isinstance(part, str):
             words.append(part)
+        elif isinstance(part, Slice):
+            low, high = _integer(part.low, context), _integer(part.high, context)
+            if high < low:
+                raise ExpressionProblem("list-length", f"no element lies from {low} to {high}", part.column,
+                                        hint="Write the lower index first, as in `x[1..3]`.")
+            each = [Name((*expr.parts[:k], Number(i, None, 0), *expr.parts[k + 1:]), expr.column, expr.length)
+                    for i in range(low, high + 1)]
+            return stack(_name(element, context) for element in each)
         else:
             words[-1] += f"[{_integer(part, context)}]"
     text = ".".join(words)
@@ -160,10 +168,14 @@ def _call(expr: Call, context: Context) -> ca.SX:
     if name == "uniform":
         return ca.SX(uniform(_integer(expr.args[0], context), _integer(expr.args[1], context)))
     if name == "sum":
-        return _sum_of_array(expr.args[0], context)
+        return ca.sum1(evaluate(expr.args[0], context))
     args = [evaluate(arg, context) for arg in expr.args]
     if name in _ONE_ARGUMENT:
         return _ONE_ARGUMENT[name](args[0])
+    if name == "dot":
+        return ca.dot(args[0], args[1])
+    if name == "cross":
+        return ca.cross(args[0], args[1])
     if name in ("min", "max"):
         result = args[0]
         for arg in args[1:]:
@@ -203,20 +215,10 @@ def _sum_over(expr: SumOver, context: Context) -> ca.SX:
     if terms > TERMS:  # bounds may be parameters, or the index of a sum around this one
         raise too_long(expr.column)
     for k in range(low, high + 1):
-        inner = Context(context.lookup, context.der, {**context.integers, expr.index: k}, context.arrays, terms,
+        inner = Context(context.lookup, context.der, {**context.integers, expr.index: k}, terms,
                         context.called)
         total = total + evaluate(expr.body, inner)
     return total
-
-
-def _sum_of_array(expr: Expr, context: Context) -> ca.SX:
-    """`sum(p.flow)` over an array of ports."""
-    if isinstance(expr, Name) and isinstance(expr.parts[0], str) and expr.parts[0] in context.arrays:
-        first = expr.parts[0]
-        return sum((evaluate(Name((first, Number(k + 1, None, 0), *expr.parts[1:]), expr.column, expr.length), context)
-                    for k in range(context.arrays[first])), ca.SX(0))
-    raise ExpressionProblem("sum-form", "sum is written `sum(... for i in 1..n)`, or over an array of ports",
-                            getattr(expr, "column", 0))
 
 
 def uniform(seed: int, index: int) -> float:

@@ -10,10 +10,11 @@ from math import inf
 import casadi as ca
 
 from heavebond.core.errors import ModelError, Place, Problem, listing, suggest
-from heavebond.language.definition import Component, Domain, EventDefinition, Formula, Variable
+from heavebond.language.definition import Component, Domain, EquationLine, EventDefinition, Formula, Variable
 from heavebond.language.incidence import Entry, Interval, classify
 from heavebond.language.symbols import Called, Context, evaluate, indicator, nonsmooth, stack
-from heavebond.text.expression import Expr, ExpressionProblem, Name, names
+from heavebond.text.expression import Expr, ExpressionProblem, Name, Slice, names
+from heavebond.text.shapes import Lengths
 
 # der(der(x)) is as far as a component's own text goes; index reduction differentiates on the flat model
 LEVELS = 3
@@ -103,11 +104,30 @@ class _Builder:
         for slot in self._slots():
             for level in range(LEVELS):
                 self.levels[level][slot] = ca.SX.sym("d" * level + slot)
+        self.lists = self._lists()
         self.called: Called = {}
         self.context = self._context({})
 
     def _context(self, index: Mapping[str, int]) -> Context:
-        return Context(self._lookup, self._der, {**self.integers, **index}, self.arrays, called=self.called)
+        return Context(self._lookup, self._der, {**self.integers, **index}, called=self.called)
+
+    def _lists(self) -> dict[str, int]:
+        """How many elements each list of parameters or variables has: `x` of `x[1]`, `x[2]`."""
+        found: dict[str, int] = {}
+        for name in (*self.parameters, *self.held, *self.component.unknowns):
+            if "[" in name:
+                base = name.partition("[")[0]
+                found[base] = found.get(base, 0) + 1
+        return found
+
+    def _length(self, name: Name) -> int | None:
+        """How many elements a name means; None for a number."""
+        listed = [part for part in name.parts if not isinstance(part, str)]
+        if listed and isinstance(listed[0], Slice):
+            low, high = (int(float(evaluate(bound, self.context))) for bound in (listed[0].low, listed[0].high))
+            return max(1, high - low + 1)
+        head = name.parts[0]
+        return None if listed or not isinstance(head, str) else self.arrays.get(head) or self.lists.get(head)
 
     def _count(self, expr: Expr) -> int:
         context = Context(self._lookup_nothing, lambda x: x, self.integers)
@@ -153,6 +173,10 @@ class _Builder:
             text = f"{head}.{self.domains[self.bound[port]].role(member)}"
         if text in self.levels[0]:
             return self.levels[0][text]
+        if text in self.lists:
+            return stack(self._lookup(f"{text}[{k + 1}]", name) for k in range(self.lists[text]))
+        if head in self.arrays:
+            return stack(self._lookup(f"{head}[{k + 1}].{member}", name) for k in range(self.arrays[head]))
         raise ExpressionProblem("name-unknown", f"'{name.text}' is not known here", name.column, name.length,
                               suggest(text, known := [*self.parameters, *self.held, *self.levels[0]])
                               or f"{self.component.name} knows {listing(known)}; an index counts from 1.")
@@ -178,13 +202,25 @@ class _Builder:
             constant = self._constants({*known, equation.each[0]} if equation.each else known)
             for index in self._indices(equation.each, equation.place):
                 self.context = self._context(index)
+                number = self._number_of(equation)
                 left = self._evaluated(equation.tree.left, equation.place)
                 right = self._evaluated(equation.tree.right, equation.place)
                 kink = nonsmooth(equation.tree.left, constant) or nonsmooth(equation.tree.right, constant)
-                lines.append(Line(equation.label, equation.text.strip(), equation.place, kink))
-                residuals.append(left - right)
+                lines += [Line(equation.label if number is None else f"{equation.label}, element {k + 1}",
+                               equation.text.strip(), equation.place, kink) for k in range(number or 1)]
+                residuals.append(left - right)  # a plain 0 is a list of zeros
         self.context = self._context({})
         return lines, residuals
+
+    def _number_of(self, equation: EquationLine) -> int | None:
+        """How many equations of numbers an equation of vectors is; None for one of numbers."""
+        if not self.lists and not self.arrays:
+            return None
+        try:
+            return Lengths(self._length, exact=True).equation(equation.tree)
+        except ExpressionProblem as problem:
+            where = equation.place.moved(problem.column, problem.length)
+            raise ModelError([Problem(problem.code, problem.message, where, problem.hint)]) from None
 
     @staticmethod
     def _constants(known: set[str]) -> Callable[[str], bool]:

@@ -19,6 +19,7 @@ from heavebond.text.expression import (
     Negative,
     Not,
     Number,
+    Slice,
     SumOver,
     constant,
 )
@@ -50,7 +51,8 @@ def dimension(expr: Expr, lookup: Lookup) -> Dimension | None:
     if isinstance(expr, Name):
         for part in expr.parts:
             if not isinstance(part, str):
-                _need(ONE, part, lookup, "an index")
+                for bound in (part.low, part.high) if isinstance(part, Slice) else (part,):
+                    _need(ONE, bound, lookup, "an index")
         return lookup(expr)
     if isinstance(expr, Negative):
         return number_dimension(expr.operand, lookup)
@@ -62,6 +64,7 @@ def dimension(expr: Expr, lookup: Lookup) -> Dimension | None:
         return _function_call(expr, lookup)
     if isinstance(expr, SumOver):
         return number_dimension(expr.body, lambda name: ONE if name.text == expr.index else lookup(name))
+    assert not isinstance(expr, Slice)  # stands in names alone
     return _truth(expr, lookup)
 
 
@@ -124,6 +127,9 @@ def _call(expr: Call, lookup: Lookup) -> Dimension | None:
         return first
     if name == "sign":
         return ONE
+    if name in ("dot", "cross"):
+        second = number_dimension(args[1], lookup)
+        return ANY if first is ANY or second is ANY else times(first, second)
     common: Dimension | None = first
     for arg in args[1:]:
         common = _same((args[0], common), (arg, number_dimension(arg, lookup)), name, expr.column)

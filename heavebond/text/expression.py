@@ -6,7 +6,8 @@
     product    = unary (('*'|'/') unary)*
     unary      = '-' unary | power
     power      = atom ('**' unary)?
-    atom       = number [unit] | name ('.' name | '[' sum ']')* | function '(' ... ')' ['.' name] | '(' formula ')'
+    atom       = number [unit] | name ('.' name | '[' sum ['..' sum] ']')* | function '(' ... ')' ['.' name]
+               | '(' formula ')'
 
 Units after a number (`2 * 460 L/min`) are understood in diagrams only; component equations know declared names, plain
 numbers and a bare 0.
@@ -35,6 +36,7 @@ from heavebond.text.syntax import Negative as Negative
 from heavebond.text.syntax import Not as Not
 from heavebond.text.syntax import Number as Number
 from heavebond.text.syntax import Quantity as Quantity
+from heavebond.text.syntax import Slice as Slice
 from heavebond.text.syntax import Step as Step
 from heavebond.text.syntax import SumOver as SumOver
 from heavebond.text.syntax import children as children
@@ -50,11 +52,12 @@ from heavebond.text.tokens import Token, tokens
 FUNCTIONS = {
     "der": 1, "sqrt": 1, "exp": 1, "log": 1, "sin": 1, "cos": 1, "tan": 1, "tanh": 1, "asin": 1, "acos": 1, "atan": 1,
     "abs": 1, "sign": 1, "floor": 1, "min": 2, "max": 2, "smooth_sign": 2, "signed_sqrt": 2, "if_else": 3, "uniform": 2,
-    "sum": 1,
+    "sum": 1, "dot": 2, "cross": 2,
 }
 # arguments as they are written in messages
 USAGE = {"min": "min(a, b)", "max": "max(a, b)", "smooth_sign": "smooth_sign(v, v_t)", "uniform": "uniform(seed, i)",
-         "signed_sqrt": "signed_sqrt(dp, dp_t)", "if_else": "if_else(a > b, x, y)"}
+         "signed_sqrt": "signed_sqrt(dp, dp_t)", "if_else": "if_else(a > b, x, y)", "dot": "dot(a, b)",
+         "cross": "cross(a, b)"}
 SUM_FORM = "A sum is written `sum(... for i in 1..n)`."
 COMPARISONS = ("<=", ">=", "==", "!=", "<", ">")
 Functions = Mapping[str, Function]  # those of files, by name; one is read when it is first asked for
@@ -252,7 +255,7 @@ class _Parser:
         parts: list[str | Expr] = [token.text]
         while self.peek().text in (".", "["):
             if self.take().text == "[":
-                parts.append(self.sum())
+                parts.append(self._index())
                 self.expect("]", "a `]` is missing", "Each `[` needs a `]`.")
             else:
                 follower = self.take()
@@ -266,6 +269,14 @@ class _Parser:
             raise ExpressionProblem("function-unknown", f"there is no function '{name.text}'", name.column, name.length,
                                     self._known_functions())
         return name
+
+    def _index(self) -> Expr:
+        """An index, or `low..high` for several elements."""
+        low = self.sum()
+        if self.peek().text != "..":
+            return low
+        column = self.take().column
+        return Slice(low, self.sum(), column)
 
     def _known_functions(self) -> str:
         known = list(self.functions)

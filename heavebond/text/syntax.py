@@ -11,7 +11,7 @@ from typing import Union
 from heavebond.core.errors import Place
 from heavebond.core.units import Unit
 
-Expr = Union["Number", "Name", "Call", "FunctionCall", "Binary", "Negative", "Compare", "Logic", "Not", "SumOver"]
+Expr = Union["Number", "Name", "Call", "FunctionCall", "Binary", "Negative", "Compare", "Logic", "Not", "SumOver", "Slice"]
 
 
 @dataclass(frozen=True)
@@ -116,6 +116,15 @@ class SumOver:
 
     body: Expr
     index: str
+    low: Expr
+    high: Expr
+    column: int
+
+
+@dataclass(frozen=True)
+class Slice:
+    """low..high where an index stands: the elements of a list from one to the other."""
+
     low: Expr
     high: Expr
     column: int
@@ -242,6 +251,8 @@ def children(expr: Expr) -> tuple[Expr, ...]:
         return (expr.operand,)
     if isinstance(expr, SumOver):
         return (expr.low, expr.high, expr.body)
+    if isinstance(expr, Slice):
+        return (expr.low, expr.high)
     return ()
 
 

@@ -22,6 +22,7 @@ from heavebond.text.expression import (
     Negative,
     Not,
     Number,
+    Slice,
 )
 
 GREEK = ("alpha", "beta", "gamma", "delta", "epsilon", "zeta", "eta", "theta", "kappa", "lambda", "mu", "nu", "xi", "rho",
@@ -105,6 +106,8 @@ class _Names:
             return f"{self.of(expr.left)} {text_tex(f' {expr.op} ')} {self.of(expr.right)}", _SUM
         if isinstance(expr, Not):
             return rf"\text{{not }} {self.of(expr.operand, _ATOM)}", _SUM
+        if isinstance(expr, Slice):
+            return rf"{self.of(expr.low)} \ldots {self.of(expr.high)}", _SUM
         return rf"\sum_{{{expr.index}={self.of(expr.low)}}}^{{{self.of(expr.high)}}} {self.of(expr.body, _PRODUCT)}", _SUM
 
     def _binary(self, expr: Binary) -> tuple[str, int]:
@@ -146,8 +149,13 @@ class _Names:
         if expr.function == "signed_sqrt":
             squares = " + ".join(f"{self.of(a, _ATOM)}^2" for a in expr.args)
             return rf"\frac{{{args[0]}}}{{\sqrt[4]{{{squares}}}}}", _FRACTION
-        if expr.function == "sum":  # over an array of ports
-            return rf"\sum_i {self._name(expr.args[0], '_i')}" if isinstance(expr.args[0], Name) else args[0], _SUM
+        if expr.function in ("dot", "cross"):
+            sign = r"\cdot" if expr.function == "dot" else r"\times"
+            return f"{self.of(expr.args[0], _POWER)} {sign} {self.of(expr.args[1], _POWER)}", _PRODUCT
+        if expr.function == "sum":  # over a list or an array of ports
+            whole = isinstance(expr.args[0], Name) and all(isinstance(part, str) for part in expr.args[0].parts)
+            return rf"\sum_i {self._name(expr.args[0], '_i')}" if whole and isinstance(expr.args[0], Name) else \
+                rf"\sum \left({args[0]}\right)", _SUM
         return _WORDS[expr.function] + rf"\left({', '.join(args)}\right)", _POWER
 
     def _rate(self, of: Expr) -> tuple[str, int]:
