@@ -48,4 +48,4 @@ def test_a_comparison_that_evaluates_or_compares_nothing_fails() -> None:
 
 
 def test_folders_are_those_of_the_library() -> None:
-    assert {*FOLDERS, "symbols"} == {path.name for path in bundled("components").iterdir() if path.is_dir()}
+    assert {*FOLDERS, "functions", "symbols"} == {path.name for path in bundled("components").iterdir() if path.is_dir()}
