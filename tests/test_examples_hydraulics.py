@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import test_library_lines as lines
 import test_library_valves as valves
 from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
@@ -172,7 +173,7 @@ def test_example(case: Case) -> None:
 
 def test_every_hydraulic_component_has_its_example() -> None:
     stems = {path.stem for path in (bundled("components") / "hydraulic").glob("*.yaml")}
-    assert stems == {case.example for case in [*CASES, *valves.CASES]}
+    assert stems == {case.example for case in [*CASES, *valves.CASES, *lines.CASES, *lines.COURSES]}
     for stem in stems:
         kinds = {i.kind for i in hb.load(f"examples/{stem}").body.instances.values()}
         assert stem.replace("_", "") in {kind.lower() for kind in kinds}, f"{stem} does not show itself"
