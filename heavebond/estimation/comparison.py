@@ -125,7 +125,7 @@ class RecordComparison:
         return float(np.mean([c.chi2 for c in self.channels.values()]))
 
     def as_dict(self) -> dict[str, object]:
-        """All figures, for machines."""
+        """Errors of the channels of this record as a dictionary of plain values, in the unit of each channel."""
         held_out = {"validate": self.validate.as_dict()} if self.validate else {}
         return {"use": self.use, "normalised": self.normalised, "chi2_per_sample": self.chi2, "notes": list(self.notes),
                 "channels": {c.name: c.figures() for c in self.channels.values()}, **held_out}
@@ -170,7 +170,7 @@ class Comparison:
         return tuple(all_advice(self.experiment, residuals, noise))
 
     def as_dict(self) -> dict[str, object]:
-        """All figures, for machines."""
+        """Errors of all records and channels as a dictionary of plain values, in the unit of each channel."""
         return {name: r.as_dict() for name, r in self.records.items()}
 
 

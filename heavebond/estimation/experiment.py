@@ -102,11 +102,11 @@ class Experiment:
 
     @property
     def noise_given(self) -> bool:
-        """Whether the noise of every output is given, and none has to be estimated from its record."""
+        """Whether the experiment specifies the noise of every output (else it is estimated from the record)."""
         return all(output.noise is not None for output in self.outputs.values())
 
     def model_for(self, record: Record) -> Model:
-        """The diagram as it stands for one record: its inputs, settings and initial values put in."""
+        """The model of one record: the diagram with the measured inputs, settings and initial values of that record."""
         settings = {**self.model.settings, **record.settings}
         for path, given in self.inputs_for(record).items():
             settings[path] = Setting(path, given, given.place)
@@ -114,7 +114,7 @@ class Experiment:
         return replace(self.model, settings=settings, initial=initial)
 
     def inputs_for(self, record: Record) -> dict[str, FileInput]:
-        """The inputs of a record with their files and time columns."""
+        """The measured inputs of a record by name, with file and time column."""
         found = {}
         for path, given in {**self.inputs, **record.inputs}.items():
             found[path] = given if given.file != Path() else replace(given, file=record.file)
@@ -124,13 +124,13 @@ class Experiment:
         return found
 
     def origin_of(self, record: Record, name: str) -> Origin:
-        """The file and time column of an output in a record."""
+        """File and time column of an output in a record."""
         common, own = self.outputs[name].origin, record.origins.get(name, Origin())
         timed = next((o for o in (own, common) if o.time_column), Origin(None, self.time_column, self.time_unit))
         return Origin(own.file or common.file or record.file, timed.time_column, timed.time_unit)
 
     def holds_out(self, record: Record) -> bool:
-        """Whether blocks of a record are left out of the fit because no record of its own checks what comes out."""
+        """Whether sections of a record are held out of the fit as validation data, as no other record is."""
         return record.use == "fit" and all(r.use == "fit" for r in self.records.values())
 
 

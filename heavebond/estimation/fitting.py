@@ -141,11 +141,11 @@ class Fit:
 
     @property
     def values(self) -> dict[str, float]:
-        """The fitted values that hold for all records, in SI."""
+        """Estimated parameters that are common to all records, by name, in SI."""
         return {p.name: p.value for p in self.parameters if not p.record}
 
     def as_dict(self) -> dict[str, object]:
-        """Everything for machines."""
+        """Parameters (each with its unit and interval), correlations and errors as a dictionary of plain values."""
         return {
             "parameters": {p.name + (f" ({p.record})" if p.record else ""): {**p.as_dict(), "before": p.before}
                            for p in self.parameters},

@@ -81,7 +81,7 @@ class Model:
 
     @property
     def sources(self) -> tuple[Path, ...]:
-        """Its files, and those in which lists of its values stand."""
+        """Paths of the diagram's files, those of lists of values included."""
         settings = [*(v for i in self.body.instances.values() for v in i.settings.values()),
                     *(s.value for s in self.settings.values())]
         return (*self.files, *dict.fromkeys(v.file for v in settings if isinstance(v, Value) and v.file))

@@ -61,12 +61,12 @@ class PlaceEstimate:
 
     @property
     def rms(self) -> float:
-        """Of what acts, in SI, over all records."""
+        """RMS of the estimated input over all records, in SI."""
         return float(np.sqrt(np.mean(np.concatenate([i.value for i in self.implied.values()])**2)))
 
     @property
     def deviation(self) -> float:
-        """The median standard deviation of what acts."""
+        """Median standard deviation of the estimated input, in SI."""
         return float(np.median(np.concatenate([i.deviation for i in self.implied.values()])))
 
     def as_dict(self) -> dict[str, object]:
@@ -113,7 +113,7 @@ class Localization:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """What was found, in sentences."""
+        """The result in sentences."""
         if not self.missing:
             return ("No effect is missing at any place: what the parameters leave is noise.",) if self.chi2 < 1.5 else (
                 "The residual is no force or flow at any place of this diagram.",)
@@ -130,7 +130,10 @@ class Localization:
         return tuple(found)
 
     def implied(self, place: str) -> dict[str, ImpliedInput]:
-        """What acts at a place on the time grid of each record; UsageError for a place that was not estimated."""
+        """Estimated unknown input at a place for each record, on its time grid (N,), in SI.
+
+        Raises UsageError for a place that was not estimated.
+        """
         for suspect in self.suspects:
             if suspect.place.name == place:
                 return suspect.implied
@@ -139,7 +142,7 @@ class Localization:
                                   suggest(place, names) or f"Places: {', '.join(names)}.")])
 
     def as_dict(self) -> dict[str, object]:
-        """Everything but the time series, for machines."""
+        """The result without time series as a dictionary of plain values, in SI."""
         return {"missing": self.missing, "chance": self.chance, "chi2_per_sample": self.chi2, "words": list(self.words),
                 "places": [s.as_dict() for s in self.suspects], "unseen": list(self.unseen), "foreseen": self.foreseen,
                 "stretches": [{"record": s.record, "from": s.begin, "to": s.end, "chi2_per_sample": s.chi2}

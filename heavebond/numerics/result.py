@@ -105,7 +105,7 @@ class Result:
 
     @property
     def events(self) -> list[tuple[float, str]]:
-        """What happened: time in s and the name of the event, in order."""
+        """Events of the run in order: time in s and name."""
         return [(instant.time, name) for instant in self.instants for name in instant.names]
 
     def names(self) -> list[str]:

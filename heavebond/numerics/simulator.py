@@ -81,7 +81,7 @@ class Simulator:
         self.switching = self._switching(charts) if assembly.flat.events or charts.needed else None
 
     def change_solvers(self) -> None:
-        """From now on, the other solver goes on from the last accepted point where one stops (see `EventIntegration`)."""
+        """Change the solver at the last accepted point where one stops, in all further runs (see `EventIntegration`)."""
         self.switching = self._switching(self.charts, changes=True)
 
     def _switching(self, charts: StateChoices, changes: bool = False) -> EventIntegration:
@@ -126,12 +126,16 @@ class Simulator:
         return {"u": self.inputs(times)}
 
     def inputs(self, times: Array) -> Array:
-        """What the integrator takes as inputs at times: the pieces of the measured ones, the factors of quadratures."""
+        """Inputs of the integrator (k, N) at times (N,): pieces of the measured signals, then factors of the quadratures."""
         pieces = self.pieces.at(times)
         return pieces if self.factors is None else np.vstack([pieces, np.outer(self.factors.values, np.ones(len(times)))])
 
     def run(self, parameters: Mapping[str, float | str] | None = None) -> Result:
-        """One run; `parameters` overrides values by name."""
+        """Simulate from the diagram's initial conditions.
+
+        `parameters` overrides values by name, in SI or as text with a unit. Raises StartError where no consistent initial
+        values exist and SimulationError where the integration fails.
+        """
         check()
         assembly = self.assembly.with_parameters(parameters) if parameters else self.assembly
         began = clock.perf_counter()
@@ -292,7 +296,7 @@ class Simulator:
         return Trace(x, z, quadratures, np.zeros((0, n)), np.zeros((m, 0, n)), (), statistics)
 
     def attempt(self, first: Start, moved: Tangent | None = None) -> Trace:
-        """A run at the stops; the integrator's own RuntimeError where it fails."""
+        """Integrate from `first` over the stops; raises the integrator's RuntimeError where it fails."""
         assembly = self.assembly
         x0, z0, dp, blocks = first.x / assembly.x_nominal, first.z / assembly.z_nominal, self.along, 1
         if moved is not None:

@@ -57,7 +57,7 @@ class StudyResult:
 
     @property
     def complete(self) -> bool:
-        """Whether nothing is missing."""
+        """Whether every case has an outcome."""
         return len(self.outcomes) == self.jobs
 
     def case_of(self, outcome: Outcome) -> StudyCase:

@@ -122,7 +122,7 @@ class Study:
 
     @property
     def cases(self) -> tuple[StudyCase, ...]:
-        """Every case, the last axis running fastest."""
+        """All cases in order; the last axis varies fastest."""
         return tuple(case_at(self.axes, self.model, index) for index in indices(self.axes))
 
     def case(self, number: int) -> StudyCase:
@@ -130,7 +130,7 @@ class Study:
         return case_at(self.axes, self.model, self._index(number))
 
     def packed(self) -> Callable[[int], PackedCase]:
-        """What a worker is sent of the case of a number: all that cases share is packed once for all of them."""
+        """Case `number` as it is sent to a worker; what all cases share is serialised once."""
         shared = zlib.compress(pickle.dumps(replace(self, axes=())))
 
         def one(number: int) -> PackedCase:
@@ -146,7 +146,7 @@ class Study:
 
     @property
     def tuning(self) -> TuningProblem:
-        """What is tuned; UsageError where nothing is."""
+        """The tuning problem of the study; UsageError if it has none."""
         if self.task is None:
             raise UsageError([Problem("study-untuned", f"the study '{self.name}' tunes nothing", None,
                                       "`heavebond study` works it out; add `tune:` for this.")])
@@ -154,7 +154,7 @@ class Study:
 
     @property
     def signals(self) -> tuple[str, ...]:
-        """The signals that pictures show."""
+        """Signals that the pictures of the study show."""
         return tuple(dict.fromkeys(name for picture in self.pictures if picture.kind == "signals" for name in picture.names))
 
     @property
