@@ -83,6 +83,9 @@ def test_a_position_source_passes_its_speed_on() -> None:
     assert np.allclose(system.response(1j * OMEGA)[:, 0, 0], expected, rtol=1e-10)
     own = system.to_control()  # the exported matrices, by python-control's own evaluation
     assert np.allclose(np.squeeze(own(1j * OMEGA)), expected, rtol=1e-10)
+    by_scipy = system.to_scipy()
+    response = by_scipy.C @ np.linalg.solve(1j * OMEGA[0] * np.eye(2) - by_scipy.A, by_scipy.B) + by_scipy.D
+    assert np.allclose(np.squeeze(response), expected[0], rtol=1e-10)
     assert system.zeros() == pytest.approx([-C / D], rel=1e-9)
     assert np.sort_complex(system.poles) == pytest.approx(np.sort_complex(_by_hand().poles()), rel=1e-9)
     assert system.units == (("m/s", "m"), ("m",), ("m",))
@@ -97,8 +100,9 @@ def test_a_force_that_follows_the_speed_of_its_input_is_not_proper() -> None:
     assert not system.proper
     zeros = np.sort_complex(system.zeros())  # d s (G - 1) = -d s (m s^2 + d_s s + c_s) / (...)
     assert zeros == pytest.approx(np.sort_complex(np.roots([M, D_S, C_S, 0])), rel=1e-7, abs=1e-9)
-    with pytest.raises(hb.UsageError, match=r"follows the derivative of 'vessel\.u'"):
-        system.to_control()
+    for exported in (system.to_control, system.to_scipy):
+        with pytest.raises(hb.UsageError, match=r"follows the derivative of 'vessel\.u'"):
+            exported()
 
 
 def test_a_force_from_outside_and_an_output_in_its_unit() -> None:
