@@ -45,7 +45,7 @@ def test_two_effects_are_found_and_what_the_first_may_be_is_told_beside_the_seco
 def test_of_several_effects_noise_is_asked() -> None:
     def explained(fitted: float, held: float, *, effects: int) -> bool:
         ladder: list[Any] = [_rung(1000, 1000), _rung(100, 500), *(_rung(fitted, held) for _ in range(effects))]
-        return verdict.is_adequate(ladder, [SimpleNamespace(rung=rung) for rung in ladder[2:]])  # type: ignore[misc]
+        return verdict.is_adequate(ladder, [SimpleNamespace(rung=rung, beyond=()) for rung in ladder[2:]])  # type: ignore[misc]
 
     assert explained(1.05, 1.05, effects=1) and explained(1.05, 1.05, effects=5)
     assert explained(1.3, 1.3, effects=1) and not explained(1.3, 1.3, effects=2)
@@ -107,7 +107,7 @@ def climbed(monkeypatch: pytest.MonkeyPatch, table: Table, *, given: bool = True
         return step(at.effects, "ABCD")
 
     monkeypatch.setattr(stepwise_selection, "following", lambda made: made.chosen.experiment)
-    monkeypatch.setattr(stepwise_selection, "candidates", lambda at: [trial("", e).candidate for e in "ABCD"])
+    monkeypatch.setattr(stepwise_selection, "all_candidates", lambda at: [trial("", e).candidate for e in "ABCD"])
     monkeypatch.setattr(stepwise_selection, "single", lambda at, candidate, say: step(at.effects, [candidate.label]))
     way, _ = select_stepwise(experiment(""), stepping, lambda text: None, most, lambda: left)  # type: ignore[arg-type]
     return "".join(added.candidate.label for added in way), made
@@ -187,7 +187,8 @@ def test_a_name_by_an_effect_that_is_taken_out_goes_back_to_what_drove_it() -> N
 
 def test_two_laws_of_one_name_are_named_once() -> None:
     def found(kind: str) -> Any:
-        return SimpleNamespace(candidate=SimpleNamespace(attaches="across", kind=kind, place="at the wall", component="Law"))
+        return SimpleNamespace(candidate=SimpleNamespace(attaches="across", kind=kind, place="at the wall", component="Law"),
+                               alternatives=())
 
     assert verdict._effect([], [found("drag"), found("stiffness"), found("stiffness")]) == \
         "Missing: drag at the wall (Law); stiffness at the wall (Law), 2 times."

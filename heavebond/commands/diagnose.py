@@ -147,7 +147,10 @@ def _ranking(step: Stage, which: str) -> object:
     from heavebond.diagnosis.ranking import entries, shown_in
 
     columns = shown_in("terminal")
-    rows = [[column.text(entry) for column in columns] for entry in entries(step)[:min(RANKED, len(step.trials))]]
+    ranked = entries(step)
+    shown = ranked[:min(RANKED, len(step.trials))]  # and all that the words name
+    shown += tuple(e for e in ranked[len(shown):] if e["cluster"])
+    rows = [[column.text(entry) for column in columns] for entry in shown]
     more = f", the {RANKED} best shown" if len(step.trials) > RANKED else ""
     alike = {0: "none is better than by chance", 1: "* chosen"}.get(len(step.cluster), "* cannot be distinguished")
     title = f"{which}{count(len(step.scores), 'candidate')} scored, {len(step.trials)} fitted{more} ({alike})"

@@ -36,6 +36,7 @@ def try_effect(experiment: str, component: str, between: tuple[str, str] | None,
     from heavebond.core.presentation import number
     from heavebond.diagnosis.attempt import attempt
     from heavebond.diagnosis.diagnosis_files import write_findings
+    from heavebond.diagnosis.verdict import at_ends
     from heavebond.estimation.experiment import load_experiment
 
     given = load_experiment(experiment)
@@ -45,6 +46,8 @@ def try_effect(experiment: str, component: str, between: tuple[str, str] | None,
     console = terminal.output()
     console.print(table(found.ladder, "model"))
     console.print(parameters(found.finding))
+    for line in at_ends(found.finding):
+        console.print(line, soft_wrap=True)
     console.print(f"BIC changes by {number(found.bic_difference, 4)} (below -10 is strong evidence for the effect); on "
                   + ("held-out data the error falls by more than chance." if found.earned else
                      "held-out data the effect does not lower the error by more than chance."), soft_wrap=True)

@@ -31,8 +31,10 @@ from heavebond.text.expression import parse_formula
 
 @dataclass(frozen=True)
 class EffectNumber:
-    """A number of an effect: its full name, its unit, the bounds that its component declares, where it is sought (None:
-    from `neutral`, as far as the record asks), and whether it makes the effect (an amplitude) or shapes it."""
+    """A number of an effect: its full name, its unit, the bounds within which it is allowed, where it is sought (None:
+    from `neutral`, as far as the record asks), and whether it makes the effect (an amplitude) or shapes it. `limits` are
+    the bounds of the parameter itself (its `min` and `max`), beyond which it has no meaning; every other end of a range is
+    one of the search."""
 
     name: str
     unit: Unit
@@ -41,6 +43,7 @@ class EffectNumber:
     sought: SearchRange | None
     amplitude: bool
     neutral: float = 0.0
+    limits: tuple[float | None, float | None] = (None, None)
 
     @property
     def follows(self) -> str:
@@ -54,7 +57,8 @@ class EffectNumber:
 class Candidate:
     """One effect at one place: its component, what it is called (`kind`), where it stands in words and by the names of
     nodes, ports or outputs (`where`), and the change to the diagram that puts it there at its neutral value. `orders` are
-    pairs of numbers of which the first must be above the second; `signal` is the signal input before which it stands."""
+    pairs of numbers of which the first must be above the second; `signal` is the signal input before which it stands.
+    `members` are the labels of the candidates at single places whose law stands at all of these places at once."""
 
     name: str
     component: str
@@ -67,6 +71,7 @@ class Candidate:
     attaches: str
     orders: tuple[tuple[str, str], ...] = ()
     signal: str = ""
+    members: tuple[str, ...] = ()
 
     @property
     def label(self) -> str:
@@ -91,7 +96,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Site:
-    """A diagram in which effects are to be placed."""
+    """A diagram in which effects are to be placed; `taken` are names that are not free besides those of the diagram."""
 
     experiment: Experiment
     assembly: Assembly
@@ -125,16 +130,19 @@ class Site:
         return [group for group in self.nodes.get(domain, []) if group.name not in grounds]
 
 
+def site_of(experiment: Experiment, assembly: Assembly | None = None) -> Site:
+    """The diagram of an experiment; `assembly` is the assembled diagram where there is one."""
+    assembly = assembly or assemble_for(experiment, next(iter(experiment.records.values())))
+    expanded = assembly.flat.expanded
+    return Site(experiment, assembly, expanded, connect(expanded, formula_order(expanded)))
+
+
 def candidates(experiment: Experiment, assembly: Assembly | None = None) -> list[Candidate]:
     """All effects of the catalogue at all places of the diagram of an experiment, in the order of the library.
 
     `assembly` is the assembled diagram where there is one. Raises ModelError for an invalid diagram or component.
     """
-    record = next(iter(experiment.records.values()))
-    assembly = assembly or assemble_for(experiment, record)
-    expanded = assembly.flat.expanded
-    network = connect(expanded, formula_order(expanded))
-    site = Site(experiment, assembly, expanded, network)
+    site = site_of(experiment, assembly)
     library = experiment.model.library
     found = list(_dormant(site))
     for name in library.names():
@@ -157,7 +165,8 @@ def _dormant(site: Site) -> Iterator[Candidate]:
                 continue
             woken = [p for p in leaf.component.parameters.values() if p.name in parameter.wakes_with]
             numbers = [_dormant_number(full, parameter),
-                       *(EffectNumber(f"{leaf.path}.{p.name}", p.unit, p.low, p.high, p.sought, False) for p in woken)]
+                       *(EffectNumber(f"{leaf.path}.{p.name}", p.unit, p.low, p.high, p.sought, False,
+                                      limits=(p.low, p.high)) for p in woken)]
             yield within(leaf, parameter, parameter.kind or parameter.doc or parameter.name, numbers)
 
 
@@ -172,7 +181,8 @@ def _dormant_number(full: str, parameter: Parameter) -> EffectNumber:
     low, high = parameter.low, parameter.high
     if parameter.sought is not None and parameter.sought.range is not None:
         low, high = parameter.sought.range.low, parameter.sought.range.high
-    return EffectNumber(full, parameter.unit, low, high, None, True, parameter.neutral or 0.0)
+    return EffectNumber(full, parameter.unit, low, high, None, True, parameter.neutral or 0.0,
+                        (parameter.low, parameter.high))
 
 
 def _middle(sought: SearchRange | None) -> float:
@@ -199,7 +209,8 @@ def _numbers(component: Component, effect: Effect, name: str, signal: Dimension 
         if is_generic(unit.dimension):
             unit = read_unit(dimension_text(solved(unit.dimension, {base: signal for base, _ in unit.dimension
                                                                     if base.startswith("$")})))
-        found.append(EffectNumber(f"{name}.{key}", unit, parameter.low, parameter.high, sought, key in effect.amplitude))
+        found.append(EffectNumber(f"{name}.{key}", unit, parameter.low, parameter.high, sought, key in effect.amplitude,
+                                  limits=(parameter.low, parameter.high)))
     return tuple(found)
 
 
@@ -217,10 +228,10 @@ def _full(component: Component, name: str) -> tuple[tuple[str, str], ...]:
     return tuple((f"{name}.{high}", f"{name}.{low}") for high, low in component.orders)
 
 
-def _fresh(site: Site, base: str) -> str:
+def fresh(site: Site, base: str) -> str:
     """An instance name that is free, with the nodes made from it: `coulomb_friction`, `coulomb_friction_2`, ..."""
     used = {*site.experiment.model.body.instances, *site.experiment.model.body.wires, *site.experiment.model.parameters,
-            *site.expanded.leaves, *site.expanded.junctions}
+            *site.expanded.leaves, *site.expanded.junctions, *site.taken}
     names = (base if k == 1 else f"{base}_{k}" for k in count(1))
     return next(n for n in names if not {n, f"{n}_end", f"{n}_in", f"{n}_out"} & used)
 
@@ -236,12 +247,12 @@ def _across(site: Site, component: Component, effect: Effect) -> Iterator[Candid
     for domain in domains:
         for first, second, ground in _pairs(site, domain):
             for also in _further(site, effect):
-                name = _fresh(site, snake(component.name))
+                name = fresh(site, snake(component.name))
                 numbers = _numbers(component, effect, name)
                 ends: dict[str, tuple[str, ...]] = {first.name: (f"+{name}.{ports[0].name}",)}
                 parts = {name: _part(component, numbers)}
                 if second is None:
-                    fixed = _fresh(site, f"{name}_{snake(ground)}")
+                    fixed = fresh(site, f"{name}_{snake(ground)}")
                     parts[fixed] = Part(ground)
                     ends[f"{name}_end"] = (f"{name}.{ports[1].name}", f"{fixed}.a")
                 else:
@@ -293,7 +304,7 @@ def _at(site: Site, component: Component, effect: Effect) -> Iterator[Candidate]
     port = next(p for p in component.ports.values() if p.name not in effect.also)
     for node in site.moving(port.domain):
         for also in _further(site, effect):
-            name = _fresh(site, snake(component.name))
+            name = fresh(site, snake(component.name))
             numbers = _numbers(component, effect, name)
             ends: dict[str, tuple[str, ...]] = {node.name: (f"+{name}.{port.name}",)}
             for further, other in also.items():
@@ -326,9 +337,9 @@ def _in_series(site: Site, component: Component, effect: Effect) -> Iterator[Can
             if group.domain != first.domain or len(group.ports) < 2 or (len(group.ports) == 2 and group.name in done):
                 continue
             done.add(group.name)
-            name = _fresh(site, snake(component.name))
+            name = fresh(site, snake(component.name))
             numbers = _numbers(component, effect, name)
-            between = _fresh(site, f"{leaf.path}_{port.name}")
+            between = fresh(site, f"{leaf.path}_{port.name}")
             ends = {wire: (f"-{path}", f"+{name}.{first.name}"), between: (path, f"{name}.{second.name}")}
             place = f"between {group.name} and {path}"
             yield Candidate(name, component.name, effect.kind, effect.description, place, (group.name, leaf.path),
@@ -358,7 +369,7 @@ def _before_input(site: Site, component: Component, effect: Effect) -> Iterator[
             bound = leaf.inputs.get(signal.name)
             if signal.direction != "in" or (wire is None and bound is None):
                 continue
-            name = _fresh(site, f"{snake(component.name)}_{leaf.path}")
+            name = fresh(site, f"{snake(component.name)}_{leaf.path}")
             unit = site.network.units.get(leaf.path, {})
             numbers = _numbers(component, effect, name, solved(signal.unit.dimension, unit))
             change = _series_signal(name, _part(component, numbers), into, out, path, wire, leaf)
@@ -394,7 +405,7 @@ def _series_signal(name: str, part: Part, into: str, out: str, path: str, wire: 
 def _behind_channel(site: Site, component: Component, effect: Effect) -> Iterator[Candidate]:
     into, out = _signal_ports(component)
     for channel, output in site.experiment.outputs.items():
-        name = _fresh(site, f"{snake(component.name)}_{re.sub('[^a-z0-9]+', '_', channel.lower())}")
+        name = fresh(site, f"{snake(component.name)}_{re.sub('[^a-z0-9]+', '_', channel.lower())}")
         numbers = _numbers(component, effect, name, read_unit(output.shown.unit).dimension)
         formula = f"={output.shown.text}"
         part = _part(component, numbers, {into: formula})

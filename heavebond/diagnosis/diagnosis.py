@@ -156,7 +156,9 @@ def diagnose(experiment: Experiment | str | Path, *, steps: int = MOST, number: 
         raise UsageError([_too_short(seconds, first)]) from None
     # the last step made may be that of the last effect itself
     short = bool(way) and last.chosen is way[-1].chosen and not last.partial and len(way) < steps and not way[-1].is_noise
-    made = [*(added.step for added in (way[:-1] if way and last.chosen is way[-1].chosen else way)), last]
+    ended = bool(way) and last.chosen is way[-1].chosen
+    made = [*(_answered(added.step, added) for added in (way[:-1] if ended else way)),
+            _answered(last, way[-1]) if ended else last]
     with finishing(say):
         findings = _all_confirmed(way, ladder, experiment, say)
     ladder += [f.rung for f in findings]
@@ -222,6 +224,11 @@ def _climbed(experiment: Experiment, part: Experiment, climbing: Callable[[Exper
     if part is experiment or last.left.significant or last.partial:
         return part, *_noticeable(way, last)
     return experiment, *_noticeable(*climbing(experiment))
+
+
+def _answered(step: Stage, added: SelectedEffect) -> Stage:
+    """A step whose ranking marks what the answer names: what cannot be told from its effect beside all others."""
+    return replace(step, cluster=added.alternatives)
 
 
 def _noticeable(way: Selection, last: Stage) -> tuple[Selection, Stage]:

@@ -42,4 +42,4 @@ def _number(name: str, parameter: Parameter, value: float) -> EffectNumber:
     ends = sorted((value / WIDE, value * WIDE))
     low = ends[0] if parameter.low is None else max(ends[0], parameter.low)
     high = ends[1] if parameter.high is None else min(ends[1], parameter.high)
-    return EffectNumber(name, parameter.unit, low, high, None, True, value)
+    return EffectNumber(name, parameter.unit, low, high, None, True, value, (parameter.low, parameter.high))

@@ -18,6 +18,7 @@ from heavebond.diagnosis.refit import Refit
 from heavebond.estimation.comparison import Channel, Comparison, RecordComparison, compare
 from heavebond.estimation.experiment import Experiment, load_experiment
 from heavebond.estimation.fitting import Fit, Fitted
+from heavebond.estimation.residuals import AT_END
 from heavebond.language.definition import Component
 from heavebond.numerics.dae import Array
 from heavebond.numerics.result import Probe
@@ -81,6 +82,26 @@ class AddedEffect:
     def certain(self) -> bool:
         """Whether all that cannot be told from it are of one class at one place."""
         return len(self.kinds) == 1 and len({frozenset(t.candidate.where) for t in self.alternatives}) == 1
+
+    @property
+    def beyond(self) -> tuple[str, ...]:
+        """Its numbers that stand at an end of the range in which they were sought, where the error would fall beyond."""
+        return self.alternatives[0].beyond if self.alternatives else ()
+
+    @property
+    def at_limits(self) -> tuple[Fitted, ...]:
+        """Its numbers that stand at a limit of the parameter itself (a friction of 0), which is a value like any other."""
+        limits = {n.name: n.limits for n in self.candidate.numbers}
+        return tuple(p for p in self.parameters if p.ended and p.name in limits and any(
+            limit is not None and abs(p.value - limit) <= AT_END * (p.high - p.low) for limit in limits[p.name]))
+
+    @property
+    def undetermined(self) -> tuple[str, ...]:
+        """Its amplitudes, where the records determine none of them: each interval covers its whole range."""
+        amplitudes = {n.name for n in self.candidate.numbers if n.amplitude}
+        own = [p for p in self.parameters if p.name in amplitudes]
+        unknown = [p.name for p in own if p.told == (None, None)]
+        return tuple(unknown) if len(unknown) == len(own) else ()
 
     def as_dict(self) -> dict[str, object]:
         """The figures, for machines."""

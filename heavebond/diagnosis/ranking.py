@@ -113,8 +113,9 @@ COLUMNS: tuple[Column, ...] = (
            "root of `chi2_held_out`", _fitted(lambda t, s: math.sqrt(t.chi2_held_out))),
     Column("bic_difference", "BIC change", "1", 4, "BIC with the candidate less BIC of the model of that step without it; "
            "below -10 is strong evidence for it", _fitted(lambda t, s: t.bic - s.bic), BOTH),
-    Column("at_end", "at its bound", "", 0, "free parameters that ended at an end of their range beside it",
-           _fitted(lambda t, s: tuple(t.at_end)), REPORT),
+    Column("at_end", "at its bound", "", 0, "free parameters that ended at an end of their range beside it, and its own "
+           "numbers at an end of the range in which they were sought, beyond which it would leave less",
+           _fitted(lambda t, s: (*t.at_end, *t.beyond)), REPORT),
     Column("same_as", "acts the same", "", 0, "candidates that act the same and were not fitted for that reason",
            lambda e: e.same_as),
     Column("seen", "identifiable", "", 0, "of one that was not fitted: whether its effect on the channels is identifiable "
@@ -133,7 +134,8 @@ def shown_in(medium: str) -> tuple[Column, ...]:
 def entries(step: Stage) -> tuple[Entry, ...]:
     """All candidates of a step in the order of their rank: those that were fitted, then the others by their score."""
     fitted = {t.candidate.label for t in step.trials}
-    ranked = [Entry(t.candidate, t.score, t, step, _judged(t, step)) for t in step.trials]
+    alike = {t.candidate.label for t in step.cluster}
+    ranked = [Entry(t.candidate, t.score, t, step, _judged(t, step, alike)) for t in step.trials]
     twins = {label for group in step.twins.values() for label in group}
     unseen = {c.label for c in step.unseen}
     promised = [t.score for t in step.trials if math.isfinite(t.score)]
@@ -141,17 +143,19 @@ def entries(step: Stage) -> tuple[Entry, ...]:
     for s in step.scores:
         label = s.candidate.label
         if label not in fitted:
-            why = "same_direction" if label in twins else "not_identifiable" if label in unseen else \
+            why = "indistinguishable" if label in alike else "same_direction" if label in twins else \
+                "not_identifiable" if label in unseen else \
                 "low_score" if s.gain < least else "not_reached" if step.partial else "not_simulated"
             ranked.append(Entry(s.candidate, s.gain, None, step, why, s.told_apart))
     return tuple(ranked)
 
 
-def _judged(trial: Refit, step: Stage) -> str:
-    """The judgement on a candidate that was fitted."""
-    if trial is step.chosen:
+def _judged(trial: Refit, step: Stage, alike: set[str]) -> str:
+    """The judgement on a candidate that was fitted; `alike` are the labels of those in the answer (compared beside effects
+    that were found later, they are other refits)."""
+    if step.chosen is not None and trial.candidate.label == step.chosen.candidate.label:
         return "chosen"
-    if any(t is trial for t in step.cluster):
+    if trial.candidate.label in alike:
         return "indistinguishable"
     fall = fallen(step.chi2_held_out, trial.chi2_held_out, step.samples_held_out)
     if step.samples_held_out and fall <= 0:

@@ -19,6 +19,7 @@ from heavebond.core.units import Range
 from heavebond.diagnosis.catalogue import Candidate
 from heavebond.diagnosis.early_stopping import made_progress, stop_inferior_starts, stop_stalled
 from heavebond.diagnosis.predictive_errors import SELECTION, TEST, PredictiveErrors, predictive_errors
+from heavebond.diagnosis.range_ends import passed_ends
 from heavebond.diagnosis.scoring import (
     BEYOND,
     Base,
@@ -66,7 +67,8 @@ class Refit:
     lets them (of the trials that are compared closely; see `_Refit.slack`). `begun` are the first steps, from several
     starts, of a refit that may be followed further, the best first; it `falls` where one of them still fell steeply, or
     the best of them stands at an end of an amplitude's range that no declared bound is. `errors` are its predictive
-    errors."""
+    errors. `beyond` are numbers of the candidate at an end of the range in which they were sought, beyond which the sum of
+    squares would fall: it is not the minimum (see `range_ends`)."""
 
     candidate: Candidate
     experiment: Experiment
@@ -84,6 +86,7 @@ class Refit:
     begun: tuple[Descent, ...] = field(default=(), repr=False, compare=False)
     falls: bool = False
     errors: PredictiveErrors | None = field(default=None, repr=False, compare=False)
+    beyond: tuple[str, ...] = ()
 
     @property
     def bic(self) -> float:
@@ -140,6 +143,22 @@ def polished(base: Base, trial: Refit, guesses: Sequence[Score] = (), lender: Re
         return replace(better, slack=refit.slack(there))
     except HeavebondError:
         return trial
+
+
+def refitted_from(base: Base, candidate: Candidate, lender: Refit, progress: Progress | None = None) -> Refit | None:
+    """A candidate refitted from what a refit of the same law found in another diagram, in the same ranges; None where the
+    diagram with it cannot be simulated there."""
+    ranges = {n.name.rpartition(".")[2]: lender.experiment.free[n.name].range for n in lender.candidate.numbers
+              if n.name in lender.experiment.free}
+    try:
+        refit = _RefitProblem(base, candidate, ())
+        refit.sought({name: ranges[key] for name in refit.ranges if (key := name.rpartition(".")[2]) in ranges})
+        values = {**base.problem.values_of(base.inner, base.problem.runs[0].record.name), **_lent(lender, candidate)}
+        there = [c.inner(values.get(c.free.name, c.before)) for c in refit.problem.columns]
+        start = refit.problem.allowed(np.clip(there, refit.problem.low, refit.problem.high))
+        return refit.judged(refit.arrive(start, progress or (lambda text: None)))
+    except HeavebondError:
+        return None
 
 
 def _lent(lender: Refit, candidate: Candidate) -> dict[str, float]:
@@ -401,7 +420,7 @@ class _RefitProblem:
         return Refit(self.candidate, problem.experiment, values[0], float(r @ r + prior @ prior), float(r @ r) / len(r),
                      errors.mean(SELECTION, TEST), len(r), errors.samples(SELECTION, TEST), len(inner), at_end,
                      max((g.gain for g in self.guesses), default=float("nan")),
-                     problem.evaluations, errors=errors)
+                     problem.evaluations, errors=errors, beyond=passed_ends(problem, self.candidate.numbers, inner, r))
 
     def slack(self, inner: Array) -> float:
         """What the numbers' own uncertainty does to the figure on what was held out. With r (n,) and J (n, m) the residuals

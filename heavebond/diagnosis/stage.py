@@ -19,8 +19,9 @@ from heavebond.diagnosis.candidate_workers import Workers
 from heavebond.diagnosis.catalogue import Candidate, candidates
 from heavebond.diagnosis.fixed_values import fixed_values
 from heavebond.diagnosis.identity import STRONG, Identity, compared, likelihood
+from heavebond.diagnosis.like_places import all_candidates, beyond_their_members
 from heavebond.diagnosis.predictive_errors import SELECTION, TEST, PredictiveErrors, predictive_errors
-from heavebond.diagnosis.refit import Refit, bic
+from heavebond.diagnosis.refit import Refit, bic, refitted_from
 from heavebond.diagnosis.refit_schedule import RefitSchedule, planned
 from heavebond.diagnosis.residual_tests import ResidualTests, is_noise, leftover
 from heavebond.diagnosis.scoring import TIMES, Base, Score, finer, searched
@@ -85,7 +86,7 @@ def make_stage(experiment: Experiment, *, number: int | None = None, seconds: fl
                progress: Progress | None = None, thorough: bool = True) -> Stage:
     """One rung of the ladder. `classes` narrows the catalogue to candidates of these classes. A `thorough` search refits all
     others too where none of those with the largest scores comes near the noise."""
-    found = [c for c in candidates(experiment) if c.kind != UNKNOWN and (not classes or c.kind in classes)]
+    found = [c for c in all_candidates(experiment) if c.kind != UNKNOWN and (not classes or c.kind in classes)]
     return _step(experiment, found, number, seconds, progress or (lambda text: None), thorough=thorough)
 
 
@@ -128,6 +129,7 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
             # in the order of the catalogue, whichever process was done first
             place = {c.label: k for k, c in enumerate(found)}
             scores.sort(key=lambda s: place[s.candidate.label])
+            scores = beyond_their_members(scores)
             left = leftover(base, scores)
             if left.significant or always:
                 leading, rest, twins = planned(scores, _as_one(courses))
@@ -162,6 +164,27 @@ def _lender(trial: Refit, others: Iterable[Refit]) -> Refit | None:
     it as a special case should never leave less by ending in another valley."""
     there = [t for t in others if set(t.candidate.where) == set(trial.candidate.where) and t.cost < trial.cost]
     return min(there, key=lambda t: t.cost, default=None)
+
+
+def refitted_beside(made: Stage, known: Sequence[Refit], exact: Refit) -> Stage:
+    """The step with candidates refitted once more from what is `known` of them in a diagram without the other effects: a law
+    has several valleys, and the one that was found there is the best to begin from. `exact` is the refit of a candidate in
+    this very diagram. Each takes the place of one that leaves more."""
+    there = {s.candidate.label: s for s in made.scores}
+    twins = {label for group in made.twins.values() for label in group}  # the same machine as one that was refitted
+    lent = [(there[t.candidate.label], t) for t in known if t.candidate.label in {*there} - twins]
+    found = [exact]
+    if lent:
+        base = fitted_base(made.experiment)
+        refits = [(score, refitted_from(base, score.candidate, lender)) for score, lender in lent]
+        found += [replace(trial, score=score.gain) for score, trial in refits if trial is not None]
+    trials = {t.candidate.label: t for t in made.trials}
+    for trial in found:
+        if trial.candidate.label not in trials or trial.cost < trials[trial.candidate.label].cost:
+            trials[trial.candidate.label] = trial
+    made = replace(made, trials=tuple(sorted(trials.values(), key=merit)), chosen=None, cluster=(), identity=None)
+    earned = _earned(made)
+    return choosing(made, _leader(made, earned)) if earned else made
 
 
 def fitted_base(experiment: Experiment) -> Base:

@@ -20,10 +20,11 @@ from math import inf
 
 from heavebond.core.cancellation import clear_signal
 from heavebond.core.progress import Progress
-from heavebond.diagnosis.catalogue import Candidate, candidates
+from heavebond.diagnosis.catalogue import Candidate
+from heavebond.diagnosis.like_places import all_candidates
 from heavebond.diagnosis.refit import Refit
 from heavebond.diagnosis.residual_tests import is_noise
-from heavebond.diagnosis.stage import Stage, choosing, following, leaders, merit, single
+from heavebond.diagnosis.stage import Stage, choosing, following, leaders, merit, refitted_beside, single
 from heavebond.diagnosis.verdict import worth_it
 from heavebond.estimation.experiment import Experiment
 
@@ -142,7 +143,14 @@ def _looked_back(way: Selection, stepping: Stepping, say: Progress) -> tuple[Sel
         if others is None:
             k += 1
             continue
-        again = stepping(following(others[-1].step), others)
+        # this very diagram is known already with the effect, and its rivals begin from what they were without the others
+        exact = replace(way[-1].chosen, candidate=way[k].candidate)
+        try:
+            again = stepping(following(others[-1].step), others)
+            again = again if again.partial else refitted_beside(again, way[k].alternatives[1:], exact)
+        except KeyboardInterrupt:
+            clear_signal()
+            return way, True
         if again.partial:
             return way, True
         if again.chosen is None or not worth_it(again):
@@ -164,7 +172,7 @@ def _without(way: Selection, k: int, say: Progress) -> Selection | None:
         wanted, gone = added.candidate, way[k].candidate
         if step is None or not any(_is(t.candidate, wanted, gone) for t in step.trials):
             now = following(found[-1].step) if found else way[0].step.experiment
-            there = next((c for c in candidates(now) if _is(c, wanted, gone)), None)
+            there = next((c for c in all_candidates(now) if _is(c, wanted, gone)), None)
             if there is None:
                 return None
             step = single(now, there, say)

@@ -27,6 +27,7 @@ from heavebond.estimation.fitting import Fit
 FILTERED = 5.0  # times an estimated noise that noise behind a filter may be; beyond it is no noise
 LESS = 0.7  # of an estimated noise: a model that leaves less shows that the estimate is too large
 CHANCE = 0.005  # p value below which fitted parameters are better than those of the data sheet
+MENTIONED = 3  # candidates at most that are mentioned as not excluded
 STILL = 3.0  # channels whose own motion is below this many times their noise tell nothing
 
 
@@ -42,7 +43,10 @@ def worth_it(step: Stage) -> bool:
 def is_adequate(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect]) -> bool:
     """Whether the model with all findings leaves no more than noise: the given one, or near it after one effect that took
     most of the misfit away (several, each of which corrects what another does wrong, come near it with wrong names as well),
-    or near an estimated one."""
+    or near an estimated one. Not with a number at an end of the range in which it was sought, beyond which the error would
+    fall: then what was fitted is not the minimum."""
+    if any(f.beyond for f in findings):
+        return False
     last = findings[-1].rung if findings else ladder[-1]
     if not findings or not last.comparison.experiment.noise_given:
         return _held(last) <= DECISION.near
@@ -133,9 +137,8 @@ def sentences(said: str, ladder: Sequence[LadderEntry], findings: Sequence[Added
             side = "below" if p.told[0] is None else "above"
             lines.append(f"{p.name} is not reached in the records that were fitted: all they tell is that it lies {side} "
                          f"{readable(p.unreached, p.unit, 3)}.")
-    if unsure := [p.name for p in found if p.ended]:
-        lines.append(f"{listing(unsure)} ended at the end of the range: the effect is there, but its value is not sure; "
-                     "look for more of its kind.")
+    lines += [line for f in findings for line in at_ends(f)]
+    lines += _not_excluded(findings, steps)
     if said in ("effect", "one_of") and len(steps) == len(findings):
         left = _held(findings[-1].rung)
         lines.append("The residual on held-out records is near the noise level." if left <= DECISION.near else
@@ -146,6 +149,56 @@ def sentences(said: str, ladder: Sequence[LadderEntry], findings: Sequence[Added
     if said != "undetermined" and any(step.partial for step in steps):
         lines.append(_not_tried(steps))
     return tuple(lines)
+
+
+def at_ends(finding: AddedEffect) -> list[str]:
+    """What it means that numbers of an effect stand at an end of their range."""
+    limits = {p.name for p in finding.at_limits}
+    other = [p.name for p in finding.parameters if p.ended and p.name not in limits and p.name not in finding.beyond]
+    several = len(finding.beyond) > 1
+    lines = []
+    if finding.beyond:
+        lines.append(f"{listing(finding.beyond)} {'are' if several else 'is'} at the end of the range in which "
+                     f"{'they were' if several else 'it was'} sought, and the error would fall beyond it: neither "
+                     f"{'the values' if several else 'the value'} nor the name is certain. Widen `search_range`, or look "
+                     "for a further effect of its kind.")
+    if other:
+        lines.append(f"{listing(other)} ended at the end of the range, and the records do not tell how far beyond it may "
+                     "lie.")
+    if limits:
+        lines.append(f"{listing(f'{p.name} = {readable(p.value, p.unit, 3)}' for p in finding.at_limits)}: the law is "
+                     "fitted best at this limit of the parameter.")
+    if finding.undetermined:
+        lines.append("The records show that the effect is there but not how large it is: "
+                     f"{listing(finding.undetermined)} may lie anywhere in the range.")
+    return lines
+
+
+def _not_excluded(findings: Sequence[AddedEffect], steps: Sequence[Stage]) -> list[str]:
+    """Candidates of the first step that explain most of the misfit and whose search stopped at an end of a range, beyond
+    which they would leave less: those among the answer, and those of another class or place that it leaves out."""
+    if not steps or not findings or near_noise(findings[-1].rung):
+        return []
+    answer = findings[0].alternatives
+    named = {t.candidate.label for t in answer}
+    alike = {(t.candidate.kind, frozenset(t.candidate.where)) for t in answer}
+    lines = []
+    for trial in steps[0].trials:
+        candidate = trial.candidate
+        told = candidate.label in named
+        if not trial.beyond or candidate is findings[0].candidate or not _explains(trial, steps[0]) \
+                or (not told and (candidate.kind, frozenset(candidate.where)) in alike):
+            continue
+        where = listing(f"{n.name} at {readable(trial.values[n.name], n.unit.text, 3)}" for n in candidate.numbers
+                        if n.name in trial.beyond)
+        lines.append(f"{'Of these, ' if told else 'Not excluded: '}{_called(candidate)}; its search stopped at the end of "
+                     f"the range ({where}), and beyond it would leave less. Widen `search_range`.")
+    return lines[:MENTIONED]
+
+
+def _explains(trial: Refit, step: Stage) -> bool:
+    """Whether a refit takes most of what is fitted above the noise away."""
+    return _gone(step.chi2_fit, trial.chi2_fit) >= DECISION.mainly
 
 
 def _not_tried(steps: Sequence[Stage]) -> str:
@@ -176,7 +229,8 @@ def _fall(first: LadderEntry, last: LadderEntry) -> str:
     held = math.isfinite(last.chi2_held_out)
     pairs = [(r.error_held_out, r.chi2_held_out) if held else (r.error_fit, r.chi2_fit) for r in (first, last)]
     (error, chi2), (error_last, chi2_last) = pairs
-    return f"The error on {'held-out' if held else 'fitted'} data falls: {channels}. That is {number(100 * error, 3)} % " \
+    where, way = "held-out" if held else "fitted", "falls" if chi2_last < chi2 else "rises"
+    return f"The error on {where} data {way}: {channels}. That is {number(100 * error, 3)} % " \
            f"to {number(100 * error_last, 3)} % of what was measured, reduced chi-square {number(chi2, 3)} to " \
            f"{number(chi2_last, 3)}; 1 = noise level."
 
@@ -184,10 +238,12 @@ def _fall(first: LadderEntry, last: LadderEntry) -> str:
 def _mainly(findings: Sequence[AddedEffect], adequacy: Adequacy) -> str:
     """The first effect with its share, and those that were added after it."""
     share = f"It explains {number(100 * adequacy.explained, 2)} % of the misfit (chi-square above the noise)"
+    enough = near_noise(findings[-1].rung)  # what is not certain then is the effect itself
     first, *others = (_called(f.candidate) if f.certain else _alternatives(f) for f in findings)
     unsure = "" if findings[0].certain else " The records cannot tell these apart."
     more = f"; added after it: {listing(others, 5)}" if others else ""
-    return f"Missing: mainly {first}.{unsure} {share}{more}. More is missing."
+    return f"Missing: {'probably' if enough else 'mainly'} {first}.{unsure} {share}{more}." + \
+        ("" if enough else " More is missing.")
 
 
 def _beaten(adequacy: Adequacy) -> str:
@@ -246,7 +302,9 @@ def _revalued(trial: Refit) -> str:
 def _effect(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], *_: object) -> str:
     # two laws of one kind at one place may together be one that is not in the catalogue (c_2 s**2 + c_3 s**3)
     often = Counter(_called(f.candidate) for f in findings)
-    return f"Missing: {'; '.join(name if k == 1 else f'{name}, {k} times' for name, k in often.items())}."
+    laws = [t.candidate.component for f in findings for t in f.alternatives[1:]]
+    return f"Missing: {'; '.join(name if k == 1 else f'{name}, {k} times' for name, k in often.items())}." + \
+        (f" The records do not distinguish this law from {listing(dict.fromkeys(laws), 6)} there." if laws else "")
 
 
 def _called(candidate: Candidate) -> str:
@@ -270,8 +328,7 @@ def _shape(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps
            shape: AddedEffect | None) -> str:
     said = "Something is missing that no entry of the catalogue explains."
     if findings:
-        near = " and ".join(f"{f.candidate.kind} {f.candidate.place}" for f in findings)
-        said += f" Nearest to it: {near}, which is not all."
+        said += f" Nearest to it: {'; and '.join(map(_alternatives, findings))}, which is not all."
     if shape is not None:
         said += f" A learnt curve {shape.candidate.place} lowers the error until its name is found."
     return said
@@ -280,7 +337,7 @@ def _shape(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps
 def _undetermined(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage],
                   shape: AddedEffect | None) -> str:
     if steps[-1].partial:
-        near = " and ".join(f"{f.candidate.kind} {f.candidate.place}" for f in findings)
+        near = "; and ".join(map(_alternatives, findings))
         return "No conclusion yet: the search was ended before every candidate was refitted." + (
             f" Best so far: {near}." if near else "")
     if not steps[0].left.significant and not _still(ladder[0]):

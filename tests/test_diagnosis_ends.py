@@ -1,0 +1,130 @@
+"""What stands at an end of its range, and what the first effect may be once another one stands beside it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from heavebond.diagnosis import verdict
+from heavebond.diagnosis.attempt import attempt
+from heavebond.diagnosis.catalogue import candidates
+from heavebond.diagnosis.ladder import AddedEffect
+from heavebond.diagnosis.stage import Stage, following, make_stage, refitted_beside, single
+from heavebond.estimation.experiment import Experiment, load_experiment
+from heavebond.language.model import load
+from heavebond.numerics.simulation import simulate
+
+pytestmark = pytest.mark.long
+
+BRAKE = """
+component: EddyBrake
+summary: A metal plate that moves through the field of a magnet.
+source: Force over speed with a maximum at a characteristic speed, as textbooks of electrical machines give it.
+symbol: damper
+ports: {a: translational, b: translational}
+parameters:
+  F_m: {unit: N, min: 0, doc: largest force}
+  v_c: {unit: m/s, min: 1e-6 m/s, doc: speed at which it is reached}
+variables:
+  v: {unit: m/s, doc: speed of b relative to a}
+  F: {unit: N, doc: force against the motion}
+equations: |
+  v   = b.v - a.v
+  F   = F_m * 2 * (v/v_c) / (1 + (v/v_c)**2)
+  b.f = F
+  a.f = -F
+dissipates: F * v
+effect: {class: eddy currents, description: a metal plate in the field of a magnet, attaches: across, amplitude: [F_m],
+         search_range: {v_c: RANGE}}
+"""
+RIG = """
+model: rig
+components:
+  foot:   {is: PositionSource, u: "=40 mm*sin(2*pi*time/1.7 s) + 25 mm*sin(2*pi*time/0.9 s)"}
+  spring: {is: Spring, c: 60 N/m}
+  damper: {is: Damper, d: 3 N*s/m}
+  rail:   {is: Fixed}
+  cart:   {is: Mass, m: 2.5 kg}
+nodes: {base: [foot.a, spring.a], load: [spring.b, damper.b, cart.a], rail: [rail.a, damper.a]}
+initial: {load.x: 0 m, load.v: 0 m/s}
+"""
+MEASURED = """
+experiment: the cart on its rail
+model: rig.yaml
+records: {monday: {file: monday.csv, use: fit}}
+time: {column: "time [s]", unit: s}
+inputs: {foot.u: {column: "foot [m]", unit: m, interpolation: spline}}
+outputs: {load.x: {column: "cart [m]", unit: m, noise: 0.5 mm}}
+free: {spring.c: 60 N/m +- 20 %, damper.d: 3 N*s/m +- 20 %}
+"""
+
+
+def measured(folder: Path, part: str, ends: tuple[str, str, str], offset: float = 0.0) -> Experiment:
+    """A record of 12 s of the cart with a part more, at these nodes (base, load, rail); what measures the foot is off."""
+    text = RIG.replace("nodes:", f"  more: {part}\nnodes:")
+    for node, end in zip(("base: [", "load: [", "rail: ["), ends, strict=True):
+        text = text.replace(node, node + (f"more.{end}, " if end else ""))
+    (folder / "machine.yaml").write_text(text)
+    (folder / "rig.yaml").write_text(RIG)
+    run = simulate(load(folder / "machine.yaml"), until=12, every=0.04)
+    cart = run["load.x"] + 5e-4 * np.random.default_rng(1).standard_normal(len(run.time))
+    np.savetxt(folder / "monday.csv", np.column_stack([run.time, run["base.x"] + offset, cart]), "%.9g", ",",
+               header="time [s],foot [m],cart [m]", comments="")
+    (folder / "measured.yaml").write_text(MEASURED)
+    return load_experiment(folder / "measured.yaml")
+
+
+@pytest.mark.parametrize(("sought", "beyond"), [("0.2 .. 2 m/s", ("eddy_brake.v_c",)), ("0.02 .. 2 m/s", ())])
+def test_a_range_that_ends_before_the_truth_is_told_and_names_nothing_for_sure(
+        tmp_path: Path, sought: str, beyond: tuple[str, ...]) -> None:
+    (tmp_path / "components").mkdir()
+    (tmp_path / "components" / "eddy_brake.yaml").write_text(BRAKE.replace("RANGE", sought))
+    given = measured(tmp_path, "{is: EddyBrake, F_m: 2 N, v_c: 0.1 m/s}", ("", "b", "a"))
+    brake = next(c for c in candidates(given) if c.component == "EddyBrake" and set(c.where) == {"rail", "load"})
+    (trial,) = single(given, brake, lambda text: None).trials
+    assert trial.beyond == beyond
+    rung: Any = SimpleNamespace(chi2_fit=1.0, chi2_held_out=1.0, samples_held_out=300,
+                                comparison=SimpleNamespace(experiment=given))
+    finding = AddedEffect(brake, (), rung, None, (trial,))  # type: ignore[arg-type]
+    assert verdict.is_adequate([rung, rung], [finding]) is not bool(beyond)
+    assert ("Widen `search_range`" in " ".join(verdict.at_ends(finding))) is bool(beyond)
+
+
+def test_a_limit_of_the_parameter_is_a_value_like_any_other(tmp_path: Path) -> None:
+    """Directional friction that acts one way only: the other number is 0, and nothing more of its kind is to be sought."""
+    given = measured(tmp_path, "{is: DirectionalFriction, F_p: 0.8 N, F_n: 0 N}", ("", "b", "a"))
+    finding = attempt(given, "DirectionalFriction", ["rail", "load"]).finding
+    assert finding.beyond == () and [p.name for p in finding.at_limits] == ["directional_friction.F_n"]
+    (line,) = verdict.at_ends(finding)
+    assert line.startswith("directional_friction.F_n = 0 N: ") and "more of its kind" not in line
+
+
+def test_what_the_first_effect_may_be_is_judged_beside_a_sensor_s_offset(tmp_path: Path) -> None:
+    """A hardening spring, and a foot that is measured 20 mm off. Alone no law reaches the noise, and stops of a travel do
+    nearly as well as the spring; beside the offset the spring leaves noise and the stops do not, wherever the search for
+    these ended there."""
+    given = measured(tmp_path, "{is: CubicSpring, c_3: 8000 N/m**3, l0: 0 m}", ("a", "b", ""), offset=0.02)
+    between = {(c.component, c.place): c for c in candidates(given)}
+    spring, stop = (_only(given, between[law, "between base and load"]) for law in ("CubicSpring", "EndStop"))
+    offset = between["SensorOffset", "before foot.u"]
+    assert min(t.chi2_fit for t in (*spring.trials, *stop.trials)) > 10
+    both = single(following(spring), offset, lambda text: None).trials[0]
+    assert both.chi2_fit < 1.3
+    beside = following(_only(given, offset))
+    stuck = replace(make_stage(beside, number=1, classes=["end stop"]), trials=())  # as if no refit had found its way
+    exact = replace(both, candidate=between["CubicSpring", "between base and load"])
+    made = refitted_beside(stuck, stop.trials, exact)
+    assert [t.candidate.component for t in made.trials] == ["CubicSpring", "EndStop"]
+    assert made.trials[1].chi2_fit < stop.trials[0].chi2_fit
+    assert [t.candidate.component for t in made.cluster] == ["CubicSpring"]
+
+
+def _only(experiment: Experiment, candidate: Any) -> Stage:
+    """A step with one candidate, chosen."""
+    made = single(experiment, candidate, lambda text: None)
+    return replace(made, chosen=made.trials[0], cluster=made.trials)

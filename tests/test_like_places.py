@@ -1,0 +1,101 @@
+"""One law at all like places with one amplitude: which places are alike, and that it is one machine and one candidate."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from heavebond.diagnosis.catalogue import Candidate, candidates
+from heavebond.diagnosis.like_places import all_candidates, beyond_their_members
+from heavebond.diagnosis.scoring import scored
+from heavebond.diagnosis.stage import fitted_base, single
+from heavebond.estimation.experiment import Experiment, load_experiment
+from heavebond.language.model import load
+from heavebond.numerics.simulation import simulate
+
+CHAIN = """
+model: chain
+components:
+  foot: {is: PositionSource, u: "=40 mm*sin(2*pi*time/1.7 s) + 15 mm*sin(2*pi*time/0.6 s)"}
+  s1:   {is: Spring, c: 400 N/m}
+  s2:   {is: Spring, c: 250 N/m}
+  d1:   {is: Damper, d: 2 N*s/m}
+  d2:   {is: Damper, d: 2 N*s/m}
+  rail: {is: Fixed}
+  m1:   {is: Mass, m: 2.5 kg}
+  m2:   {is: Mass, m: 1.5 kg}
+nodes:
+  base: [foot.a, s1.a]
+  front: [s1.b, d1.b, m1.a, s2.a]
+  rear: [s2.b, d2.b, m2.a]
+  ground: [rail.a, d1.a, d2.a]
+initial: {front.x: 0 m, front.v: 0 m/s, rear.x: 0 m, rear.v: 0 m/s}
+"""
+MEASURED = """
+experiment: two carts on a rail
+model: chain.yaml
+records: {monday: {file: monday.csv, use: fit}}
+time: {column: "time [s]", unit: s}
+inputs: {foot.u: {column: "foot [m]", unit: m, interpolation: spline}}
+outputs: {rear.x: {column: "rear [m]", unit: m, noise: 0.5 mm}}
+free: {d1.d: 2 N*s/m +- 20 %, d2.d: 2 N*s/m +- 20 %}
+"""
+
+
+@pytest.fixture(scope="module")
+def chain(tmp_path_factory: pytest.TempPathFactory) -> Experiment:
+    """Two carts with friction on the rail, of which only the rear one is measured; the diagram knows of no friction."""
+    folder = tmp_path_factory.mktemp("chain")
+    (folder / "chain.yaml").write_text(CHAIN)
+    law = "{is: CoulombFriction, F_c: 1.2 N}"
+    machine = CHAIN.replace("nodes:", f"  f1: {law}\n  f2: {law}\nnodes:").replace("s2.a]", "s2.a, f1.b]")
+    machine = machine.replace("rear: [", "rear: [f2.b, ").replace("d1.a, d2.a]", "d1.a, d2.a, f1.a, f2.a]")
+    (folder / "machine.yaml").write_text(machine)
+    run = simulate(load(folder / "machine.yaml"), until=12, every=0.04)
+    rear = run["rear.x"] + 5e-4 * np.random.default_rng(1).standard_normal(len(run.time))
+    np.savetxt(folder / "monday.csv", np.column_stack([run.time, run["base.x"], rear]), "%.9g", ",",
+               header="time [s],foot [m],rear [m]", comments="")
+    (folder / "measured.yaml").write_text(MEASURED)
+    return load_experiment(folder / "measured.yaml")
+
+
+def joint(experiment: Experiment, component: str) -> list[Candidate]:
+    return [c for c in all_candidates(experiment) if c.members and c.component == component]
+
+
+def test_places_are_alike_where_the_same_kinds_of_parts_meet(chain: Experiment) -> None:
+    (friction,) = joint(chain, "CoulombFriction")
+    assert friction.where == ("ground", "front", "rear")  # not between the carts, nor from the foot to the first
+    assert friction.members == ("CoulombFriction between ground and front", "CoulombFriction between ground and rear")
+    assert [n.name for n in friction.numbers] == ["coulomb_friction.F_c"]
+    assert {c.label for c in candidates(chain)} < {c.label for c in all_candidates(chain)}
+    assert not joint(chain, "SensorOffset") and not joint(chain, "ForceCurveOfSpeed")
+
+
+def test_it_is_the_machine_with_the_law_at_each_place(chain: Experiment, tmp_path: Path) -> None:
+    (friction,) = joint(chain, "CoulombFriction")
+    changed = friction.change.with_values({"coulomb_friction.F_c": "1.2 N"}).on_model(chain.model)
+    there = load(chain.model.path.with_name("machine.yaml"))
+    one, other = (simulate(model, until=12, every=0.04)["rear.x"] for model in (changed, there))
+    assert np.abs(one - other).max() < 1e-6 * np.abs(other).max()  # two runs of one machine, its parts in another order
+
+
+@pytest.mark.parametrize(("rig", "parameter"), [("cylinder_rig/leakage", "leakage")])
+def test_single_places_have_no_like_ones(rig: str, parameter: str) -> None:
+    """One cylinder has one leakage."""
+    assert not [c for c in all_candidates(load_experiment(rig)) if c.members and c.name.endswith(f".{parameter}")]
+
+
+@pytest.mark.long
+def test_one_amplitude_at_both_places_explains_what_neither_does_alone(chain: Experiment) -> None:
+    every = {c.label: c for c in all_candidates(chain) if c.component == "CoulombFriction"}
+    (both,) = (c for c in every.values() if c.members)
+    left = {label: single(chain, every[label], lambda text: None).trials[0] for label in (both.label, *both.members)}
+    assert left[both.label].chi2_fit < 1.2 and left[both.label].chi2_held_out < 1.4
+    assert min(left[label].chi2_fit for label in both.members) > 5
+    assert left[both.label].values["coulomb_friction.F_c"] == pytest.approx(1.2, rel=0.02)
+    base = fitted_base(chain)
+    scores = [s for label in (both.label, *both.members) for s in scored(base, every[label])]
+    assert {s.candidate.label for s in beyond_their_members(scores)} >= set(both.members)
