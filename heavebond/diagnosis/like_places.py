@@ -41,12 +41,16 @@ def at_like_places(site: Site, found: Sequence[Candidate]) -> list[Candidate]:
 
 
 def beyond_their_members(scores: Sequence[Score]) -> list[Score]:
-    """The scores without those of laws at several places that promise less than the law at one of these. With the effect at
-    all of them the residual is along the sum of the members' directions, whose score is then the largest of all."""
+    """The scores without those of laws at several places that promise less than the law does at one of these on average.
+
+    With the effect at all of them the residual is along the sum of the members' directions, whose score is then the largest
+    of all as far as the tangent holds; with the effect at one of two unlike directions it is the average.
+    """
     best: dict[str, float] = {}
     for score in scores:
         best[score.candidate.label] = max(score.gain, best.get(score.candidate.label, 0.0))
-    return [s for s in scores if all(best[s.candidate.label] >= best.get(member, 0.0) for member in s.candidate.members)]
+    return [s for s in scores if not s.candidate.members or best[s.candidate.label] >=
+            sum(best.get(member, 0.0) for member in s.candidate.members) / len(s.candidate.members)]
 
 
 def _kinds(site: Site) -> dict[str, frozenset[str]]:
