@@ -169,8 +169,11 @@ def at(run: hb.Result, name: str, *times: float) -> list[float]:
 def test_integrals_that_are_reset_and_limited(tmp_path: Path) -> None:
     """resint of 1, set to -1 while 0.5 < t < 0.75; limint of cos(pi t) between 0 and 0.2, which leaves it at t = 1/2."""
     run = run_part(tmp_path, one_part("""equations
+  saw = resint (1, 0, eventup (sin (4 * pi * time - 1)), 0);
   y = resint (1, -1, time > 0.5 and time < 0.75, 0.25);
-  w = limint (cos (pi * time), 0, 0.2, 0.1);""", "y w"))
+  w = limint (cos (pi * time), 0, 0.2, 0.1);""", "y w saw"))
+    resets = [(1 / (4 * math.pi)) + k / 2 for k in range(4)]
+    assert at(run, "saw", 0.05, 0.3, 0.9) == pytest.approx([0.05, 0.3 - resets[0], 0.9 - resets[1]], abs=1e-6)
     assert at(run, "y", 0.4, 0.6, 1.75) == pytest.approx([0.65, -1, 0], abs=1e-6)
     # 0.1 + sin(pi t)/pi reaches 0.2 at t = 0.1017; from 0.5 on it falls, 0.2 + (sin(pi t) - 1)/pi, to 0 at t = 0.8784
     assert at(run, "w", 0.05, 0.3, 0.7, 1.2) == pytest.approx(
@@ -298,14 +301,42 @@ def test_hostile_files_are_refused(tmp_path: Path, text: str) -> None:
         import_emx(_file(tmp_path, text))
 
 
-def test_mutated_files_end_without_a_traceback(tmp_path: Path) -> None:
+EVERYTHING = one_part("""constants
+  integer n = 3;
+variables
+  real m[3,3], v[3], s, k, x;
+  boolean crossing;
+initialequations
+  k = 0;
+  while k < 4 do k = k + 1; end;
+equations
+  m = [2, 0, 1; 1, 3, 0; 0, 1, 4];
+  v = inverse (m) * [1 + time; 2; 3];
+  crossing = event (sin (time));
+  a = resint (1, -1, crossing, 0.25) + limint (cos (time), 0, 0.2, 0.1);
+  b = hold (dint (sample (v[1]), 5), 0) + hold (previous (time, -1), 0);
+code
+  s = 0;
+  for i = 1 to n by 2 do s = s + i * time; end;
+  repeat x = 2 * k; until x > 7;
+  if frequencyevent (2.5, 0.1) then k = k + 2; end;
+  switch n
+    case 1 do c = round (time);
+    default do c = s + x;
+  end;""", "a b c")
+PIECES = ["", "end;", "[", "(", "'", "=", "if", "1e999", "[0]", "knot", ")", ";", "while", "repeat", "until", "switch",
+          "by 0", "resint (", "event (", "frequencyevent (0)", "hold (", "next (y) = 1;", "inverse (", "eye (-1)", "floor ("]
+
+
+@pytest.mark.parametrize("text", [OWN, EVERYTHING], ids=["graph", "equations"])
+def test_mutated_files_end_without_a_traceback(tmp_path: Path, text: str) -> None:
     draw = random.Random(7)
-    words = OWN.split(" ")
+    words = text.split(" ")
     for _ in range(200):
         mutant = list(words)
         for _ in range(draw.randint(1, 4)):
             k = draw.randrange(len(mutant))
-            mutant[k] = draw.choice(["", "end;", "[", "(", "'", "=", "if", "1e999", "[0]", "knot", draw.choice(words)])
+            mutant[k] = draw.choice([*PIECES, draw.choice(words)])
         try:
             import_emx(_file(tmp_path, " ".join(mutant)))
         except HeavebondError:

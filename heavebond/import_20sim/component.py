@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from heavebond.import_20sim.choices import at_event
 from heavebond.import_20sim.sidops_tree import Expr
 
 
@@ -58,6 +59,7 @@ class Component:
 
     def on(self, name: str, when: dict[str, str], then: Mapping[str, Expr]) -> None:
         """Set values at an instant; what happens at the same instant is one event, unless both set the same variable."""
+        then = {name: at_event(value, None) for name, value in then.items()}
         for event in self.events.values():
             if event.when == when and not set(event.then) & set(then):
                 event.then.update(then)

@@ -62,6 +62,13 @@ class Evaluator:
         return round(value)
 
     def __call__(self, expr: Expr) -> Matrix:
+        """The elements of an expression by rows; there is one at least."""
+        found = self._elements(expr)
+        if not found or not found[0]:
+            raise Unreadable(expr.line, "a matrix without elements is not possible")
+        return found
+
+    def _elements(self, expr: Expr) -> Matrix:
         op = expr.op
         if op == "number":
             return [[f.number(expr.value)]]
@@ -155,7 +162,9 @@ class Evaluator:
             except (TypeError, ValueError, IndexError):
                 raise Unreadable(expr.line, f"the sizes of the arguments of `{expr.name}` do not match") from None
         if name in ("eye", "identity"):
-            n = self.whole(expr.args[0])
+            n = self.whole(expr.args[0]) if expr.args else 0
+            if not 1 <= n * n <= MOST_ELEMENTS:
+                raise Unreadable(expr.line, f"`{expr.name}` cannot have {n} rows")
             return [[f.number(float(i == k)) for k in range(n)] for i in range(n)]
         if name in ("sum", "msum", "min", "max"):
             flat = [e for arg in expr.args for row in self(arg) for e in row]

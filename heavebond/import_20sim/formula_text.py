@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from heavebond.import_20sim.expressions_parser import Unreadable
 from heavebond.import_20sim.sidops_tree import Expr
 
 ADD, MULTIPLY, SIGN, POWER, ATOM = 4, 5, 6, 7, 8
@@ -53,7 +54,7 @@ def truth(expr: Expr) -> Expr:
     """An expression where a condition is needed: a number is true where it is not zero."""
     if expr.op in ("or", "and", "not"):
         return Expr(expr.op, tuple(truth(e) for e in expr.args))
-    if expr.op in TRUTHS:
+    if expr.op in TRUTHS or expr.op == "event":
         return expr
     if expr.op == "if":
         a, b, c = truth(expr.args[0]), truth(expr.args[1]), truth(expr.args[2])
@@ -87,6 +88,8 @@ def _text(expr: Expr) -> tuple[str, int]:
         return f"{expr.name}({', '.join(_value(e) for e in expr.args)})", ATOM
     if op == "if":
         return f"if_else({text(truth(expr.args[0]))}, {_value(expr.args[1])}, {_value(expr.args[2])})", ATOM
+    if op not in LEVEL:
+        raise Unreadable(expr.line, "an event stands where a value is needed")
     level = LEVEL[op]
     if op in ("negative", "not"):
         inner = _within(expr.args[0] if op == "negative" else truth(expr.args[0]), level + (op == "negative"))

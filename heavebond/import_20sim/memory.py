@@ -8,7 +8,7 @@ all of it changes at once: `hold` takes the value that the discrete expressions 
 from __future__ import annotations
 
 from heavebond.import_20sim import formula_text as f
-from heavebond.import_20sim.choices import at_event
+from heavebond.import_20sim.choices import at_event, simplified, triggers
 from heavebond.import_20sim.component import Component, Item
 from heavebond.import_20sim.evaluate import fold
 from heavebond.import_20sim.expressions_parser import Unreadable
@@ -42,10 +42,17 @@ class Memory:
         if len(args) not in (3, 4):
             raise Unreadable(line, "`resint` needs a rate, a new value, a reset and a first value")
         rate, new, reset = args[:3]
-        running = Expr("if", (f.truth(reset), f.number(0), rate))
-        found = self.state(running, args[3] if len(args) > 3 else None, line, "resint")
-        self.made.on(f"{found.name}_reset", {"condition": f.text(f.truth(reset))}, {found.name: new})
-        self.made.on("at_start", {"at": "0"}, {found.name: Expr("if", (f.truth(reset), new, found))})
+        reset, new = f.truth(reset), at_event(new, None)
+        between = at_event(reset, None)
+        found = self.state(simplified(Expr("if", (between, f.number(0), rate))), args[3] if len(args) > 3 else None, line,
+                           "resint")
+        for trigger in triggers(reset):
+            for ending, when in self.instants(trigger):
+                then = simplified(Expr("if", (at_event(reset, trigger), new, found)))
+                self.made.on(f"{found.name}_reset_{ending}", when, {found.name: then})
+        if between.op != "number":
+            self.made.on(f"{found.name}_reset", {"condition": f.text(between)}, {found.name: new})
+            self.made.on("at_start", {"at": "0"}, {found.name: Expr("if", (between, new, found))})
         return found
 
     def limited(self, args: list[Expr], line: int) -> Expr:
