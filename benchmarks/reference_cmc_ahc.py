@@ -10,13 +10,13 @@ x_2 (travelling block and top drive), x_3 (bit) and z (platform), chamber pressu
     d2y/dt2 = w^2 (u - y) - 2 zeta w dy/dt,   u = -K_p x_1 - K_v ds/dt within -1..1
     ds/dt = (z - s)/t_m   (the motion reference unit's heave s)
 
-SI units throughout.
+The platform moves as the regular wave of the parameters, or as a heave that is given. SI units throughout.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from scipy.integrate import solve_ivp
 
 Array = NDArray[np.float64]
 Parameters = Mapping[str, float]
+Heave = Callable[[float], tuple[float, float]]     # position (m) and velocity (m/s) of the platform at a time (s)
 
 ACTIVE: dict[str, float] = {
     # wave
@@ -37,7 +38,7 @@ ACTIVE: dict[str, float] = {
     "F_c": 12e3, "F_s": 22.8e3, "v_s": 0.1, "v_t": 1e-3, "sigma_2": 10e3, "k_p": 0.4e-4,
     # active part
     "A": math.pi / 2 * (0.2**2 - 0.17**2), "V_0": 0.067, "beta": 1.8e9, "leak_piston": 2e-11,
-    "p_s": 345e5, "q_r": 920 / 60e3, "dp_r": 35e5, "dp_t": 1e4, "leak_edge": 1e-12,
+    "p_s": 345e5, "q_r": 920 / 60e3, "dp_r": 35e5, "dp_t": 1e4, "leak_edge": 1e-12, "overlap": 0.0,
     "q_bypass": 4000 / 60e3, "dp_bypass": 5e5, "bypass": 0.0,
     "f_n": 0.75, "zeta": 0.87, "K_p": 3.02, "K_v": 0.55, "t_m": 0.02,
 }
@@ -67,14 +68,13 @@ def steady(p: Parameters) -> tuple[Array, float, float]:
     return np.array([0, 0, x_2, 0, x_3, 0, half, half, 0, 0, 0.0]), preload, x_3 + p["WOB"] / p["k_form"]
 
 
-def command(t: float, y: Array, p: Parameters) -> float:
+def command(z: float, y: Array, p: Parameters) -> float:
     """Valve command: feedback of the crown block's position, feed-forward of the rate of the measured heave."""
-    return float(min(max(-p["K_p"] * y[0] - p["K_v"] * (wave(t, p)[0] - y[10]) / p["t_m"], -1.0), 1.0))
+    return float(min(max(-p["K_p"] * y[0] - p["K_v"] * (z - y[10]) / p["t_m"], -1.0), 1.0))
 
 
-def passive_forces(t: float, y: Array, p: Parameters, preload: float) -> tuple[float, float, float]:
+def passive_forces(z: float, dz: float, y: Array, p: Parameters, preload: float) -> tuple[float, float, float]:
     """Upward force of gas spring and equalisers on the crown block, friction holding it back, oil pressure."""
-    z, dz = wave(t, p)
     s, v = y[0] - z, y[1] - dz
     thrust = preload - p["c"] * s - p["d"] * v
     pressure = thrust / p["A_plunger"]
@@ -98,20 +98,18 @@ def chamber_flows(y: Array, p: Parameters) -> tuple[float, float]:
     """Net flow into chambers A and B from valve, leakage and bypass."""
     p_a, p_b, spool = y[6], y[7], y[8]
     gain, leak, source, t = p["q_r"] / math.sqrt(p["dp_r"]), p["leak_edge"], p["p_s"], p["dp_t"]
-    if spool >= 0:
-        q_a, q_b = gain * spool * root(source - p_a, t), -gain * spool * root(p_b, t)
-    else:
-        q_a, q_b = gain * spool * root(p_a, t), -gain * spool * root(source - p_b, t)
+    up, down = max(spool - p["overlap"], 0.0), max(-spool - p["overlap"], 0.0)     # openings P-A and B-T, P-B and A-T
+    q_a = gain * (up * root(source - p_a, t) - down * root(p_a, t))
+    q_b = gain * (down * root(source - p_b, t) - up * root(p_b, t))
     across = (p["bypass"] * p["q_bypass"] / math.sqrt(p["dp_bypass"]) * root(p_a - p_b, t)
               + p["leak_piston"] * (p_a - p_b))
     return q_a + leak * (source - 2 * p_a) - across, q_b + leak * (source - 2 * p_b) + across
 
 
-def derivative(t: float, y: Array, p: Parameters, preload: float, seabed: float) -> Array:
-    """d(state)/dt (11,)."""
+def derivative(z: float, dz: float, y: Array, p: Parameters, preload: float, seabed: float) -> Array:
+    """d(state)/dt (11,) where the platform is at z and moves at dz."""
     x_1, v_1, x_2, v_2, x_3, v_3, p_a, p_b, spool, rate, heave = y
-    z, dz = wave(t, p)
-    lift, friction, _ = passive_forces(t, y, p, preload)
+    lift, friction, _ = passive_forces(z, dz, y, p, preload)
     wire = p["k_wire"] * (x_1 - x_2) + p["d_wire"] * (v_1 - v_2)
     string = p["k_string"] * (x_2 - x_3) + p["d_string"] * (v_2 - v_3)
     q_a, q_b = chamber_flows(y, p)
@@ -122,28 +120,31 @@ def derivative(t: float, y: Array, p: Parameters, preload: float, seabed: float)
         v_3, (string + contact(y, p, seabed)) / p["m_3"] - p["g"],
         p["beta"] / (p["V_0"] + p["A"] * (x_1 - z)) * (q_a - swept),
         p["beta"] / (p["V_0"] - p["A"] * (x_1 - z)) * (q_b + swept),
-        rate, w**2 * (command(t, y, p) - spool) - 2 * p["zeta"] * w * rate,
+        rate, w**2 * (command(z, y, p) - spool) - 2 * p["zeta"] * w * rate,
         (z - heave) / p["t_m"]])
 
 
-def outputs(t: float, y: Array, p: Parameters, preload: float, seabed: float) -> tuple[float, ...]:
+def outputs(z: float, dz: float, y: Array, p: Parameters, preload: float, seabed: float) -> tuple[float, ...]:
     """The values named in OUTPUTS, as the diagram shows them, in SI."""
-    z, _ = wave(t, p)
-    _, friction, pressure = passive_forces(t, y, p, preload)
-    return (contact(y, p, seabed), y[0], y[1], z, y[0] - z, y[6], y[7], y[8], command(t, y, p), friction,
+    _, friction, pressure = passive_forces(z, dz, y, p, preload)
+    return (contact(y, p, seabed), y[0], y[1], z, y[0] - z, y[6], y[7], y[8], command(z, y, p), friction,
             pressure)
 
 
-def simulate(p: Parameters, times: Array, *, rtol: float = 1e-11) -> dict[str, Array]:
-    """Each output (n,) at `times` (n,), which begin at 0, from the steady start; RuntimeError if SciPy fails."""
+def simulate(p: Parameters, times: Array, *, heave: Heave | None = None, rtol: float = 1e-11) -> dict[str, Array]:
+    """Each output (n,) at `times` (n,), which begin at 0, from the steady start; RuntimeError if SciPy fails.
+
+    `heave`: motion of the platform, at rest at z = 0 in the beginning; without it the wave of the parameters.
+    """
     start, preload, seabed = steady(p)
+    moving = heave or (lambda t: wave(t, p))
 
     def scaled(t: float, y: Array) -> Array:
-        return np.asarray(derivative(t, y * SIZES, p, preload, seabed) / SIZES)
+        return np.asarray(derivative(*moving(t), y * SIZES, p, preload, seabed) / SIZES)
 
     run = solve_ivp(scaled, (0.0, float(times[-1])), start / SIZES, method="LSODA", t_eval=times, rtol=rtol,
                     atol=rtol * 1e-2)
     if not run.success:
         raise RuntimeError(run.message)
-    table = np.array([outputs(t, y * SIZES, p, preload, seabed) for t, y in zip(run.t, run.y.T, strict=True)])
+    table = np.array([outputs(*moving(t), y * SIZES, p, preload, seabed) for t, y in zip(run.t, run.y.T, strict=True)])
     return dict(zip(OUTPUTS, table.T, strict=True))

@@ -98,7 +98,7 @@ def backward_euler(p: dict[str, float], step: float) -> tuple[np.ndarray, np.nda
     scaled, size, identity = state / reference.SIZES, reference.SIZES, np.eye(11)
 
     def rate(t: float, y: np.ndarray) -> np.ndarray:
-        return np.asarray(reference.derivative(t, y * size, p, preload, seabed) / size)
+        return np.asarray(reference.derivative(*reference.wave(t, p), y * size, p, preload, seabed) / size)
 
     times, forces = step * np.arange(1, round(96 / step) + 1), []
     for t in times:

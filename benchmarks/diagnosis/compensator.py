@@ -159,13 +159,14 @@ def diagnosed(name: str, folder: Path) -> tuple[dict[str, object], Diagnosis]:
     last = found.findings[-1].fit if found.findings else found.fitted
     fitted = {p: v for p, v in last.values.items() if p in truth} if last is not None else {}
     row = {"key": name, "values": truth, "fitted": fitted, "processor": processor, "megabytes": _megabytes(),
-           "scored": len(found.steps[0].scores), **told(case.rig, _judged(case, experiment, truth, found), found),
+           "scored": len(found.steps[0].scores), **told(case.rig, judged(case, experiment, truth, found), found),
            "parameters": [{"name": p.name, "value": p.value, "interval": list(p.interval), "unit": p.unit}
                           for f in found.findings for p in f.parameters]}
     return row, found
 
 
-def _judged(case: Case, experiment: Experiment, values: Mapping[str, float], found: Diagnosis) -> Judged:
+def judged(case: Case, experiment: Experiment, values: Mapping[str, float], found: Diagnosis) -> Judged:
+    """The case as the benchmarks judge it: the answers that are right, and the misfit of the fitted base model."""
     truths = tuple(Truth(effect.label, effect.label) for effect in case.hidden)
     return Judged(experiment, truths, tuple(e.accepted for e in case.hidden), (), (), values, found.steps[0].chi2_fit - 1)
 
