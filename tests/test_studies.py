@@ -314,6 +314,22 @@ def test_extremes_of_samples_and_their_slopes(kind: str, wanted: float, slope: f
     assert (value, slopes.tolist()) == (wanted, [slope])
 
 
+def test_equivalent_range_of_a_sine_and_its_slope() -> None:
+    """Cycles of range 6 at 2 Hz do the damage of one of 6*2**(1/m) a second; the range moves as the ends of each cycle."""
+    time = np.linspace(0, 100, 20001)
+    signal, shape = 1 + 3 * np.sin(4 * np.pi * time), np.sin(4 * np.pi * time) * (1 + 0.1 * np.sin(0.3 * time))
+    value, (slope,) = sampled_value("equivalent_range", time, signal, shape[None, :], 4.0)
+    assert value == pytest.approx(6 * 2**0.25, rel=2e-3)     # one cycle of two hundred is not closed
+    still = np.zeros((0, len(time)))
+    high, low = (sampled_value("equivalent_range", time, signal + h * shape, still, 4.0)[0] for h in (1e-5, -1e-5))
+    assert slope == pytest.approx((high - low) / 2e-5, rel=1e-6)
+    value, (slope,) = sampled_value("deviation", time, signal, shape[None, :])
+    high, low = (sampled_value("deviation", time, signal + h * shape, still)[0] for h in (1e-5, -1e-5))
+    assert value == pytest.approx(3 / np.sqrt(2), rel=1e-3)
+    assert slope == pytest.approx((high - low) / 2e-5, rel=1e-6)
+    assert sampled_value("equivalent_range", time, 0 * time, shape[None, :], 4.0)[0] == 0
+
+
 def test_conditions_are_timed_and_counted() -> None:
     """One second of four, begun twice; what holds from the beginning has not begun."""
     time = np.linspace(0, 4, 401)
@@ -337,6 +353,11 @@ def test_conditions_are_timed_and_counted() -> None:
     8 |   transmission: largest(moton)/largest(floor.x)
       |                         ^^^^^
   Did you mean 'motion'?"""),
+    ("transmission: largest(motion)/largest(floor.x)", "transmission: equivalent_range(motion, f)/1 m",
+     """study.yaml:8: equivalent_range(e, m) needs a plain number m from 1 to 20 [exponent-wrong]
+    8 |   transmission: equivalent_range(motion, f)/1 m
+      |                 ^^^^^^^^^^^^^^^^
+  Write the exponent of the S-N curve, e.g. `equivalent_range(WOB, 4)`."""),
     ("unit: mm}", "unit: kN}", """study.yaml:9: 'travel' is in m, not in kN [unit-wrong]
     9 |   travel: {is: rms(machine.x - floor.x), unit: kN}
       |                ^^^^^^^^^^^^^^^^^^^^^^^^

@@ -88,6 +88,49 @@ def test_points_are_spread_as_declared(kind: str) -> None:
     assert found[:, 1].std() == pytest.approx(1e-3 * math.sqrt(cut), rel=near)
 
 
+SEA = """model: sea
+components: {sea: {is: IrregularSea, H_s: 2 m, T_p: 8 s, t_r: 2 s}, buoy: {is: PositionSource}}
+nodes: {surface: [sea.z, buoy.u], buoy: [buoy.a]}
+show: {heave: {is: buoy.x, unit: m}}
+simulate: {until: 120 s, every: 0.1 s}
+"""
+
+
+def test_realisations_of_a_sea_and_the_interval_of_their_mean(folder: Path) -> None:
+    Path("sea.yaml").write_text(SEA, encoding="utf-8")
+    study = _study("""study: sea
+model: sea.yaml
+cases:
+  sea.H_s: [1 m, 2 m]
+  realisation: {sample: seeds, over: {sea.seed: 3 .. 8}}
+evaluate: {from: 20 s, to: 120 s}
+measure: {height: 4*rms(heave), cycles: "equivalent_range(heave, 3)"}
+pictures: {height: {curves: [height]}, spread: {histogram: [cycles]}}
+""")
+    result = hb.run_study(study, processes=1)
+    found = {(s.quantity, s.others): s for s in spreads(result)}
+    high, low = found["height", "sea.H_s 2 m"], found["height", "sea.H_s 1 m"]
+    values = [result.value(o, "height") for o in result.outcomes[6:]]
+    assert len({*values}) == 6     # another sea each
+    assert (high.number, high.mean) == (6, pytest.approx(2 * low.mean, rel=1e-6))
+    # Student's t for 5 degrees of freedom
+    assert high.interval[1] - high.mean == pytest.approx(2.5706 * np.std(values, ddof=1) / math.sqrt(6), rel=1e-4)
+    assert high.interval[0] < 2 < high.interval[1]
+    for picture in study.pictures:
+        assert plot_study(result, picture).axes
+    line, = plot_study(result, study.pictures[0]).axes[0].containers     # a curve of two means with bars
+    assert np.asarray(line[0].get_xydata()) == pytest.approx(np.array([[1, low.mean], [2, high.mean]]))
+    assert all(math.isnan(s.interval[0]) for s in spreads(hb.run_study(_study(), processes=1)))     # no independent points
+
+
+@pytest.mark.parametrize("over", ["{f: 1 .. 3 Hz, machine.m: 1 .. 2 kg}", "{f: 0.5 .. 3 Hz}", "{f: 2 Hz +- 1 Hz}"])
+def test_seeds_are_whole_numbers(folder: Path, over: str) -> None:
+    text = SAMPLE.replace("{latin_hypercube: 6, seed: 3}", "seeds")
+    with pytest.raises(hb.ModelError) as caught:
+        _study(text.replace("{spring.c: 40 kN/m +- 20 %, damper.d: 0.5 .. 2 kN*s/m}", over))
+    assert [p.code for p in caught.value.problems] == ["seeds-wrong"]
+
+
 def test_points_for_indices_mix_two_samples() -> None:
     over = {"a": parse_range("0 .. 1"), "b": parse_range("0 .. 1")}
     first, second, a_mixed, b_mixed = points(Sampling("sobol_indices", over, 8)).reshape(4, 8, 2)

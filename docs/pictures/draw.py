@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import heavebond as hb
@@ -103,19 +104,38 @@ def detailed(folder: Path) -> Path:
     return path
 
 
-def _of_study(name: str, folder: Path) -> Path:
-    result = hb.run_study(f"cmc_ahc/studies/{name}", processes=1)
-    return plot.save(plot_study(result, result.study.pictures[0]), folder / f"published_{name}.png")
+def _of_study(name: str, folder: Path, file: str = "", points: int | None = None) -> Path:
+    """The first picture of a study, over so many levels of its last axis."""
+    study = load_study(f"cmc_ahc/studies/{name}")
+    if points is not None:
+        study = replace(study, axes=(*study.axes[:-1], replace(study.axes[-1], levels=study.axes[-1].levels[:points])))
+    result = hb.run_study(study, processes=1)
+    return plot.save(plot_study(result, study.pictures[0]), folder / f"{file or name}.png")
 
 
 def published_fig6(folder: Path) -> Path:
     """Weight on bit, passive, with and without friction."""
-    return _of_study("fig6", folder)
+    return _of_study("fig6", folder, "published_fig6")
 
 
 def published_fig8(folder: Path) -> Path:
     """Weight on bit, active with tuned gains, with and without friction."""
-    return _of_study("fig8", folder)
+    return _of_study("fig8", folder, "published_fig8")
+
+
+def mru_failure(folder: Path) -> Path:
+    """Weight on bit and crown block after a failure of the motion reference unit."""
+    return _of_study("mru_failure", folder)
+
+
+def changeover(folder: Path, points: int | None = None) -> Path:
+    """Highest pressure and weight on bit over the closing time of the bypass valve."""
+    return _of_study("changeover", folder, points=points)
+
+
+def accumulator(folder: Path, points: int | None = None) -> Path:
+    """Weight on bit and swing of the gas pressure over the volume of the gas bottles."""
+    return _of_study("accumulator", folder, points=points)
 
 
 def bode(folder: Path) -> Path:
@@ -196,6 +216,9 @@ DRAWN = (
     implied_friction,
     published_fig6,
     published_fig8,
+    mru_failure,
+    changeover,
+    accumulator,
     bode,
     locus,
     flow,

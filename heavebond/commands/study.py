@@ -79,7 +79,7 @@ def _tell(result: StudyResult) -> None:
     if left_out:
         console.print(f"and {left_out} more rows, in table.csv", soft_wrap=True)
     _tell_sample(result)
-    modes = list(mode_rows(result))
+    modes = list(mode_rows(result)) if result.study.sample is None else []     # of a sample in study.json
     if modes:
         console.print(terminal.table("oscillatory modes", ("case", "frequency", "damping", "components"), modes, text=4))
     outside = [o for o in result.outcomes if o.outside]
@@ -104,14 +104,15 @@ def _tell_sample(result: StudyResult) -> None:
 
     console = terminal.output()
     for title, head, rows, words in (
-            ("over the sample", ("number", "", "mean", "deviation", "least", "5 %", "50 %", "95 %", "most", "cases"),
+            ("over the sample",
+             ("number", "", "mean", "95 % of mean", "deviation", "least", "5 %", "50 %", "95 %", "most", "cases"),
              spread_rows(result), 2),
             ("Sobol indices: the share of the variance that a parameter makes alone, and with the others",
              ("number", "", "parameter", "alone", "95 %", "with others", "95 %"), index_rows(result), 3),
             ("at the diagram's own values, exact: what 1 % more does, what the half width does, share of the variance",
              ("number", "", "parameter", "1 % more", "half width", "share"), slope_rows(result), 3)):
         if rows:
-            kept = [k for k, name in enumerate(head) if name or any(row[k] for row in rows)]
+            kept = [k for k in range(len(head)) if any(row[k] for row in rows)]
             words -= len([k for k in range(words) if k not in kept])
             console.print(f"\n{title}", style="bold", soft_wrap=True)
             told = [[row[k] for k in kept] for row in rows]

@@ -5,7 +5,8 @@ Inside a cost stand, beside the usual functions, with T the length of the time t
     integral(e) = int e dt      mean(e) = integral(e)/T      rms(e) = sqrt(mean(e**2))
     peak(e)     = c s mean((e/s)**PEAK_POWER)**(1/PEAK_POWER), a smooth maximum of |e|, exact for a sine
     final(e)    = e at the end
-    highest(e), lowest(e), largest(e), share(c), times(c): from the samples, see `heavebond.optimise.sampled_values`
+    highest(e), lowest(e), largest(e), share(c), times(c), deviation(e), equivalent_range(e, m):
+                  from the samples, see `heavebond.optimise.sampled_values`
     ref(cost)   = the value of a cost in the reference run (a constant)
 
     damping(least)     = the damping ratio of the least damped mode of the machine, linearised at its start
@@ -31,7 +32,7 @@ from heavebond.language.symbols import stack
 from heavebond.linear.modal_values import NUMBERS, WHICH, ModalNumbers, part_of
 from heavebond.numerics.dae import Array, Assembly, Factors
 from heavebond.numerics.result import Result, columns, with_held
-from heavebond.optimise.sampled_values import CONDITIONS, SAMPLED, sampled_value
+from heavebond.optimise.sampled_values import CONDITIONS, CYCLES, SAMPLED, sampled_value
 from heavebond.text.dimensions import SECOND
 from heavebond.text.expression import (
     Binary,
@@ -48,7 +49,7 @@ from heavebond.text.expression import (
 )
 
 FUNCTIONALS = {"integral": 1, "mean": 1, "rms": 1, "peak": 1, "final": 1, "ref": 1,
-               **dict.fromkeys((*NUMBERS, *SAMPLED), 1)}
+               **dict.fromkeys((*NUMBERS, *SAMPLED), 1), CYCLES: 2}
 # A high power singles out the largest value; above some dozens the gradient sees one sample only.
 PEAK_POWER = 32
 # What is integrated of a scaled signal, where it is not the signal itself.
@@ -66,12 +67,13 @@ PEAK_OF_SINE = float(np.prod([(k - 1) / k for k in range(2, PEAK_POWER + 1, 2)])
 @dataclass(frozen=True)
 class Functional:
     """One number of a run: its kind, and the expression in the model's variables that it is taken of; or of the modes:
-    `which`."""
+    `which`. `exponent` is that of the damage by load cycles."""
 
     kind: str
     signal: ca.SX
     unit: Dimension
     which: str = ""
+    exponent: float = 1.0
 
     def same_integral(self, other: Functional) -> bool:
         """Whether one integral serves both."""
@@ -179,7 +181,16 @@ class _Reader:
         signal = self.assembly.express(resolver.evaluate(inner, extra={n: resolver.evaluate(self.outputs[n]) for n in used}))
         unit = ONE if expr.function in CONDITIONS else unit
         unit = times(unit, SECOND) if expr.function == "integral" else unit
-        return self._symbol(Functional(expr.function, signal, unit), reference)
+        exponent = self._exponent(expr) if expr.function == CYCLES else 1.0
+        return self._symbol(Functional(expr.function, signal, unit, exponent=exponent), reference)
+
+    def _exponent(self, expr: Call) -> float:
+        value = constant(expr.args[1])
+        if value is None or not 1 <= value <= 20:
+            raise ExpressionProblem("exponent-wrong", f"{expr.function}(e, m) needs a plain number m from 1 to 20",
+                                    expr.column, len(expr.function),
+                                    "Write the exponent of the S-N curve, e.g. `equivalent_range(WOB, 4)`.")
+        return value
 
     def _modal(self, expr: Call, reference: bool) -> tuple[ca.SX, Dimension]:
         which = expr.args[0]
@@ -323,7 +334,7 @@ class Evaluator:
             for k in taken:
                 kind = self.functionals[k].kind
                 values[k], slopes[:, k] = (signals[k, -1], ways[:, k, -1]) if kind == "final" else \
-                    sampled_value(kind, result.time[inside], signals[k], ways[:, k])
+                    sampled_value(kind, result.time[inside], signals[k], ways[:, k], self.functionals[k].exponent)
         return values, slopes
 
     def curvature(self, result: Result, references: Array) -> Array:

@@ -1,24 +1,36 @@
-"""Functionals of the samples of a run: extremes, and the duration and number of times that a condition holds. They are not
-differentiable everywhere in the parameters, so that they can be measured and fitted, but not tuned."""
+"""Functionals of the samples of a run: extremes, standard deviation, load cycles, duration and frequency of a condition.
+
+Most are not differentiable everywhere in the parameters: they can be measured and fitted, but not tuned."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from heavebond.numerics.dae import Array
+from heavebond.records.spectra import rainflow_ranges
 
 EXTREMES = ("highest", "lowest", "largest")
 CONDITIONS = ("share", "times")
-SAMPLED = (*EXTREMES, *CONDITIONS)
+CYCLES, DEVIATION = "equivalent_range", "deviation"
+SAMPLED = (*EXTREMES, *CONDITIONS, CYCLES, DEVIATION)
 
 
-def sampled_value(kind: str, time: Array, signal: Array, moved: Array) -> tuple[float, Array]:
+def sampled_value(kind: str, time: Array, signal: Array, moved: Array, exponent: float = 1.0) -> tuple[float, Array]:
     """The number of a signal (n,) at times (n,) and its slopes (m,), where the signal moves by `moved` (m, n).
 
     highest(e), lowest(e): the extremes; largest(e): that of |e|; of a condition (1 where it holds, 0 elsewhere) share(c):
     the part of the time in which it holds; times(c): how often it becomes true. What counts has no slope.
+    deviation(e): the standard deviation of the samples.
+    equivalent_range(e, m), with the ranges r and counts n of the rainflow cycles of a signal that lasts T, is
+    (sum n r**m/(T 1 Hz))**(1/m): the range that does the same damage once a second where damage grows as r**m.
     """
     still = np.zeros(len(moved))
+    if kind == DEVIATION:
+        around = signal - signal.mean()
+        size = float(np.sqrt(np.mean(around**2)))
+        return size, np.asarray(moved @ around / (size * len(signal)) if size else still)
+    if kind == CYCLES:
+        return _equivalent_range(time, signal, moved, exponent)
     if kind == "times":
         return float(np.count_nonzero(np.diff(signal > 0.5) & (signal[1:] > 0.5))), still
     if kind == "share":
@@ -26,3 +38,15 @@ def sampled_value(kind: str, time: Array, signal: Array, moved: Array) -> tuple[
     at = int({"highest": np.argmax, "lowest": np.argmin}.get(kind, lambda s: np.argmax(np.abs(s)))(signal))
     sign = np.sign(signal[at]) if kind == "largest" else 1.0
     return float(sign * signal[at]), np.asarray(sign * moved[:, at])
+
+
+def _equivalent_range(time: Array, signal: Array, moved: Array, exponent: float) -> tuple[float, Array]:
+    """The range and its slopes (m,): each range moves as the samples at its two ends."""
+    ranges, counts, ends = rainflow_ranges(signal)
+    damage = counts * ranges**exponent / (time[-1] - time[0])
+    if not damage.sum() > 0:
+        return 0.0, np.zeros(len(moved))
+    value = float(damage.sum() ** (1 / exponent))
+    first, last = ends
+    grown = np.sign(signal[last] - signal[first]) * (moved[:, last] - moved[:, first])
+    return value, np.asarray(value / damage.sum() * (grown @ (damage / ranges)))

@@ -16,6 +16,7 @@ from heavebond.core.presentation import converted, readable_unit, unit_label
 from heavebond.pictures.plot import COLOURS, DASHES, DPI, WIDE
 from heavebond.pictures.plot_sample import PANEL, SMALL, WIDTH, headed, histograms, maps, quiet, shares, tornados
 from heavebond.studies.study import Picture
+from heavebond.studies.uncertainty import INDEPENDENT, interval_of_mean
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -129,8 +130,11 @@ def _curves(panel: Axes, result: StudyResult, picture: Picture, name: str) -> No
     """A number over the first axis that has numbers: a colour per combination of the others, a dash per procedure, open
     marks in the same colour for what others give."""
     k = next(k for k, axis in enumerate(result.study.axes) if axis.unit is not None)
-    axis = result.study.axes[k]
+    axis, sample = result.study.axes[k], result.study.sample
     assert axis.unit is not None
+    if sample is not None and sample.sampling is not None and sample.sampling.kind in INDEPENDENT:
+        _mean_curves(panel, result, name, k)
+        return
     procedures = list(dict.fromkeys(o.procedure for o in result.outcomes))
     lines = list(_lines(result, k))
     shades = _shades(result, len(lines) * len(procedures), k)
@@ -152,6 +156,28 @@ def _curves(panel: Axes, result: StudyResult, picture: Picture, name: str) -> No
         panel.set_yscale("log")
     panel.set_ylabel(f"{name} [{unit_label(result.units[name].text)}]")
     panel.set_xlabel(f"{axis.name} [{unit_label(axis.unit.text)}]")
+
+
+def _mean_curves(panel: Axes, result: StudyResult, name: str, k: int) -> None:
+    """The mean of a number over the realisations along axis k, with the 95 % interval of the mean as a bar."""
+    sample, unit = result.study.sample, result.study.axes[k].unit
+    assert sample is not None and unit is not None
+    at = result.study.axes.index(sample)
+    lines: dict[str, dict[float, list[float]]] = {}
+    for outcome in result.outcomes:
+        levels = result.case_of(outcome).levels
+        label = ", ".join(level.name if axis.unit is None else f"{axis.name} {level.name}" for n, (axis, level) in
+                          enumerate(zip(result.study.axes, levels, strict=True)) if n not in (k, at))
+        lines.setdefault(label, {}).setdefault(unit.from_si(levels[k].value), []).append(result.value(outcome, name))
+    for n, (label, at_x) in enumerate(lines.items()):
+        known = {x: values[np.isfinite(values)] for x, values in ((x, np.array(found)) for x, found in at_x.items())}
+        known = {x: values for x, values in known.items() if len(values)}
+        means = np.array([values.mean() for values in known.values()])
+        bars = np.nan_to_num([interval_of_mean(values)[1] for values in known.values()] - means)
+        panel.errorbar(list(known), means, bars, color=COLOURS[n % len(COLOURS)], marker=MARKERS[0], markersize=4,
+                       linewidth=1.0, capsize=2, linestyle=DASHES[n % len(DASHES)], label=label or name)
+    panel.set_ylabel(f"{name} [{unit_label(result.units[name].text)}]")
+    panel.set_xlabel(f"{result.study.axes[k].name} [{unit_label(unit.text)}]")
 
 
 def _lines(result: StudyResult, without: int) -> Iterator[tuple[str, Sequence[Outcome]]]:

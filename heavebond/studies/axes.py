@@ -8,6 +8,7 @@ from what is declared of uncertain parameters:
       amplitude: {set: [wave.a], from: 0.5 m, to: 1.75 m, number: 6}      # one or several parameters, evenly spaced values
       friction: {with: {}, without: {model: frictionless.yaml}}           # variants
       uncertain: {sample: {sobol: 64}, over: {gas.c: 42 kN/m +- 20 %}}    # points
+      realisation: {sample: seeds, over: {wave.seed: 1 .. 12}}            # whole numbers
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from heavebond.language import reading
 from heavebond.language.definition import Value
 from heavebond.language.model import Model, load_beside
 from heavebond.language.sections import Condition, Setting, read_settings
-from heavebond.studies.sampling import Sampling, names, points, read_sampling
+from heavebond.studies.sampling import SEEDS, Sampling, names, points, read_sampling
 from heavebond.text.expression import Number, constant
 from heavebond.text.yaml_source import Mapping, Node, Scalar, Source
 from heavebond.text.yaml_source import Sequence as Items
@@ -153,7 +154,8 @@ def _sampled(name: str, entry: Mapping, place: Place, problems: Problems) -> Axi
         settings = {}
         for path, value in values.items():
             unit, at = sampling.over[path].unit, over.items[path].place
-            settings[path] = Setting(path, Value(Number(value, unit, 0), unit.written(value), at), at)
+            own = None if sampling.kind == SEEDS else unit     # a whole number has none
+            settings[path] = Setting(path, Value(Number(value, own, 0), unit.written(value), at), at)
         levels.append(Level(point, settings, values=values, along=tuple(sampling.over) if sampling.kind == "local" else ()))
     return Axis(name, tuple(levels), place, sampling=sampling)
 

@@ -27,7 +27,8 @@ from heavebond.text.yaml_source import Node, Scalar
 
 Array = NDArray[np.float64]
 DRAWN = ("sobol", "latin_hypercube", "random", "sobol_indices")  # with the number of points
-NAMED = ("one_at_a_time", "local")
+SEEDS = "seeds"
+NAMED = ("one_at_a_time", "local", SEEDS)
 KINDS = (*DRAWN, *NAMED)
 BALANCED = ("sobol", "sobol_indices")  # need a power of two
 MOST = 100_000
@@ -38,7 +39,8 @@ AS_GIVEN = "as given"
 @dataclass(frozen=True)
 class Sampling:
     """How points are drawn over parameters (ranges in SI): `number` of them for the kinds in DRAWN; `one_at_a_time` moves
-    each parameter to both ends, `local` asks for slopes at the diagram's own values."""
+    each parameter to both ends, `local` asks for slopes at the diagram's own values, `seeds` takes every whole number of the
+    ranges, which are equally many: independent realisations of what is random in the diagram."""
 
     kind: str
     over: Mapping[str, Range]
@@ -65,6 +67,8 @@ def points(sampling: Sampling) -> Array:
     m = len(sampling.over)
     if sampling.kind == "local":
         return np.full((1, m), np.nan)
+    if sampling.kind == SEEDS:
+        return np.column_stack([np.arange(wanted.low, wanted.high + 0.5) for wanted in sampling.over.values()])
     if sampling.kind == "one_at_a_time":
         found = np.full((1 + 2 * m, m), np.nan)
         for k, wanted in enumerate(sampling.over.values()):
@@ -95,6 +99,8 @@ def names(sampling: Sampling) -> list[str]:
         return [AS_GIVEN]
     if sampling.kind == "one_at_a_time":
         return [AS_GIVEN, *(f"{name} {end}" for name in sampling.over for end in ("low", "high"))]
+    if sampling.kind == SEEDS:
+        return [str(k + 1) for k in range(len(points(sampling)))]
     return [str(k + 1) for k in range(sampling.number * (len(sampling.over) + 2 if sampling.kind == "sobol_indices" else 1))]
 
 
@@ -127,7 +133,18 @@ def read_ranges(node: Node | None, what: str, problems: Problems) -> dict[str, R
     return found
 
 
+def _are_seeds(over: Mapping[str, Range]) -> bool:
+    """Whether the ranges have whole ends and hold equally many numbers."""
+    ends = [(wanted.low, wanted.high) for wanted in over.values()]
+    return all(low == round(low) and high == round(high) and 0 <= low <= high for low, high in ends) and \
+        len({high - low for low, high in ends}) == 1 and all(wanted.nominal is None for wanted in over.values())
+
+
 def _named(given: Scalar, over: Mapping[str, Range], problems: Problems) -> Sampling | None:
+    if given.text == SEEDS and not _are_seeds(over):
+        problems.add("seeds-wrong", "seeds are whole numbers, equally many for each parameter", given.place,
+                     hint="Write for example `over: {wave.seed: 1 .. 12}`.")
+        return None
     if given.text in NAMED:
         return Sampling(given.text, over)
     hint = f"Write `sample: {{{given.text}: 64}}`." if given.text in DRAWN else \

@@ -38,7 +38,8 @@ ASKED = {"on": True, "off": False}
 GRADIENT_KEYS = ("explore", "starts", "method")
 PICTURES = ("signals", "curves", "map", "histogram", "tornado", "indices")
 # the kinds of samples that a picture can be drawn of
-SAMPLES_OF = {"histogram": ("sobol", "latin_hypercube", "random", "sobol_indices"), "tornado": ("one_at_a_time", "local"),
+SAMPLES_OF = {"histogram": ("sobol", "latin_hypercube", "random", "sobol_indices", "seeds"),
+              "tornado": ("one_at_a_time", "local"),
               "indices": ("sobol_indices", "local")}
 COST = "cost"
 SIMULATIONS = "simulations"

@@ -12,6 +12,7 @@ from heavebond.core.errors import Problem, UsageError, listing, suggest
 from heavebond.core.numerals import whole
 from heavebond.core.units import Range, UnitProblem, parse_range
 from heavebond.studies.sampling import BALANCED, DRAWN, KINDS, NAMED
+from heavebond.studies.study import SAMPLES_OF
 
 EXAMPLE = "Write for example --over controller.K_p='1 .. 4 1/m; 9', or a list: --over wave.T='8 s, 10 s'."
 
@@ -140,7 +141,7 @@ def _pictures(sweep: Sweep) -> list[str]:
     shown = f"[{', '.join(_quoted(text) for text, _ in sweep.measures)}]"
     number = sum(1 for over in sweep.overs if over.number or over.values)
     kind = sweep.sample.partition(":")[0].strip()
-    kinds = {"histogram": kind in DRAWN, "indices": kind in ("sobol_indices", "local"), "tornado": kind in NAMED,
+    kinds = {**{name: kind in fitting for name, fitting in SAMPLES_OF.items()},
              "curves": number > 0 and not sweep.sample and not sweep.worst, "map": number > 1 and not sweep.sample}
     found = [f"  {name}: {{{name}: {shown}}}" for name, wanted in kinds.items() if wanted]
     found += [f"  signals: {{signals: [{', '.join(map(_quoted, sweep.signals))}]}}"] if sweep.signals else []

@@ -180,9 +180,11 @@ def residual_rows(result: StudyResult) -> Iterator[tuple[str, ...]]:
 
 
 def spread_rows(result: StudyResult) -> list[tuple[str, ...]]:
-    """Quantity, other levels, mean, standard deviation, quantiles and extremes of every number over the sample."""
-    return [(f"{_titled(result, s.quantity)}", s.others, *(number(v, 4) for v in (
-        s.mean, s.deviation, s.least, *s.quantiles, s.most)), f"{s.number}" + (f" + {s.failed} failed" if s.failed else ""))
+    """Quantity, other levels, mean with its 95 % interval, standard deviation, quantiles and extremes over the sample."""
+    return [(f"{_titled(result, s.quantity)}", s.others, number(s.mean, 4),
+             "" if math.isnan(s.interval[0]) else f"{number(s.interval[0], 4)} .. {number(s.interval[1], 4)}",
+             *(number(v, 4) for v in (s.deviation, s.least, *s.quantiles, s.most)),
+             f"{s.number}" + (f" + {s.failed} failed" if s.failed else ""))
         for s in spreads(result)]
 
 

@@ -19,23 +19,26 @@ import numpy as np
 from heavebond.numerics.dae import Array
 from heavebond.studies.campaign import StudyResult
 from heavebond.studies.run_case import Outcome
-from heavebond.studies.sampling import AS_GIVEN, DRAWN, Sampling, distribution
+from heavebond.studies.sampling import AS_GIVEN, DRAWN, SEEDS, Sampling, distribution
 from heavebond.studies.study import SIMULATIONS
 
 QUANTILES = (0.05, 0.5, 0.95)
 RESAMPLED = 500  # bootstrap samples for an interval
 CONFIDENCE = 0.95
+INDEPENDENT = ("random", SEEDS)  # kinds of samples whose points are independent, so that their mean has an interval
 LEAST = 8  # smallest number of points for indices
 
 
 @dataclass(frozen=True)
 class Spread:
     """Statistics of a quantity over the sample, in its display unit, at levels `others` of the other axes; `failed` is the
-    number of cases without a value. Of a sample for Sobol indices only the independently drawn points count."""
+    number of cases without a value. Of a sample for Sobol indices only the independently drawn points count. `interval` is
+    the 95 % interval of the mean, mean +- t s/sqrt(n) with Student's t; NaN where the points are not independent."""
 
     quantity: str
     others: str
     mean: float
+    interval: tuple[float, float]
     deviation: float
     quantiles: tuple[float, float, float]
     least: float
@@ -111,25 +114,39 @@ def _sampling(result: StudyResult, *kinds: str) -> Sampling | None:
 
 def drawn(result: StudyResult, quantity: str, outcomes: dict[int, Outcome]) -> Array:
     """A quantity at the independently drawn points (n,), NaN where a case failed."""
-    sampling = _sampling(result, *DRAWN)
+    sampling = _sampling(result, *DRAWN, SEEDS)
     assert sampling is not None
+    if sampling.kind == SEEDS:
+        return np.array([result.value(o, quantity) for o in outcomes.values()])
     until = 2 * sampling.number if sampling.kind == "sobol_indices" else sampling.number
     return np.array([result.value(o, quantity) for k, o in outcomes.items() if k < until])
 
 
 def spreads(result: StudyResult) -> list[Spread]:
     """The statistics of every quantity over a random or quasi-random sample."""
-    found = []
-    for others, outcomes in groups(result) if _sampling(result, *DRAWN) is not None else ():
+    found, sampling = [], _sampling(result, *DRAWN, SEEDS)
+    for others, outcomes in groups(result) if sampling is not None else ():
         for quantity in quantities(result):
             values = drawn(result, quantity, outcomes)
             known = values[np.isfinite(values)]
             if len(known):
                 low, middle, high = np.quantile(known, QUANTILES).tolist()
                 deviation = float(known.std(ddof=1)) if len(known) > 1 else math.nan
-                found.append(Spread(quantity, others, float(known.mean()), deviation, (low, middle, high),
+                assert sampling is not None
+                interval = interval_of_mean(known) if sampling.kind in INDEPENDENT else (math.nan, math.nan)
+                found.append(Spread(quantity, others, float(known.mean()), interval, deviation, (low, middle, high),
                                     float(known.min()), float(known.max()), len(known), len(values) - len(known)))
     return found
+
+
+def interval_of_mean(values: Array) -> tuple[float, float]:
+    """The 95 % interval of the mean of independent values (n,)."""
+    from scipy.stats import t
+
+    if len(values) < 2:
+        return math.nan, math.nan
+    half = float(t.ppf((1 + CONFIDENCE) / 2, len(values) - 1) * values.std(ddof=1) / math.sqrt(len(values)))
+    return float(values.mean()) - half, float(values.mean()) + half
 
 
 def indices(result: StudyResult) -> list[Indices]:

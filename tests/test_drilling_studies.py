@@ -1,0 +1,88 @@
+"""The studies for drilling engineers: each table of the page is what the command prints, and its sentences hold."""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import heavebond as hb
+from heavebond.studies.run_case import assembled, checked, measured
+from heavebond.studies.study import load_study
+from heavebond.studies.uncertainty import spreads
+
+pytestmark = pytest.mark.long
+
+PAGE = Path(__file__).parents[1] / "docs" / "drilling.md"
+NEAR = 0.03     # of a value: the solvers' steps at reversals of friction, on other computers
+# the case of each study that is run here; the others in the slow tests
+SHORT = {"changeover": 6, "accumulator": 12, "energy": 1}
+
+
+@cache
+def block(study: str) -> list[str]:
+    """The lines of the output on the page, below the command."""
+    text = PAGE.read_text(encoding="utf-8")
+    found = re.search(rf"```text\n\$ heavebond study cmc_ahc/studies/{study} [^\n]*\n(.*?)```", text, re.DOTALL)
+    assert found, study
+    return found[1].splitlines()
+
+
+def rows(study: str) -> np.ndarray:
+    """The measured values (cases, measures) of the table on the page, in the units of the study."""
+    lines = block(study)
+    rule = next(k for k, line in enumerate(lines) if line.startswith("───"))
+    number = len(load_study(f"cmc_ahc/studies/{study}").measures)
+    return np.array([[float(word) for word in line.split()[-number:]] for line in lines[rule + 1:]])
+
+
+@pytest.mark.parametrize("study", SHORT)
+def test_one_row_of_each_table(study: str) -> None:
+    loaded, number = load_study(f"cmc_ahc/studies/{study}"), SHORT[study]
+    units = checked(loaded)
+    found, _, _ = measured(loaded, assembled(loaded, loaded.case(number)))
+    assert [units[name].from_si(value) for name, value in found.items()] == pytest.approx(rows(study)[number], rel=NEAR)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("study", SHORT)
+def test_whole_tables(study: str) -> None:
+    result = hb.run_study(f"cmc_ahc/studies/{study}")
+    assert result.complete
+    found = [[result.value(outcome, name) for name in result.study.measures] for outcome in result.outcomes]
+    assert np.array(found) == pytest.approx(rows(study), rel=NEAR)
+
+
+@pytest.mark.slow
+def test_the_sample_of_machines() -> None:
+    """Means and least values; unstable runs are sensitive to rounding, so that the published gain is compared by signs."""
+    result = hb.run_study("cmc_ahc/studies/robustness")
+    assert result.complete
+    lines = [line for line in block("robustness") if re.match(r"(WOB|damping)", line)]
+    for line, spread in zip(lines, spreads(result), strict=True):
+        words = line.split()
+        mean, least = float(words[-8]), float(words[-6])
+        if "3.02" not in spread.others:
+            assert (spread.mean, spread.least) == (pytest.approx(mean, rel=NEAR), pytest.approx(least, rel=0.1))
+        elif spread.quantity == "damping":
+            assert spread.least < spread.quantiles[1] < 0 < spread.most
+        else:
+            assert spread.most > 10 * spread.least
+
+
+def test_sentences_on_the_tables() -> None:
+    passive = 60.76     # kN, Fig. 6
+    closing = rows("changeover")[:, 2].reshape(2, 8)
+    assert (closing[:, :5] > 2.9 * passive).all() and (closing[:, :5] < 4.3 * passive).all()     # within 1 s
+    assert (closing[:, 6:] < passive).all()                                                     # 5 s or more
+    gas = rows("accumulator")[:, 0].reshape(2, 2, 5)
+    assert np.ptp(gas[0]) < 0.02
+    assert gas[1, 0].argmin() == 2 and (np.diff(gas[1, 1]) < 0).all()
+    assert gas[1, 1, 4] == pytest.approx(gas[1, 0, 2], rel=0.01)
+    energy = rows("energy")
+    assert energy[1, 3] / energy[1, 0] == pytest.approx(0.04, abs=0.005)
+    drift = 0.55 * 2 * np.pi / 12 * 0.5 / 3.02     # m, K_v v/K_p
+    assert f"= {1e3 * drift:.0f} mm" in " ".join(PAGE.read_text(encoding="utf-8").split())
