@@ -20,6 +20,7 @@ from heavebond.studio.bench import Bench, view
 from heavebond.studio.folder import BUNDLED, Folder, bundled_machines, version
 from heavebond.studio.job import Job
 from heavebond.studio.page_safety import Guard, policy
+from heavebond.studio.values import with_values
 from heavebond.studio.workers import Worker
 
 ROOT = Path(__file__).parents[1]
@@ -102,6 +103,18 @@ def test_the_first_page_lists_the_machines() -> None:
     assert {f"{BUNDLED}cmc_ahc", f"{BUNDLED}cmc_ahc/passive", f"{BUNDLED}circuits/crane"} <= set(names)
     assert f"{BUNDLED}cmc_ahc/quality_index" not in names  # a study
     assert all(entry["summary"] and not entry["summary"].startswith(">") for entry in bundled_machines())
+
+
+@pytest.mark.parametrize(("text", "path", "wanted"), [
+    (CAR, "damper.d", CAR.replace("d: 1.5 kN*s/m", "d: 2 m")),
+    (CAR, "speed", CAR.replace("speed:  5 m/s", "speed:  2 m")),
+    (CAR, "a.b.c", CAR + "set:\n  a.b.c: 2 m\n"),
+    ("model: a\nextends: b.yaml\ncomponents:\n  s: {is: Spring}\n", "s.c",
+     "model: a\nextends: b.yaml\ncomponents:\n  s: {is: Spring}\nset:\n  s.c: 2 m\n"),
+    (CAR + "set: {damper.d: 1 N*s/m}  # tuned\n", "damper.d", CAR + "set: {damper.d: 2 m}  # tuned\n")])
+def test_a_value_is_written_where_it_decides(text: str, path: str, wanted: str) -> None:
+    changed = with_values(text, {path: "2 m"})
+    assert changed.rstrip("\n") == wanted.rstrip("\n")
 
 
 # -- who is let in ---------------------------------------------------------------------------------------------------------

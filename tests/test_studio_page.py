@@ -127,6 +127,15 @@ def test_a_slider_runs_while_it_moves_and_runs_are_laid_over_each_other(tab: bro
     tab.key("ArrowLeft", code=37)  # the keyboard moves it too
     tab.wait(f"studio.values['damper.d'] !== {json.dumps(value)} && !studio.busy")
     assert (server.folder / "car.yaml").read_text(encoding="utf-8") == CAR
+    value = tab.run("studio.values['damper.d']")
+    tab.run("document.getElementById('sheet').focus()")
+    tab.key("Escape", code=27)  # nothing is selected: the diagram's own panel
+    tab.click("#write-values")
+    tab.wait("studio.unsaved && Object.keys(studio.values).length === 0")
+    assert tab.run("studio.editor.text") == CAR.replace("1.5 kN*s/m", value)
+    tab.run("studio.editor.view.focus()")
+    tab.key("z", ctrl=True)  # one step of undo
+    tab.wait("!studio.unsaved")
     tab.run("window.saved = []; const url = URL.createObjectURL; "
             "URL.createObjectURL = blob => (blob.text().then(t => saved.push(t)), url(blob)); 1")
     tab.click("#csv")

@@ -25,6 +25,7 @@ from heavebond.core.limits import FILE_BYTES
 from heavebond.studio.folder import BUNDLED, Document, Folder, bundled_machines
 from heavebond.studio.job import Job
 from heavebond.studio.page_safety import Guard, new_token, policy
+from heavebond.studio.values import with_values
 from heavebond.studio.workers import Answer, Worker
 
 PORT, PORTS = 8437, 20  # the first port that is tried, and how many; the same one finds the drafts of unsaved texts again
@@ -129,7 +130,7 @@ class Tab:
         actions: dict[str, Callable[[dict[str, Any]], Awaitable[Answer]]] = {
             "home": self._home, "open": self._open, "new": self._new, "save": self._save, "view": self._view,
             "run": self._run, "prepare": self._run, "preview": self._run, "signals": self._run, "stop": self._stop,
-            "copy": self._copy, "derive": self._derive}
+            "copy": self._copy, "derive": self._derive, "write": self._write}
         try:
             kind, told, values = await actions[str(message.get("do"))](message)
             if kind == "problems":
@@ -186,6 +187,10 @@ class Tab:
         values = {str(k): str(v) for k, v in message["values"].items()}
         made = await asyncio.to_thread(self.studio.folder.derive, str(message["name"]), str(message["origin"]), values)
         return "done", {"name": made}, None
+
+    async def _write(self, message: dict[str, Any]) -> Answer:
+        values = {str(k): str(v) for k, v in message["values"].items()}
+        return "done", {"text": await asyncio.to_thread(with_values, str(message["text"]), values)}, None
 
     async def _save(self, message: dict[str, Any]) -> Answer:
         name, text, base = (str(message[k]) for k in ("name", "text", "base"))

@@ -7,7 +7,8 @@ follows aliases; here nothing is guessed, and what could be misread is an error.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol, Union
 
@@ -164,11 +165,54 @@ def short_path(path: Path) -> str:
         return str(path)
 
 
+@dataclass(frozen=True)
+class Span:
+    """The characters of a node in the text, [begin, end); of a mapping with those of its values and where its keys begin.
+    That of a block ends with its last value, a comment behind it left out; a key without value has an empty one."""
+
+    begin: int
+    end: int
+    mapping: bool = False
+    flow: bool = False
+    entries: dict[str, Span] = field(default_factory=dict)
+    keys: dict[str, int] = field(default_factory=dict)
+
+
+def spans(text: str) -> Span:
+    """Where everything stands in a text that `parse` accepts."""
+    outside = (yaml.StreamStartEvent, yaml.DocumentStartEvent)
+    events = (e for e in yaml.parse(text, Loader=yaml.SafeLoader) if not isinstance(e, outside))
+    return _span(next(events), events)
+
+
+def _index(mark: _Mark | None) -> int:
+    assert mark is not None  # the scanner sets all
+    return mark.index
+
+
+def _span(event: yaml.Event, events: Iterator[yaml.Event]) -> Span:
+    begin, end = _index(event.start_mark), _index(event.end_mark)
+    if not isinstance(event, yaml.CollectionStartEvent):
+        return Span(begin, end)
+    entries, keys, last = {}, {}, end
+    while not isinstance(inner := next(events), yaml.CollectionEndEvent):
+        found = _span(inner, events)
+        if isinstance(event, yaml.MappingStartEvent):
+            assert isinstance(inner, yaml.ScalarEvent)
+            keys[inner.value], found = found.begin, _span(next(events), events)
+            entries[inner.value] = found
+        last = found.end
+    flow, mapping = bool(event.flow_style), isinstance(event, yaml.MappingStartEvent)
+    return Span(begin, _index(inner.end_mark) if flow else last, mapping, flow, entries, keys)
+
+
 class _Mark(Protocol):
     @property
     def line(self) -> int: ...
     @property
     def column(self) -> int: ...
+    @property
+    def index(self) -> int: ...
 
 
 class _Builder:

@@ -300,6 +300,21 @@ class Studio {
     if (this.live) void this.run();
   }
 
+  /** The values of the sliders into the text, one step for undo. */
+  async writeValues() {
+    const before = this.editor.text, values = this.values;
+    try {
+      const told = await this.link.ask("write", { text: before, values });
+      if (this.editor.text !== before) return; // typed meanwhile
+      this.editor.replace(told.text);
+      this.values = {};
+      this.panel.show();
+      this.say("written into the text, not saved yet");
+    } catch (error) {
+      this.banner([error instanceof Error ? error.message : String(error)]);
+    }
+  }
+
   /** Begin to build what sliders run with. */
   prepare() {
     const text = this.editor.text;

@@ -45,10 +45,12 @@ export class Panel {
   }
 
   changed() {
+    /** @type {string[]} */
     const paths = Object.keys(this.studio.values);
     if (!paths.length) return [];
     return [el("h3", {}, "Changed by sliders"), el("ul", { class: "signals" }, ...paths.map((path) => el("li", {}, el("code", {}, `${path} = ${this.studio.values[path]}`)))),
       el("p", {}, "These values hold for runs on this page. The text keeps its own."),
+      this.studio.document.writable && el("button", { id: "write-values", onclick: () => this.studio.writeValues() }, "Write them into the text"), " ",
       el("button", { id: "reset-all", onclick: () => this.studio.setValues({}) }, "Back to the text's values")];
   }
 

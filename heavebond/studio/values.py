@@ -1,0 +1,30 @@
+"""Values of sliders written into the text of a diagram, on the lines where they belong and no others."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping as Dictionary
+
+from heavebond.text.yaml_edits import set_entry
+from heavebond.text.yaml_source import Mapping, parse
+
+
+def with_values(text: str, values: Dictionary[str, str]) -> str:
+    """The text with values of parameters by their paths; see `set_entry`."""
+    for path, value in values.items():
+        text = set_entry(text, _place(parse(text).root, path), value)
+    return text
+
+
+def _place(root: Mapping, path: str) -> tuple[str, ...]:
+    """The keys under which a parameter is set: where `set:` has it already, else at the diagram's own parameter or at the
+    part, else under `set:`, which also decides over a diagram that is extended."""
+    given = root.items.get("set")
+    if isinstance(given, Mapping) and path in given.items:
+        return "set", path
+    owner, _, name = path.rpartition(".")
+    if not owner:
+        return "parameters", name
+    parts = root.items.get("components")
+    if "extends" not in root.items and isinstance(parts, Mapping) and isinstance(parts.items.get(owner), Mapping):
+        return "components", owner, name
+    return "set", path

@@ -1,0 +1,99 @@
+"""Changes of a text: what is read afterwards is the tree with the one change, and only the lines meant are others."""
+
+from __future__ import annotations
+
+import difflib
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from heavebond.core.errors import UsageError
+from heavebond.language.library import bundled
+from heavebond.text.yaml_edits import set_entry, tree
+from heavebond.text.yaml_source import Mapping, Scalar, parse, read
+
+DIAGRAMS = [p for p in sorted(bundled("models").glob("*/*.yaml")) if p.parent.name != "examples"
+            and isinstance(read(p, bundled=True).root.items.get("components"), Mapping)]
+
+
+def _changed(before: str, after: str) -> tuple[list[str], list[str]]:
+    """The lines that went and those that came."""
+    lines = list(difflib.ndiff(before.splitlines(), after.splitlines()))
+    return [x[2:] for x in lines if x[0] == "-"], [x[2:] for x in lines if x[0] == "+"]
+
+
+@pytest.mark.parametrize("path", DIAGRAMS, ids=lambda p: p.stem)
+def test_each_value_of_a_bundled_part_can_be_set(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    root = parse(text).root
+    parts = root.items.get("components")
+    assert isinstance(parts, Mapping)
+    for name, part in list(parts.items.items())[:4]:
+        if not isinstance(part, Mapping):
+            continue
+        for key, value in part.items.items():
+            if key != "is" and isinstance(value, Scalar) and not value.block:
+                went, came = _changed(text, set_entry(text, ("components", name, key), "1.25 kN/m"))
+                assert len(went) == len(came) == 1 and "1.25 kN/m" in came[0], (name, key)
+        went, came = _changed(text, set_entry(text, ("components", name, "fresh"), "7 mm"))
+        assert len(went) <= 1 and len(came) == 1 and "fresh: 7 mm" in came[0]
+    went, came = _changed(text, set_entry(text, ("set", "a.b.c"), "3 bar"))
+    assert len(went) <= 1 and len(came) <= 2
+
+
+@pytest.mark.parametrize(("before", "keys", "value", "after"), [
+    ("a: 1  # one\nb: 2\n", ("a",), "5 m", "a: 5 m  # one\nb: 2\n"),
+    ("a: 'x'\n", ("a",), "5 m", "a: 5 m\n"),
+    ("m: {a: 1,   b: 2 }  # c\n", ("m", "c"), "3", "m: {a: 1,   b: 2, c: 3 }  # c\n"),
+    ("m: {a: 1,  # one\n    b: 2   # two\n   }\n", ("m", "c"), "3", "m: {a: 1,  # one\n    b: 2, c: 3   # two\n   }\n"),
+    ("m: {}\n", ("m", "c"), "3", "m: {c: 3}\n"),
+    ("m:\n    a: 1  # one\n    # end\nn: 2\n", ("m", "b"), "3", "m:\n    a: 1  # one\n    b: 3\n    # end\nn: 2\n"),
+    ("a: 1", ("set", "x.y"), "3 bar", "a: 1\nset:\n  x.y: 3 bar"),
+    ("t: |\n  text\n  more\n", ("b",), "2", "t: |\n  text\n  more\nb: 2\n"),
+    ("a: 1\n", ("b",), "=max(1, 2)", 'a: 1\nb: "=max(1, 2)"\n'),
+    ("a: 1\n", ("b", "c", "d"), "2", "a: 1\nb:\n  c: {d: 2}\n")])
+def test_an_entry_is_set_in_the_style_around_it(before: str, keys: tuple[str, ...], value: str, after: str) -> None:
+    assert set_entry(before, keys, value) == after
+
+
+def test_what_is_no_mapping_is_not_replaced() -> None:
+    for text in ("a: 1\n", "a: [1, 2]\n"):
+        with pytest.raises(UsageError):
+            set_entry(text, ("a", "b"), "2")
+
+
+KEYS = st.sampled_from(["a", "b", "c", "d.e", "f_1"])
+VALUES = st.sampled_from(["1", "2 kN/m", "=x*3", "[1, 2]", "it's", "a: b", "#", "-", "'q'", "1,5", "~ 3 bar", "{x", "\"",
+                          "ü", "yes"])
+GAPS = st.sampled_from(["", "  # why", "   "])
+
+
+@st.composite
+def documents(draw: st.DrawFn) -> str:
+    """Mappings in both styles with comments and blank lines between their entries."""
+    lines = ["top: 0"]
+    for name in draw(st.lists(KEYS, unique=True, min_size=1)):
+        inner = draw(st.lists(KEYS, unique=True, min_size=1))
+        values = [draw(st.sampled_from(["1", "2 kN/m", "'q, r'", "[1, 2]", '"x: y"'])) for _ in inner]
+        entries = [f"{k}: {v}" for k, v in zip(inner, values, strict=True)]
+        if draw(st.booleans()):
+            lines.append(f"{name}: {{{', '.join(entries)}}}{draw(GAPS)}")
+        else:
+            lines += [f"{name}:{draw(GAPS)}", *(f"  {entry}{draw(GAPS)}" for entry in entries)]
+        lines += draw(st.lists(st.sampled_from(["", "# a comment", "  # an indented one"]), max_size=2))
+    return "\n".join(lines) + draw(st.sampled_from(["\n", "", "\n\n"]))
+
+
+@settings(max_examples=150, deadline=None)
+@given(documents(), KEYS, KEYS, VALUES)
+def test_reading_a_changed_text_gives_the_changed_tree(text: str, outer: str, inner: str, value: str) -> None:
+    before = tree(parse(text).root)
+    changed = set_entry(text, (outer, inner), value)
+    assert isinstance(before, dict)
+    old = before.get(outer, {})
+    assert isinstance(old, dict)
+    assert tree(parse(changed).root) == {**before, outer: {**old, inner: value}}
+    went, came = _changed(text, changed)
+    assert len(went) <= 1 and len(came) <= 2
