@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import test_library_drives as drives
 from examples import Array, Case, check, without_example
 from scipy.integrate import solve_ivp
 from scipy.interpolate import RegularGridInterpolator
@@ -154,7 +155,7 @@ def test_the_example_shows_the_law(case: Case) -> None:
 
 
 def test_every_component_has_an_example() -> None:
-    assert without_example(["signal"], CASES) == []
+    assert without_example(["signal"], [*CASES, *drives.SIGNALS]) == []
 
 
 def test_a_multisine_has_its_rms_and_a_low_peak() -> None:
