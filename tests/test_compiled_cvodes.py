@@ -4,13 +4,22 @@ from __future__ import annotations
 
 import gc
 import weakref
+from dataclasses import dataclass, field
 
 import casadi as ca
 import numpy as np
 import pytest
 
 from heavebond.numerics import compiled_cvodes
-from heavebond.numerics.compiled_cvodes import KNOWN, OPERATIONS, CompiledCvodes
+from heavebond.numerics.compiled_cvodes import (
+    KNOWN,
+    OPERATIONS,
+    CompiledCvodes,
+    Driving,
+    Equations,
+    Integrated,
+    NotCompiled,
+)
 from heavebond.numerics.idas import Tolerances
 
 pytestmark = pytest.mark.skipif(compiled_cvodes.program() is None, reason="no C compiler, or a CasADi with another SUNDIALS")
@@ -18,16 +27,30 @@ TOLERANCES = Tolerances(1e-8, 1e-10)
 STOPS = np.linspace(0.0, 5.0, 26)
 
 
-def system(x: ca.SX, ode: ca.SX, p: ca.SX | None = None, u: ca.SX | None = None, t: ca.SX | None = None) -> dict[str, ca.SX]:
-    none = ca.SX(0, 1)
-    return {"t": ca.SX.sym("t") if t is None else t, "x": x, "z": none, "p": none if p is None else p,
-            "u": none if u is None else u, "ode": ode, "alg": none}
+@dataclass
+class System:
+    """x' = ode, 0 = alg and signals with symbols of their own, unless they are given."""
+
+    x: ca.SX
+    ode: ca.SX
+    p: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
+    u: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
+    t: ca.SX = field(default_factory=lambda: ca.SX.sym("t"))
+    z: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
+    alg: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
+    signals: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
+
+    def equations(self, *moving: int) -> Equations:
+        return Equations([self.t, self.x, self.z, self.p, self.u], self.ode, self.alg, self.signals, moving)
 
 
-def integrate(dae: dict[str, ca.SX], n: int, x0: list[float], p: list[float], most: int = 1000, **more: object
-              ) -> np.ndarray:
-    assert CompiledCvodes.fits(dae, n)
-    return CompiledCvodes(dae, n, STOPS, TOLERANCES, most)(x0=np.array(x0), p=np.array(p), **more)["xf"]
+def run(own: CompiledCvodes, x0: list[float], p: list[float], z0: list[float] | None = None) -> Integrated:
+    """With a sensitivity to each parameter, in their order, where there are any."""
+    return own.run(np.array([*x0, *[0.0] * len(x0) * own.m]), np.array(z0 or []), np.array(p), np.eye(len(p), own.m))
+
+
+def integrate(system: System, x0: list[float], p: list[float], most: int = 1000) -> np.ndarray:
+    return run(CompiledCvodes(system.equations(), 0, STOPS, TOLERANCES, most), x0, p).x
 
 
 @pytest.mark.parametrize("name", [name for name in OPERATIONS if hasattr(ca, f"OP_{name}")])
@@ -49,66 +72,97 @@ def test_operations_are_those_of_casadi(name: str) -> None:
         wanted = float(expected(*point))
         if np.isfinite(wanted):
             tried += 1
-            found = integrate(system(x, expression, ca.vertcat(a, b)), 1, [0.0], point)
-            assert found[0] == pytest.approx(wanted * STOPS[1:], rel=1e-9, abs=1e-12), point
+            found = integrate(System(x, expression, ca.vertcat(a, b)), [0.0], point)
+            assert found[0] == pytest.approx(wanted * STOPS, rel=1e-9, abs=1e-12), point
     assert tried
 
 
-def pendulum() -> tuple[dict[str, ca.SX], ca.Function]:
-    """A damped pendulum with its sensitivity to the damping, driven by a table over time."""
-    t, x, s, p, u = (ca.SX.sym(name, k) for name, k in (("t", 1), ("x", 2), ("s", 2), ("p", 1), ("u", 2)))
+U = np.vstack([STOPS[:-1], np.sin(STOPS[:-1])])
+AT_STOPS = np.vstack([STOPS, np.sin(STOPS)])
+
+
+def pendulum() -> System:
+    """A damped pendulum, driven by a table over time; its signals are an acceleration and a product."""
+    t, x, p, u = (ca.SX.sym(name, k) for name, k in (("t", 1), ("x", 2), ("p", 1), ("u", 2)))
     rate = ca.vertcat(x[1], -ca.sin(x[0]) - p * x[1] + u[1] * (t - u[0]))
-    moved = ca.jtimes(rate, x, s) + ca.jacobian(rate, p)
-    return system(ca.vertcat(x, s), ca.vertcat(rate, moved), p, u, t), rate
+    return System(x, rate, p, u, t, signals=ca.vertcat(rate[1], x[0] * x[1] + p**2))
 
 
 def test_runs_and_steps_are_those_of_casadis_cvodes() -> None:
-    """With inputs held between stops: the same method begun anew at each stop, so the same steps but for roundings."""
-    dae, _ = pendulum()
-    u = np.vstack([STOPS[:-1], np.sin(STOPS[:-1])])
-    own = CompiledCvodes(dae, 2, STOPS, TOLERANCES, 1000)
-    found = own(x0=np.array([1.0, 0, 0, 0]), p=np.array([0.2]), u=u)["xf"]
-    given = {k: v for k, v in dae.items() if k not in ("z", "alg")}
+    """With inputs held between stops: the same method begun anew at each stop, so the same steps but for roundings; with the
+    sensitivities of states and signals to the damping."""
+    system = pendulum()
+    x, p = system.x, system.p
+    own = CompiledCvodes(system.equations(0), 1, STOPS, TOLERANCES, 1000, Driving(STOPS, U, AT_STOPS, True))
+    found = run(own, [1.0, 0.0], [0.2])
+    s = ca.SX.sym("s", 2)
+    given = {"t": system.t, "x": ca.vertcat(x, s), "p": p, "u": system.u,
+             "ode": ca.vertcat(system.ode, ca.jtimes(system.ode, x, s) + ca.jacobian(system.ode, p))}
     peer = ca.integrator("run", "cvodes", given, 0.0, STOPS[1:].tolist(), {"reltol": 1e-8, "abstol": 1e-10})
-    wanted = np.array(peer(x0=[1.0, 0, 0, 0], p=0.2, u=u)["xf"])
+    wanted = np.array(peer(x0=[1.0, 0, 0, 0], p=0.2, u=U)["xf"])
     # both err by some ten times their tolerance
-    assert np.abs(found - wanted).max() < 1e-6
+    assert np.abs(found.x[:, 1:] - wanted).max() < 1e-6
     assert own.stats()["nsteps"] > len(STOPS)
+    moved = ca.jtimes(system.signals, x, s) + ca.jacobian(system.signals, p)
+    signals = ca.Function("signals", [system.t, given["x"], p, system.u], [system.signals, moved])
+    for k, expected in enumerate(signals(STOPS[None, :], found.x, 0.2, AT_STOPS)):
+        assert np.abs(found.signals[:, k].T - np.array(expected)).max() < 1e-12
+    assert own.run(np.array([1.0, 0, 0, 0]), np.zeros(0), np.array([0.2]), np.eye(1), False).signals == \
+        pytest.approx(found.signals, abs=0)
 
 
 def test_a_table_is_looked_up_by_time() -> None:
     """The same pieces, stepped over under error control."""
-    dae, _ = pendulum()
-    u = np.vstack([STOPS[:-1], np.sin(STOPS[:-1])])
-    x0, p = np.array([1.0, 0, 0, 0]), np.array([0.2])
-    over = CompiledCvodes(dae, 2, STOPS, TOLERANCES, 1000, (STOPS, u), 0.4)(x0=x0, p=p)["xf"]
-    stopping = CompiledCvodes(dae, 2, STOPS, TOLERANCES, 1000)(x0=x0, p=p, u=u)["xf"]
-    assert np.abs(over - stopping).max() < 1e-6
+    equations = pendulum().equations()
+    over = CompiledCvodes(equations, 0, STOPS, TOLERANCES, 1000, Driving(STOPS, U, AT_STOPS, False), 0.4)
+    stopping = CompiledCvodes(equations, 0, STOPS, TOLERANCES, 1000, Driving(STOPS, U, AT_STOPS, True))
+    assert np.abs(run(over, [1.0, 0.0], [0.2]).x - run(stopping, [1.0, 0.0], [0.2]).x).max() < 1e-6
+
+
+def test_algebraic_unknowns_follow_the_states() -> None:
+    """x' = -z with z + p z**3 = x, whose z has no simple form: as IDAS integrates it, with sensitivities."""
+    x, z, p = ca.SX.sym("x"), ca.SX.sym("z"), ca.SX.sym("p")
+    system = System(x, -z, p, z=z, alg=z + p * z**3 - x, signals=x * z)
+    found = run(CompiledCvodes(system.equations(0), 1, STOPS, TOLERANCES, 1000), [1.0], [0.5], [0.7])
+    s, w = ca.SX.sym("s"), ca.SX.sym("w")
+    moved = ca.jtimes(system.alg, ca.vertcat(x, z), ca.vertcat(s, w)) + ca.jacobian(system.alg, p)
+    dae = {"x": ca.vertcat(x, s), "z": ca.vertcat(z, w), "p": p, "ode": ca.vertcat(-z, -w),
+           "alg": ca.vertcat(system.alg, moved)}
+    peer = ca.integrator("run", "idas", dae, 0.0, STOPS[1:].tolist(), {"reltol": 1e-10, "abstol": 1e-12})
+    wanted = peer(x0=[1.0, 0.0], z0=[0.7, 0.0], p=0.5)
+    assert np.abs(found.x[:, 1:] - np.array(wanted["xf"])).max() < 1e-6
+    assert np.abs(found.z[:, 1:] - np.array(wanted["zf"])).max() < 1e-6
+    assert found.signals[:, 1, 0] == pytest.approx(found.x[1] * found.z[0] + found.x[0] * found.z[1], abs=1e-12)
+
+
+def test_algebraic_unknowns_that_nothing_determines_are_an_error() -> None:
+    x, z = ca.SX.sym("x"), ca.SX.sym("z", 2)
+    system = System(x, -z[0], z=z, alg=ca.vertcat(z[0] + z[1] - x, 2 * (z[0] + z[1] - x)))
+    with pytest.raises(RuntimeError, match="right-hand side"):
+        run(CompiledCvodes(system.equations(), 0, STOPS, TOLERANCES, 1000), [1.0], [], [0.5, 0.5])
 
 
 def test_what_runs_away_is_an_error_that_says_when() -> None:
     x = ca.SX.sym("x")
     with pytest.raises(RuntimeError, match=r"At t = (0\.99|1\.0)"):
-        integrate(system(x, x**2), 1, [1.0], [])
+        integrate(System(x, x**2), [1.0], [])
     with pytest.raises(RuntimeError, match="mxstep"):
-        integrate(system(x, 100 * ca.cos(1e4 * x) - x), 1, [1.0], [], most=3)
+        integrate(System(x, 100 * ca.cos(1e4 * x) - x), [1.0], [], most=3)
 
 
 def test_an_equation_that_is_no_number_is_an_error() -> None:
     x = ca.SX.sym("x")
     with pytest.raises(RuntimeError, match="right-hand side"):
-        integrate(system(x, ca.log(x - 2.0)), 1, [1.0], [])
+        integrate(System(x, ca.log(x - 2.0)), [1.0], [])
 
 
-def test_it_is_not_offered_what_it_cannot_integrate(monkeypatch: pytest.MonkeyPatch) -> None:
-    x, z = ca.SX.sym("x"), ca.SX.sym("z")
-    dae = system(x, -x)
-    assert not CompiledCvodes.fits({**dae, "z": z, "alg": z - x}, 1)
-    assert not CompiledCvodes.fits(dae, compiled_cvodes.MOST_STATES + 1)
-    external = ca.Function("outside", [ca.MX.sym("a")], [ca.DM(1)])
-    assert not KNOWN.get(ca.OP_CALL) and external.n_in() == 1
-    monkeypatch.setattr(compiled_cvodes, "program", lambda: None)
-    assert not CompiledCvodes.fits(dae, 1)
+def test_what_it_cannot_integrate_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    many = ca.SX.sym("x", compiled_cvodes.MOST_STATES + 1)
+    with pytest.raises(NotCompiled):
+        System(many, -many).equations()
+    monkeypatch.delitem(KNOWN, ca.OP_SIN)
+    with pytest.raises(NotCompiled):
+        System(many[0], ca.sin(many[0])).equations()
 
 
 def test_without_a_compiler_there_is_no_program(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -123,7 +177,7 @@ def test_without_a_compiler_there_is_no_program(monkeypatch: pytest.MonkeyPatch)
 
 def test_what_sundials_holds_is_given_back() -> None:
     x = ca.SX.sym("x")
-    own = CompiledCvodes(system(x, -x), 1, STOPS, TOLERANCES, 1000)
+    own = CompiledCvodes(System(x, -x).equations(), 0, STOPS, TOLERANCES, 1000)
     problem, gone = own._problem, weakref.ref(own)
     assert problem.memory
     del own

@@ -1,10 +1,16 @@
-/* x' = f(t, x, p, u) integrated by the CVODES that CasADi brings, from the first to the last stop in one call.
+/* x' = f(t, x, z, p, u), 0 = g(t, x, z, p, u) integrated by the CVODES that CasADi brings, with forward sensitivities and
+   signals s(t, x, z, p, u), from the first to the last stop in one call.
 
    CVODES (BDF of variable order, Newton's method; A. C. Hindmarsh et al., 2005, doi:10.1145/1089014.1089020) is called by
-   the addresses of its functions. The right-hand side and its Jacobian are lists of operations in static single assignment
-   form over an array of slots: constants, then t, x, p and u, then results. The Jacobian of the states of the model (n of
-   them) is that of every block of their forward sensitivities, so that each linear system is solved block by block with
-   one factorisation. What follows the blocks (integrals) has no part in the Jacobian. */
+   the addresses of its functions. f, g, s and their derivatives are lists of operations in static single assignment form
+   over an array of slots: constants, then t, x, z, p and u, then results. Behind the n states of the model stand m blocks of
+   their sensitivities along directions dp of the parameters,
+
+       X' = f_x X + f_z Z + f_p dp,      0 = g_x X + g_z Z + g_p dp,
+
+   whose products are formed here from the nonzeros of one Jacobian, so that no list grows with m. z follows from x by
+   Newton's method at each evaluation. The Jacobian of the states is that of every block, so that each linear system is
+   solved block by block with one factorisation. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -47,20 +53,36 @@ typedef struct {
   double *slots;
 } Tape;
 
+/* A Jacobian with the columns (x, z, moving parameters): nonzero k stands in rows[k], columns[k]; the values follow those of
+   the function itself in its list. */
+typedef struct {
+  long nonzeros;
+  const int *rows, *columns;
+} Pattern;
+
 typedef struct {
   const Sundials *sundials;
-  Tape right, slope;
-  long n, blocks, total, n_p, n_u, n_pieces, restart; /* restart: whether integration stops at each break */
-  const int *rows, *columns;                          /* of the nonzeros of the Jacobian */
-  const double *breaks, *pieces;                      /* (n_pieces + 1,), (n_u, n_pieces) by columns */
+  Tape right, full, signals; /* f; f and g with their Jacobian; s with its Jacobian */
+  Pattern slopes, signal_slopes;
+  long n, n_z, m, total, n_moving, n_p, n_u, n_signals, n_pieces, restart; /* restart: integration stops at each break */
+  const double *breaks, *pieces; /* (n_pieces + 1,), (n_u, n_pieces) by columns */
+  const double *at_stops;        /* (n_u, N) by columns: what drives the model at each stop */
+  const double *directions;      /* (n_moving, m) by columns */
   long piece;
+  double *z, *along;             /* (n_z,), (n_z, m) by columns */
   double *jacobian, *lu, *inverse;
   int *pivots;
+  double *loop, *loop_inverse, *by_x; /* g_z factored, and g_z^-1 g_x (n_z, n) by columns */
+  int *loop_pivots;
   void *memory;
   N_Vector x;
 } Problem;
 
-enum { BDF = 2, NEWTON = 2, NORMAL = 1, LEFT = 1, BASES = 5 };
+enum { BDF = 2, NEWTON = 2, NORMAL = 1, LEFT = 1, BASES = 5, RIGHT_FAILED = -8, NEWTON_STEPS = 20 };
+
+/* Newton's method for z ends with a step of less than this share of 1 + |z| (in scaled unknowns); z is not determined where
+   a pivot of g_z is less than this share of its largest entry. */
+static const double SETTLED = 1e-10, SINGULAR = 1e-13;
 
 /* Each operation jumps to the next by itself, which a processor predicts better than one switch for all; LABELS and
    OPERATIONS are made of one table in Python, whose last operation ends the list. */
@@ -81,100 +103,201 @@ END:
   return;
 }
 
-/* Put t, x and what drives the model there into the slots of a function; p stands there since the run began. */
-static void bind(Problem *problem, Tape *tape, double t, const double *x) {
+/* Put t, x, z and what drives the model into the slots of a function; p stands there since the run began. */
+static void bind(Problem *problem, Tape *tape, double t, const double *x, const double *u) {
   double *w = tape->slots + tape->n_constants;
   *w++ = t;
-  memcpy(w, x, problem->total * sizeof(double));
-  if (problem->n_u) {
-    const double *breaks = problem->breaks;
-    if (!problem->restart) {
-      long k = problem->piece;
-      while (k + 1 < problem->n_pieces && t >= breaks[k + 1]) ++k;
-      while (k > 0 && t < breaks[k]) --k;
-      problem->piece = k;
-    }
-    memcpy(w + problem->total + problem->n_p, problem->pieces + problem->piece * problem->n_u,
-           problem->n_u * sizeof(double));
-  }
+  memcpy(w, x, problem->n * sizeof(double));
+  if (problem->n_z) memcpy(w + problem->n, problem->z, problem->n_z * sizeof(double));
+  if (problem->n_u) memcpy(w + problem->n + problem->n_z + problem->n_p, u, problem->n_u * sizeof(double));
 }
 
-static int right(double t, N_Vector x, N_Vector rates, void *data) {
-  Problem *problem = data;
-  double *out = problem->sundials->values(rates);
-  const Tape *tape = &problem->right;
-  long k;
-  bind(problem, &problem->right, t, problem->sundials->values(x));
-  evaluate(tape);
-  for (k = 0; k < tape->n_out; ++k) {
-    out[k] = tape->slots[tape->out[k]];
-    if (!isfinite(out[k])) return 1;
+/* The piece of the inputs that holds at t. */
+static const double *driving(Problem *problem, double t) {
+  const double *breaks = problem->breaks;
+  long k = problem->piece;
+  if (!problem->n_u) return 0;
+  if (!problem->restart) {
+    while (k + 1 < problem->n_pieces && t >= breaks[k + 1]) ++k;
+    while (k > 0 && t < breaks[k]) --k;
+    problem->piece = k;
   }
-  return 0;
+  return problem->pieces + k * problem->n_u;
 }
 
-/* The Jacobian at a point, and I - gamma J = P' L U. */
-static int setup(double t, N_Vector x, N_Vector rates, int known, int *renewed, double gamma, void *data, N_Vector a,
-                 N_Vector b, N_Vector c) {
-  Problem *problem = data;
-  const Tape *tape = &problem->slope;
-  long n = problem->n, i, j, k;
-  double *lu = problem->lu;
-  *renewed = !known;
-  if (!known) {
-    bind(problem, &problem->slope, t, problem->sundials->values(x));
-    evaluate(tape);
-    memset(problem->jacobian, 0, n * n * sizeof(double));
-    for (k = 0; k < tape->n_out; ++k)
-      problem->jacobian[problem->rows[k] * n + problem->columns[k]] = tape->slots[tape->out[k]];
-  }
-  for (k = 0; k < n * n; ++k) lu[k] = -gamma * problem->jacobian[k];
-  for (k = 0; k < n; ++k) lu[k * n + k] += 1.0;
+/* P A = L U in place, by rows; 1 where a pivot is no larger than `least` times the largest entry. */
+static int factor(double *a, long n, int *pivots, double *inverse, double least) {
+  double largest = 0.0;
+  long i, j, k;
+  for (k = 0; k < n * n && least > 0; ++k) largest = fmax(largest, fabs(a[k]));
   for (k = 0; k < n; ++k) {
     long best = k;
     for (i = k + 1; i < n; ++i)
-      if (fabs(lu[i * n + k]) > fabs(lu[best * n + k])) best = i;
-    if (!(fabs(lu[best * n + k]) > 0)) return 1;
-    problem->pivots[k] = (int)best;
+      if (fabs(a[i * n + k]) > fabs(a[best * n + k])) best = i;
+    if (!(fabs(a[best * n + k]) > least * largest)) return 1;
+    pivots[k] = (int)best;
     for (j = 0; j < n && best != k; ++j) {
-      double kept = lu[k * n + j];
-      lu[k * n + j] = lu[best * n + j];
-      lu[best * n + j] = kept;
+      double kept = a[k * n + j];
+      a[k * n + j] = a[best * n + j];
+      a[best * n + j] = kept;
     }
     for (i = k + 1; i < n; ++i) {
-      double factor = lu[i * n + k] /= lu[k * n + k];
+      double factor = a[i * n + k] /= a[k * n + k];
       if (factor != 0.0)
-        for (j = k + 1; j < n; ++j) lu[i * n + j] -= factor * lu[k * n + j];
+        for (j = k + 1; j < n; ++j) a[i * n + j] -= factor * a[k * n + j];
     }
-    problem->inverse[k] = 1.0 / lu[k * n + k];
+    inverse[k] = 1.0 / a[k * n + k];
   }
   return 0;
+}
+
+static void substitute(const double *lu, long n, const int *pivots, const double *inverse, double *z) {
+  long i, j;
+  for (i = 0; i < n; ++i) {
+    double kept = z[pivots[i]];
+    z[pivots[i]] = z[i];
+    z[i] = kept;
+  }
+  for (i = 1; i < n; ++i) {
+    double left = z[i];
+    for (j = 0; j < i; ++j) left -= lu[i * n + j] * z[j];
+    z[i] = left;
+  }
+  for (i = n - 1; i >= 0; --i) {
+    double left = z[i];
+    for (j = i + 1; j < n; ++j) left -= lu[i * n + j] * z[j];
+    z[i] = left * inverse[i];
+  }
+}
+
+#define VALUE(tape, k) (tape)->slots[(tape)->out[k]]
+
+/* f, g and their Jacobian at t and x, with z found so that g = 0 and g_z factored; 1 where that fails. */
+static int complete(Problem *problem, double t, const double *x, const double *u) {
+  Tape *tape = &problem->full;
+  const Pattern *at = &problem->slopes;
+  long n = problem->n, n_z = problem->n_z, i, k, tries;
+  double change[n_z + 1];
+  for (tries = 0; tries < NEWTON_STEPS; ++tries) {
+    double largest = 0.0;
+    bind(problem, tape, t, x, u);
+    evaluate(tape);
+    if (!n_z) return 0;
+    memset(problem->loop, 0, n_z * n_z * sizeof(double));
+    for (k = 0; k < at->nonzeros; ++k)
+      if (at->rows[k] >= n && at->columns[k] >= n && at->columns[k] < n + n_z)
+        problem->loop[(at->rows[k] - n) * n_z + at->columns[k] - n] = VALUE(tape, n + n_z + k);
+    for (i = 0; i < n_z; ++i) change[i] = VALUE(tape, n + i);
+    if (factor(problem->loop, n_z, problem->loop_pivots, problem->loop_inverse, SINGULAR)) return 1;
+    substitute(problem->loop, n_z, problem->loop_pivots, problem->loop_inverse, change);
+    for (i = 0; i < n_z; ++i) {
+      double share = fabs(change[i]) / (1.0 + fabs(problem->z[i]));
+      if (!(share < HUGE_VAL)) return 1;
+      if (share > largest) largest = share;
+      problem->z[i] -= change[i];
+    }
+    if (largest <= SETTLED) return 0;
+  }
+  return 1;
+}
+
+/* Z (n_z, m) from X: g_z Z = -(g_x X + g_p dp). */
+static void follow(Problem *problem, const double *x) {
+  const Tape *tape = &problem->full;
+  const Pattern *at = &problem->slopes;
+  long n = problem->n, n_z = problem->n_z, j, k;
+  memset(problem->along, 0, n_z * problem->m * sizeof(double));
+  for (j = 0; j < problem->m; ++j) {
+    const double *moved = x + (j + 1) * n, *dp = problem->directions + j * problem->n_moving;
+    double *along = problem->along + j * n_z;
+    for (k = 0; k < at->nonzeros; ++k) {
+      long row = at->rows[k], column = at->columns[k];
+      if (row >= n && (column < n || column >= n + n_z))
+        along[row - n] -= VALUE(tape, n + n_z + k) * (column < n ? moved[column] : dp[column - n - n_z]);
+    }
+    substitute(problem->loop, n_z, problem->loop_pivots, problem->loop_inverse, along);
+  }
+}
+
+/* Add the products of a Jacobian, whose values begin at output `first` of a function, with the moves of (x, z, p) along
+   direction j to `moved`; rows from `end` on are left out. */
+static void multiply(const Problem *problem, const Tape *tape, const Pattern *at, long first, long end, const double *x,
+                     long j, double *moved) {
+  long n = problem->n, n_z = problem->n_z, k;
+  const double *by_x = x + (j + 1) * n, *by_z = problem->along + j * n_z - n,
+               *by_p = problem->directions + j * problem->n_moving - n - n_z;
+  for (k = 0; k < at->nonzeros; ++k) {
+    long column = at->columns[k];
+    if (at->rows[k] < end)
+      moved[at->rows[k]] += VALUE(tape, first + k) * (column < n ? by_x : column < n + n_z ? by_z : by_p)[column];
+  }
+}
+
+static int right(double t, N_Vector given, N_Vector rates, void *data) {
+  Problem *problem = data;
+  const double *x = problem->sundials->values(given), *u = driving(problem, t);
+  double *out = problem->sundials->values(rates);
+  long n = problem->n, j, k;
+  Tape *tape = problem->m || problem->n_z ? &problem->full : &problem->right;
+  if (tape == &problem->full) {
+    if (complete(problem, t, x, u)) return 1;
+  } else {
+    bind(problem, tape, t, x, u);
+    evaluate(tape);
+  }
+  for (k = 0; k < n; ++k) out[k] = VALUE(tape, k);
+  if (problem->m) {
+    memset(out + n, 0, (problem->total - n) * sizeof(double));
+    if (problem->n_z) follow(problem, x);
+    for (j = 0; j < problem->m; ++j)
+      multiply(problem, tape, &problem->slopes, n + problem->n_z, n, x, j, out + (j + 1) * n);
+  }
+  for (k = 0; k < problem->total; ++k)
+    if (!isfinite(out[k])) return 1;
+  return 0;
+}
+
+/* The Jacobian at a point, f_x - f_z g_z^-1 g_x, and I - gamma J = P' L U. */
+static int setup(double t, N_Vector given, N_Vector rates, int known, int *renewed, double gamma, void *data, N_Vector a,
+                 N_Vector b, N_Vector c) {
+  Problem *problem = data;
+  const Tape *tape = &problem->full;
+  const Pattern *at = &problem->slopes;
+  long n = problem->n, n_z = problem->n_z, j, k;
+  double *lu = problem->lu;
+  *renewed = !known;
+  if (!known) {
+    if (complete(problem, t, problem->sundials->values(given), driving(problem, t))) return 1;
+    memset(problem->jacobian, 0, n * n * sizeof(double));
+    if (n_z) memset(problem->by_x, 0, n_z * n * sizeof(double));
+    for (k = 0; k < at->nonzeros; ++k) {
+      if (at->columns[k] >= n) continue;
+      if (at->rows[k] < n)
+        problem->jacobian[at->rows[k] * n + at->columns[k]] = VALUE(tape, n + n_z + k);
+      else
+        problem->by_x[at->columns[k] * n_z + at->rows[k] - n] = VALUE(tape, n + n_z + k);
+    }
+    for (j = 0; j < n && n_z; ++j)
+      substitute(problem->loop, n_z, problem->loop_pivots, problem->loop_inverse, problem->by_x + j * n_z);
+    for (k = 0; k < at->nonzeros && n_z; ++k)
+      if (at->rows[k] < n && at->columns[k] >= n && at->columns[k] < n + n_z)
+        for (j = 0; j < n; ++j)
+          problem->jacobian[at->rows[k] * n + j] -=
+              VALUE(tape, n + n_z + k) * problem->by_x[j * n_z + at->columns[k] - n];
+  }
+  for (k = 0; k < n * n; ++k) lu[k] = -gamma * problem->jacobian[k];
+  for (k = 0; k < n; ++k) lu[k * n + k] += 1.0;
+  return factor(lu, n, problem->pivots, problem->inverse, 0.0);
 }
 
 static int solve(double t, N_Vector x, N_Vector rates, N_Vector given, N_Vector found, double gamma, double delta,
                  int side, void *data, N_Vector a) {
   Problem *problem = data;
-  long n = problem->n, block, i, j;
-  const double *lu = problem->lu;
+  long block;
   double *z = problem->sundials->values(found);
   memcpy(z, problem->sundials->values(given), problem->total * sizeof(double));
-  for (block = 0; block < problem->blocks; ++block, z += n) {
-    for (i = 0; i < n; ++i) {
-      double kept = z[problem->pivots[i]];
-      z[problem->pivots[i]] = z[i];
-      z[i] = kept;
-    }
-    for (i = 1; i < n; ++i) {
-      double left = z[i];
-      for (j = 0; j < i; ++j) left -= lu[i * n + j] * z[j];
-      z[i] = left;
-    }
-    for (i = n - 1; i >= 0; --i) {
-      double left = z[i];
-      for (j = i + 1; j < n; ++j) left -= lu[i * n + j] * z[j];
-      z[i] = left * problem->inverse[i];
-    }
-  }
+  for (block = 0; block <= problem->m; ++block)
+    substitute(problem->lu, problem->n, problem->pivots, problem->inverse, z + block * problem->n);
   return 0;
 }
 
@@ -183,14 +306,13 @@ static int times(N_Vector given, N_Vector found, double t, N_Vector x, N_Vector 
   long n = problem->n, block, i, j;
   const double *v = problem->sundials->values(given);
   double *z = problem->sundials->values(found);
-  for (block = 0; block < problem->blocks; ++block, z += n, v += n)
+  for (block = 0; block <= problem->m; ++block, z += n, v += n)
     for (i = 0; i < n; ++i) {
       const double *row = problem->jacobian + i * n;
       double sum = 0.0;
       for (j = 0; j < n; ++j) sum += row[j] * v[j];
       z[i] = sum;
     }
-  memset(z, 0, (problem->total - n * problem->blocks) * sizeof(double));
   return 0;
 }
 
@@ -221,18 +343,55 @@ void finish(Problem *problem) {
   problem->x = 0;
 }
 
-/* Begin a run at x (total,) with p (n_p,). */
-int begin(Problem *problem, double t, const double *x, const double *p) {
+/* Write what is wanted of stop k: x (total, N), z and Z (n_z (1 + m), N), signals and their moves (n_signals (1 + m), N), all
+   by columns, each where it is not null; 1 where it cannot be evaluated. */
+static int note(Problem *problem, long k, double t, double *x_out, double *z_out, double *signals) {
+  const double *x = problem->sundials->values(problem->x), *u = problem->at_stops + k * problem->n_u;
+  long n_z = problem->n_z, n_signals = problem->n_signals, m = problem->m, j, i;
+  if (x_out) memcpy(x_out + k * problem->total, x, problem->total * sizeof(double));
+  if (n_z) {
+    if (complete(problem, t, x, u)) return RIGHT_FAILED;
+    if (m) follow(problem, x);
+    if (z_out) {
+      memcpy(z_out + k * n_z * (1 + m), problem->z, n_z * sizeof(double));
+      memcpy(z_out + k * n_z * (1 + m) + n_z, problem->along, n_z * m * sizeof(double));
+    }
+  }
+  if (signals) {
+    double *out = signals + k * n_signals * (1 + m);
+    bind(problem, &problem->signals, t, x, u);
+    evaluate(&problem->signals);
+    for (i = 0; i < n_signals; ++i) out[i] = VALUE(&problem->signals, i);
+    memset(out + n_signals, 0, n_signals * m * sizeof(double));
+    for (j = 0; j < m; ++j)
+      multiply(problem, &problem->signals, &problem->signal_slopes, n_signals, n_signals, x, j, out + (j + 1) * n_signals);
+  }
+  return 0;
+}
+
+static void put(Problem *problem, Tape *tape, const double *p) {
+  if (tape->slots)
+    memcpy(tape->slots + tape->n_constants + 1 + problem->n + problem->n_z, p, problem->n_p * sizeof(double));
+}
+
+/* Begin a run at x (total,) with z near (n_z,) and p (n_p,), and write what is wanted of its first stop. */
+int begin(Problem *problem, double t, const double *x, const double *z, const double *p, double *x_out, double *z_out,
+          double *signals) {
+  int bad;
   memcpy(problem->sundials->values(problem->x), x, problem->total * sizeof(double));
-  memcpy(problem->right.slots + problem->right.n_constants + 1 + problem->total, p, problem->n_p * sizeof(double));
-  memcpy(problem->slope.slots + problem->slope.n_constants + 1 + problem->total, p, problem->n_p * sizeof(double));
+  if (problem->n_z) memcpy(problem->z, z, problem->n_z * sizeof(double));
+  put(problem, &problem->right, p);
+  put(problem, &problem->full, p);
+  put(problem, &problem->signals, p);
   problem->piece = 0;
-  return problem->sundials->reinit(problem->memory, t, problem->x);
+  bad = note(problem, 0, t, x_out, z_out, signals);
+  return bad ? bad : problem->sundials->reinit(problem->memory, t, problem->x);
 }
 
 /* Go on to stops[1 ... number], from stops[0], where the run stands; `first` is the number of the interval that begins there.
-   x (total, number) by columns. 0, or what CVODES answers, with the time reached in `reached`. */
-int advance(Problem *problem, long number, const double *stops, long first, double *x, double *reached, long *counts) {
+   0, or what CVODES answers, with the time reached in `reached`. */
+int advance(Problem *problem, long number, const double *stops, long first, double *x_out, double *z_out, double *signals,
+            double *reached, long *counts) {
   const Sundials *s = problem->sundials;
   long k, more;
   int answer = 0;
@@ -249,7 +408,7 @@ int advance(Problem *problem, long number, const double *stops, long first, doub
       s->error_failures(problem->memory, &more), counts[2] = problem->restart ? counts[2] + more : more;
     }
     if (answer < 0) return answer;
-    memcpy(x + k * problem->total, s->values(problem->x), problem->total * sizeof(double));
+    if ((answer = note(problem, first + k + 1, stops[k + 1], x_out, z_out, signals))) return answer;
   }
   return 0;
 }

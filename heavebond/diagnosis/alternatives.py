@@ -81,8 +81,8 @@ class PreparedAlternative:
         """One run; SimulationError or StartError where it breaks down."""
         simulator = copy(self.simulator)
         simulator.pieces = self.pieced(known)
-        if simulator.looks_up:  # the input stands in the equations
-            simulator.integrator = simulator._integrator()
+        if simulator.looks_up or simulator.compiled:  # the input stands in what integrates
+            simulator.prepare()
         p = self.fitted if p is None else p
         result, probe = simulator.run(dict(zip(self.names, p.tolist(), strict=True))), probe or self.probe
         moved = probe.sensitivities(result) if self.names else np.zeros((0, len(probe.names), len(self.time)))

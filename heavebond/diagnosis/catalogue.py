@@ -143,15 +143,13 @@ def candidates(experiment: Experiment, assembly: Assembly | None = None) -> list
     `assembly` is the assembled diagram where there is one. Raises ModelError for an invalid diagram or component.
     """
     site = site_of(experiment, assembly)
-    library = experiment.model.library
     found = list(_dormant(site))
-    for name in library.names():
-        component = library.component(name)
-        if component.effect is not None:
-            for way in component.effect.attaches:
-                found += _WAYS[way](site, component, component.effect)
-            if component.effect.replaces:
-                found += _replacing(site, component, component.effect)
+    for component in experiment.model.library.effects():
+        assert component.effect is not None
+        for way in component.effect.attaches:
+            found += _WAYS[way](site, component, component.effect)
+        if component.effect.replaces:
+            found += _replacing(site, component, component.effect)
     return found
 
 

@@ -178,6 +178,19 @@ class _Plan:
     base: Array
 
 
+def _halton(dimensions: int, number: int) -> Array:
+    """The first points (number, dimensions) of the sequence of J. H. Halton (1960, doi:10.1007/BF01386213) in the unit cube
+    but its origin: the digits of k in a prime base, mirrored at the point."""
+    primes = [p for p in range(2, 60) if all(p % q for q in range(2, p))][:dimensions]
+    points = np.zeros((number, len(primes)))
+    for column, base in enumerate(primes):
+        left, share = np.arange(1, number + 1), 1.0 / base
+        while left.any():
+            points[:, column] += left % base * share
+            left, share = left // base, share / base
+    return points
+
+
 class _RefitProblem:
     """The least squares problem of the diagram with the candidate in it."""
 
@@ -243,13 +256,11 @@ class _RefitProblem:
 
     def _further(self, first: _Plan, vanishing: Sequence[str]) -> list[_Plan]:
         """For a law of several shapes more choices of them, spread over their ranges, and of its size, to be looked at."""
-        from scipy.stats import qmc
-
         shapes = [name for name in self.ranges if name not in vanishing]
         if len(shapes) < 2:
             return []
         plans = []
-        for size, *shares in qmc.Halton(1 + len(shapes), scramble=False).random(1 + FURTHER)[1:]:
+        for size, *shares in _halton(1 + len(shapes), FURTHER):
             factor = 4 ** (size - 0.5)
             numbers = {name: value * factor if name in vanishing else value for name, value in first.numbers.items()}
             numbers.update({name: point_of_range(*self.ranges[name], share) for name,

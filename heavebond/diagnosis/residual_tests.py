@@ -70,9 +70,9 @@ def _largest(scores: Sequence[Score]) -> tuple[float, float]:
 
 
 def _size(base: Base) -> float:
-    from scipy.stats import chi2
+    from scipy.special import chdtrc
 
-    return float(chi2.sf(float(base.r @ base.r), max(1, len(base.r) - len(base.inner))))
+    return float(chdtrc(max(1, len(base.r) - len(base.inner)), float(base.r @ base.r)))
 
 
 def _memory(base: Base) -> float:

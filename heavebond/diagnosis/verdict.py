@@ -107,11 +107,11 @@ def _astray(ladder: Sequence[LadderEntry]) -> bool:
 
 def _better(base: Fit) -> bool:
     """Whether the fitted parameters explain the records better than those of the data sheet, beyond chance."""
-    from scipy.stats import chi2
+    from scipy.special import chdtrc
 
     before = sum(float(c.chi2 * c.counts.sum()) for r in base.before.records.values() if r.use == "fit"
                  for c in r.channels.values())
-    return bool(chi2.sf(before - base.chi2 * base.samples, len(base.parameters)) < CHANCE)
+    return bool(chdtrc(len(base.parameters), max(0.0, before - base.chi2 * base.samples)) < CHANCE)
 
 
 def sentences(said: str, ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage],

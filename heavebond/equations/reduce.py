@@ -82,7 +82,18 @@ class Reduced:
 
     def express(self, expression: ca.SX) -> ca.SX:
         """An expression in raw symbols, in terms of (t, x, z, p)."""
-        return ca.substitute(expression, self.symbols, self.expressions) if self.symbols.numel() else expression
+        used = [self._place[h] for s in ca.symvar(expression) if (h := s.element_hash()) in self._place]
+        if not used:
+            return expression
+        if 2 * len(used) > len(self._place):
+            return ca.substitute(expression, self.symbols, self.expressions)
+        # what is not there need not be looked at: the formula of a signal has two or three of a thousand symbols
+        return ca.substitute(expression, self.symbols[used], self.expressions[used])
+
+    @cached_property
+    def _place(self) -> dict[int, int]:
+        """Where each of the symbols stands, by its hash."""
+        return {s.element_hash(): k for k, s in enumerate(split(self.symbols))}
 
 
 def column_name(flat: Flat, column: Column) -> str:

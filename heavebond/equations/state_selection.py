@@ -206,8 +206,8 @@ class InitialGuess:
                 if {s.element_hash() for s in ca.symvar(value)} <= known:
                     self._asked.append(flat.names[name])
                     values.append(value)
-        self._expressions, self._arguments = stack(values), [flat.p, flat.time]
-        self._values = Buffered(ca.Function("guess", self._arguments, [self._expressions]))
+        self.expressions, self._arguments = stack(values), [flat.p, flat.time]
+        self._values = Buffered(ca.Function("guess", self._arguments, [self.expressions]))
 
     def __call__(self, p: NDArray[np.float64]) -> NDArray[np.float64]:
         """The values (n,) at the parameters p."""
@@ -223,7 +223,7 @@ class InitialGuess:
 
     @cached_property
     def _slopes(self) -> Buffered:
-        return Buffered(ca.Function("slopes", self._arguments, [ca.jacobian(self._expressions, self._arguments[0])]))
+        return Buffered(ca.Function("slopes", self._arguments, [ca.jacobian(self.expressions, self._arguments[0])]))
 
 
 def pivot_columns(matrix: NDArray[np.float64]) -> list[int]:

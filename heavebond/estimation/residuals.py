@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import accumulate
 from typing import Literal
 
@@ -23,7 +23,7 @@ from heavebond.estimation.comparison import TOLERANCES, assemble_for
 from heavebond.estimation.experiment import Experiment, Free, Record
 from heavebond.estimation.records import Measured, measure
 from heavebond.numerics.dae import Array, Assembly
-from heavebond.numerics.quick_simulation import FitSimulator
+from heavebond.numerics.quick_simulation import FitSimulator, Unexplained
 from heavebond.numerics.result import Probe
 from heavebond.numerics.simulator import Simulator, Tolerances
 
@@ -87,21 +87,24 @@ class Run:
         self.record, self.names = record, names
         self.found: Measured = like.found if like is not None else measure(experiment, record)
         self.assembly: Assembly = assembly or assemble_for(experiment, record)
-        self.probe = Probe(self.assembly, [o.shown.text for o in experiment.outputs.values()], si=True)
+        texts = tuple(o.shown.text for o in experiment.outputs.values())
+        self.probe = self.assembly.once(("probe", texts), lambda: Probe(self.assembly, texts, si=True))
         units = [read_unit(o.shown.unit) for o in experiment.outputs.values()]
         self.scale = np.array([u.scale for u in units])
         self.measured, self.counts, self.checking = self.found.on_grid()
         self.noise = np.array([channel.noise for channel in self.found.channels.values()]) * self.scale
-        self.simulator: Simulator = kind(self.assembly, times=self.found.grid, tolerances=tolerances, sensitivities=names,
-                              like=None if like is None else like.simulator)
+        self.simulator: Simulator = self._simulator(kind, tolerances, None if like is None else like.simulator)
+
+    def _simulator(self, kind: type[Simulator], tolerances: Tolerances, like: Simulator | None) -> Simulator:
+        made: Callable[..., Simulator] = partial(kind, probe=self.probe) if issubclass(kind, Unexplained) else kind
+        return made(self.assembly, times=self.found.grid, tolerances=tolerances, sensitivities=self.names, like=like)
 
     def again(self, names: list[str], values: Mapping[str, float], kind: type[Simulator],
               tolerances: Tolerances | None = None) -> Run:
         """The same diagram on the same record with these values from the start, other sensitivities, another simulator."""
         other = copy(self)
         other.names, other.assembly = names, self.assembly.with_parameters(values)
-        other.simulator = kind(other.assembly, times=self.found.grid, tolerances=tolerances or self.simulator.tolerances,
-                               sensitivities=names, like=self.simulator)
+        other.simulator = other._simulator(kind, tolerances or self.simulator.tolerances, self.simulator)
         return other
 
     def residuals(self, values: Mapping[str, float]) -> tuple[Array, Array]:
@@ -114,12 +117,18 @@ class Run:
         return self._wrong(values, self.counts if self.record.use != "fit" else self.checking)
 
     def _wrong(self, values: Mapping[str, float], which: NDArray[np.bool_]) -> tuple[Array, Array]:
-        result = self.simulator.run(values)
-        wrong = (self.probe.values(result) - self.measured) / self.noise[:, None]
-        if not self.names:
-            return wrong[which], np.zeros((0, int(which.sum())))
-        moved = self.probe.sensitivities(result) / self.noise[None, :, None]
-        return wrong[which], moved[:, which]
+        if isinstance(self.simulator, Unexplained):
+            signals, moved = self.simulator.measured(values)
+        else:
+            result = self.simulator.run(values)
+            signals = self.probe.values(result)
+            moved = self.probe.sensitivities(result) if self.names else np.zeros((0, *signals.shape))
+        wrong = (signals - self.measured)[which] / self._noise(which)
+        return wrong, moved[:, which] / self._noise(which) if self.names else np.zeros((0, len(wrong)))
+
+    def _noise(self, which: NDArray[np.bool_]) -> Array:
+        """The noise of each of these samples (n,)."""
+        return np.repeat(self.noise, which.sum(axis=1))
 
 
 class Residuals:
@@ -198,10 +207,10 @@ class Residuals:
 
     def starting_points(self, number: int, seed: int) -> list[Array]:
         """The diagram's values, then points of a Latin hypercube within the bounds."""
-        from scipy.stats import qmc
-
         points = [self.start]
         if number > 1:
+            from scipy.stats import qmc
+
             cube = qmc.LatinHypercube(len(self.columns), seed=seed).random(number - 1)
             points += list(self.low + cube * (self.high - self.low))
         return points

@@ -20,6 +20,7 @@ from heavebond.text.expression import Expr, ExpressionProblem, Function, calling
 from heavebond.text.yaml_source import Mapping, parse, read, read_text, short_path
 
 _HEAD = re.compile(r"""^(component|function):[ \t]+["']?([^"'#\n]+?)["']?[ \t]*(?:#.*)?$""", re.MULTILINE)
+_EFFECT = re.compile(r"""^["']?effect["']?[ \t]*:""", re.MULTILINE)
 
 
 def bundled(folder: str) -> Path:
@@ -102,6 +103,11 @@ class Library:
         """Every component in a file of the language, in the order of their files. FMUs are known by name, but a folder may
         hold some that are no components."""
         return [name for name, path in self.files.items() if path.suffix != ".fmu"]
+
+    def effects(self) -> list[Component]:
+        """The components that have an `effect:`, in the order of their files; the others are not parsed."""
+        having = (name for name in self.names() if _EFFECT.search(read_text(self.files[name])))
+        return [component for component in map(self.component, having) if component.effect is not None]
 
     def component(self, name: str, place: Place | None = None) -> Component:
         """The component called `name`; ModelError with near names where there is none."""

@@ -6,9 +6,8 @@ addresses of the functions in CasADi's own shared library, and evaluates the equ
 of the CasADi function. The program is the same for all models: a process compiles it once, into a private folder that
 is deleted as soon as the library is loaded; nothing compiled is read back from disk.
 
-It serves on Linux where a C compiler is present, CasADi brings the SUNDIALS that the program was written for, and the
-equations are x' = f (`CompiledCvodes.fits`); everywhere else searches integrate through CasADi, by the same method with the
-same tolerances.
+It serves on Linux where a C compiler is present and CasADi brings the SUNDIALS that the program was written for; everywhere
+else searches integrate through CasADi, by the same method with the same tolerances.
 """
 
 from __future__ import annotations
@@ -18,7 +17,8 @@ import subprocess
 import sys
 import tempfile
 import weakref
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -28,6 +28,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heavebond.core.cancellation import check
+from heavebond.equations.buffered import Buffered
+from heavebond.language.symbols import stack
 from heavebond.numerics.dae import Array
 from heavebond.numerics.idas import Tolerances
 
@@ -68,88 +70,149 @@ class _Tape(ctypes.Structure):
                 ("out", _Pointer), ("slots", _Pointer)]
 
 
+class _Pattern(ctypes.Structure):
+    _fields_ = [("nonzeros", ctypes.c_long), ("rows", _Pointer), ("columns", _Pointer)]
+
+
 class _Problem(ctypes.Structure):
-    _fields_ = [("sundials", _Pointer), ("right", _Tape), ("slope", _Tape),
-                *((name, ctypes.c_long) for name in ("n", "blocks", "total", "n_p", "n_u", "n_pieces", "restart")),
-                *((name, _Pointer) for name in ("rows", "columns", "breaks", "pieces")), ("piece", ctypes.c_long),
-                *((name, _Pointer) for name in ("jacobian", "lu", "inverse", "pivots", "memory", "x"))]
+    _fields_ = [("sundials", _Pointer), ("right", _Tape), ("full", _Tape), ("signals", _Tape), ("slopes", _Pattern),
+                ("signal_slopes", _Pattern),
+                *((name, ctypes.c_long) for name in ("n", "n_z", "m", "total", "n_moving", "n_p", "n_u", "n_signals",
+                                                     "n_pieces", "restart")),
+                *((name, _Pointer) for name in ("breaks", "pieces", "at_stops", "directions")), ("piece", ctypes.c_long),
+                *((name, _Pointer) for name in ("z", "along", "jacobian", "lu", "inverse", "pivots", "loop", "loop_inverse",
+                                                "by_x", "loop_pivots", "memory", "x"))]
+
+
+class Equations:
+    """x' = f, 0 = g and signals s of (t, x, z, p, u) as lists of operations, with their derivatives by x, z and the
+    parameters `moving` (indices). What depends on p alone is computed once a run. Raises NotCompiled."""
+
+    def __init__(self, given: Sequence[ca.SX], ode: ca.SX, alg: ca.SX, signals: ca.SX, moving: Sequence[int]):
+        _, x, z, p, _ = given
+        self.n, self.n_z, self.n_signals = x.numel(), z.numel(), signals.numel()
+        if not 0 < self.n <= MOST_STATES or self.n_z > MOST_STATES:
+            raise NotCompiled
+        self.moving = list(moving)
+        both, by = stack([ode, alg]), stack([x, z, p[self.moving]])
+        slopes, signal_slopes = ca.jacobian(both, by), ca.jacobian(signals, by)
+        parts = [both, ca.vec(slopes.nz[:]), signals, ca.vec(signal_slopes.nz[:])]
+        ends = np.cumsum([part.numel() for part in parts])
+        stacked, = ca.cse([stack(parts)])
+        constants, parametric = p, ca.SX(0, 1)
+        if p.numel():
+            stacked, symbols, expressions = ca.extract_parametric(stacked, p)
+            constants, parametric = stack([p, *symbols]), stack(expressions)
+        self.hoist = Buffered(ca.Function("hoist", [p], [stack([p, parametric])]))
+        self.n_p = constants.numel()
+        arguments = [*given[:3], constants, given[4]]
+        self.right = _tape(arguments, stacked[:self.n])
+        self.full = _tape(arguments, stacked[:ends[1]])
+        self.signals = _tape(arguments, stacked[ends[1]:])
+        self.patterns = [tuple(np.array(k, np.int32) for k in of.sparsity().get_triplet()) for of in (slopes, signal_slopes)]
+
+    def structures(self, slots: Sequence[Array]) -> tuple[_Tape, _Tape, _Tape, _Pattern, _Pattern]:
+        """As C sees them, with `slots` of each function to work in (see `slots`)."""
+        right, full, signals = (listed.structure(own) for listed, own in
+                                zip((self.right, self.full, self.signals), slots, strict=True))
+        one, other = (_Pattern(len(rows), _address(rows), _address(columns)) for rows, columns in self.patterns)
+        return right, full, signals, one, other
+
+    def slots(self) -> list[Array]:
+        """Arrays to work in, which no two integrations share: they may run in several threads."""
+        return [listed.slots.copy() for listed in (self.right, self.full, self.signals)]
+
+
+class NotCompiled(Exception):
+    """The program in C does not have an operation of the equations, or they are too many for a dense Jacobian."""
+
+
+@dataclass(frozen=True)
+class Driving:
+    """What drives the equations, columns u (n_u, ...): `pieces` (n_u, k) between `breaks` (k + 1,), and `at_stops` (n_u, N).
+    Integration begins anew at every stop where it `restarts`; then there is one piece for each interval between stops."""
+
+    breaks: Array
+    pieces: Array
+    at_stops: Array
+    restarts: bool
 
 
 class CompiledCvodes:
-    """An integration of x' = f from the first to the other stops, called as those of `solvers` are."""
+    """An integration of x' = f, 0 = g with m forward sensitivities from the first to the other stops."""
 
-    def __init__(self, dae: Mapping[str, ca.SX], n: int, stops: Array, tolerances: Tolerances, most_steps: int,
-                 table: tuple[Array, Array] | None = None, longest: float = 0.0):
-        """`n` states of the model stand first in x, then blocks of their sensitivities, then integrals. `table` (breaks
-        (m + 1,), columns (k, m)) is looked up by time in the right-hand side; without it the inputs are given to the call,
-        for each interval between two stops, and integration begins anew at each."""
+    def __init__(self, equations: Equations, m: int, stops: Array, tolerances: Tolerances, most_steps: int,
+                 driving: Driving | None = None, longest: float = 0.0):
+        """Steps are no longer than `longest` (s) where it is above 0."""
         compiled = program()
         assert compiled is not None
-        self._program, self._stops = compiled, np.ascontiguousarray(stops, float)
-        total, self._n_u = dae["x"].numel(), dae["u"].numel()
-        given = [dae[name] for name in ("t", "x", "p", "u")]
-        x = dae["x"][:n]
-        jacobian = ca.jacobian(dae["ode"][:n], x) if n else ca.SX(0, 0)
-        right, slope = _tape(given, dae["ode"]), _tape(given, jacobian.nz[:])
-        rows, columns = (np.array(k, np.int32) for k in jacobian.sparsity().get_triplet())
-        breaks, pieces = (np.zeros(0), np.zeros((0, 0))) if table is None else table
-        pieces = np.ascontiguousarray(pieces.T)
-        breaks = np.ascontiguousarray(breaks)
+        self._program, self._stops, self.equations = compiled, np.ascontiguousarray(stops, float), equations
+        n, n_z, self.m, self._total = equations.n, equations.n_z, m, equations.n * (1 + m)
+        none = np.zeros((0, 0))
+        driving = driving or Driving(np.zeros(0), none, none, False)
+        columns = [np.ascontiguousarray(driving.breaks, float), np.ascontiguousarray(driving.pieces.T, float),
+                   np.ascontiguousarray(driving.at_stops.T, float)]
+        self._directions = np.zeros((max(m, 1), len(equations.moving)))
+        work = [np.zeros(n_z), np.zeros(n_z * m), np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), np.zeros(n, np.int32),
+                np.zeros((n_z, n_z)), np.zeros(n_z), np.zeros((n, n_z)), np.zeros(n_z, np.int32)]
         self._counts = np.zeros(3, np.int64)
         # what C points to must live as long as this does
-        self._kept: list[Any] = [rows, columns, breaks, pieces, np.zeros((n, n)), np.zeros((n, n)), np.zeros(n),
-                                 np.zeros(n, np.int32), right, slope]
+        slots = equations.slots()
+        kept: list[Any] = [*columns, *work, *slots, self._directions, equations]
+        n_u = driving.pieces.shape[0]
+        assert n_u == 0 or len(columns[2]) == len(stops)  # C reads so many
         self._problem = _Problem(
-            ctypes.cast(compiled.sundials, _Pointer), right.structure(), slope.structure(), n,
-            (total // n) if n else 0, total, dae["p"].numel(), self._n_u, len(pieces), table is None and self._n_u > 0,
-            *(_address(k) for k in (rows, columns, breaks, pieces)), 0, *(_address(k) for k in self._kept[4:8]), None, None)
-        self._totals = total, dae["p"].numel()
+            ctypes.cast(compiled.sundials, _Pointer), *equations.structures(slots), n, n_z, m, self._total,
+            len(equations.moving), equations.n_p, n_u, equations.n_signals, len(columns[1]), driving.restarts,
+            *map(_address, columns), _address(self._directions), 0, *map(_address, work), None, None)
         answer = compiled.library.prepare(
             ctypes.byref(self._problem), self._stops[0], tolerances.rtol, tolerances.atol, most_steps, longest)
         # before what it points to is collected
-        weakref.finalize(self, _finish, compiled.library, self._problem, self._kept)
+        weakref.finalize(self, _finish, compiled.library, self._problem, kept)
         if answer:
             raise RuntimeError(f"CVODES could not be prepared ({answer})")
 
-    @staticmethod
-    def fits(dae: Mapping[str, ca.SX], n: int) -> bool:
-        """Whether such equations can be integrated here."""
-        return not dae["z"].numel() and 0 < n <= MOST_STATES and dae["x"].numel() > 0 and program() is not None and \
-            _known(dae["ode"])
-
-    def size1_in(self, name: str) -> int:
-        """The number of numbers in an input."""
-        return {"x0": self._totals[0], "p": self._totals[1], "z0": 0, "u": self._n_u}[name]
-
-    def __call__(self, **given: Any) -> dict[str, Array]:
-        """The states (n, N) at the other stops from x0 (n,), with p and, without a table, u (n_u, N); RuntimeError where
-        CVODES fails."""
-        problem, stops = self._problem, self._stops
-        x, p = (np.ascontiguousarray(given[name], float).ravel() for name in ("x0", "p"))
-        assert (len(x), len(p)) == self._totals  # C reads so many
-        if problem.restart:
-            self._held = np.ascontiguousarray(np.asarray(given["u"], float).T)
-            assert self._held.shape == (max(len(stops) - 1, 1), self._n_u)
-            problem.pieces, problem.n_pieces = _address(self._held), len(self._held)
-        found = np.empty((max(len(stops) - 1, 1), len(x)))
+    def run(self, x0: Array, z0: Array, p: Array, directions: Array, states: bool = True) -> Integrated:
+        """From x0 (n (1 + m),), the states and then their sensitivities along each column of `directions` (n_p, m), with z
+        near z0 (n_z,); RuntimeError where CVODES fails. Without `states` only the signals are kept."""
+        equations, problem, stops = self.equations, self._problem, self._stops
+        x0, z0 = np.ascontiguousarray(x0, float), np.ascontiguousarray(z0, float)
+        hoisted, = equations.hoist(p).values()
+        hoisted = np.ascontiguousarray(hoisted.ravel())
+        assert (len(x0), len(z0), len(hoisted)) == (self._total, equations.n_z, equations.n_p)  # C reads so many
+        self._directions[:self.m] = directions[equations.moving].T
+        N, m = len(stops), self.m
+        x = np.empty((N, self._total)) if states else np.zeros((0, 0))
+        z = np.empty((N, equations.n_z * (1 + m))) if states else np.zeros((0, 0))
+        signals = np.empty((N, equations.n_signals * (1 + m)))
+        found = [_address(k) for k in (x, z, signals)]
         self._counts[:] = 0
         library, at = self._program.library, ctypes.byref(problem)
-        answer = library.begin(at, stops[0], _address(x), _address(p))
+        answer = library.begin(at, stops[0], _address(x0), _address(z0), _address(hoisted), *found)
         reached, first = ctypes.c_double(float(stops[0])), 0
-        targets = stops if len(stops) > 1 else np.append(stops, stops[0] + 1.0)
-        while not answer and first < len(targets) - 1:
-            number = min(CHUNK, len(targets) - 1 - first)
-            answer = library.advance(at, number, _address(targets[first:]), first, _address(found[first:]),
-                                     ctypes.byref(reached), _address(self._counts))
+        here, counts = _address(stops) or 0, _address(self._counts)
+        while not answer and first < N - 1:
+            number = min(CHUNK, N - 1 - first)
+            answer = library.advance(at, number, here + first * stops.itemsize, first, *found, ctypes.byref(reached), counts)
             first += number
             check()
         if answer:
             raise RuntimeError(f"At t = {reached.value:.17g}, {MESSAGES.get(answer, f'CVODES answered {answer}')}")
-        return {"xf": found.T, "zf": np.zeros((0, len(found)))}
+        return Integrated(x.T, z.T, signals.reshape(N, 1 + m, equations.n_signals))
 
     def stats(self) -> dict[str, Any]:
-        """Counts of steps and evaluations of the last call."""
+        """Counts of steps and evaluations of the last run."""
         return dict(zip(("nsteps", "nfevals", "netfails"), self._counts.tolist(), strict=True))
+
+
+@dataclass(frozen=True)
+class Integrated:
+    """Along the stops: x (n (1 + m), N) and z (n_z (1 + m), N), each with its sensitivities behind it, and the signals with
+    theirs (N, 1 + m, n_signals)."""
+
+    x: Array
+    z: Array
+    signals: Array
 
 
 class _Listed:
@@ -160,10 +223,10 @@ class _Listed:
         self.slots = np.zeros(slots)
         self.slots[:len(constants)] = constants
 
-    def structure(self) -> _Tape:
+    def structure(self, slots: Array) -> _Tape:
         """As C sees it."""
         return _Tape(len(self.code), len(self.out), self.n_constants, _address(self.code), _address(self.out),
-                     _address(self.slots))
+                     _address(slots))
 
 
 def _tape(given: Sequence[ca.SX], wanted: ca.SX) -> _Listed:
@@ -185,6 +248,8 @@ def _tape(given: Sequence[ca.SX], wanted: ca.SX) -> _Listed:
             out[to[1]] = at[of[0]]
         else:
             one = at[of[0]]
+            if operation not in KNOWN:
+                raise NotCompiled
             code.append((KNOWN[operation], number, one, at[of[1]] if len(of) > 1 else one))
             at[to[0]] = number
             number += 1
@@ -199,13 +264,6 @@ def _tape(given: Sequence[ca.SX], wanted: ca.SX) -> _Listed:
     table = np.array(code, np.int32)
     table[:, 1:] = placed(table[:, 1:])
     return _Listed(table, placed(out), numbers, first + number)
-
-
-def _known(wanted: ca.SX) -> bool:
-    """Whether all operations of an expression are known to the program."""
-    function = ca.Function("f", ca.symvar(wanted), [wanted])
-    own = {ca.OP_CONST, ca.OP_INPUT, ca.OP_OUTPUT, *KNOWN}
-    return all(function.instruction_id(k) in own for k in range(function.n_instructions()))
 
 
 def _address(values: Any) -> int | None:
@@ -223,8 +281,8 @@ class _Program:
         self.library, self.sundials = library, sundials
         number, real, whole = ctypes.c_double, ctypes.c_double, ctypes.c_long
         library.prepare.argtypes = [_Pointer, number, real, real, whole, real]
-        library.begin.argtypes = [_Pointer, number, _Pointer, _Pointer]
-        library.advance.argtypes = [_Pointer, whole, _Pointer, whole, _Pointer, _Pointer, _Pointer]
+        library.begin.argtypes = [_Pointer, number, *[_Pointer] * 6]
+        library.advance.argtypes = [_Pointer, whole, _Pointer, whole, *[_Pointer] * 5]
         library.finish.argtypes = [_Pointer]
         library.finish.restype = None
 

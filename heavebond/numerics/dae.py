@@ -141,13 +141,15 @@ class Assembly:
     def express(self, raw: ca.SX) -> ca.SX:
         """Raw symbols put in terms of (t, x, z, p, u, rate); a derivative that no equation has by the chain rule."""
         found = self.reduced.express(raw)
-        allowed = {s.element_hash() for a in self.arguments for s in ca.symvar(a)}
-        missing = [s for s in ca.symvar(found) if s.element_hash() not in allowed]
-        known = {s.element_hash() for k in self.flat.inputs for s in split(k.symbols)}
-        missing = [s for s in missing if s.element_hash() not in known]
+        missing = [s for s in ca.symvar(found) if s.element_hash() not in self._available]
         if missing:
             found = ca.substitute(found, stack(missing), stack([self._rate_of(s) for s in missing]))
         return substitute_inputs(found, self.flat, self.arguments[0], self.arguments[4])
+
+    @cached_property
+    def _available(self) -> set[int]:
+        """The hashes of the symbols that an expression may have in the end: the arguments and the measured inputs."""
+        return {s.element_hash() for a in (*self.arguments, *(k.symbols for k in self.flat.inputs)) for s in ca.symvar(a)}
 
     def _rate_of(self, symbol: ca.SX) -> ca.SX:
         """d/dt of an unknown whose derivative stands in no equation."""
@@ -270,7 +272,8 @@ def _check_smoothness(reduced: Reduced, expressions: list[ca.SX]) -> None:
 
 def substitute_inputs(expression: ca.SX, flat: Flat, t: ca.SX, u: ca.SX) -> ca.SX:
     """Measured inputs and their derivatives as the polynomial piece c0 + c1 s + c2 s**2 + c3 s**3, s = t - u[0]."""
-    if not flat.inputs:
+    used = {s.element_hash() for s in ca.symvar(expression)} if flat.inputs else set()
+    if not any(s.element_hash() in used for known in flat.inputs for s in split(known.symbols)):
         return expression
     symbols, pieces = [], []
     s = t - u[0]

@@ -15,7 +15,8 @@ one-step method takes over, which needs a step or two.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import time as clock
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -23,12 +24,14 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from heavebond.core.cancellation import check
 from heavebond.core.errors import Problem, SimulationError
 from heavebond.equations.buffered import Buffered
-from heavebond.numerics import idas
-from heavebond.numerics.compiled_cvodes import CompiledCvodes
+from heavebond.numerics import compiled_cvodes, idas
+from heavebond.numerics.compiled_cvodes import CompiledCvodes, Driving, Equations, Integrated, NotCompiled
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.initialise import Start, Tangent
+from heavebond.numerics.result import Probe
 from heavebond.numerics.simulator import Simulator
 from heavebond.numerics.solvers import Choice, Integrator, integrator, solver_options
 from heavebond.numerics.trace import Trace
@@ -71,6 +74,14 @@ class Unexplained(Simulator):
     little."""
 
     most_steps = SEARCH_RUNS.max_steps_exact
+    share = SEARCH_RUNS.check_tolerance  # of the tolerances asked for, with which the compiled program integrates
+
+    def __init__(self, *given: Any, probe: Probe | None = None, **named: Any):
+        """`probe` are the signals that `measured` gives."""
+        self.probe = probe
+        self.driver: CompiledCvodes | None = None
+        self._last: tuple[Array, Start, Tangent | None] | None = None  # what was felt, and the start with it
+        super().__init__(*given, **named)
 
     @property
     def looks_up(self) -> bool:
@@ -83,36 +94,139 @@ class Unexplained(Simulator):
     def _may_look_up(self) -> bool:
         return self.compiled
 
-    @cached_property
+    @property
     def compiled(self) -> bool:
         """Whether the compiled program integrates the equations."""
-        return not self.assembly.flat.events and not self.charts.needed and self.quadratures is None and \
-            CompiledCvodes.fits(self.integrand.dae, len(self.assembly.x_nominal))
+        return self.equations is not None
 
-    def _driven(self, times: Array) -> dict[str, Array]:
-        return {} if self.looks_up else super()._driven(times)
+    @cached_property
+    def equations(self) -> Equations | None:
+        """What the compiled program integrates; None where it cannot."""
+        assembly = self.assembly
+        if assembly.flat.events or self.charts.needed or self.quadratures is not None or compiled_cvodes.program() is None \
+                or len(self.sensitivities) > len(self.parameters):
+            return None
+        key = ("compiled", self.probe.names if self.probe is not None else ())
+        known: list[Equations | None] = assembly.once(key, list)
+        moving = set(self._moving(assembly)) if self.sensitivities else set()
+        for equations in known:
+            if equations is None or moving <= set(equations.moving):
+                return equations
+        known.insert(0, _equations(assembly, self.probe, sorted(moving)))
+        return known[0]
+
+    def prepare(self) -> None:
+        if self.equations is None or len(self.stops) < 2:
+            super().prepare()
+            return
+        self.solver = Choice("cvodes", "driven by compiled code")
+        tolerances = replace(self.tolerances, rtol=self.share * self.tolerances.rtol, atol=self.share * self.tolerances.atol)
+        self.driver = CompiledCvodes(self.equations, len(self.sensitivities), self.stops, tolerances, self.most_steps,
+                                     self._driving(), self._longest())
 
     def _integrator(self) -> Integrator:
-        return self._program(SEARCH_RUNS.check_tolerance) if self.compiled else \
-            integrator(self.solver.name, self.integrand, self.stops, self.tolerances, self.most_steps)
+        name = "idas" if self.equations is not None else self.solver.name
+        return integrator(name, self.integrand, self.stops, self.tolerances, self.most_steps)
 
-    def _program(self, share: float) -> Integrator:
-        """The compiled program with so much of the tolerances."""
-        self.solver = Choice("cvodes", "driven by compiled code")
-        tolerances = replace(self.tolerances, rtol=share * self.tolerances.rtol, atol=share * self.tolerances.atol)
-        table = (self.pieces.breaks, self.pieces.columns) if self.looks_up else None
-        return CompiledCvodes(self.integrand.dae, len(self.assembly.x_nominal), self.stops, tolerances, self.most_steps,
-                              table, self._longest())
+    def _driving(self) -> Driving:
+        """The inputs, for the compiled program."""
+        if self.looks_up:
+            return Driving(self.pieces.breaks, self.pieces.columns, self.pieces.at(self.stops), False)
+        between = self.pieces.at((self.stops[:-1] + self.stops[1:]) / 2)
+        return Driving(self.stops, between, self.pieces.at(self.stops), between.size > 0)
 
     def _longest(self) -> float:
         """The longest step, in s, over inputs that are looked up; 0 where none is set."""
         return SEARCH_RUNS.longest_step * float(np.median(np.diff(self.pieces.breaks))) if self.looks_up else 0.0
+
+    def measured(self, parameters: Mapping[str, float]) -> tuple[Array, Array]:
+        """The signals of the probe (k, N) along a run and their derivatives by the sensitivities (m, k, N)."""
+        assert self.probe is not None
+        check()
+        with self._turn:
+            began = clock.perf_counter()
+            assembly, first, moved = self._started(parameters)
+            found = self._signals(first, moved)
+            if found is None:
+                result = self._result(assembly, first, moved, began)
+                sensitivities = self.probe.sensitivities(result) if moved is not None else np.zeros((0, 0, 0))
+                return self.probe.values(result), sensitivities
+            return found[:, 0].T, np.ascontiguousarray(np.moveaxis(found[:, 1:] / self._sizes(moved)[:, None], 0, -1))
+
+    def _started(self, parameters: Mapping[str, float | str] | None) -> tuple[Assembly, Start, Tangent | None]:
+        """As a `Simulator`, but the start is not solved again where only what it does not depend on has another value."""
+        assembly = self.assembly.with_parameters(parameters) if parameters else self.assembly
+        equations = self.start_equations
+        felt = np.concatenate([assembly.p[equations.felt], self.pieces.at(self.time[:1]).ravel()])
+        if self._last is not None and np.array_equal(felt, self._last[0]):
+            _, first, moved = self._last
+            p = assembly.p.copy()
+            p[equations.solved_for] = first.p[equations.solved_for]
+            return assembly, replace(first, p=p), moved
+        _, first, moved = super()._started(parameters)
+        self._last = felt, first, moved
+        return assembly, first, moved
+
+    def _signals(self, first: Start, moved: Tangent | None) -> Array | None:
+        """The signals of the probe at the output times, with their moves along the directions (N, 1 + m, k), by the
+        compiled program; None where that does not serve."""
+        if self.driver is None:
+            return None
+        try:
+            found = self._compiled(self.driver, first, moved, False).signals[self._keep]
+        except RuntimeError as error:
+            check()
+            if self.driver.equations.n_z:
+                return None
+            raise self._failure(self.assembly, first, str(error)) from None
+        if not np.all(np.isfinite(found)):
+            raise self._failure(self.assembly, first, "a value became infinite or not a number")
+        return found
+
+    def _compiled(self, driver: CompiledCvodes, first: Start, moved: Tangent | None, states: bool) -> Integrated:
+        """A run by the compiled program; its RuntimeError where it fails."""
+        x0, nominal = first.x / self.assembly.x_nominal, self.assembly.x_nominal[:, None]
+        directions = self.along if moved is None else moved.p
+        if moved is not None:
+            x0 = np.concatenate([x0, (moved.x / nominal).T.ravel()])
+        return driver.run(x0, first.z / self.assembly.z_nominal, first.p, directions, states)
+
+    def attempt(self, first: Start, moved: Tangent | None = None) -> Trace:
+        if self.driver is None:
+            return super().attempt(first, moved)
+        try:
+            found = self._compiled(self.driver, first, moved, True)
+        except RuntimeError:
+            if not self.driver.equations.n_z:
+                raise
+            # where the equations for z are all but singular IDAS may go on, which has them under its own control
+            if not hasattr(self, "integrator"):
+                super().prepare()
+            return super().attempt(first, moved)
+        blocks = 1 + len(self.sensitivities)
+        x_size, z_size = np.tile(self.assembly.x_nominal, blocks), np.tile(self.assembly.z_nominal, blocks)
+        return self._trace(found.x * x_size[:, None], found.z * z_size[:, None], np.zeros((0, len(self.stops))),
+                           dict(self.driver.stats()))
 
     def _check_rates(self, assembly: Assembly, first: Start) -> None:
         """Nothing: the number of steps is limited."""
 
     def _failure(self, assembly: Assembly, first: Start, said: str) -> SimulationError:
         return SimulationError([Problem("integration-failed", "the integration stopped")])
+
+
+def _equations(assembly: Assembly, probe: Probe | None, moving: Sequence[int]) -> Equations | None:
+    """The equations in scaled unknowns, with the signals of a probe; None where the program in C cannot evaluate them."""
+    t, x, z, p, u, rate = assembly.arguments
+    x_s, z_s = ca.SX.sym("x", x.numel()), ca.SX.sym("z", z.numel())
+    x_nominal, z_nominal = ca.SX(ca.DM(assembly.x_nominal)), ca.SX(ca.DM(assembly.z_nominal))
+    signals = ca.SX(0, 1) if probe is None else probe.signals
+    ode, alg, signals = ca.substitute([assembly.ode / x_nominal, assembly.alg, signals], [x, z, rate],
+                                      [x_s * x_nominal, z_s * z_nominal, ca.SX(1)])
+    try:
+        return Equations((t, x_s, z_s, p, u), ode, alg, signals, moving)
+    except NotCompiled:
+        return None
 
 
 class FitSimulator(Unexplained):
@@ -125,7 +239,7 @@ class QuickSimulator(Unexplained):
     """A `Simulator` for searches. Where a diagram has events, or inputs with kinks or jumps at their samples, it is one in
     all but its messages."""
 
-    most_steps = SEARCH_RUNS.max_steps
+    most_steps, share = SEARCH_RUNS.max_steps, 1.0
 
     def __init__(self, *given: Any, like: Simulator | None = None, **named: Any):
         self.one_step: bool = isinstance(like, QuickSimulator) and like.one_step
@@ -135,9 +249,10 @@ class QuickSimulator(Unexplained):
     def _may_look_up(self) -> bool:
         return True
 
+    def _driven(self, times: Array) -> dict[str, Array]:
+        return {} if self.looks_up else super()._driven(times)
+
     def _integrator(self) -> Integrator:
-        if self.compiled:
-            return self._program(1.0)
         dae, looser = self.integrand.dae, SEARCH_RUNS.one_step_tolerance if self.one_step else 1.0
         solver = "rosenbrock" if self.one_step else "idas" if dae["z"].numel() else "cvodes"
         tolerances = replace(self.tolerances, rtol=looser * self.tolerances.rtol, atol=looser * self.tolerances.atol)

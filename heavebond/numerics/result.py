@@ -233,14 +233,17 @@ class Probe:
         self.assembly, self.names, self.si = assembly, tuple(names), si
         _, x, z, p, _, _ = assembly.arguments
         signals = stack([signal_expression(assembly, name, si) for name in self.names])
-        self._values = _Course(assembly, signals)
-        self._signals, self._by = signals, stack([x, z, p])
+        self.signals, self._by = signals, stack([x, z, p])
         self._others: dict[int, Probe] = {}
+
+    @cached_property
+    def _values(self) -> _Course:
+        return _Course(self.assembly, self.signals)
 
     @cached_property
     def _slopes(self) -> tuple[list[int], _Course]:
         """Which of (x, z, p) the signals contain, and their derivatives by these."""
-        slopes = ca.jacobian(self._signals, self._by)
+        slopes = ca.jacobian(self.signals, self._by)
         moving = sorted(set(slopes.sparsity().get_col()))
         return moving, _Course(self.assembly, ca.vec(ca.densify(slopes[:, moving])))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from functools import cached_property
 from threading import RLock
 
 import casadi as ca
@@ -66,19 +67,19 @@ class Simulator:
         self.pieces: Pieced = driven or (like.pieces if like is not None and self._driven_as(like) else
                                          pieced(assembly.flat, float(self.time[0]), float(self.time[-1])))
         self.quadratures, self.factors = quadratures, factors
-        self.start_equations: StartEquations = like.start_equations \
-            if like is not None and like.assembly.reduced is assembly.reduced else StartEquations(assembly)
-        self.integrand = self._made(assembly, quadratures)
+        self.start_equations = assembly.once("start", lambda: StartEquations(assembly))
         self.integrals = 0 if quadratures is None else quadratures.numel() * (1 + len(self.sensitivities))
         self.stops = np.union1d(self.time, self.pieces.inner_breaks(self.time[0], self.time[-1]))
         self.charts = charts = StateChoices(assembly)
         self.solver: Choice = chosen(solver, assembly, charts.needed)
-        self.integrator = self._integrator()
-        self.loops = _loops(self.integrand)
+        self.prepare()
         self._known_slopes: dict[int, ca.Function] = {}
-        self._hoist = Buffered(self.integrand.hoist)
         self._keep = np.searchsorted(self.stops, self.time)
         self.switching = self._switching(charts) if assembly.flat.events or charts.needed else None
+
+    def prepare(self) -> None:
+        """Build the integrator."""
+        self.integrator = self._integrator()
 
     def change_solvers(self) -> None:
         """Change the solver at the last accepted point where one stops, in all further runs (see `EventIntegration`)."""
@@ -92,11 +93,29 @@ class Simulator:
         return EventIntegration(charts, self._framed, self.integrals, self.stops, self.inputs, build, self.solver.name,
                                 changes)
 
+    @cached_property
+    def integrand(self) -> Integrand:
+        """What is integrated."""
+        return self._made(self.assembly, self.quadratures)
+
+    @cached_property
+    def loops(self) -> ca.Function | None:
+        """Newton's method for the algebraic unknowns; None where there are none."""
+        return _loops(self.integrand)
+
+    @cached_property
+    def _hoist(self) -> Buffered:
+        return Buffered(self.integrand.hoist)
+
     def _made(self, assembly: Assembly, quadratures: ca.SX | None) -> Integrand:
-        """What is integrated; with the sensitivities, parameters move that follow the start or are held, too."""
+        made = integrand(assembly, quadratures, len(self.sensitivities), self._moving(assembly))
+        return _with_integrals(made, self.factors)
+
+    def _moving(self, assembly: Assembly) -> list[int]:
+        """The parameters (indices) that move along the sensitivities: also those that follow the start or are held."""
         moving = {*np.flatnonzero(self.along.any(axis=1)).tolist(), *self.start_equations.solved_for,
                   *(held.index for held in assembly.flat.held)}
-        return _with_integrals(integrand(assembly, quadratures, len(self.sensitivities), sorted(moving)), self.factors)
+        return sorted(moving)
 
     def _framed(self, chart: StateChoice) -> Frame:
         """The equations in the states of a chart; quadratures are given in those of the first."""
@@ -137,13 +156,16 @@ class Simulator:
         values exist and SimulationError where the integration fails.
         """
         check()
-        assembly = self.assembly.with_parameters(parameters) if parameters else self.assembly
         began = clock.perf_counter()
-        u = self.pieces.at(np.array([self.time[0]]))[:, 0]
         with self._turn:
-            first = start(assembly, float(self.time[0]), u, self.start_equations)
-            moved = tangent(self.start_equations, first, u, self.along) if self.sensitivities else None
-            return self._result(assembly, first, moved, began)
+            return self._result(*self._started(parameters), began)
+
+    def _started(self, parameters: Mapping[str, float | str] | None) -> tuple[Assembly, Start, Tangent | None]:
+        """The equations with these parameters, their start, and how it moves along the sensitivities."""
+        assembly = self.assembly.with_parameters(parameters) if parameters else self.assembly
+        u = self.pieces.at(np.array([self.time[0]]))[:, 0]
+        first = start(assembly, float(self.time[0]), u, self.start_equations)
+        return assembly, first, tangent(self.start_equations, first, u, self.along) if self.sensitivities else None
 
     def run_from(self, x: Array, parameters: Mapping[str, float | str] | None = None) -> Result:
         """One run from given states x (n_x,) in SI instead of the diagram's start; after the parameters, the

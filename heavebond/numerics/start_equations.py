@@ -8,6 +8,7 @@ from functools import cached_property
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from heavebond.core.errors import Place
 from heavebond.equations.buffered import Buffered
@@ -223,6 +224,13 @@ class StartEquations:
         symbols = [*split(assembly.reduced.x), *split(assembly.reduced.z), *(assembly.flat.p[k] for k in self.solved_for)]
         found = np.array([assembly.flat.bounds.get(s.element_hash(), everything) for s in symbols]).reshape(len(symbols), 2)
         return found[:, 0], found[:, 1]
+
+    @cached_property
+    def felt(self) -> NDArray[np.int64]:
+        """The parameters (indices) on which the start depends: others may be changed without solving it again."""
+        stand = stack([*(row.residual for row in (*self.rows, *self.guesses)), self.guess.expressions])
+        there = {s.element_hash() for s in ca.symvar(stand)}
+        return np.array([k for k, s in enumerate(split(self.assembly.flat.p)) if s.element_hash() in there], np.int64)
 
     @cached_property
     def widths(self) -> list[int]:

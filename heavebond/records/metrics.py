@@ -68,7 +68,7 @@ def whiteness(e: Array, lags: int | None = None) -> float:
 
     G. M. Ljung, G. E. P. Box, Biometrika 65 (1978) 297-303, doi 10.1093/biomet/65.2.297.
     """
-    from scipy.stats import chi2
+    from scipy.special import chdtrc
 
     n = len(e)
     lags = max(1, min(20, n // 5)) if lags is None else lags
@@ -76,7 +76,7 @@ def whiteness(e: Array, lags: int | None = None) -> float:
         return math.nan
     r = autocorrelation(e, lags)[1:]
     q = n * (n + 2) * float(np.sum(r**2 / (n - np.arange(1, lags + 1))))
-    return float(chi2.sf(q, lags))
+    return float(chdtrc(lags, q))
 
 
 def estimate_noise(y: ArrayLike, time: ArrayLike) -> float:
