@@ -106,14 +106,11 @@ class Unexplained(Simulator):
         if assembly.flat.events or self.charts.needed or self.quadratures is not None or compiled_cvodes.program() is None \
                 or len(self.sensitivities) > len(self.parameters):
             return None
-        key = ("compiled", self.probe.names if self.probe is not None else ())
-        known: list[Equations | None] = assembly.once(key, list)
-        moving = set(self._moving(assembly)) if self.sensitivities else set()
-        for equations in known:
-            if equations is None or moving <= set(equations.moving):
-                return equations
-        known.insert(0, _equations(assembly, self.probe, sorted(moving)))
-        return known[0]
+        moving = tuple(self._moving(assembly)) if self.sensitivities else ()
+        # each set has a list of its own: over a kink the roundings of another order of operations would be seen, and what
+        # a candidate gets would depend on what was made before
+        key = ("compiled", self.probe.names if self.probe is not None else (), moving)
+        return assembly.once(key, lambda: _equations(assembly, self.probe, moving))
 
     def prepare(self) -> None:
         if self.equations is None or len(self.stops) < 2:
