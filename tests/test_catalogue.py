@@ -180,3 +180,9 @@ def test_classes_that_are_special_cases() -> None:
     components = [library().component(name) for name in library().names()]
     known = {c.effect.kind for c in components if c.effect} | {p.kind for c in components for p in c.parameters.values()}
     assert known >= {*effect_classes(), *effect_classes().values()}
+
+
+def test_only_files_with_an_effect_are_parsed_for_it() -> None:
+    """Which these are is seen in the text; no component that has an effect is passed over."""
+    every = library()
+    assert [c.name for c in every.effects()] == [n for n in every.names() if every.component(n).effect is not None]

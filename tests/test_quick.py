@@ -122,6 +122,21 @@ outputs: {shaft.w: {column: w, unit: rad/s, noise: 1 rad/s}}
 """
 
 
+def test_a_start_follows_what_it_depends_on(tmp_path: Path) -> None:
+    """One simulator with one set of values after the other gives what a new one gives for each."""
+    t = np.arange(0, 1, 0.01)
+    rows = "".join(f"{a:.3f},{np.sin(9 * a):.6f},1\n" for a in t)
+    for name, text in (("motor.yaml", MOTOR), ("motor_run.yaml", TACHOMETER), ("train.csv", "t,u,w\n" + rows)):
+        (tmp_path / name).write_text(text)
+    experiment = load_experiment(tmp_path / "motor_run.yaml")
+    names = ["initial.shaft.w", "motor.J"]
+    kept = run(experiment, QuickSimulator, names)
+    heavier, turning = {"motor.J": 3e-4}, {"initial.shaft.w": 5.0}
+    for values in ({}, heavier, turning, {**heavier, **turning}, {}):
+        for own, new in zip(kept.residuals(values), run(experiment, QuickSimulator, names).residuals(values), strict=True):
+            assert np.array_equal(own, new) and own.any()
+
+
 def test_a_quick_part_behind_a_held_input_is_no_end_of_the_search(tmp_path: Path) -> None:
     """The current of the motor settles within a hundredth of a sample: behind some jump CVODES gives up."""
     t = np.arange(0, 4, 0.005)
