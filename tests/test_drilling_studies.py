@@ -48,7 +48,7 @@ def test_one_row_of_each_table(study: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("study", SHORT)
+@pytest.mark.parametrize("study", [*SHORT, "depth"])
 def test_whole_tables(study: str) -> None:
     result = hb.run_study(f"cmc_ahc/studies/{study}")
     assert result.complete
@@ -82,6 +82,10 @@ def test_sentences_on_the_tables() -> None:
     assert np.ptp(gas[0]) < 0.02
     assert gas[1, 0].argmin() == 2 and (np.diff(gas[1, 1]) < 0).all()
     assert gas[1, 1, 4] == pytest.approx(gas[1, 0, 2], rel=0.01)
+    gains = [[float(word) for word in line.split()[2:4]] for line in block("depth") if re.match(r" +\d+ +\d000 ", line)]
+    assert 1 - gains[3][0] / gains[0][0] == pytest.approx(0.11, abs=0.005)
+    assert np.ptp([k_v for _, k_v in gains]) < 0.002
+    assert (np.diff(rows("depth")[:, 1].reshape(2, 4)) < 0).all()
     energy = rows("energy")
     assert energy[1, 3] / energy[1, 0] == pytest.approx(0.04, abs=0.005)
     drift = 0.55 * 2 * np.pi / 12 * 0.5 / 3.02     # m, K_v v/K_p
