@@ -298,11 +298,12 @@ class Integrand:
 
     Terms that depend on parameters alone (the amplitudes of a sea's hundred sines) are computed once a run, what several
     components compute alike (an elongation) once a step. With m directions, x and z hold the model's own unknowns first
-    and then m blocks of their sensitivities.
+    and then m blocks of their sensitivities. No step is longer than `longest` (s; 0 for no limit).
     """
 
     dae: dict[str, ca.SX]
     hoist: ca.Function
+    longest: float = 0.0
 
 
 def integrand(assembly: Assembly, quadratures: ca.SX | None = None, directions: int = 0, moving: Sequence[int] = ()

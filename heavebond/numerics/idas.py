@@ -58,7 +58,8 @@ class Idas:
         self._orders = _orders(made.dae)
         self._dae, self._begin = _ordered(made.dae, self._orders), float(stops[0])
         self._outputs = [float(t) for t in stops[1:]] if len(stops) > 1 else [self._begin + 1.0]
-        self._options = {**integrator_options(made.dae, tolerances), "max_num_steps": most_steps}
+        self._options = {**integrator_options(made.dae, tolerances), "max_num_steps": most_steps,
+                         **({"max_step_size": made.longest} if made.longest else {})}
         if strict:
             self._options["suppress_algebraic"] = False
         self._usual = self._last = self._made({})

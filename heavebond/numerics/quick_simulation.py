@@ -133,8 +133,9 @@ class Unexplained(Simulator):
         return Driving(self.stops, between, self.pieces.at(self.stops), between.size > 0)
 
     def _longest(self) -> float:
-        """The longest step, in s, over inputs that are looked up; 0 where none is set."""
-        return SEARCH_RUNS.longest_step * float(np.median(np.diff(self.pieces.breaks))) if self.looks_up else 0.0
+        """The longest step, in s, over inputs that are looked up and prescribed functions of time; 0 for no limit."""
+        looked_up = SEARCH_RUNS.longest_step * float(np.median(np.diff(self.pieces.breaks))) if self.looks_up else 0.0
+        return min(looked_up or self.longest, self.longest or looked_up)
 
     def measured(self, parameters: Mapping[str, float]) -> tuple[Array, Array]:
         """The signals of the probe (k, N) along a run and their derivatives by the sensitivities (m, k, N)."""
@@ -257,8 +258,9 @@ class QuickSimulator(Unexplained):
         given: dict[str, Any] = dict(dae)
         if self.looks_up:
             given = self._with_table()
-        if self._longest() and not self.one_step:
-            options["max_step_size"] = self._longest()
+        # the one-step method ends its steps at the samples of the inputs
+        if longest := self.longest if self.one_step else self._longest():
+            options["max_step_size"] = longest
         if not dae["z"].numel():
             del given["z"], given["alg"]
         outputs = list(self.stops[1:]) if len(self.stops) > 1 else [self.stops[0] + 1.0]
@@ -292,15 +294,6 @@ class QuickSimulator(Unexplained):
                                 {"lookup_mode": ["binary"]})(t)
         ode, alg = right(t, x, z, p, u)
         return {"t": t, "x": x, "z": z, "p": p, "ode": ode, "alg": alg}
-
-
-class PreviewSimulator(QuickSimulator):
-    """A `QuickSimulator` for curves that are looked at while a slider moves. No step is longer than `longest_step` intervals
-    between output points, so that a short motion that the output points show (a bump after a rest) is not stepped over."""
-
-    def _longest(self) -> float:
-        shown = SEARCH_RUNS.longest_step * float(np.median(np.diff(self.time))) if len(self.time) > 1 else 0.0
-        return min(shown, super()._longest() or shown)
 
 
 def _sides(dae: Mapping[str, ca.SX]) -> ca.Function:

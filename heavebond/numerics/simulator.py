@@ -26,6 +26,7 @@ from heavebond.numerics.dynamic_state_selection import StateChoice, StateChoices
 from heavebond.numerics.event_constants import EVENTS
 from heavebond.numerics.event_integration import EventIntegration, settled
 from heavebond.numerics.failure_messages import Stop, check_decided, explain_failure, stop_times
+from heavebond.numerics.forcing import FORCING, Forcing
 from heavebond.numerics.idas import Tolerances as Tolerances  # a part of this module's interface
 from heavebond.numerics.idas import caught_errors
 from heavebond.numerics.initialise import Start, Tangent, start, tangent
@@ -71,6 +72,8 @@ class Simulator:
         self.integrals = 0 if quadratures is None else quadratures.numel() * (1 + len(self.sensitivities))
         self.stops = np.union1d(self.time, self.pieces.inner_breaks(self.time[0], self.time[-1]))
         self.charts = charts = StateChoices(assembly)
+        self.longest, self._felt = 0.0, None
+        self._limit_steps(assembly)
         self.solver: Choice = chosen(solver, assembly, charts.needed)
         self.prepare()
         self._known_slopes: dict[int, ca.Function] = {}
@@ -80,6 +83,29 @@ class Simulator:
     def prepare(self) -> None:
         """Build the integrator."""
         self.integrator = self._integrator()
+
+    longest: float  # of a step, in s; 0 for no limit
+    _felt: Array | None  # the parameters that it was found with
+
+    def _limit_steps(self, assembly: Assembly) -> bool:
+        """Find the longest step that no prescribed function of time is passed over with at the parameters of an assembly;
+        whether it is much shorter than the one before."""
+        self.forcing: Forcing = self.assembly.once("forcing", lambda: Forcing(self.assembly))
+        felt = self.forcing.felt(assembly.p)
+        if self._felt is not None and np.array_equal(felt, self._felt):
+            return False
+        before, self._felt = self.longest, felt
+        found = self.forcing.longest_step(self.time, assembly.p)
+        shorter = found > 0 and (before == 0 or found < FORCING.renewed_below * before)
+        self.longest = found if shorter else before
+        return shorter
+
+    def _renew(self) -> None:
+        """Build the integrator again, for a shorter longest step."""
+        self.__dict__.pop("integrand", None)
+        self.prepare()
+        if self.switching is not None:
+            self.switching = self._switching(self.charts)
 
     def change_solvers(self) -> None:
         """Change the solver at the last accepted point where one stops, in all further runs (see `EventIntegration`)."""
@@ -109,7 +135,7 @@ class Simulator:
 
     def _made(self, assembly: Assembly, quadratures: ca.SX | None) -> Integrand:
         made = integrand(assembly, quadratures, len(self.sensitivities), self._moving(assembly))
-        return _with_integrals(made, self.factors)
+        return replace(_with_integrals(made, self.factors), longest=self.longest)
 
     def _moving(self, assembly: Assembly) -> list[int]:
         """The parameters (indices) that move along the sensitivities: also those that follow the start or are held."""
@@ -189,6 +215,8 @@ class Simulator:
     def _result(self, assembly: Assembly, first: Start, moved: Tangent | None, began: float) -> Result:
         started = clock.perf_counter()
         with self._turn:
+            if self._limit_steps(assembly):
+                self._renew()
             found = self._integrate(assembly, first, moved)
         seconds = {"start": started - began, "integration": clock.perf_counter() - started}
         statistics = {"solver": self.solver.name, "why": self.solver.why, "seconds": seconds,
@@ -377,7 +405,7 @@ def _with_integrals(made: Integrand, factors: Factors | None) -> Integrand:
         dae["u"] = stack([dae["u"], factors.symbols])
     rates = dae.pop("quad")
     dae["x"], dae["ode"] = stack([dae["x"], ca.SX.sym("integral", rates.numel())]), stack([dae["ode"], rates])
-    return Integrand(dae, made.hoist)
+    return replace(made, dae=dae)
 
 
 def grid(model: Model, until: Time | None, every: Time | None) -> Array:

@@ -121,6 +121,8 @@ class Explicit:
         self._counts = solver == "cvodes"
         outputs = [float(t) for t in stops[1:]] if len(stops) > 1 else [float(stops[0]) + 1.0]
         options = {**solver_options(solver, made.dae, tolerances), "max_num_steps": most_steps}
+        if made.longest:
+            options["max_step_size"] = made.longest
         given = (solver, made.dae, float(stops[0]), outputs)
         function = _compiled(*given, options) if solver == "rosenbrock" else ca.integrator("run", *given, options)
         self._function = Buffered(function, ("xf", "zf"))

@@ -98,7 +98,7 @@ class Frame:
         s, a, d = (ca.SX.sym(name) for name in "sad")
         dae["ode"], dae["alg"] = ca.substitute([d * dae["ode"], dae["alg"]], [dae["t"]], [a + d * s])
         dae["t"], dae["u"] = s, stack([dae["u"], a, d])
-        return Integrand(dae, self.made.hoist)
+        return Integrand(dae, self.made.hoist)  # one step long, in its own time: no limit
 
 
 @dataclass(frozen=True)

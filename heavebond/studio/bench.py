@@ -19,7 +19,7 @@ from heavebond.language.power_terms import CREATED, power_problems, used
 from heavebond.numerics.dae import Array, Assembly, assemble
 from heavebond.numerics.initialise import start
 from heavebond.numerics.inputs import pieced
-from heavebond.numerics.quick_simulation import PreviewSimulator
+from heavebond.numerics.quick_simulation import QuickSimulator
 from heavebond.numerics.result import Result
 from heavebond.numerics.simulation import changes_of, simulate
 from heavebond.numerics.simulator import grid
@@ -97,7 +97,7 @@ class Bench:
 
     def __init__(self) -> None:
         self._assembled: tuple[Any, Assembly] | None = None
-        self._quick: tuple[Any, PreviewSimulator] | None = None
+        self._quick: tuple[Any, QuickSimulator] | None = None
         self._results: OrderedDict[Any, Result] = OrderedDict()
 
     def _assembly(self, job: Job) -> tuple[Any, Assembly]:
@@ -140,7 +140,7 @@ class Bench:
         """Build what sliders run with, which may take a second (a program is compiled)."""
         key, assembly = self._assembly(job)
         if self._quick is None or self._quick[0] != key:
-            self._quick = (key, PreviewSimulator(assembly))
+            self._quick = (key, QuickSimulator(assembly))
         return {}, np.zeros((0, 0))
 
     def preview(self, job: Job, names: Sequence[str]) -> tuple[Entry, Array]:
