@@ -19,6 +19,7 @@ from heavebond.estimation.comparison import compare
 from heavebond.estimation.diagram_files import fitted_diagram, write
 from heavebond.estimation.experiment import Experiment, Free, load_experiment
 from heavebond.estimation.fitting import Fit, fit, profile
+from heavebond.estimation.residuals import condensed
 
 DRIVE = Path(__file__).parents[2] / "shared" / "data" / "real" / "emps"
 
@@ -224,3 +225,16 @@ def test_a_misfit_that_is_large_is_no_run_that_broke_down() -> None:
     sharp = {name: replace(o, noise=o.noise / 100) for name, o in experiment.outputs.items() if o.noise is not None}
     found = hb.fit(replace(experiment, outputs=sharp))
     assert found.chi2 == pytest.approx(1e4 * hb.fit(experiment).chi2, rel=0.05)  # the priors weigh less
+
+
+def test_an_unknown_that_no_residual_feels_is_held() -> None:
+    generator = np.random.default_rng(3)
+    r, J = generator.normal(size=30), generator.normal(size=(30, 4))
+    J[:, 2] = 0.0
+    short, slopes = condensed(r, J)
+    felt = [0, 1, 3]
+    assert short @ short == pytest.approx(r @ r)
+    assert slopes.T @ short == pytest.approx(J.T @ r)  # the gradient, of the still one 0
+    assert (slopes.T @ slopes)[np.ix_(felt, felt)] == pytest.approx((J.T @ J)[np.ix_(felt, felt)])
+    assert np.linalg.matrix_rank(slopes) == 4
+    assert np.linalg.lstsq(slopes, -short, rcond=None)[0][2] == 0.0

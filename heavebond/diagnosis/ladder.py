@@ -90,10 +90,11 @@ class AddedEffect:
 
     @property
     def at_limits(self) -> tuple[Fitted, ...]:
-        """Its numbers that stand at a limit of the parameter itself (a friction of 0), which is a value like any other."""
+        """Its numbers that stand at a limit of the parameter itself (a friction of 0), which is a value like any other,
+        with that limit as their value: the search approaches it to rounding."""
         limits = {n.name: n.limits for n in self.candidate.numbers}
-        return tuple(p for p in self.parameters if p.ended and p.name in limits and any(
-            limit is not None and abs(p.value - limit) <= AT_END * (p.high - p.low) for limit in limits[p.name]))
+        return tuple(replace(p, value=limit) for p in self.parameters if p.ended for limit in limits.get(p.name, ())
+                     if limit is not None and abs(p.value - limit) <= AT_END * (p.high - p.low))
 
     @property
     def undetermined(self) -> tuple[str, ...]:

@@ -362,7 +362,8 @@ class _RefitProblem:
         """With limits that the fitted samples hardly feel (a stop that is not reached, or by one sample) at that end
         of their range, or near it, where they are not felt either: other records go further."""
         cost = self._cost(inner)
-        felt = UNFELT * cost / self.base.r.size
+        # residuals are in units of the noise: a fit far below it (a record without noise) feels nothing but rounding
+        felt = UNFELT * max(cost / self.base.r.size, 1.0)
         limits = {n.name for n in self.candidate.numbers if not n.amplitude and n.sought is not None and n.sought.seen}
         for k, column in enumerate(self.problem.columns):
             for share in (1 - ASIDE, ASIDE) if column.free.name in limits else ():

@@ -348,7 +348,18 @@ class _Enough(Exception):
 def condensed(residuals: Array, jacobian: Array) -> tuple[Array, Array]:
     """A linear least squares problem of as many rows as unknowns and one more that has the same sum of squares, gradient and
     normal matrix: with J = Q R, the residuals Q'r and the length of what is left of r, and R over a row of zeros. (The
-    minimiser decomposes the Jacobian at every step; of thousands of rows that takes as long as a run.)"""
+    minimiser decomposes the Jacobian at every step; of thousands of rows that takes as long as a run.)
+
+    An unknown that no residual feels (the place of a stop that is not reached) has a row of its own, of residual 0, that
+    holds it: in the direction of a singular value of 0 the minimiser would fill its trust region with rounding."""
+    felt = np.any(jacobian != 0, axis=0)
+    if not felt.all() and felt.any():
+        seen, part = condensed(residuals, jacobian[:, felt])
+        own = np.append(felt, True)  # the row of what is left comes last
+        whole, over = np.zeros(len(own)), np.zeros((len(own), len(felt)))
+        whole[own], over[np.ix_(own, felt)] = seen, part
+        over[~own, ~felt] = np.abs(part).max()
+        return whole, over
     Q, R = np.linalg.qr(jacobian)
     seen = Q.T @ residuals
     rest = np.sqrt(max(float(residuals @ residuals - seen @ seen), 0.0))
