@@ -241,7 +241,7 @@ def test_a_stop_that_is_not_reached_is_told_so(tmp_path: Path, monkeypatch: pyte
     assert near["unreached"] and near["interval"] == [None, pytest.approx(least, rel=1e-3)]
     assert near["value"] < least and near["at_bound"] == ""
     assert not far["unreached"] and far["interval"][0] < 0.04 < far["interval"][1]
-    assert f"below {1000 * least:.4g} mm, not reached" in tried.stdout
+    assert f"below {least:.4g} m, not reached" in tried.stdout
 
 
 @pytest.mark.parametrize(("interval", "at_bound", "unreached", "said"), [
