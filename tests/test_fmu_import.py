@@ -244,8 +244,37 @@ def test_events_of_the_diagram_between_communications(rig: Path) -> None:
     assert run["controller.count"][-1] == 50
 
 
-@compiled
-def test_an_fmu_of_ours_is_refused_with_a_reason(tmp_path: Path) -> None:
-    export_fmu(hb.loads(LIKE.replace("SampleHold, T_s: 40 ms", "Gain, k: 1")), tmp_path / "controller.fmu")
+def test_an_fmu_for_model_exchange_only_is_refused_with_a_reason(tmp_path: Path) -> None:
+    make_fmu(tmp_path / "controller.fmu", FMI2.replace("<CoSimulation", "<ModelExchange"))
     with pytest.raises(hb.ModelError, match="model exchange only"):
         hb.assemble(hb.loads(RIG, tmp_path))
+
+
+OWN = """
+model: pair
+components:
+  other: {is: oscillator.fmu, step: 10 ms}
+  wall:  {is: Fixed}
+  hold:  {is: SpringDamper, c: 1 kN/m, d: 100 N*s/m}
+  cart:  {is: Mass, m: 3 kg}
+  push:  {is: ForceSource, u: 0 N}
+nodes: {wall: [wall.a, hold.a], cart: [hold.b, cart.a, push.a]}
+show: {place: {is: other.place, unit: mm}}
+simulate: {until: 1 s, every: 10 ms}
+"""
+
+
+@compiled
+def test_an_fmu_of_ours_is_a_part_of_another_diagram(tmp_path: Path) -> None:
+    alone = hb.loads("""
+model: oscillator
+components: {wall: {is: Fixed}, spring: {is: SpringDamper, c: 80 N/m, d: 1 N*s/m}, load: {is: Mass, m: 2 kg}}
+nodes: {wall: [wall.a, spring.a], load: [spring.b, load.a]}
+initial: {load.x: 50 mm}
+show: {place: {is: load.x, unit: mm}}
+simulate: {until: 1 s, every: 10 ms}
+""")
+    export_fmu(alone, tmp_path / "oscillator.fmu")
+    found = hb.simulate(hb.loads(OWN, tmp_path), allow_fmu=True).si["place"]
+    # an output of an FMU holds from one communication to the next
+    assert np.abs(found - hb.simulate(alone).si["place"]).max() < 1e-6

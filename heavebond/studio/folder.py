@@ -111,7 +111,7 @@ class Folder:
         path = self.path(f"{name}.yaml")
         try:
             with new_file(path, exclusive=True) as fresh:
-                fresh.write_text(text.replace("NAME", name, 1), encoding="utf-8", newline="\n")
+                fresh.write_bytes(text.replace("NAME", name, 1).encode("utf-8"))
         except FileExistsError:
             raise UsageError([Problem("file-exists", f"{name}.yaml exists already", None, "Give another name.")]) from None
         except OSError as error:
