@@ -371,10 +371,11 @@ class Studio {
     const values = this.values, began = performance.now(), name = this.document.name;
     this.busy++;
     byId("stop").hidden = false;
-    const clock = setInterval(() => this.say(`running, ${((performance.now() - began) / 1000).toFixed(0)} s`), 500);
+    const here = () => this.document?.name === name;  // the page may show another diagram by the end
+    const clock = setInterval(() => { if (here()) this.say(`running, ${((performance.now() - began) / 1000).toFixed(0)} s`); }, 500);
     try {
       const told = await this.link.ask("run", this.question(values));
-      if (this.document?.name !== name) return;
+      if (!here()) return;
       if (told.kind === "stopped") this.say("stopped");
       if (told.kind !== "done") return;
       this.live = this.made(told, values);
@@ -382,6 +383,7 @@ class Studio {
       this.say(`${told.points} points in ${((performance.now() - began) / 1000).toFixed(1)} s, solver ${told.solver}`);
       await this.complete();
     } catch (error) {
+      if (!here()) return;
       this.say("the run failed");
       this.plots.empty(error instanceof Error ? error.message : String(error));
       this.live = null;
