@@ -42,6 +42,15 @@ def test_a_bump_after_a_long_rest_is_not_passed_over(late: hb.Assembly, solver: 
     assert found == pytest.approx(reference, abs=1e-5)  # the tolerance of the solvers times the steps over the bump
 
 
+@pytest.mark.parametrize("sampled", ["45 s", "7 s"])
+def test_a_bump_between_events_is_not_passed_over(late: hb.Assembly, sampled: str) -> None:
+    """A run with events is integrated in stretches, each in a time of its own."""
+    text = LATE.replace("nodes:", f"  late: {{is: SampleHold, T_s: {sampled}, u: =wheel.x/1 m}}\nnodes:")
+    found, reference = hb.simulate(hb.loads(text)).si["place"], Simulator(late).run().si["place"]
+    assert np.abs(reference).max() > 0.02
+    assert found == pytest.approx(reference, abs=1e-5)
+
+
 def test_a_shorter_bump_of_other_parameters_is_seen_by_the_same_simulator(late: hb.Assembly) -> None:
     simulator = Simulator(late)
     before = simulator.longest

@@ -267,11 +267,12 @@ class EventIntegration:
     def _advance(self, now: EventState, times: Array, record: Record) -> tuple[Array, Array]:
         """y and z at times (n,), equally far apart."""
         n, integrators = len(times), now.frame.integrators
-        key = (self.solver, n)
-        if key not in integrators:
-            integrators[key] = self._build(self.solver, now.frame.own_time(), np.arange(n + 1.0))
-        middle = (np.append(now.t, times[:-1]) + times) / 2
         self.last = IntegratorCall(now, float(times[-1] - now.t) / n)
+        longest = now.frame.longest_in(n, self.last.step)
+        key = (self.solver, n, longest)
+        if key not in integrators:
+            integrators[key] = self._build(self.solver, now.frame.own_time(longest), np.arange(n + 1.0))
+        middle = (np.append(now.t, times[:-1]) + times) / 2
         a, d = np.full(n, now.t), np.full(n, self.last.step)
         found = integrators[key](x0=now.y, z0=now.z, p=now.given, u=np.vstack([self.inputs(middle), a, d]))
         y, z = np.array(found["xf"]).reshape(len(now.y), n), np.array(found["zf"]).reshape(len(now.z), n)

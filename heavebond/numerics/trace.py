@@ -85,20 +85,26 @@ class Frame:
     equations: EventEquations
     made: Integrand
     loops: ca.Function | None
-    integrators: dict[tuple[str, int], Integrator] = field(default_factory=dict)
+    integrators: dict[tuple[str, int, float], Integrator] = field(default_factory=dict)
 
     @property
     def assembly(self) -> Assembly:
         """The assembly of this choice of states."""
         return self.chart.assembly
 
-    def own_time(self) -> Integrand:
-        """The integrand in the scaled time s."""
+    def longest_in(self, n: int, interval: float) -> float:
+        """The longest step in scaled time over n intervals (s) of a stretch; 0 for no limit. A power of two, so that
+        stretches of many lengths share few integrators."""
+        limit = self.made.longest / interval if interval > 0 else 0.0
+        return 2.0 ** np.floor(np.log2(limit)) if 0 < limit < n else 0.0
+
+    def own_time(self, longest: float) -> Integrand:
+        """The integrand in the scaled time s, with the longest step in it."""
         dae = dict(self.made.dae)
         s, a, d = (ca.SX.sym(name) for name in "sad")
         dae["ode"], dae["alg"] = ca.substitute([d * dae["ode"], dae["alg"]], [dae["t"]], [a + d * s])
         dae["t"], dae["u"] = s, stack([dae["u"], a, d])
-        return Integrand(dae, self.made.hoist)  # one step long, in its own time: no limit
+        return Integrand(dae, self.made.hoist, longest)
 
 
 @dataclass(frozen=True)
