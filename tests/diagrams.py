@@ -40,3 +40,16 @@ nodes:
 initial: {ball.x: 1 m, ball.v: 0 m/s}
 simulate: {until: 2 s, every: 10 ms}
 """
+
+# a cart on a rail behind a spring, whose foot is moved
+CART_RIG = """
+model: rig
+components:
+  foot:   {is: PositionSource, u: "=40 mm*sin(2*pi*time/1.7 s) + 25 mm*sin(2*pi*time/0.9 s)"}
+  spring: {is: Spring, c: 60 N/m}
+  damper: {is: Damper, d: 3 N*s/m}
+  rail:   {is: Fixed}
+  cart:   {is: Mass, m: 2.5 kg}
+nodes: {base: [foot.a, spring.a], load: [spring.b, damper.b, cart.a], rail: [rail.a, damper.a]}
+initial: {load.x: 0 m, load.v: 0 m/s}
+"""

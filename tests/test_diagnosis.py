@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from diagrams import CART_RIG
 
 from benchmarks.diagnosis.making import Hidden
 from benchmarks.diagnosis.rigs import RIGS
@@ -35,17 +36,6 @@ pytestmark = pytest.mark.long
 
 NAMES = {"parameters", "noise", "limits"}  # what holds entries by names that are not keys
 PAGE = Path(__file__).parents[1] / "docs" / "diagnosis.md"
-RIG = """
-model: rig
-components:
-  foot:   {is: PositionSource, u: "=40 mm*sin(2*pi*time/1.7 s) + 25 mm*sin(2*pi*time/0.9 s)"}
-  spring: {is: Spring, c: 60 N/m}
-  damper: {is: Damper, d: 3 N*s/m}
-  rail:   {is: Fixed}
-  cart:   {is: Mass, m: 2.5 kg}
-nodes: {base: [foot.a, spring.a], load: [spring.b, damper.b, cart.a], rail: [rail.a, damper.a]}
-initial: {load.x: 0 m, load.v: 0 m/s}
-"""
 MEASURED = """
 experiment: the cart on its rail
 model: rig.yaml
@@ -82,8 +72,8 @@ def test_wrong_values_are_parameters(tmp_path: Path) -> None:
 @pytest.fixture
 def too_heavy(tmp_path: Path) -> Experiment:
     """A record of the cart, and a diagram in which it weighs 4 kg; its mass is not free."""
-    model = loads(RIG)
-    (tmp_path / "rig.yaml").write_text(RIG.replace("2.5 kg", "4 kg"))
+    model = loads(CART_RIG)
+    (tmp_path / "rig.yaml").write_text(CART_RIG.replace("2.5 kg", "4 kg"))
     run = simulate(model, until=12, every=0.04)
     measured = run["load.x"] + 5e-4 * np.random.default_rng(1).standard_normal(len(run.time))
     columns = {"time [s]": run.time, "foot.u [m]": run["base.x"], "load.x [m]": measured}
@@ -230,7 +220,7 @@ nodes: {load: [+stop.b], rail: [+stop.a]}
 def test_a_stop_that_is_not_reached_is_told_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The cart meets the far stop only: of the near one the record tells how far the cart goes, and no more."""
     monkeypatch.chdir(tmp_path)
-    rig = {"rig.yaml": RIG, "machine.yaml": STOPPED, "measured.yaml": MEASURED}
+    rig = {"rig.yaml": CART_RIG, "machine.yaml": STOPPED, "measured.yaml": MEASURED}
     for name, text in rig.items():
         Path(name).write_text(text)
     run = simulate(load("machine.yaml"), until="12 s", every="40 ms")

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from diagrams import CART_RIG
 
 from heavebond.diagnosis import verdict
 from heavebond.diagnosis.attempt import attempt
@@ -42,17 +43,6 @@ dissipates: F * v
 effect: {class: eddy currents, description: a metal plate in the field of a magnet, attaches: across, amplitude: [F_m],
          search_range: {v_c: RANGE}}
 """
-RIG = """
-model: rig
-components:
-  foot:   {is: PositionSource, u: "=40 mm*sin(2*pi*time/1.7 s) + 25 mm*sin(2*pi*time/0.9 s)"}
-  spring: {is: Spring, c: 60 N/m}
-  damper: {is: Damper, d: 3 N*s/m}
-  rail:   {is: Fixed}
-  cart:   {is: Mass, m: 2.5 kg}
-nodes: {base: [foot.a, spring.a], load: [spring.b, damper.b, cart.a], rail: [rail.a, damper.a]}
-initial: {load.x: 0 m, load.v: 0 m/s}
-"""
 MEASURED = """
 experiment: the cart on its rail
 model: rig.yaml
@@ -66,11 +56,11 @@ free: {spring.c: 60 N/m +- 20 %, damper.d: 3 N*s/m +- 20 %}
 
 def measured(folder: Path, part: str, ends: tuple[str, str, str], offset: float = 0.0) -> Experiment:
     """A record of 12 s of the cart with a part more, at these nodes (base, load, rail); what measures the foot is off."""
-    text = RIG.replace("nodes:", f"  more: {part}\nnodes:")
+    text = CART_RIG.replace("nodes:", f"  more: {part}\nnodes:")
     for node, end in zip(("base: [", "load: [", "rail: ["), ends, strict=True):
         text = text.replace(node, node + (f"more.{end}, " if end else ""))
     (folder / "machine.yaml").write_text(text)
-    (folder / "rig.yaml").write_text(RIG)
+    (folder / "rig.yaml").write_text(CART_RIG)
     run = simulate(load(folder / "machine.yaml"), until=12, every=0.04)
     cart = run["load.x"] + 5e-4 * np.random.default_rng(1).standard_normal(len(run.time))
     np.savetxt(folder / "monday.csv", np.column_stack([run.time, run["base.x"] + offset, cart]), "%.9g", ",",

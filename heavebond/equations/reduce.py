@@ -72,7 +72,6 @@ class Reduced:
     index: int
     differentiated: tuple[tuple[int, int], ...]
     loops: tuple[Loop, ...]
-    n_equations: int
     system: Simultaneous
     choices: System
 
@@ -466,7 +465,7 @@ class _Solver:
             flat, tuple(states), tuple(self.unknown[c] for c in self.torn), x, z, others[0], others[1],
             tuple(flat.equations[row[0]] for _, row in self.remaining), stack(self.defined),
             stack(expressions), pivots, max(order, default=0) + (1 if algebraic else 0),
-            tuple((i, k) for i, k in enumerate(order) if k), tuple(self.loops), len(self.rows), system,
+            tuple((i, k) for i, k in enumerate(order) if k), tuple(self.loops), system,
             self.system)
 
 

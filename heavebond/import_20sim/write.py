@@ -9,8 +9,6 @@ from heavebond.import_20sim import formula_text as f
 from heavebond.import_20sim.block import Block, Part
 from heavebond.import_20sim.component import Component, Item
 
-LONGEST_LINE = 120
-
 
 def scalar(text: str) -> str:
     """A plain scalar of YAML, in quotes where it needs them; control characters become spaces."""
