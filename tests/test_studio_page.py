@@ -89,16 +89,16 @@ def test_a_diagram_is_run_and_its_signals_are_found_by_clicking(tab: browser.Tab
     tab.click("[data-open='car.yaml']")
     tab.wait("studio.view?.svg")
     tab.key("Enter", ctrl=True, code=13)
-    tab.wait("studio.live && !studio.busy && studio.plots.charts.length > 0")
+    tab.wait("studio.runs.live && !studio.runs.busy && studio.runs.plots.charts.length > 0")
     result = hb.simulate(hb.load(server.folder / "car.yaml"))
-    assert tab.run("studio.live.told.outputs.comfort.max") == result.display["comfort"].max()  # to the last digit
+    assert tab.run("studio.runs.live.told.outputs.comfort.max") == result.display["comfort"].max()  # to the last digit
     tab.click("g.part[data-part='damper'] .frame")
     assert "kN*s/m" in tab.wait("document.querySelector('#panel').innerText.includes('Viscous damper') && "
                                 "document.querySelector('#panel').innerText")
     tab.click("[id='y-damper.F']")
-    tab.wait("studio.live.series.has('damper.F')")
-    assert tab.run("Math.max(...studio.live.series.get('damper.F'))") == result.si["damper.F"].max()
-    assert tab.run("studio.plots.charts.some(c => c.series.some(s => s.label === 'damper.F'))")
+    tab.wait("studio.runs.live.series.has('damper.F')")
+    assert tab.run("Math.max(...studio.runs.live.series.get('damper.F'))") == result.si["damper.F"].max()
+    assert tab.run("studio.runs.plots.charts.some(c => c.series.some(s => s.label === 'damper.F'))")
     assert tab.complaints == []
     hosts = {address.split("/")[2] for address in tab.requested() if address.startswith("http")}
     assert hosts == {f"127.0.0.1:{server.port}"}
@@ -107,31 +107,31 @@ def test_a_diagram_is_run_and_its_signals_are_found_by_clicking(tab: browser.Tab
 def test_a_slider_runs_while_it_moves_and_runs_are_laid_over_each_other(tab: browser.Tab, server: Server) -> None:
     _open(tab, server)
     tab.click("#run")
-    tab.wait("studio.live && !studio.busy")
+    tab.wait("studio.runs.live && !studio.runs.busy")
     tab.click("#keep")
     tab.click("g.part[data-part='damper'] .frame")
     x, y = tab.middle("[id='s-damper.d']")
     tab.mouse("Pressed", x, y, button="left", clickCount=1)
     tab.mouse("Moved", x + 30, y, button="left")
-    tab.wait("studio.live.preview")
+    tab.wait("studio.runs.live.preview")
     tab.mouse("Moved", x + 50, y, button="left")
     tab.mouse("Released", x + 50, y, button="left", clickCount=1)
-    tab.wait("!studio.live.preview && !studio.busy && studio.live.values['damper.d']")
-    value = tab.run("studio.values['damper.d']")
+    tab.wait("!studio.runs.live.preview && !studio.runs.busy && studio.runs.live.values['damper.d']")
+    value = tab.run("studio.runs.values['damper.d']")
     assert value.endswith(" kN*s/m") and float(value.split()[0]) > 2
     result = hb.simulate(hb.load(server.folder / "car.yaml").with_parameters({"damper.d": value}))
-    assert tab.run("studio.live.told.outputs.suspension.max") == result.display["suspension"].max()
-    assert tab.run("studio.plots.charts[0].series.length") == 1 + 2 * tab.run("studio.plots.charts[0].series.filter("
-                                                                            "s => s.label?.includes('now')).length")
+    assert tab.run("studio.runs.live.told.outputs.suspension.max") == result.display["suspension"].max()
+    now = tab.run("studio.runs.plots.charts[0].series.filter(s => s.label?.includes('now')).length")
+    assert tab.run("studio.runs.plots.charts[0].series.length") == 1 + 2 * now
     tab.run("document.getElementById('s-damper.d').focus()")
     tab.key("ArrowLeft", code=37)  # the keyboard moves it too
-    tab.wait(f"studio.values['damper.d'] !== {json.dumps(value)} && !studio.busy")
+    tab.wait(f"studio.runs.values['damper.d'] !== {json.dumps(value)} && !studio.runs.busy")
     assert (server.folder / "car.yaml").read_text(encoding="utf-8") == CAR
-    value = tab.run("studio.values['damper.d']")
+    value = tab.run("studio.runs.values['damper.d']")
     tab.run("document.getElementById('sheet').focus()")
     tab.key("Escape", code=27)  # nothing is selected: the diagram's own panel
     tab.click("#write-values")
-    tab.wait("studio.unsaved && Object.keys(studio.values).length === 0")
+    tab.wait("studio.unsaved && Object.keys(studio.runs.values).length === 0")
     assert tab.run("studio.editor.text") == CAR.replace("1.5 kN*s/m", value)
     tab.run("studio.editor.view.focus()")
     tab.key("z", ctrl=True)  # one step of undo

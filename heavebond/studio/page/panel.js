@@ -46,12 +46,12 @@ export class Panel {
 
   changed() {
     /** @type {string[]} */
-    const paths = Object.keys(this.studio.values);
+    const paths = Object.keys(this.studio.runs.values);
     if (!paths.length) return [];
-    return [el("h3", {}, "Changed by sliders"), el("ul", { class: "signals" }, ...paths.map((path) => el("li", {}, el("code", {}, `${path} = ${this.studio.values[path]}`)))),
+    return [el("h3", {}, "Changed by sliders"), el("ul", { class: "signals" }, ...paths.map((path) => el("li", {}, el("code", {}, `${path} = ${this.studio.runs.values[path]}`)))),
       el("p", {}, "These values hold for runs on this page. The text keeps its own."),
-      this.studio.document.writable && el("button", { id: "write-values", onclick: () => this.studio.writeValues() }, "Write them into the text"), " ",
-      el("button", { id: "reset-all", onclick: () => this.studio.setValues({}) }, "Back to the text's values")];
+      this.studio.document.writable && el("button", { id: "write-values", onclick: () => this.studio.runs.writeValues() }, "Write them into the text"), " ",
+      el("button", { id: "reset-all", onclick: () => this.studio.runs.setValues({}) }, "Back to the text's values")];
   }
 
   /** @param {any[]} parameters */
@@ -61,7 +61,7 @@ export class Panel {
 
   /** @param {any} p */
   parameter(p) {
-    const id = `p-${p.path}`, given = this.studio.values[p.path], s = p.slider;
+    const id = `p-${p.path}`, given = this.studio.runs.values[p.path], s = p.slider;
     const unit = s ? s.unit : "";
     const now = s ? (given !== undefined ? parseFloat(given) : s.value) : 0;
     const limits = p.limits?.some((/** @type {any} */ v) => v !== null) ? ` (${p.limits[0] === null ? "" : `at least ${number(p.limits[0])}`}${p.limits.every((/** @type {any} */ v) => v !== null) ? ", " : ""}${p.limits[1] === null ? "" : `at most ${number(p.limits[1])}`}${p.unit && p.unit !== "1" ? ` ${p.unit}` : ""})` : "";
@@ -72,7 +72,7 @@ export class Panel {
       el("div", { class: "head" }, el("label", { for: s ? id : null, title: p.path }, p.name),
         el("span", { class: "value" }, s ? field : el("code", {}, p.text)), el("span", { class: "unit" }, s ? unit : "")),
       ...(s ? this.slider(p, now) : []), wrong, el("div", { class: "doc", id: `${id}-doc` }, `${p.doc}${limits}`,
-        given !== undefined && el("button", { class: "plain", id: `${id}-reset`, onclick: () => this.studio.setValue(p.path, undefined) }, ` back to ${p.text}`)));
+        given !== undefined && el("button", { class: "plain", id: `${id}-reset`, onclick: () => this.studio.runs.setValue(p.path, undefined) }, ` back to ${p.text}`)));
   }
 
   /** @param {any} p @param {number} now */
@@ -86,14 +86,14 @@ export class Panel {
     const tick = log ? Math.log(now / from) / Math.log(to / from) * TICKS : (now - from) / (to - from) * TICKS;
     const range = /** @type {HTMLInputElement} */ (el("input", { type: "range", id: `s-${p.path}`, min: 0, max: TICKS, step: "any", value: tick,
       "aria-label": `${p.path}${s.unit ? ` in ${s.unit}` : ""}`, "aria-valuetext": `${number(now)} ${s.unit}`,
-      onpointerdown: () => this.studio.prepare(), onfocus: () => this.studio.prepare() }));
+      onpointerdown: () => this.studio.runs.prepare(), onfocus: () => this.studio.runs.prepare() }));
     const told = () => this.text(s, Number(value(Number(range.value)).toPrecision(4)));
     range.addEventListener("input", () => {
       range.setAttribute("aria-valuetext", told());
       /** @type {HTMLInputElement} */ (document.getElementById(`p-${p.path}`)).value = String(parseFloat(told()));
-      this.studio.slide(p.path, told());
+      this.studio.runs.slide(p.path, told());
     });
-    range.addEventListener("change", () => this.studio.setValue(p.path, told()));
+    range.addEventListener("change", () => this.studio.runs.setValue(p.path, told()));
     range.addEventListener("keydown", (event) => { // a thousandth of the range is no step for a key
       const step = /** @type {Record<string, number>} */ ({ ArrowRight: 10, ArrowUp: 10, ArrowLeft: -10, ArrowDown: -10, PageUp: 100, PageDown: -100 })[event.key];
       if (!step) return;
@@ -115,15 +115,15 @@ export class Panel {
       s.low !== null && value < s.low ? `The least is ${number(s.low)} ${s.unit}.` : s.high !== null && value > s.high ? `The most is ${number(s.high)} ${s.unit}.` : "";
     wrong.textContent = said;
     field.setAttribute("aria-invalid", String(Boolean(said)));
-    if (!said) this.studio.setValue(p.path, this.text(s, value));
+    if (!said) this.studio.runs.setValue(p.path, this.text(s, value));
   }
 
   /** @param {string} title @param {any[]} signals */
   signals(title, signals) {
     if (!signals.length) return [];
     return [el("h3", {}, `${title} to plot`), el("ul", { class: "signals" }, ...signals.map((s) => el("li", {}, el("label", { title: s.name },
-      el("input", { type: "checkbox", id: `y-${s.name}`, checked: this.studio.plotted.includes(s.name),
-        onchange: (/** @type {any} */ event) => this.studio.plot(s.name, event.target.checked) }),
+      el("input", { type: "checkbox", id: `y-${s.name}`, checked: this.studio.runs.plotted.includes(s.name),
+        onchange: (/** @type {any} */ event) => this.studio.runs.plot(s.name, event.target.checked) }),
       el("span", {}, el("span", { class: "mono" }, s.name), s.unit && s.unit !== "1" ? ` [${s.unit}]` : "", " ", el("span", { class: "doc" }, s.doc)))))) ];
   }
 }

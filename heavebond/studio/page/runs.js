@@ -1,0 +1,214 @@
+// Runs: the values of the sliders, the newest run, those that are kept, and the signals that are plotted.
+
+import { byId, el } from "./dom.js";
+import { DASHES, Plots } from "./plots.js";
+
+export class Runs {
+  /** @param {any} studio */
+  constructor(studio) {
+    this.studio = studio;
+    this.plots = new Plots();
+    this.busy = 0;
+    this.clear();
+  }
+
+  /** As for a diagram that was just opened. */
+  clear() {
+    /** @type {Record<string, string>} */ this.values = {};
+    /** @type {string[]} */ this.plotted = [];
+    /** @type {any} */ this.live = null;
+    /** @type {any[]} */ this.kept = [];
+    this.serial = 0;
+    this.plots.empty("Press Run (Ctrl+Enter) to simulate. Then click parts and wires to find signals to plot, and move the sliders of parameters.");
+    this.showRuns();
+  }
+
+  /** @param {string} path @param {string|undefined} value */
+  setValue(path, value) {
+    const values = { ...this.values };
+    if (value === undefined) delete values[path];
+    else values[path] = value;
+    this.setValues(values);
+  }
+
+  /** @param {Record<string, string>} values */
+  setValues(values) {
+    this.values = values;
+    this.studio.panel.show();
+    if (this.live) void this.run();
+  }
+
+  /** The values of the sliders into the text, one step for undo. */
+  async writeValues() {
+    const before = this.studio.editor.text, values = this.values;
+    try {
+      const told = await this.studio.link.ask("write", { text: before, values });
+      if (this.studio.editor.text !== before) return; // typed meanwhile
+      this.studio.editor.replace(told.text);
+      this.values = {};
+      this.studio.panel.show();
+      this.studio.say("written into the text, not saved yet");
+    } catch (error) {
+      this.studio.banner([error instanceof Error ? error.message : String(error)]);
+    }
+  }
+
+  /** Begin to build what sliders run with. */
+  prepare() {
+    const text = this.studio.editor.text;
+    if (this.prepared === text) return;
+    this.prepared = text;
+    void this.studio.link.ask("prepare", { name: this.studio.document.name, text }).catch(() => { this.prepared = undefined; });
+  }
+
+  /** While a slider moves: one run at a time, and always of the newest value. @param {string} path @param {string} value */
+  slide(path, value) {
+    this.values = { ...this.values, [path]: value };
+    this.waitingPreview = true;
+    if (!this.previewing) void this.preview();
+  }
+
+  async preview() {
+    this.previewing = true;
+    /** @type {number[]} */
+    const done = [];
+    while (this.waitingPreview) {
+      this.waitingPreview = false;
+      const values = this.values, asked = performance.now();
+      try {
+        const told = await this.studio.link.ask("preview", this.question(values));
+        if (told.kind === "done" && !this.busy) {
+          this.live = this.made(told, values);
+          this.live.preview = true;
+          this.showPlots();
+        }
+      } catch (error) {
+        this.studio.say(error instanceof Error ? error.message.split("\n")[0] : "");
+        break;
+      }
+      done.push(performance.now());
+      if (done.length > 11) done.shift();
+      if (done.length > 2) this.studio.say(`${((done.length - 1) / (done[done.length - 1] - done[0]) * 1000).toFixed(0)} runs a second`);
+      this.lag = performance.now() - asked;
+    }
+    this.previewing = false;
+  }
+
+  /** @param {Record<string, string>} values */
+  question(values) { return { name: this.studio.document.name, text: this.studio.editor.text, values, names: this.plotted }; }
+
+  /** @param {any} told @param {Record<string, string>} values */
+  made(told, values) {
+    const [time, ...columns] = told.series;
+    return { id: "live", live: true, label: this.kept.length ? "now" : "", dash: 0, visible: true, time, told, values, text: this.studio.editor.text,
+      units: { ...told.units }, series: new Map(told.signals.map((/** @type {string} */ n, /** @type {number} */ k) => [n, columns[k]])) };
+  }
+
+  async run() {
+    if (!this.studio.document || !this.studio.view?.parts) return;
+    const values = this.values, began = performance.now(), name = this.studio.document.name;
+    this.busy++;
+    byId("stop").hidden = false;
+    const here = () => this.studio.document?.name === name;  // the page may show another diagram by the end
+    const clock = setInterval(() => { if (here()) this.studio.say(`running, ${((performance.now() - began) / 1000).toFixed(0)} s`); }, 500);
+    try {
+      const told = await this.studio.link.ask("run", this.question(values));
+      if (!here()) return;
+      if (told.kind === "stopped") this.studio.say("stopped");
+      if (told.kind !== "done") return;
+      this.live = this.made(told, values);
+      this.studio.banner([]);
+      this.studio.say(`${told.points} points in ${((performance.now() - began) / 1000).toFixed(1)} s, solver ${told.solver}`);
+      await this.complete();
+    } catch (error) {
+      if (!here()) return;
+      this.studio.say("the run failed");
+      this.plots.empty(error instanceof Error ? error.message : String(error));
+      this.live = null;
+    } finally {
+      clearInterval(clock);
+      if (!--this.busy) byId("stop").hidden = true;
+      this.showRuns();
+    }
+  }
+
+  async stop() {
+    await this.studio.link.ask("stop");
+  }
+
+  /** @param {string} name @param {boolean} on */
+  plot(name, on) {
+    this.plotted = on ? [...this.plotted, name] : this.plotted.filter((n) => n !== name);
+    void this.complete();
+  }
+
+  get visible() { return [...this.kept.filter((r) => r.visible), ...(this.live ? [this.live] : [])]; }
+
+  /** Fetch the signals that a run lacks, then show all. */
+  async complete() {
+    for (const run of this.visible) {
+      const names = this.plotted.filter((n) => !run.series.has(n));
+      if (!names.length) continue;
+      try {
+        const told = await this.studio.link.ask("signals", { name: this.studio.document.name, text: run.text, values: run.values, names });
+        if (told.kind !== "done") continue;
+        if (run.preview) { // the run that the command line makes takes the place of the slider's
+          const again = await this.studio.link.ask("run", { name: this.studio.document.name, text: run.text, values: run.values, names: this.plotted });
+          if (again.kind === "done") Object.assign(run, this.made(again, run.values), { preview: false });
+          continue;
+        }
+        const [, ...columns] = told.series ?? [];
+        told.signals.forEach((/** @type {string} */ n, /** @type {number} */ k) => { run.series.set(n, columns[k]); run.units[n] = told.units[n]; });
+      } catch {
+        // a run of a text that had the signal's part not yet goes without it
+      }
+    }
+    this.showPlots();
+  }
+
+  keep() {
+    if (!this.live) return;
+    this.serial++;
+    const changed = Object.entries(this.live.values).map(([path, value]) => `${path.split(".").at(-1)} = ${value}`).slice(0, 2).join(", ");
+    this.kept.push({ ...this.live, id: `run ${this.serial}`, live: false, label: changed || `run ${this.serial}`, dash: 1 + (this.serial - 1) % (DASHES.length - 1) });
+    this.live.label = "now";
+    this.showRuns();
+    this.showPlots();
+  }
+
+  showRuns() {
+    const line = (/** @type {any} */ run) => {
+      const svg = document.createElementNS("http://www.w3.org/2000/svg", "svg"), path = document.createElementNS("http://www.w3.org/2000/svg", "path");
+      for (const [k, v] of [["width", "30"], ["height", "8"], ["aria-hidden", "true"]]) svg.setAttribute(k, v);
+      for (const [k, v] of [["d", "M0 4h30"], ["stroke", "currentColor"], ["stroke-width", "1.6"], ["stroke-dasharray", DASHES[run.dash].join(" ") || "none"]]) path.setAttribute(k, v);
+      svg.append(path);
+      return svg;
+    };
+    const kept = this.kept.map((run) => el("span", { class: "kept" }, line(run),
+      el("input", { type: "checkbox", checked: run.visible, "aria-label": `show ${run.label}`, onchange: (/** @type {any} */ e) => { run.visible = e.target.checked; void this.complete(); } }),
+      el("input", { type: "text", value: run.label, "aria-label": "name of the run", title: Object.entries(run.values).map(([k, v]) => `${k} = ${v}`).join(", "),
+        onchange: (/** @type {any} */ e) => { run.label = e.target.value; this.showPlots(); } }),
+      el("button", { title: "Forget this run", "aria-label": `forget ${run.label}`, onclick: () => { this.kept = this.kept.filter((r) => r !== run); if (!this.kept.length && this.live) this.live.label = ""; this.showRuns(); this.showPlots(); } }, "×")));
+    const name = (this.studio.view?.name ?? "run").replace(/\W+/g, "_");
+    byId("runs").replaceChildren(...(this.live || kept.length ? [el("button", { id: "keep", disabled: !this.live, title: "Keep this run to compare others with it", onclick: () => this.keep() }, "Keep this run"), ...kept,
+      el("span", { class: "grow" }), el("button", { id: "png", onclick: () => this.plots.png(name) }, "PNG"),
+      el("button", { id: "csv", onclick: () => this.plots.csv(name, this.visible, this.plotted) }, "CSV")] : [el("span", {}, "No run yet.")]));
+  }
+
+  showPlots() {
+    const runs = this.visible;
+    if (!runs.length) return;
+    if (!this.plotted.length) { this.plots.empty("No signal is chosen. Tick signals in the panel on the right."); return; }
+    this.plots.show(runs, this.plotted, this.below());
+  }
+
+  /** The verdict and the figures of the newest run, as `heavebond run` prints them. */
+  below() {
+    const told = this.live?.told;
+    if (!told?.outputs) return [];
+    const figure = (/** @type {number|null} */ v) => v === null ? "—" : String(Number(Math.abs(v) < 1e-12 ? 0 : v.toPrecision(5)));
+    const rows = Object.entries(told.outputs).map(([name, f]) => el("tr", {}, el("th", { scope: "row" }, name), el("td", {}, f.unit), ...["min", "max", "rms", "final"].map((k) => el("td", {}, figure(f[k])))));
+    return [...(told.verdict.status === "clean" ? [] : [el("p", { class: "verdict" }, told.verdict.text)]), ...told.notes.map((/** @type {string} */ n) => el("p", { class: "verdict" }, n)),
+      el("table", { class: "figures" }, el("thead", {}, el("tr", {}, ...["output", "unit", "min", "max", "rms", "final"].map((h) => el("th", { scope: "col" }, h)))), el("tbody", {}, ...rows))];
+  }
+}

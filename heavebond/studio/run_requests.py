@@ -1,0 +1,36 @@
+"""Answers to what a page asks of its workers: drawings, runs, signals."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+from heavebond.studio.tab import Handler, Tab, times
+from heavebond.studio.workers import Answer
+
+HANGS = 10.0  # s of a check after which a newer one ends it
+
+
+async def _view(tab: Tab, message: dict[str, Any]) -> Answer:
+    job = tab.job(message)
+    opened = [str(name) for name in message.get("opened", ())]
+    answer = await tab.checker.ask_newest("view", job, opened, patience=HANGS)
+    if answer[0] == "done" and tab.document is not None and tab.document.name == job.name:
+        tab.others = await asyncio.to_thread(times, answer[1].get("files", []))
+    return answer
+
+
+async def _run(tab: Tab, message: dict[str, Any]) -> Answer:
+    job, task = tab.job(message), str(message["do"])
+    given = () if task == "prepare" else ([str(name) for name in message.get("names", ())],)
+    ask = tab.runner.ask_newest if task in ("run", "preview") else tab.runner.ask
+    return await ask(task, job, *given)
+
+
+async def _stop(tab: Tab, _: dict[str, Any]) -> Answer:
+    tab.runner.stop()
+    return "done", {}, None
+
+
+HANDLERS: dict[str, Handler] = {"view": _view, "run": _run, "prepare": _run, "preview": _run, "signals": _run,
+                                "stop": _stop}

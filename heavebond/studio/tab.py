@@ -1,0 +1,147 @@
+"""One page that is open: what it asks is answered by a table of handlers, and it is told of what changes on disk."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+from collections.abc import Awaitable, Callable
+from collections.abc import Mapping as Dictionary
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from heavebond.core.errors import HeavebondError, Problem, UsageError
+from heavebond.core.limits import FILE_BYTES
+from heavebond.studio.folder import Document, Folder
+from heavebond.studio.job import Job
+from heavebond.studio.workers import Answer, Worker
+
+WATCH = 0.4  # s between two looks at the files on disk
+Handler = Callable[["Tab", dict[str, Any]], Awaitable[Answer]]
+
+
+class Tab:
+    """One page that is open: the document in it, watched on disk, and the workers that check and run it."""
+
+    def __init__(self, websocket: WebSocket, folder: Folder, first: str, handlers: Dictionary[str, Handler]):
+        self.websocket, self.folder, self.first, self.handlers = websocket, folder, first, handlers
+        self.checker, self.runner = Worker(), Worker()
+        self.document: Document | None = None
+        self.others: dict[str, float] = {}  # the files that the diagram reads besides its own, with their times
+        self.sending = asyncio.Lock()
+        self.tasks: set[asyncio.Task[None]] = set()
+
+    async def serve(self) -> None:
+        """Answer what the page asks until it goes."""
+        self._begin(self._watch())
+        try:
+            while True:
+                message = json.loads(await self.websocket.receive_text())
+                if isinstance(message, dict):
+                    self._begin(self._handle(message))
+        except (WebSocketDisconnect, ValueError, KeyError):
+            return
+
+    def close(self) -> None:
+        """End what it does and its workers."""
+        for task in self.tasks:
+            task.cancel()
+        self.checker.close()
+        self.runner.close()
+
+    def _begin(self, work: Any) -> None:
+        task = asyncio.get_running_loop().create_task(work)
+        self.tasks.add(task)
+        task.add_done_callback(self.tasks.discard)
+
+    async def _handle(self, message: dict[str, Any]) -> None:
+        number, values = message.get("id"), None
+        try:
+            kind, told, values = await self.handlers[str(message.get("do"))](self, message)
+            if kind == "problems":
+                told = {"problems": [_problem(p) for p in told]}
+        except HeavebondError as error:
+            kind, told = "problems", {"problems": [_problem(p) for p in error.problems]}
+        except (KeyError, TypeError, ValueError, AttributeError):
+            kind, told = "problems", {"problems": [_problem(Problem("usage", "the page asked for something unknown"))]}
+        await self.send({"id": number, "kind": kind, **told}, values)
+
+    async def send(self, told: dict[str, Any], values: Any = None) -> None:
+        """JSON as text; with an array as bytes: the length of the JSON (4 bytes), the JSON filled up with blanks to a
+        multiple of 8, the numbers row by row (float64, little endian)."""
+        text = json.dumps(_finite(told), ensure_ascii=False, allow_nan=False)
+        async with self.sending:
+            with contextlib.suppress(RuntimeError, WebSocketDisconnect):  # the page has gone
+                if values is None:
+                    await self.websocket.send_text(text)
+                    return
+                told = {**told, "shape": list(values.shape)}
+                head = json.dumps(_finite(told), ensure_ascii=False, allow_nan=False).encode("utf-8")
+                head += b" " * (-(4 + len(head)) % 8)
+                await self.websocket.send_bytes(len(head).to_bytes(4, "little") + head
+                                                + np.ascontiguousarray(values, "<f8").tobytes())
+
+    async def _watch(self) -> None:
+        """Tell the page of what changes on disk beside it."""
+        while True:
+            await asyncio.sleep(WATCH)
+            document = self.document
+            if document is None:
+                continue
+            if (now := await asyncio.to_thread(_again, self.folder, document)) is not None \
+                    and self.document is document:
+                self.document = now
+                await self.send({"push": "disk", **document_entry(now)})
+            now_times = await asyncio.to_thread(times, list(self.others))
+            if now_times != self.others and self.document is document:
+                self.others = now_times
+                await self.send({"push": "others"})
+
+    def job(self, message: dict[str, Any]) -> Job:
+        """The diagram as the page holds it: its `name`, its `text`, and the `values` of its sliders."""
+        name, text = str(message["name"]), str(message["text"])
+        if len(text) > FILE_BYTES:
+            raise UsageError([Problem("file-too-large", f"the text is larger than {FILE_BYTES // 10**6} MB")])
+        values = {str(k): str(v) for k, v in message.get("values", {}).items()}
+        return Job(text, str(self.folder.path(name)), name, values)
+
+
+def document_entry(document: Document) -> dict[str, Any]:
+    """A document as the page is told of it."""
+    return {"name": document.name, "text": document.text, "version": document.version, "writable": document.writable}
+
+
+def _again(folder: Folder, document: Document) -> Document | None:
+    """The document as it stands on disk now, if that is another one that can be read."""
+    try:
+        now = folder.read(document.name)
+    except HeavebondError:
+        return None  # deleted or being written; what is on the page can be saved again
+    return now if now.version != document.version else None
+
+
+def times(files: list[str]) -> dict[str, float]:
+    """When files were written last; 0 for one that is gone."""
+    found = {}
+    for file in files:
+        try:
+            found[file] = Path(file).stat().st_mtime
+        except OSError:
+            found[file] = 0.0
+    return found
+
+
+def _problem(problem: Problem) -> dict[str, Any]:
+    return {**problem.as_dict(), "text": str(problem)}
+
+
+def _finite(value: Any) -> Any:
+    """What JSON has no word for as null."""
+    if isinstance(value, dict):
+        return {str(k): _finite(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(v) for v in value]
+    return None if isinstance(value, float) and not np.isfinite(value) else value
