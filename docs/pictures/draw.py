@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 import sys
 import tempfile
 from dataclasses import replace
 from pathlib import Path
 
 import heavebond as hb
+from heavebond.core.presentation import number, unit_label
 from heavebond.core.units import parse_range
 from heavebond.energy.power_flow import energy_flow
 from heavebond.estimation.starter_folder import start_folder
@@ -209,6 +211,20 @@ def sea(folder: Path) -> Path:
     return plot.save(plot_spectra(found), folder / "sea.png")
 
 
+def measured(folder: Path) -> list[Path]:
+    """The diagrams of the page on measured quantities, with the reading of each sensor at the end of the run."""
+    page = (Path(__file__).parent.parent / "measured_quantities.md").read_text("utf-8")
+    drawn = []
+    for name, text in re.findall(r"<!-- file: (measured_\w+)\.yaml -->\n```yaml\n(.*?)```", page, re.DOTALL):
+        model = hb.loads(text)
+        final = hb.simulate(model).display
+        readings = {output.name.partition(".")[0]: f"{number(float(final[output.name][-1]), 3)} {unit_label(output.unit)}"
+                    for output in reversed([*model.show.values()])}
+        drawn.append(folder / f"{name}.svg")
+        drawn[-1].write_text(hb.draw(model, highlight=readings, values=True), encoding="utf-8")
+    return drawn
+
+
 DRAWN = (
     weight_on_bit,
     friction,
@@ -231,6 +247,7 @@ DRAWN = (
     swept,
     sea,
     detailed,
+    measured,
 )
 
 if __name__ == "__main__":
