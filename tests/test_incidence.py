@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import heavebond as hb
-from heavebond.equations.reduce import explicit
+from heavebond.equations.block_solver import explicit
 from heavebond.language.incidence import DEFINITE, INDEFINITE, NONLINEAR, NUMBER, PARAMETER, UNIT, classify
 
 x, y, p, volume = (ca.SX.sym(name) for name in ("x", "y", "p", "V"))

@@ -78,13 +78,18 @@ def _numbered(links: Iterable[list[Terminal]]) -> dict[Terminal, int]:
     number: dict[Terminal, int] = {}
     members: list[list[Terminal]] = []
     for link in links:
-        new = len(members)
-        members.append([])
-        for old in dict.fromkeys(number[item] for item in link if item in number):
-            members[new] += members[old]
-            members[old] = []
-        members[new] += [item for item in link if item not in number]
-        number.update(dict.fromkeys(members[new], new))
+        groups = list(dict.fromkeys(number[item] for item in link if item in number))
+        # the largest group keeps its number: an item changes its own a few times at most, however long the circuit
+        kept = max(groups, key=lambda k: len(members[k]), default=len(members))
+        if kept == len(members):
+            members.append([])
+        joined = [item for item in link if item not in number]
+        for old in groups:
+            if old != kept:
+                joined += members[old]
+                members[old] = []
+        members[kept] += joined
+        number.update(dict.fromkeys(joined, kept))
     return number
 
 

@@ -292,14 +292,14 @@ def check_values(expanded: Expanded, parameters: Parameters, templates: Mapping[
         assert isinstance(bound.value, Value)
         check_bounds(name, parameter, float(number), bound.value, problems)
     problems.raise_as(ModelError)
-    for path, made in templates.items():
+    asked = {path: made for path, made in templates.items() if expanded.leaves[path].component.requires}
+    numbers = iter(parameters.values([f"{path}.{name}" for path, made in asked.items() for name in made.parameters]))
+    for path, made in asked.items():
         leaf = expanded.leaves[path]
-        if leaf.component.requires:
-            own = stack([parameters.expressions[f"{path}.{name}"] for name in made.parameters])
-            truths = ca.Function("r", [parameters.p], [made.requirements(own)])(parameters.numbers)
-            for formula, truth in zip(leaf.component.requires, np.array(truths).ravel(), strict=True):
-                if not truth:
-                    _violated(leaf, formula, made, parameters, problems)
+        truths = made.requirements([next(numbers) for _ in made.parameters])
+        for formula, truth in zip(leaf.component.requires, np.array(truths).ravel(), strict=True):
+            if not truth:
+                _violated(leaf, formula, made, parameters, problems)
     problems.raise_as(ModelError)
 
 

@@ -9,7 +9,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -19,35 +18,14 @@ from numpy.typing import NDArray
 
 from heavebond.core.errors import ModelError
 from heavebond.equations import structural_messages
+from heavebond.equations.block_solver import BlockSolver, Loop, Pivot, column_name
 from heavebond.equations.flatten import Flat, FlatEquation
 from heavebond.equations.index_reduction import Pantelides, collapse, pantelides
 from heavebond.equations.lost_rank import Row, Simultaneous, losses
 from heavebond.equations.matching import block_lower_triangular, maximum_matching
 from heavebond.equations.state_selection import Column, Constraints, InitialGuess, constraints, select_states
-from heavebond.equations.tearing import tear
-from heavebond.language.incidence import DEFINITE, NONLINEAR, PARAMETER, UNIT, classify
+from heavebond.language.incidence import classify
 from heavebond.language.symbols import split, stack, uniform
-
-# a coefficient in a loop that is not divided by, as a share of the largest of its equation among unknowns of its unit
-WEAK = 1e-7
-
-
-@dataclass(frozen=True)
-class Loop:
-    """A block of simultaneous equations: its size, what was torn, and how many of these the integrator iterates."""
-
-    equations: tuple[str, ...]
-    torn: tuple[str, ...]
-    left: int
-
-
-@dataclass(frozen=True)
-class Pivot:
-    """A coefficient that an equation was divided by; the model is singular where it is zero."""
-
-    coefficient: ca.SX
-    unknown: str
-    equation: FlatEquation
 
 
 @dataclass(frozen=True)
@@ -93,12 +71,6 @@ class Reduced:
     def _place(self) -> dict[int, int]:
         """Where each of the symbols stands, by its hash."""
         return {s.element_hash(): k for k, s in enumerate(split(self.symbols))}
-
-
-def column_name(flat: Flat, column: Column) -> str:
-    """The name of an unknown or of its derivative."""
-    name, order = flat.unknowns[column[0]].name, column[1]
-    return name if order == 0 else f"der({name})" if order == 1 else f"der{order}({name})"
 
 
 def reduce(flat: Flat) -> Reduced:
@@ -213,15 +185,35 @@ class System:
                               stack([self.symbol(c) for c in unknown]))
         if -1 in matching or len(rows) != len(unknown):
             raise self._lost(system)
-        solver = _Solver(self, rows, unknown, entries)
+        solver = BlockSolver(self.flat, rows, unknown, [self.residual[row] for row in rows],
+                             [self.symbol(c) for c in unknown], entries, self.constants, self.numbers)
         blocks = block_lower_triangular([[c for c, _ in row] for row in entries], matching)
-        solver.solve_alone([(block[0], matching[block[0]]) for block in blocks if len(block) == 1])
-        for block in blocks:
-            solver.block(block, [matching[r] for r in block])
-        reduced = solver.reduced(states, system)
+        solver.solve([(block, [matching[r] for r in block]) for block in blocks])
+        reduced = self._reduced(states, system, solver)
         if ca.sprank(ca.sparsify(ca.jacobian(reduced.alg, reduced.z))) < reduced.z.numel():
             raise self._lost(system)  # terms that cancel whatever the numbers: a circuit of differences without reference
         return reduced
+
+    def _reduced(self, states: list[Column], system: Simultaneous, solver: BlockSolver) -> Reduced:
+        flat = self.flat
+        torn = [system.columns[c] for c in solver.torn]
+        x, z = stack([self.symbol(s) for s in states]), stack([self.symbol(c) for c in torn])
+        rates = [self.symbol((j, k + 1)) for j, k in states]
+        piggyback = [stack(rates), stack([r for r, _ in solver.remaining]),
+                     stack([p.coefficient for p in solver.pivots])]
+        if solver.defined:
+            expressions, others = ca.substitute_inplace(solver.defined, solver.definitions, piggyback, False)
+        else:
+            expressions, others = [], piggyback
+        pivots = tuple(Pivot(c, p.unknown, p.equation)
+                       for c, p in zip(split(others[2]), solver.pivots, strict=True))
+        order = self.order
+        algebraic = [j for j, top in enumerate(self.chain.highest) if top == 0]
+        return Reduced(
+            flat, tuple(states), tuple(torn), x, z, others[0], others[1],
+            tuple(flat.equations[row[0]] for _, row in solver.remaining), stack(solver.defined),
+            stack(expressions), pivots, max(order, default=0) + (1 if algebraic else 0),
+            tuple((i, k) for i, k in enumerate(order) if k), tuple(solver.loops), system, self)
 
     def _lost(self, system: Simultaneous) -> ModelError:
         """The error for equations that depend on each other at the first guess already."""
@@ -289,188 +281,3 @@ def collapse_rows(flat: Flat) -> list[list[int]]:
     """The unknowns of each equation whatever their derivatives."""
     n = len(flat.unknowns)
     return [list(dict.fromkeys(c % n for c, _ in row)) for row in flat.entries]
-
-
-@dataclass(frozen=True)
-class _Solved:
-    """An equation (row) that is linear in an unknown (column), a*v + b = 0: a and v = -b/a; `dead` where a is 0."""
-
-    row: int
-    column: int
-    coefficient: ca.SX
-    value: ca.SX
-    dead: bool
-
-
-class _Solver:
-    """Solves block after block; collects definitions in the order in which they can be evaluated."""
-
-    def __init__(self, system: System, rows: list[Row], unknown: list[Column],
-                 entries: list[list[tuple[int, int]]]):
-        self.system, self.rows, self.unknown, self.entries = system, rows, unknown, entries
-        self.alone: dict[tuple[int, int], _Solved] = {}
-        self.defined: list[ca.SX] = []
-        self.definitions: list[ca.SX] = []
-        self.pivots: list[Pivot] = []
-        self.torn: list[int] = []
-        self.remaining: list[tuple[ca.SX, Row]] = []
-        self.loops: list[Loop] = []
-
-    def solve_alone(self, pairs: list[tuple[int, int]]) -> None:
-        """Solve the (row, column) that are a block by themselves, where they can be, all of them together."""
-        explicit = [(r, c) for r, c in pairs if self._kinds(r).get(c, NONLINEAR) <= DEFINITE]
-        self.alone = dict(zip(explicit, self._solve(explicit), strict=True))
-
-    def block(self, rows: list[int], columns: list[int]) -> None:
-        if len(rows) == 1 and (found := self.alone.get((rows[0], columns[0]))) and not found.dead:
-            self._define([found])
-            return
-        cost = {(r, c): kind for r in rows for c, kind in self.entries[r] if kind <= DEFINITE}
-        inside = set(columns)
-        for weak in self._weak(rows, inside):
-            del cost[weak]
-        while True:
-            torn = tear({r: [c for c, _ in self.entries[r] if c in inside] for r in rows}, columns, cost)
-            solved = self._solve(torn.sequence)
-            dead = [s for s in solved if s.dead]
-            if not dead:
-                break
-            for pair in dead:
-                del cost[(pair.row, pair.column)]
-        left = self._eliminate(solved, list(torn.torn), list(torn.residual)) if torn.torn else []
-        self._define(solved)
-        names = tuple(column_name(self.system.flat, self.unknown[c]) for c in torn.torn)
-        owners = tuple(dict.fromkeys(self.system.flat.equations[self.rows[r][0]].owner for r in rows))
-        self.loops.append(Loop(owners, names, len(left)))
-
-    def _weak(self, rows: Sequence[int], inside: set[int]) -> list[tuple[int, int]]:
-        """The entries (row, column) of a loop that are not divided by: what follows would be a billion times as large as
-        what it follows from, and its rounding all that is left where it cancels. Compared are unknowns of one unit in an
-        equation (the arms of a lever), and an unknown in equations for others of one unit (the masses on a node)."""
-        entries = [(r, c, kind) for r in rows for c, kind in self.entries[r] if kind <= PARAMETER and c in inside]
-        units = [(self.unknown[c][1], self.system.flat.unknowns[self.unknown[c][0]].unit.dimension) for _, c, _ in entries]
-        alone: dict[int, set[tuple[object, ...]]] = {}
-        for (r, _, kind), unit in zip(entries, units, strict=True):
-            if kind == UNIT:
-                alone.setdefault(r, set()).add(unit)
-        groups: dict[tuple[object, ...], list[int]] = {}
-        for k, ((r, c, kind), unit) in enumerate(zip(entries, units, strict=True)):
-            groups.setdefault((r, *unit), []).append(k)
-            for other in alone.get(r, ()) if kind != UNIT else ():
-                groups.setdefault((c, "beside", *other), []).append(k)
-        several = [group for group in groups.values() if len(group) > 1 and any(entries[k][2] != UNIT for k in group)]
-        if not several:
-            return []
-        slopes = stack([ca.jacobian(self.system.residual[self.rows[r]], self._symbol(c)) for r, c, _ in entries])
-        sizes = np.abs(self.system.numbers(slopes))
-        weak = {k for group in several for k in group if sizes[k] < WEAK * sizes[group].max()}
-        return [entries[k][:2] for k in sorted(weak)]
-
-    def _symbol(self, c: int) -> ca.SX:
-        return self.system.symbol(self.unknown[c])
-
-    def _kinds(self, r: int) -> dict[int, int]:
-        return dict(self.entries[r])
-
-    def _solve(self, pairs: Sequence[tuple[int, int]]) -> list[_Solved]:
-        """Each row solved for its column. A call of CasADi takes longer than its work on one equation, so rows are
-        solved together that contain none of each other's columns."""
-        solved: dict[int, _Solved] = {}
-        for together in self._apart(pairs):
-            coefficients, values = explicit(stack([self.system.residual[self.rows[r]] for r, _ in together]),
-                                            stack([self._symbol(c) for _, c in together]))
-            dead = self._zeros(coefficients, [self._kinds(r)[c] for r, c in together])
-            for (r, c), a, v, zero in zip(together, split(coefficients), split(values), dead, strict=True):
-                solved[r] = _Solved(r, c, a, v, zero)
-        return [solved[r] for r, _ in pairs]
-
-    def _apart(self, pairs: Sequence[tuple[int, int]]) -> list[list[tuple[int, int]]]:
-        """The pairs in groups in which no row contains the column of another; first fit, in order."""
-        # the pairs, the columns solved for, all columns in the rows
-        groups: list[tuple[list[tuple[int, int]], set[int], set[int]]] = []
-        for r, c in pairs:
-            inside = {column for column, _ in self.entries[r]}
-            fitting = (g for g in groups if c not in g[2] and g[1].isdisjoint(inside))
-            if (found := next(fitting, None)) is None:
-                groups.append(found := ([], set(), set()))
-            group, solved, contained = found
-            group.append((r, c))
-            solved.add(c)
-            contained |= inside
-        return [group for group, _, _ in groups]
-
-    def _zeros(self, coefficients: ca.SX, kinds: Sequence[int]) -> list[bool]:
-        """Which coefficients of parameters alone are zero at their values; the other kinds cannot be."""
-        which = [k for k, kind in enumerate(kinds) if kind == PARAMETER]
-        zero = [False] * len(kinds)
-        if which:
-            for k, value in zip(which, self.system.numbers(coefficients[which]), strict=True):
-                zero[k] = value == 0
-        return zero
-
-    def _define(self, solved: Sequence[_Solved]) -> None:
-        for found in solved:
-            self.defined.append(self._symbol(found.column))
-            self.definitions.append(found.value)
-            if not found.coefficient.is_constant():
-                name = column_name(self.system.flat, self.unknown[found.column])
-                self.pivots.append(Pivot(found.coefficient, name, self.system.flat.equations[self.rows[found.row][0]]))
-
-    def _eliminate(self, solved: Sequence[_Solved], torn: list[int], residual: list[int]) -> list[int]:
-        """Solve the residuals of a torn block for torn unknowns that are linear in them, where that is safe.
-
-        Their definitions come before the block's sequence; what is left stays an algebraic unknown.
-        """
-        remaining = [self.system.residual[self.rows[r]] for r in residual]
-        if solved:
-            symbols = [self._symbol(s.column) for s in solved]
-            remaining = ca.substitute_inplace(symbols, [s.value for s in solved], remaining, False)[1]
-        found: list[_Solved] = []
-        while torn:
-            rows = classify(stack(remaining), stack([self._symbol(c) for c in torn]),
-                            self.system.constants, self.system.flat.bounds)
-            entries = [(i, len(row), e) for i, row in enumerate(rows) for e in row if e.kind <= DEFINITE]
-            dead = self._zeros(stack([e.coefficient for _, _, e in entries]), [e.kind for _, _, e in entries])
-            choices = sorted((e.kind, length, i, e.column) for (i, length, e), zero in zip(entries, dead, strict=True)
-                             if not zero)
-            if not choices:
-                break
-            _, _, i, k = choices[0]
-            symbol = self._symbol(torn[k])
-            coefficient, value = explicit(remaining[i], symbol)
-            found.append(_Solved(residual[i], torn[k], coefficient, value, dead=False))
-            del remaining[i], residual[i], torn[k]
-            remaining = [ca.substitute(r, symbol, value) for r in remaining]
-        self._define(found[::-1])
-        self.torn += torn
-        self.remaining += [(r, self.rows[i]) for r, i in zip(remaining, residual, strict=True)]
-        return torn
-
-    def reduced(self, states: list[Column], system: Simultaneous) -> Reduced:
-        flat, symbol = self.system.flat, self.system.symbol
-        x = stack([symbol(s) for s in states])
-        z = stack([self._symbol(c) for c in self.torn])
-        rates = [symbol((j, k + 1)) for j, k in states]
-        piggyback = [stack(rates), stack([r for r, _ in self.remaining]),
-                     stack([p.coefficient for p in self.pivots])]
-        if self.defined:
-            expressions, others = ca.substitute_inplace(self.defined, self.definitions, piggyback, False)
-        else:
-            expressions, others = [], piggyback
-        pivots = tuple(Pivot(c, p.unknown, p.equation)
-                       for c, p in zip(split(others[2]), self.pivots, strict=True))
-        order = self.system.order
-        algebraic = [j for j, top in enumerate(self.system.chain.highest) if top == 0]
-        return Reduced(
-            flat, tuple(states), tuple(self.unknown[c] for c in self.torn), x, z, others[0], others[1],
-            tuple(flat.equations[row[0]] for _, row in self.remaining), stack(self.defined),
-            stack(expressions), pivots, max(order, default=0) + (1 if algebraic else 0),
-            tuple((i, k) for i, k in enumerate(order) if k), tuple(self.loops), system,
-            self.system)
-
-
-def explicit(residuals: ca.SX, symbols: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """a and -b/a of residuals a*v + b (m,), each linear in its own symbol v (m,) and free of the others'."""
-    coefficients = ca.jtimes(residuals, symbols, ca.SX.ones(symbols.numel()))
-    rest = ca.substitute(residuals, symbols, ca.SX.zeros(symbols.numel()))
-    return coefficients, -rest / coefficients

@@ -34,11 +34,9 @@ class TimeSwitch:
 
 
 def clocked(residual: ca.SX, time: ca.SX, constants: set[int]) -> tuple[ca.SX, list[TimeSwitch], bool]:
-    """A scalar residual without comparisons of the time with constants (the hashes of their symbols), the instants at
-    which these change, and whether it still has a kink in something that moves."""
+    """A scalar residual that depends on the time, without comparisons of the time with constants (the hashes of their
+    symbols), the instants at which these change, and whether it still has a kink in something that moves."""
     symbols = ca.symvar(residual)
-    if time.element_hash() not in {s.element_hash() for s in symbols}:
-        return residual, [], True
     walk = _Walk(time, constants)
     rebuilt = walk.rebuilt(ca.Function("residual", [stack(symbols)], [residual]), symbols)
     return (rebuilt, walk.found, walk.kinked) if walk.found else (residual, [], True)
@@ -84,14 +82,15 @@ class TimeConditions:
 def timed(residuals: list[ca.SX], told: Iterable[tuple[str, str, Place]], time: ca.SX, parameters: Parameters,
           held: tuple[Held, ...]) -> TimeConditions:
     """All residuals clocked; `told` are owner, text and place of their equations, `held` what is held already."""
-    if not ca.depends_on(stack(residuals), time):  # as in nearly every diagram
+    by_time = ca.which_depends(stack(residuals), time, 1, True)
+    if not any(by_time):  # as in nearly every diagram
         return TimeConditions(residuals, frozenset(), parameters, held, ())
     moving = {h.index for h in held}
     constants = {s.element_hash() for k, s in enumerate(split(parameters.p)) if k not in moving}
     own, events, symbols, done = list[Held](), list[FlatEvent](), list[ca.SX](), list[ca.SX]()
     numbers, begin, smooth = Counter[str](), parameters.p.numel(), set[int]()
     for k, (residual, (owner, text, place)) in enumerate(zip(residuals, told, strict=True)):
-        rebuilt, passings, kinked = clocked(residual, time, constants)
+        rebuilt, passings, kinked = clocked(residual, time, constants) if by_time[k] else (residual, [], True)
         done.append(rebuilt)
         smooth |= set() if kinked else {k}
         for passing in passings:

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heavebond.core.errors import Place
+from heavebond.equations.block_solver import Pivot
 from heavebond.equations.buffered import Buffered
-from heavebond.equations.reduce import Pivot
 from heavebond.equations.state_selection import InitialGuess
 from heavebond.language.sections import Condition
 from heavebond.language.smoothing import SmoothedColumn, rounded

@@ -10,8 +10,8 @@ import numpy as np
 from heavebond.core.errors import Place, Problem, Problems, StartError, listing
 from heavebond.core.presentation import readable
 from heavebond.equations import structural_messages
+from heavebond.equations.block_solver import Pivot
 from heavebond.equations.lost_rank import losses
-from heavebond.equations.reduce import Pivot
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.matrices import dense, finite, null_space, scaled
 from heavebond.numerics.newton import weights

@@ -1,0 +1,288 @@
+"""Solution of a block lower triangular system: explicit equations, and loops that are torn.
+
+A block of one equation that is linear in its unknown is solved for it. Of a larger one as many unknowns are guessed as leave
+the others explicit (tearing); the guessed ones are then eliminated as far as their equations are linear in them, and the
+rest stays for the integrator.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from heavebond.equations.flatten import Flat, FlatEquation
+from heavebond.equations.lost_rank import Row
+from heavebond.equations.state_selection import Column
+from heavebond.equations.tearing import tear
+from heavebond.language.incidence import DEFINITE, NONLINEAR, PARAMETER, UNIT, classify
+from heavebond.language.symbols import split, stack
+
+Array = NDArray[np.float64]
+# a coefficient in a loop that is not divided by, as a share of the largest of its equation among unknowns of its unit
+WEAK = 1e-7
+
+
+@dataclass(frozen=True)
+class Loop:
+    """A block of simultaneous equations: its size, what was torn, and how many of these the integrator iterates."""
+
+    equations: tuple[str, ...]
+    torn: tuple[str, ...]
+    left: int
+
+
+@dataclass(frozen=True)
+class Pivot:
+    """A coefficient that an equation was divided by; the model is singular where it is zero."""
+
+    coefficient: ca.SX
+    unknown: str
+    equation: FlatEquation
+
+
+def column_name(flat: Flat, column: Column) -> str:
+    """The name of an unknown or of its derivative."""
+    name, order = flat.unknowns[column[0]].name, column[1]
+    return name if order == 0 else f"der({name})" if order == 1 else f"der{order}({name})"
+
+
+@dataclass(frozen=True)
+class _Solved:
+    """An equation (row) that is linear in an unknown (column), a*v + b = 0: a and v = -b/a; `dead` where a is 0."""
+
+    row: int
+    column: int
+    coefficient: ca.SX
+    value: ca.SX
+    dead: bool
+
+
+@dataclass(eq=False)
+class _Block:
+    """A loop of equations (rows) for as many unknowns (columns), with what is done to it: the (row, column) that are solved
+    in this order once the `guessed` unknowns are known; of these `eliminated` are solved for as well, while for those that
+    are `torn` as many equations `residual` remain, with these expressions."""
+
+    rows: list[int]
+    columns: list[int]
+    sequence: tuple[tuple[int, int], ...] = ()
+    guessed: tuple[int, ...] = ()
+    torn: list[int] = field(default_factory=list)
+    residual: list[int] = field(default_factory=list)
+    remaining: list[ca.SX] = field(default_factory=list)
+    solved: list[_Solved] = field(default_factory=list)
+    eliminated: list[_Solved] = field(default_factory=list)
+
+
+def _share_out(residuals: Sequence[ca.SX], blocks: Sequence[_Block]) -> None:
+    """Give each block as many expressions as equations remain in it."""
+    found = iter(residuals)
+    for block in blocks:
+        block.remaining = [next(found) for _ in block.residual]
+
+
+class BlockSolver:
+    """Solves block after block; collects definitions in the order in which they can be evaluated."""
+
+    def __init__(self, flat: Flat, rows: Sequence[Row], unknown: Sequence[Column], residuals: Sequence[ca.SX],
+                 symbols: Sequence[ca.SX], entries: Sequence[Sequence[tuple[int, int]]], constants: set[int],
+                 numbers: Callable[[ca.SX], Array]):
+        """`residuals` are those of the rows, `symbols` those of the unknowns; `entries` gives the unknowns in each row and
+        the kinds of their coefficients, `constants` the hashes of symbols, `numbers` values of expressions in parameters."""
+        self.flat, self.rows, self.unknown, self.entries = flat, rows, unknown, entries
+        self.residuals, self.symbols, self.constants, self.numbers = residuals, symbols, constants, numbers
+        self.defined: list[ca.SX] = []
+        self.definitions: list[ca.SX] = []
+        self.pivots: list[Pivot] = []
+        self.torn: list[int] = []
+        self.remaining: list[tuple[ca.SX, Row]] = []
+        self.loops: list[Loop] = []
+
+    def solve(self, blocks: Sequence[tuple[list[int], list[int]]]) -> None:
+        """Solve the blocks, each the numbers of its rows and columns, in the order in which they can be evaluated.
+
+        A call of CasADi takes longer than its work on one equation, so what does not depend on each other is solved in the
+        same calls: blocks of one explicit equation all together, loops stage by stage."""
+        pairs = [(rows[0], columns[0]) for rows, columns in blocks if len(rows) == 1]
+        explicit = [(r, c) for r, c in pairs if self._kinds(r).get(c, NONLINEAR) <= DEFINITE]
+        alone = {r: found for (r, _), found in zip(explicit, self._solve(explicit), strict=True) if not found.dead}
+        loops = {rows[0]: _Block(rows, columns) for rows, columns in blocks if len(rows) > 1 or rows[0] not in alone}
+        self._tear(list(loops.values()))
+        for together in self._independent([block for block in loops.values() if block.torn]):
+            self._eliminate(together)
+        for rows, _ in blocks:
+            if rows[0] not in loops:
+                self._define([alone[rows[0]]])
+                continue
+            block = loops[rows[0]]
+            self._define(block.eliminated[::-1])
+            self._define(block.solved)
+            self.torn += block.torn
+            self.remaining += [(r, self.rows[i]) for r, i in zip(block.remaining, block.residual, strict=True)]
+            owners = tuple(dict.fromkeys(self.flat.equations[self.rows[r][0]].owner for r in rows))
+            self.loops.append(Loop(owners, tuple(column_name(self.flat, self.unknown[c]) for c in block.guessed),
+                                   len(block.torn)))
+
+    def _tear(self, blocks: Sequence[_Block]) -> None:
+        """Tear the blocks and solve their explicit rows; a coefficient that turns out to be zero is not divided by."""
+        weak = self._weak(blocks)
+        cost = [{(r, c): kind for r in block.rows for c, kind in self.entries[r] if kind <= DEFINITE and (r, c) not in weak}
+                for block in blocks]
+        waiting = list(zip(blocks, cost, strict=True))
+        while waiting:
+            for block, of in waiting:
+                inside = set(block.columns)
+                torn = tear({r: [c for c, _ in self.entries[r] if c in inside] for r in block.rows}, block.columns, of)
+                block.sequence, block.guessed = torn.sequence, torn.torn
+                block.torn, block.residual = list(torn.torn), list(torn.residual)
+            solved = iter(self._solve([pair for block, _ in waiting for pair in block.sequence]))
+            again = []
+            for block, of in waiting:
+                block.solved = [next(solved) for _ in block.sequence]
+                if dead := [(s.row, s.column) for s in block.solved if s.dead]:
+                    for pair in dead:
+                        del of[pair]
+                    again.append((block, of))
+            waiting = again
+
+    def _weak(self, blocks: Sequence[_Block]) -> set[tuple[int, int]]:
+        """The entries (row, column) of loops that are not divided by: what follows would be a billion times as large as
+        what it follows from, and its rounding all that is left where it cancels. Compared are unknowns of one unit in an
+        equation (the arms of a lever), and an unknown in equations for others of one unit (the masses on a node)."""
+        compared = [group for block in blocks for group in self._comparable(block)]
+        pairs = list(dict.fromkeys(pair for group in compared for pair in group))
+        if not pairs:
+            return set()
+        slopes: dict[tuple[int, int], ca.SX] = {}
+        for together in self._apart(pairs):
+            residuals = stack([self.residuals[r] for r, _ in together])
+            symbols = stack([self.symbols[c] for _, c in together])
+            found = split(ca.jtimes(residuals, symbols, ca.SX.ones(symbols.numel())))
+            slopes.update(zip(together, found, strict=True))
+        numbers = np.abs(self.numbers(stack([slopes[pair] for pair in pairs])))
+        sizes = dict(zip(pairs, numbers.tolist(), strict=True))
+        return {pair for group in compared for pair in group if sizes[pair] < WEAK * max(sizes[other] for other in group)}
+
+    def _comparable(self, block: _Block) -> list[list[tuple[int, int]]]:
+        """The groups of entries of a loop whose coefficients are compared."""
+        inside = set(block.columns)
+        entries = [(r, c, kind) for r in block.rows for c, kind in self.entries[r] if kind <= PARAMETER and c in inside]
+        units = [(self.unknown[c][1], self.flat.unknowns[self.unknown[c][0]].unit.dimension) for _, c, _ in entries]
+        alone: dict[int, set[tuple[object, ...]]] = {}
+        for (r, _, kind), unit in zip(entries, units, strict=True):
+            if kind == UNIT:
+                alone.setdefault(r, set()).add(unit)
+        groups: dict[tuple[object, ...], list[int]] = {}
+        for k, ((r, c, kind), unit) in enumerate(zip(entries, units, strict=True)):
+            groups.setdefault((r, *unit), []).append(k)
+            for other in alone.get(r, ()) if kind != UNIT else ():
+                groups.setdefault((c, "beside", *other), []).append(k)
+        return [[entries[k][:2] for k in group] for group in groups.values()
+                if len(group) > 1 and any(entries[k][2] != UNIT for k in group)]
+
+    def _kinds(self, r: int) -> dict[int, int]:
+        return dict(self.entries[r])
+
+    def _solve(self, pairs: Sequence[tuple[int, int]]) -> list[_Solved]:
+        """Each row solved for its column; in one call those that contain none of each other's columns."""
+        solved: dict[int, _Solved] = {}
+        for together in self._apart(pairs):
+            coefficients, values = explicit(stack([self.residuals[r] for r, _ in together]),
+                                            stack([self.symbols[c] for _, c in together]))
+            dead = self._zeros(coefficients, [self._kinds(r)[c] for r, c in together])
+            for (r, c), a, v, zero in zip(together, split(coefficients), split(values), dead, strict=True):
+                solved[r] = _Solved(r, c, a, v, zero)
+        return [solved[r] for r, _ in pairs]
+
+    def _apart(self, pairs: Sequence[tuple[int, int]]) -> list[list[tuple[int, int]]]:
+        """The pairs in groups in which no row contains the column of another."""
+        return [[pairs[k] for k in group] for group in self._disjoint([((r,), (c,)) for r, c in pairs])]
+
+    def _independent(self, blocks: Sequence[_Block]) -> list[list[_Block]]:
+        """The blocks in groups in which none contains a column of another."""
+        return [[blocks[k] for k in group] for group in self._disjoint([(b.rows, b.columns) for b in blocks])]
+
+    def _disjoint(self, parts: Sequence[tuple[Sequence[int], Sequence[int]]]) -> list[list[int]]:
+        """The parts (rows, columns), by their numbers, in groups in which the rows of none contain the columns of another;
+        first fit, in order."""
+        # the parts, their own columns, all columns in their rows
+        groups: list[tuple[list[int], set[int], set[int]]] = []
+        for k, (rows, columns) in enumerate(parts):
+            inside = {column for r in rows for column, _ in self.entries[r]}
+            fitting = (g for g in groups if g[2].isdisjoint(columns) and g[1].isdisjoint(inside))
+            if (found := next(fitting, None)) is None:
+                groups.append(found := ([], set(), set()))
+            group, own, contained = found
+            group.append(k)
+            own.update(columns)
+            contained |= inside
+        return [group for group, _, _ in groups]
+
+    def _zeros(self, coefficients: ca.SX, kinds: Sequence[int]) -> list[bool]:
+        """Which coefficients of parameters alone are zero at their values; the other kinds cannot be."""
+        which = [k for k, kind in enumerate(kinds) if kind == PARAMETER]
+        zero = [False] * len(kinds)
+        if which:
+            for k, value in zip(which, self.numbers(coefficients[which]), strict=True):
+                zero[k] = value == 0
+        return zero
+
+    def _define(self, solved: Sequence[_Solved]) -> None:
+        for found in solved:
+            self.defined.append(self.symbols[found.column])
+            self.definitions.append(found.value)
+            if not found.coefficient.is_constant():
+                name = column_name(self.flat, self.unknown[found.column])
+                self.pivots.append(Pivot(found.coefficient, name, self.flat.equations[self.rows[found.row][0]]))
+
+    def _eliminate(self, blocks: Sequence[_Block]) -> None:
+        """Solve the residuals of torn blocks, none of which contains columns of another, for torn unknowns that are linear
+        in them, where that is safe; one of each block at a time.
+
+        Their definitions come before the block's sequence; what is left stays an algebraic unknown.
+        """
+        given = [s for block in blocks for s in block.solved]
+        raw = [self.residuals[r] for block in blocks for r in block.residual]
+        if given:
+            raw = ca.substitute_inplace([self.symbols[s.column] for s in given], [s.value for s in given], raw, False)[1]
+        _share_out(raw, blocks)
+        waiting = list(blocks)
+        while chosen := self._choices(waiting):
+            symbols = stack([self.symbols[block.torn[k]] for block, _, k in chosen])
+            coefficients, values = explicit(stack([block.remaining[i] for block, i, _ in chosen]), symbols)
+            for (block, i, k), a, value in zip(chosen, split(coefficients), split(values), strict=True):
+                block.eliminated.append(_Solved(block.residual[i], block.torn[k], a, value, dead=False))
+                del block.remaining[i], block.residual[i], block.torn[k]
+            waiting = [block for block, _, _ in chosen if block.torn]
+            _share_out(ca.substitute([r for block in waiting for r in block.remaining], [symbols], [values]), waiting)
+
+    def _choices(self, blocks: Sequence[_Block]) -> list[tuple[_Block, int, int]]:
+        """The blocks of which a residual can be solved for a torn unknown, with the numbers of both, those of the simplest
+        coefficient."""
+        rows = iter(classify(stack([r for block in blocks for r in block.remaining]),
+                             stack([self.symbols[c] for block in blocks for c in block.torn]),
+                             self.constants, self.flat.bounds))
+        entries: list[tuple[_Block, tuple[int, int, int, int], ca.SX]] = []
+        first = 0
+        for block in blocks:
+            own = [next(rows) for _ in block.remaining]
+            entries += [(block, (e.kind, len(row), i, e.column - first), e.coefficient)
+                        for i, row in enumerate(own) for e in row if e.kind <= DEFINITE]
+            first += len(block.torn)
+        dead = self._zeros(stack([a for *_, a in entries]), [choice[0] for _, choice, _ in entries])
+        best: dict[int, tuple[int, int, int, int]] = {}
+        for (block, choice, _), zero in zip(entries, dead, strict=True):
+            if not zero:
+                best[block.rows[0]] = min(choice, best.get(block.rows[0], choice))
+        return [(block, *best[block.rows[0]][2:]) for block in blocks if block.rows[0] in best]
+
+
+def explicit(residuals: ca.SX, symbols: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """a and -b/a of residuals a*v + b (m,), each linear in its own symbol v (m,) and free of the others'."""
+    coefficients = ca.jtimes(residuals, symbols, ca.SX.ones(symbols.numel()))
+    rest = ca.substitute(residuals, symbols, ca.SX.zeros(symbols.numel()))
+    return coefficients, -rest / coefficients
