@@ -27,13 +27,14 @@ from heavebond.diagnosis.alternatives import Alternative
 from heavebond.diagnosis.experiment_design import Separation, separate
 from heavebond.diagnosis.fixed_values import VALUE
 from heavebond.diagnosis.full_runs import at_fit, confirmed, first_entries, loaded
-from heavebond.diagnosis.ladder import AddedEffect, LadderEntry
+from heavebond.diagnosis.ladder import AddedEffect, LadderEntry, with_limits
 from heavebond.diagnosis.ranking import as_dicts, entries
 from heavebond.diagnosis.refit import Refit
 from heavebond.diagnosis.stage import (
     SECONDS,
     Stage,
     choosing,
+    make_calibration_stage,
     make_curve_stage,
     make_stage,
     make_value_stage,
@@ -145,10 +146,15 @@ def diagnose(experiment: Experiment | str | Path, *, steps: int = MOST, number: 
         return make_stage(experiment, number=number, seconds=left(), classes=classes, thorough=not way,
                     progress=lambda text: say(f"step {len(way) + 1}{beside}: {text}"))
 
+    def calibrating(experiment: Experiment) -> Stage:
+        return make_calibration_stage(experiment, number=number, seconds=left(), classes=classes,
+                                      progress=lambda text: say(f"beside calibration errors: {text}"))
+
     try:
         with time_limit(left()):
-            part, way, last = _climbed(experiment, excerpt(experiment, ladder[-1].comparison, samples),
-                                       lambda now: select_stepwise(at_fit(now, base), stepping, say, steps, left))
+            part, way, last = _climbed(
+                experiment, excerpt(experiment, ladder[-1].comparison, samples),
+                lambda now: select_stepwise(at_fit(now, base), stepping, say, steps, left, calibrating))
     except KeyboardInterrupt:
         if left() > 0:
             raise
@@ -263,7 +269,14 @@ def _all_confirmed(way: Selection, ladder: Sequence[LadderEntry], given: Experim
         findings.append(confirmed(added, given))
     if len(findings) > 1 and is_adequate(ladder, findings[:1]) and not is_adequate(ladder, findings):
         return [replace(findings[0], alternatives=way[0].step.cluster)]
-    return findings
+    return [*(_beside_all(finding, findings[-1].fit) for finding in findings[:-1]), *findings[-1:]]
+
+
+def _beside_all(finding: AddedEffect, last: Fit) -> AddedEffect:
+    """An effect with the values and intervals of the fit with all effects."""
+    own = {p.name for p in finding.parameters}
+    parameters = tuple(p for p in with_limits(finding.candidate, last).parameters if p.name in own)
+    return replace(finding, parameters=parameters) if len(parameters) == len(own) else finding
 
 
 def _separation(findings: Sequence[AddedEffect], say: Progress, seconds: float) -> Separation | None:

@@ -15,6 +15,7 @@ import numpy as np
 from heavebond.core.cancellation import clear_signal
 from heavebond.core.errors import SimulationError
 from heavebond.core.progress import Progress
+from heavebond.diagnosis.calibration_errors import is_calibration_error
 from heavebond.diagnosis.candidate_workers import Workers
 from heavebond.diagnosis.catalogue import Candidate, candidates
 from heavebond.diagnosis.fixed_values import fixed_values
@@ -35,6 +36,7 @@ UNKNOWN = "unknown law"  # the class of learnt curves: a shape, no name
 CLOSELY = 6  # trials at most are followed to the very end before they are compared,
 CLOSE = 0.05  # those within this share of the logarithm of chi-square of the best
 AS_ONE = 1e-6  # nodes move as one that differ by less than this share of the largest value
+CALIBRATED = 3  # calibration errors that are refitted beside a law, those with the largest scores
 STEADY = 0.01  # what varies by less than this share of its size is steady
 SECONDS = 600.0  # of refits, after which none is begun
 # A candidate earns its place where chi-square on held-out data falls by this, in units of what is left: normal
@@ -97,6 +99,13 @@ def make_curve_stage(experiment: Experiment, *, number: int | None = None, secon
     return _step(experiment, found, number, seconds, progress or (lambda text: None))
 
 
+def make_calibration_stage(experiment: Experiment, *, number: int | None = None, seconds: float = SECONDS,
+                           classes: Sequence[str] = (), progress: Progress | None = None) -> Stage:
+    """A rung with calibration errors only: offsets and gains of inputs and channels."""
+    found = [c for c in candidates(experiment) if is_calibration_error(c, experiment) and (not classes or c.kind in classes)]
+    return _step(experiment, found, number, seconds, progress or (lambda text: None), most=CALIBRATED)
+
+
 def make_value_stage(experiment: Experiment, *, beside: Refit | None = None, number: int | None = None,
                      seconds: float = SECONDS,
                      progress: Progress | None = None) -> Stage:
@@ -111,7 +120,7 @@ def single(experiment: Experiment, candidate: Candidate, progress: Progress) -> 
 
 
 def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None, seconds: float, say: Progress,
-          always: bool = False, thorough: bool = False, beside: Refit | None = None) -> Stage:
+          always: bool = False, thorough: bool = False, beside: Refit | None = None, most: int | None = None) -> Stage:
     began = clock.perf_counter()
     say("fitting what is free")
     base = fitted_base(experiment)
@@ -133,6 +142,7 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
             left = leftover(base, scores)
             if left.significant or always:
                 leading, rest, twins = planned(scores, _as_one(courses))
+                leading = leading[:most]
                 partial = not refits.make(leading, rest if thorough else [], clock.perf_counter() + seconds)
                 say("comparing the best closely")
                 refits.trials |= _polished(workers, list(refits.trials.values()), {c.label: g for c, g in (*leading, *rest)})
@@ -284,17 +294,30 @@ def _needless(trial: Refit, simpler: Refit) -> bool:
         and not fallen(simpler.chi2_held_out, trial.chi2_held_out, trial.samples_held_out) > EARNED  # (NaN: none held out)
 
 
-def leaders(made: Stage, most: int) -> list[Stage]:
+def leaders(made: Stage, most: int, simplest: bool = False) -> list[Stage]:
     """The step with each of the best trials chosen that earn their place, one of each class at each place; the leader
-    first, without those that the test data exclude beside it."""
+    first, without those that the test data exclude beside it. `simplest`: besides, of each of these classes and places, the
+    law with the fewest numbers."""
     earned = _earned(made)
     if not earned:
         return []
     first = _leader(made, earned)
-    best: dict[object, Refit] = {}
+    families: dict[object, list[Refit]] = {}
     for trial in [first, *(t for t in earned if merit(t) > merit(first))]:
-        best.setdefault((trial.candidate.kind, frozenset(trial.candidate.where)), trial)
-    return [choosing(made, trial) for trial in list(best.values())[:most]]
+        families.setdefault((trial.candidate.kind, frozenset(trial.candidate.where)), []).append(trial)
+    found = list(families.values())[:most]
+    chosen = [family[0] for family in found]
+    if simplest:
+        least = [min(family, key=lambda t: (t.unknowns, merit(t))) for family in found]
+        chosen += [t for t in least if not any(t is other for other in chosen)]
+    return [choosing(made, trial) for trial in chosen]
+
+
+def simpler_law(made: Stage, trial: Refit) -> Refit | None:
+    """Of the trials of a step the best that earns its place and is of the same class at the same place as another one, with
+    fewer numbers, and leaves no more but for chance."""
+    found = [t for t in _earned(made) if t.candidate.kind == trial.candidate.kind and _needless(trial, t)]
+    return min(found, key=merit, default=None)
 
 
 def _twins_of(close: Sequence[Refit], twins: Mapping[str, Sequence[str]], scores: Sequence[Score]) -> list[Refit]:

@@ -5,6 +5,8 @@ either of them alone, and every further effect then mends what it does wrong. So
 
 * as long as more than the given noise is left, not only the best first effect is followed but the best of a few classes and
   places, and of all ladders so begun the best few, until one reaches the noise;
+* the laws that lead the first step are each refitted beside calibration errors (offsets and gains of inputs and channels),
+  and followed in the order of what they leave then: a law that is right but for its instruments leaves little;
 * beside what was found later, each earlier effect is taken out and sought anew among all candidates: one that is not missed
   stays out, one that another does better than gives its place to it, and what is not told from it is named anew.
 
@@ -24,7 +26,7 @@ from heavebond.diagnosis.catalogue import Candidate
 from heavebond.diagnosis.like_places import all_candidates
 from heavebond.diagnosis.refit import Refit
 from heavebond.diagnosis.residual_tests import is_noise
-from heavebond.diagnosis.stage import Stage, choosing, following, leaders, merit, refitted_beside, single
+from heavebond.diagnosis.stage import Stage, choosing, following, leaders, merit, refitted_beside, simpler_law, single
 from heavebond.diagnosis.verdict import worth_it
 from heavebond.estimation.experiment import Experiment
 
@@ -64,16 +66,20 @@ class SelectedEffect:
 
 Selection = tuple[SelectedEffect, ...]
 Stepping = Callable[[Experiment, Selection], Stage]
+Calibrating = Callable[[Experiment], Stage]
 
 
 def select_stepwise(experiment: Experiment, stepping: Stepping, say: Progress, most: int = MOST,
-                    left: Callable[[], float] = lambda: inf) -> tuple[Selection, Stage]:
+                    left: Callable[[], float] = lambda: inf, calibrating: Calibrating | None = None
+                    ) -> tuple[Selection, Stage]:
     """The ladder of at most `most` effects that leaves least, and the last step that was made from its last rung (with the
     chosen effect on it, or with none that is worth it); `stepping` makes a step on an experiment, the ladder that leads
-    there given. A further step begins only where as much time is `left` (s) as the step before took, and one that the time
-    cuts short counts only where it reaches the noise."""
+    there given, and `calibrating` one of calibration errors alone. A further step begins only where as much time is `left`
+    (s) as the step before took, and one that the time cuts short counts only where it reaches the noise."""
     last = stepping(experiment, ())
     base, ways = last.merit, _extended((), last)
+    if calibrating is not None and ways and not (last.partial or ways[0][-1].is_noise or most < 2):
+        ways = _beside_calibration(last, ways, calibrating, left)
     for _ in range(2 * most):
         if not ways or len(ways[0]) >= most or last.partial or ways[0][-1].is_noise:
             break
@@ -93,7 +99,9 @@ def select_stepwise(experiment: Experiment, stepping: Stepping, say: Progress, m
             last = ways[0][-1].step
             break
         longer = [found for way, made in steps for found in _extended(way, made)
-                  if worth_it(found[-1].step) and _merit(found) < _merit(ways[0])]
+                  if worth_it(found[-1].step) and _merit(found) < min(map(_merit, ways))]
+        if not longer:
+            ways = sorted(ways, key=_merit)
         if longer:
             ways = _distinct(sorted(longer, key=_merit))
         last = replace(ways[0][-1].step if longer else steps[0][1], partial=steps[-1][1].partial)
@@ -110,6 +118,29 @@ def _extended(way: Selection, made: Stage) -> list[Selection]:
     return [(*way, SelectedEffect(step, step.cluster)) for step in leaders(made, WAYS)]
 
 
+def _beside_calibration(made: Stage, ways: Sequence[Selection], calibrating: Calibrating, left: Callable[[], float]
+                        ) -> list[Selection]:
+    """The ladders of one effect in the order of what is left beside a calibration error, where that takes a noticeable part
+    of it; those of the simplest law of a class and place stand among them where it leads beside one."""
+    found = {_label(way): (_merit(way), way) for way in ways}
+    for step in leaders(made, WAYS, simplest=True):
+        if left() <= 0:
+            break
+        way = (SelectedEffect(step, step.cluster),)
+        try:
+            beside = calibrating(following(step))
+        except KeyboardInterrupt:
+            clear_signal()
+            break
+        if beside.chosen is not None and worth_it(beside):
+            found[_label(way)] = merit(beside.chosen), way
+    return [way for _, way in sorted(found.values(), key=lambda pair: pair[0])]
+
+
+def _label(way: Selection) -> str:
+    return way[-1].candidate.label
+
+
 def _merit(way: Selection) -> float:
     return merit(way[-1].chosen)
 
@@ -117,7 +148,7 @@ def _merit(way: Selection) -> float:
 def _promising(ways: Sequence[Selection], base: float) -> list[Selection]:
     """The ladders that may still win. An estimated noise is no yardstick by which the best could be found wanting: with it
     the best alone is followed."""
-    given, best = ways[0][-1].step.experiment.noise_given, _merit(ways[0])
+    given, best = ways[0][-1].step.experiment.noise_given, min(map(_merit, ways))
     return [ways[0], *(way for way in ways[1:WAYS] if given and base - _merit(way) > FOLLOWED * (base - best))]
 
 
@@ -159,6 +190,10 @@ def _looked_back(way: Selection, stepping: Stepping, say: Progress) -> tuple[Sel
             way, k = (*others, SelectedEffect(again, again.cluster)), 0
         else:
             same = next((t for t in again.trials if t.candidate.label == way[k].candidate.label), None)
+            if same is not None and (law := simpler_law(again, same)) is not None:
+                step = choosing(again, law)
+                way, k = (*others, SelectedEffect(step, step.cluster)), 0
+                continue
             alike = choosing(again, same).cluster if same is not None else (way[k].chosen, *again.cluster)
             way, k = (*way[:k], replace(way[k], alternatives=alike), *way[k + 1:]), k + 1
     return way, False

@@ -122,8 +122,10 @@ def sentences(said: str, ladder: Sequence[LadderEntry], findings: Sequence[Added
              _WORDS[said](ladder, findings, steps, shape)]
     if adequacy is not None and (said == "mainly" or adequacy.beaten):
         lines += _yardstick(adequacy)
-    if findings and any(s.identity is not None and s.identity.too_short for s in steps[:len(findings)]):
-        blocks = min(s.identity.blocks for s in steps[:len(findings)] if s.identity is not None and s.identity.too_short)
+    short = [s.identity.blocks for s, f in zip(steps, findings, strict=False)
+             if s.identity is not None and s.identity.too_short and len(f.alternatives) > 1]
+    if short:
+        blocks = min(short)
         lines.append(f"The records are too short to distinguish them: they hold {number(blocks, 2)} independent blocks, and "
                      f"about {number(DECISION.blocks, 2)} are needed.")
     if findings:
