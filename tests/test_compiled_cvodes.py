@@ -183,3 +183,38 @@ def test_what_sundials_holds_is_given_back() -> None:
     del own
     gc.collect()
     assert gone() is None and not problem.memory
+
+
+def swinging() -> System:
+    """A pendulum with friction at a kink, a loop (z = cos(z) x) and every kind of signal."""
+    x, p, z = ca.SX.sym("x", 2), ca.SX.sym("p", 2), ca.SX.sym("z")
+    ode = ca.vertcat(x[1], -ca.sin(x[0]) - p[0] * ca.fmax(x[1], 0) + p[1] * z ** 1.3)
+    signals = ca.vertcat(z * x[0], ca.if_else(x[1] > 0, 1, 2))
+    return System(x, ode, p, z=z, alg=z - 0.5 * ca.exp(-z * x[0] ** 2), signals=signals)
+
+
+def test_machine_code_gives_the_same_bits() -> None:
+    """Compiled after the first run that took long enough; states, algebraic unknowns, signals and their sensitivities."""
+    equations = swinging().equations(0, 1)
+    runs = [CompiledCvodes(equations, 2, STOPS, TOLERANCES, 1000) for _ in range(2)]
+
+    def found() -> list[Integrated]:
+        return [run(own, [1.0, 0.0], [0.2, 0.3], [0.4]) for own in runs]
+
+    before = found()
+    assert runs[0].stats()["equations"] == "list of operations" and not equations.compiled
+    equations.spent(10.0)
+    after = found()
+    assert runs[1].stats()["equations"] == "machine code"
+    for one, other in zip(before, after, strict=True):
+        for name in ("x", "z", "signals"):
+            assert np.array_equal(getattr(one, name), getattr(other, name)), name
+
+
+def test_without_a_compiler_the_list_of_operations_remains(monkeypatch: pytest.MonkeyPatch) -> None:
+    equations = swinging().equations(0, 1)
+    own = CompiledCvodes(equations, 2, STOPS, TOLERANCES, 1000)
+    monkeypatch.setattr("heavebond.numerics.solvers.compiler", lambda: None)
+    equations.spent(10.0)
+    run(own, [1.0, 0.0], [0.2, 0.3], [0.4])
+    assert own.stats()["equations"] == "list of operations"

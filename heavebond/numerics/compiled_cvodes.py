@@ -6,6 +6,10 @@ addresses of the functions in CasADi's own shared library, and evaluates the equ
 of the CasADi function. The program is the same for all models: a process compiles it once, into a private folder that
 is deleted as soon as the library is loaded; nothing compiled is read back from disk.
 
+Once the runs of one model have taken as long as compiling its equations takes, these are compiled as well, in the same
+manner: an evaluation then takes a half to a third of the time. The operations and their order are the same, and so are the
+results, to the last bit.
+
 It serves on Linux where a C compiler is present and CasADi brings the SUNDIALS that the program was written for; everywhere
 else searches integrate through CasADi, by the same method with the same tolerances.
 """
@@ -16,6 +20,7 @@ import ctypes
 import subprocess
 import sys
 import tempfile
+import time as clock
 import weakref
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -35,9 +40,33 @@ from heavebond.numerics.idas import Tolerances
 
 SOURCE = Path(__file__).parents[1] / "c" / "cvodes.c"
 FLAGS = ("-O2", "-shared", "-fPIC", "-ffp-contract=off")
+# of the equations of a model: -O2 gains a few percent for twice the time; with the arithmetic as it is written, results are
+# the same to the last bit
+EQUATION_FLAGS = ("-O1", *FLAGS[1:])
 VERSIONS = ("3.7", "3.8")  # of CasADi, whose CVODES is that of SUNDIALS 2 with double precision
 MOST_STATES = 60  # of the model: its Jacobian is dense here
 CHUNK = 100  # stops between two looks whether the run is still wanted
+
+
+@dataclass(frozen=True)
+class CompilingConstants:
+    """The constants of the compilation of equations that many or long runs evaluate.
+
+    seconds: time to compile a small function. Origin: measured, gcc 12. Doubled: searches of half a second to one second
+        stay with the list of operations.
+    seconds_per_operation: time to compile an operation. Origin: measured, at -O1. Doubled: as above, for large models.
+    max_operations: operations up to which functions are compiled. Origin: a compiler takes more than proportional time
+        and memory for a function of a hundred thousand. Doubled: compilations of a minute.
+    timeout: seconds after which the compiler is ended. Origin: a bound. Doubled: nothing.
+    """
+
+    seconds: float = 0.1
+    seconds_per_operation: float = 1.5e-4
+    max_operations: int = 50_000
+    timeout: float = 120.0
+
+
+COMPILING = CompilingConstants()
 # What the program knows, in C, of the operands A and B.
 OPERATIONS = {
     "ASSIGN": "A", "ADD": "A + B", "SUB": "A - B", "MUL": "A * B", "DIV": "A / B", "NEG": "-A", "EXP": "exp(A)",
@@ -67,7 +96,7 @@ _Pointer = ctypes.c_void_p
 
 class _Tape(ctypes.Structure):
     _fields_ = [("length", ctypes.c_long), ("n_out", ctypes.c_long), ("n_constants", ctypes.c_long), ("code", _Pointer),
-                ("out", _Pointer), ("slots", _Pointer)]
+                ("out", _Pointer), ("slots", _Pointer), ("compiled", _Pointer), ("first", ctypes.c_long)]
 
 
 class _Pattern(ctypes.Structure):
@@ -106,21 +135,33 @@ class Equations:
         self.hoist = Buffered(ca.Function("hoist", [p], [stack([p, parametric])]))
         self.n_p = constants.numel()
         arguments = [*given[:3], constants, given[4]]
-        self.right = _tape(arguments, stacked[:self.n])
-        self.full = _tape(arguments, stacked[:ends[1]])
-        self.signals = _tape(arguments, stacked[ends[1]:])
+        self.expressions = stack(arguments), (stacked[:self.n], stacked[:ends[1]], stacked[ends[1]:])
+        self.functions: tuple[_Listed | _Machine, ...] = tuple(_tape(arguments, wanted) for wanted in self.expressions[1])
+        self.seconds, self.compiled = 0.0, False
         self.patterns = [tuple(np.array(k, np.int32) for k in of.sparsity().get_triplet()) for of in (slopes, signal_slopes)]
 
-    def structures(self, slots: Sequence[Array]) -> tuple[_Tape, _Tape, _Tape, _Pattern, _Pattern]:
-        """As C sees them, with `slots` of each function to work in (see `slots`)."""
-        right, full, signals = (listed.structure(own) for listed, own in
-                                zip((self.right, self.full, self.signals), slots, strict=True))
-        one, other = (_Pattern(len(rows), _address(rows), _address(columns)) for rows, columns in self.patterns)
-        return right, full, signals, one, other
+    def structures(self, slots: Sequence[Array]) -> tuple[_Tape, ...]:
+        """The functions as C sees them, with `slots` of each to work in (see `slots`)."""
+        return tuple(function.structure(own) for function, own in zip(self.functions, slots, strict=True))
+
+    def jacobians(self) -> tuple[_Pattern, ...]:
+        """The patterns of the Jacobians as C sees them."""
+        return tuple(_Pattern(len(rows), _address(rows), _address(columns)) for rows, columns in self.patterns)
 
     def slots(self) -> list[Array]:
         """Arrays to work in, which no two integrations share: they may run in several threads."""
-        return [listed.slots.copy() for listed in (self.right, self.full, self.signals)]
+        return [function.slots.copy() for function in self.functions]
+
+    def spent(self, seconds: float) -> None:
+        """Note the processor time of a run. Once runs have taken as long as compiling takes, the functions are compiled: at
+        worst the time is twice that of the better choice, whatever number of runs follows."""
+        self.seconds += seconds
+        operations = sum(function.length for function in self.functions)
+        if self.compiled or self.seconds < COMPILING.seconds + COMPILING.seconds_per_operation * operations \
+                or operations > COMPILING.max_operations:
+            return
+        self.compiled = True  # also where it fails: it is tried once
+        self.functions = _machine(*self.expressions) or self.functions
 
 
 class NotCompiled(Exception):
@@ -157,13 +198,13 @@ class CompiledCvodes:
                 np.zeros((n_z, n_z)), np.zeros(n_z), np.zeros((n, n_z)), np.zeros(n_z, np.int32)]
         self._counts = np.zeros(3, np.int64)
         # what C points to must live as long as this does
-        slots = equations.slots()
-        kept: list[Any] = [*columns, *work, *slots, self._directions, equations]
+        self._functions, slots = equations.functions, equations.slots()
+        self._kept = kept = [*columns, *work, *slots, self._directions, equations, self._functions]
         n_u = driving.pieces.shape[0]
         assert n_u == 0 or len(columns[2]) == len(stops)  # C reads so many
         self._problem = _Problem(
-            ctypes.cast(compiled.sundials, _Pointer), *equations.structures(slots), n, n_z, m, self._total,
-            len(equations.moving), equations.n_p, n_u, equations.n_signals, len(columns[1]), driving.restarts,
+            ctypes.cast(compiled.sundials, _Pointer), *equations.structures(slots), *equations.jacobians(), n, n_z, m,
+            self._total, len(equations.moving), equations.n_p, n_u, equations.n_signals, len(columns[1]), driving.restarts,
             *map(_address, columns), _address(self._directions), 0, *map(_address, work), None, None)
         answer = compiled.library.prepare(
             ctypes.byref(self._problem), self._stops[0], tolerances.rtol, tolerances.atol, most_steps, longest)
@@ -187,7 +228,8 @@ class CompiledCvodes:
         signals = np.empty((N, equations.n_signals * (1 + m)))
         found = [_address(k) for k in (x, z, signals)]
         self._counts[:] = 0
-        library, at = self._program.library, ctypes.byref(problem)
+        self._renew()
+        library, at, began = self._program.library, ctypes.byref(problem), clock.thread_time()
         answer = library.begin(at, stops[0], _address(x0), _address(z0), _address(hoisted), *found)
         reached, first = ctypes.c_double(float(stops[0])), 0
         here, counts = _address(stops) or 0, _address(self._counts)
@@ -196,13 +238,24 @@ class CompiledCvodes:
             answer = library.advance(at, number, here + first * stops.itemsize, first, *found, ctypes.byref(reached), counts)
             first += number
             check()
+        equations.spent(clock.thread_time() - began)
         if answer:
             raise RuntimeError(f"At t = {reached.value:.17g}, {MESSAGES.get(answer, f'CVODES answered {answer}')}")
         return Integrated(x.T, z.T, signals.reshape(N, 1 + m, equations.n_signals))
 
+    def _renew(self) -> None:
+        """Take the functions as they are now: they may have been compiled since the last run."""
+        if self._functions is self.equations.functions:
+            return
+        self._functions, slots = self.equations.functions, self.equations.slots()
+        self._kept += [*slots, self._functions]
+        for name, structure in zip(("right", "full", "signals"), self.equations.structures(slots), strict=True):
+            setattr(self._problem, name, structure)
+
     def stats(self) -> dict[str, Any]:
-        """Counts of steps and evaluations of the last run."""
-        return dict(zip(("nsteps", "nfevals", "netfails"), self._counts.tolist(), strict=True))
+        """Counts of steps and evaluations of the last run, and how the equations were evaluated."""
+        how = "machine code" if isinstance(self._functions[0], _Machine) else "list of operations"
+        return {**dict(zip(("nsteps", "nfevals", "netfails"), self._counts.tolist(), strict=True)), "equations": how}
 
 
 @dataclass(frozen=True)
@@ -222,11 +275,50 @@ class _Listed:
         self.code, self.out, self.n_constants = np.ascontiguousarray(code), out, len(constants)
         self.slots = np.zeros(slots)
         self.slots[:len(constants)] = constants
+        self.length = len(code)
 
     def structure(self, slots: Array) -> _Tape:
         """As C sees it."""
         return _Tape(len(self.code), len(self.out), self.n_constants, _address(self.code), _address(self.out),
-                     _address(slots))
+                     _address(slots), None, 0)
+
+
+class _Machine:
+    """A function as machine code: its inputs stand in the first slots, its outputs behind them."""
+
+    def __init__(self, library: ctypes.CDLL, name: str, inputs: int, outputs: int):
+        self.library, self.length, self.first = library, 0, inputs
+        self.out = np.arange(inputs, inputs + outputs, dtype=np.int32)
+        self.slots = np.zeros(inputs + outputs)
+        self.pointer = ctypes.cast(getattr(library, name), _Pointer)
+
+    def structure(self, slots: Array) -> _Tape:
+        """As C sees it."""
+        return _Tape(0, len(self.out), 0, None, _address(self.out), _address(slots), self.pointer, self.first)
+
+
+def _machine(given: ca.SX, wanted: Sequence[ca.SX]) -> tuple[_Machine, ...] | None:
+    """Functions of one column as machine code, with the same operations in the same floating-point arithmetic; None where
+    the compiler fails."""
+    from heavebond.numerics.solvers import compiler
+
+    generator = ca.CodeGenerator("equations.c")
+    for k, expression in enumerate(wanted):
+        generator.add(ca.Function(f"equations_{k}", [given], [ca.densify(expression)]))
+    command = compiler()
+    if command is None:
+        return None
+    with tempfile.TemporaryDirectory(prefix="heavebond_", ignore_cleanup_errors=True) as folder:
+        source, target = Path(folder) / "equations.c", Path(folder) / "equations.so"
+        source.write_text(generator.dump(), encoding="utf-8")
+        try:
+            subprocess.run([command, *EQUATION_FLAGS, "-o", str(target), str(source), "-lm"], check=True,
+                           capture_output=True, timeout=COMPILING.timeout)
+            library = ctypes.CDLL(str(target))
+        except (OSError, subprocess.SubprocessError):
+            return None
+    return tuple(_Machine(library, f"equations_{k}", given.numel(), expression.numel())
+                 for k, expression in enumerate(wanted))
 
 
 def _tape(given: Sequence[ca.SX], wanted: ca.SX) -> _Listed:
