@@ -14,7 +14,8 @@ import pytest
 from benchmarks.diagnosis.making import Hidden
 from benchmarks.diagnosis.rigs import RIGS
 from benchmarks.diagnosis.truths import RECEIVER
-from heavebond.diagnosis import stepwise_selection, verdict
+from heavebond.diagnosis import ranking, stepwise_selection, verdict
+from heavebond.diagnosis.adequacy import Adequacy
 from heavebond.diagnosis.diagnosis import _beside, _noticeable, _SearchState, _weighed, diagnose
 from heavebond.diagnosis.fixed_values import VALUE
 from heavebond.diagnosis.ladder import AddedEffect
@@ -192,6 +193,28 @@ def test_two_laws_of_one_name_are_named_once() -> None:
 
     assert verdict._effect([], [found("drag"), found("stiffness"), found("stiffness")]) == \
         "Missing: drag at the wall (Law); stiffness at the wall (Law), 2 times."
+
+
+def test_every_law_that_is_starred_is_named() -> None:
+    def law(name: str) -> Any:
+        return SimpleNamespace(candidate=SimpleNamespace(attaches="across", kind="friction", place="at the wall",
+                                                         component=name, where=("wall",)))
+
+    finding = AddedEffect(law("Law1").candidate, *[None] * 3, tuple(law(f"Law{k}") for k in range(1, 10)))  # type: ignore[arg-type]
+    for said in (verdict._effect([], [finding]), verdict._mainly([replace(finding, rung=_rung(9, 9))], Adequacy(0.8))):
+        assert "friction at the wall (Law1)." in said and f"{', '.join(f'Law{k}' for k in range(2, 10))} there." in said
+    # where all are named one by one, the laws of one place are one name
+    other = law("Law0")
+    other.candidate.place, other.candidate.where = "at the floor", ("floor",)
+    unsure = replace(finding, alternatives=(*finding.alternatives, other))
+    assert verdict._one_of([], [unsure]) == "Missing: friction at the wall or friction at the floor. " \
+        "The records cannot tell these apart."
+
+
+def test_a_candidate_whose_search_stopped_at_an_end_does_not_count_as_refitted() -> None:
+    trial = SimpleNamespace(candidate=SimpleNamespace(label="A"), beyond=("a.F",), chi2_held_out=9.0)
+    assert ranking._judged(trial, EMPTY, set()) == "range_end"  # type: ignore[arg-type]
+    assert ranking._judged(trial, EMPTY, {"A"}) == "indistinguishable"  # type: ignore[arg-type]
 
 
 def test_a_value_that_is_a_little_better_than_an_effect_is_named_with_it() -> None:

@@ -290,7 +290,7 @@ simulate: {until: 5 s}
 
 
 @pytest.mark.parametrize("exponent", [0, 1, 2, 3])
-def test_learnt_curves_reproduce_polynomials_up_to_degree_three(exponent: int) -> None:
+def test_identified_curves_reproduce_polynomials_up_to_degree_three(exponent: int) -> None:
     # coefficients of 1, u, u**2, u**3 in cubic B-splines at the knots k: 1, k, k**2 - 1/3, k**3 - k
     k = np.arange(-4, 5)
     values = [np.ones(9), k, k**2 - 1/3, k**3 - k][exponent]

@@ -10,7 +10,7 @@ import pytest
 
 from heavebond.diagnosis.catalogue import Candidate, candidates
 from heavebond.diagnosis.like_places import all_candidates, beyond_their_members
-from heavebond.diagnosis.scoring import scored
+from heavebond.diagnosis.scoring import motion_ranges, scored
 from heavebond.diagnosis.stage import fitted_base, single
 from heavebond.estimation.experiment import Experiment, load_experiment
 from heavebond.language.model import load
@@ -72,7 +72,21 @@ def test_places_are_alike_where_the_same_kinds_of_parts_meet(chain: Experiment) 
     assert friction.members == ("CoulombFriction between ground and front", "CoulombFriction between ground and rear")
     assert [n.name for n in friction.numbers] == ["coulomb_friction.F_c"]
     assert {c.label for c in candidates(chain)} < {c.label for c in all_candidates(chain)}
-    assert not joint(chain, "SensorOffset") and not joint(chain, "ForceCurveOfSpeed")
+    assert not joint(chain, "SensorOffset")
+
+
+def test_an_identified_curve_at_like_places_is_sought_where_all_of_them_move(chain: Experiment) -> None:
+    (curve,) = (c for c in joint(chain, "ForceCurveOfSpeed") if c.where == ("ground", "front", "rear"))
+    held = [n for n in curve.numbers if n.follows]
+    assert {n.motions for n in held} == {("force_curve_of_speed.v", "force_curve_of_speed_2.v")}
+    base = fitted_base(chain)
+    ends = motion_ranges(held, base.runs(curve.change, []), base)
+    single = {c.place: c for c in candidates(chain) if c.component == "ForceCurveOfSpeed"}
+    own = [motion_ranges(c.numbers, base.runs(c.change, []), base)
+           for c in (single[place] for place in ("between ground and front", "between ground and rear"))]
+    spans = [next(iter(found.values())) for found in (ends, *own)]
+    assert spans[1] != pytest.approx(spans[2], rel=0.1)
+    assert spans[0] == pytest.approx((min(low for low, _ in spans[1:]), max(high for _, high in spans[1:])), rel=1e-6)
 
 
 def test_it_is_the_machine_with_the_law_at_each_place(chain: Experiment, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -221,3 +222,24 @@ def test_one_diagram_serves_records_that_differ_in_their_files_alone(problem: Re
     given, = experiment.inputs_for(check).values()
     other = replace(check, settings={"outlet.u": Setting("outlet.u", given, check.place)})
     assert driven_by(problem.runs[0].assembly, experiment, train, other) is None
+
+
+def test_a_tangent_that_is_noise_gives_way_to_a_secant(problem: Residuals, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A derivative that is numerical noise, a thousand times as large as the true one: what it asks for does nothing."""
+    base = Base.at(problem, problem.start)
+    candidate = _candidate(problem, "PneumaticOrifice between supply and receiver")
+    true, *_ = scored(base, candidate)
+    assert true.side == 0
+    responses, random = scoring._responses, np.random.default_rng(1)
+
+    def noisy(base: Base, runs: Sequence[Run], values: Mapping[str, float]) -> tuple[Array, dict[str, Array]]:
+        r, moved = responses(base, runs, values)
+        noise = random.standard_normal(len(r))
+        return r, {name: 1e3 * true.size * noise / np.linalg.norm(noise) for name in moved}
+
+    monkeypatch.setattr(scoring, "_responses", noisy)
+    (found,) = scored(base, candidate)
+    assert found.side == 1
+    assert found.size == pytest.approx(true.size, rel=0.2)  # a decade of amplitudes of a law that is not quite linear
+    assert found.direction @ true.direction > 0.98
+    assert found.amplitude == pytest.approx(true.amplitude, rel=0.2)

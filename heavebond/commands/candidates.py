@@ -18,15 +18,16 @@ HEAD = ("class", "effect", "place", "what is fitted")
 @click.argument("experiment")
 @json_option
 def candidates(experiment: str) -> dict[str, object]:
-    """List every effect of the catalogue at every place of EXPERIMENT's diagram where it fits.
+    """List every effect of the catalogue at every place of EXPERIMENT's diagram where it fits, and one law at all like
+    places together.
 
     A component of your own with an `effect:` entry, beside the diagram or in its `components` folder, takes part.
     """
     from heavebond.commands import terminal
-    from heavebond.diagnosis.catalogue import candidates as found_in
+    from heavebond.diagnosis.like_places import all_candidates
     from heavebond.estimation.experiment import load_experiment
 
-    found = found_in(load_experiment(experiment))
+    found = all_candidates(load_experiment(experiment))
     ordered = sorted(found, key=lambda c: c.kind)
     rows = [(c.kind if k == 0 or ordered[k - 1].kind != c.kind else "", name_to_type(c), c.place,
              ", ".join(n.name.rpartition(".")[2] for n in c.numbers)) for k, c in enumerate(ordered)]

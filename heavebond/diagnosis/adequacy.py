@@ -1,11 +1,11 @@
 """Is that all? How much of the misfit an effect explains, and whether any law at its place could explain more.
 
 What a named law leaves above the noise says nothing about the name: another effect may be missing besides. The yardstick
-is a flexible law: the learnt curves of the library (nine coefficients of a smooth curve of one variable), each fitted in
+is a flexible law: the identified curves of the library (nine coefficients of a smooth curve of one variable), each fitted in
 place of the effect and judged by the same predictive errors. Where the best of them at the same place explains most of what
 the named law leaves, the law is none of the catalogue; where it does not, the name stands, whatever is left. Where one at
-another place does as well as the name, the place is uncertain. A learnt curve tells nothing outside the motion that it was
-fitted to: where too much of the held-out motion lies outside of that, adequacy is not decided.
+another place does as well as the name, the place is uncertain. An identified curve tells nothing outside the motion that
+it was fitted to: where too much of the held-out motion lies outside of that, adequacy is not decided.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from heavebond.core.errors import HeavebondError
-from heavebond.diagnosis.catalogue import candidates
 from heavebond.diagnosis.confidence_set import confidence_set
 from heavebond.diagnosis.decision import DECISION
 from heavebond.diagnosis.identity import ALL
+from heavebond.diagnosis.like_places import all_candidates
 from heavebond.diagnosis.refit import Refit
 from heavebond.diagnosis.stage import Stage
 from heavebond.estimation.comparison import compare_record
@@ -32,7 +32,7 @@ class Adequacy:
     """How far an effect explains the misfit.
 
     explained: share of chi-square above the noise that it takes away, cross-validated and on held-out data; flexible: the
-    learnt curve at its place that predicts best; elsewhere: one at another place that predicts as well as the effect or
+    identified curve at its place that predicts best; elsewhere: one at another place that predicts as well as the effect or
     better; beaten: whether the curve `flexible` explains most of what the effect leaves; covered: share of the held-out
     motion that lies inside the motion that this curve was fitted to (NaN without one); complete: whether all candidates,
     and other values of what is held fixed, were tried beside the effect.
@@ -62,12 +62,12 @@ class Adequacy:
         def named(trial: Refit | None) -> dict[str, object] | None:
             return None if trial is None else {**trial.candidate.as_dict(), "chi2_held_out": trial.chi2_held_out}
 
-        return {"explained": self.explained, "learnt_curve": named(self.flexible), "elsewhere": named(self.elsewhere),
+        return {"explained": self.explained, "identified_curve": named(self.flexible), "elsewhere": named(self.elsewhere),
                 "beaten": self.beaten, "covered": self.covered, "conclusive": self.decided, "complete": self.complete}
 
 
 def adequacy(chosen: Refit, made: Stage, curves: Stage | None, complete: bool = True) -> Adequacy:
-    """That of the effect `chosen` at a stage; `curves` is the stage of learnt curves on the same diagram and records;
+    """That of the effect `chosen` at a stage; `curves` is the stage of identified curves on the same diagram and records;
     `complete` as in `Adequacy`."""
     assert made.errors is not None and chosen.errors is not None
     misfit = made.errors.mean(*ALL) - 1.0
@@ -98,7 +98,7 @@ def _loss(trial: Refit) -> float:
 
 
 def _helps(trial: Refit, made: Stage) -> bool:
-    """Whether a learnt curve predicts better than the model without it."""
+    """Whether an identified curve predicts better than the model without it."""
     assert made.errors is not None
     return _loss(trial) < made.errors.mean(*ALL)
 
@@ -119,10 +119,10 @@ def _as_good(curve: Refit, named: Refit, misfit: float) -> bool:
 
 
 def coverage(curve: Refit, before: Experiment) -> float:
-    """The share of the held-out times at which the variable of a learnt curve lies inside its range on the fitted records;
-    `before` is the experiment without the curve. NaN where it cannot be told."""
-    found = next((c for c in candidates(before) if c.label == curve.candidate.label), None)
-    variables = list(dict.fromkeys(n.follows for n in (found.numbers if found is not None else ()) if n.follows))
+    """The share of the held-out times at which the variable of an identified curve lies inside its range on the fitted
+    records; `before` is the experiment without the curve. NaN where it cannot be told."""
+    found = next((c for c in all_candidates(before) if c.label == curve.candidate.label), None)
+    variables = list(dict.fromkeys(name for n in (found.numbers if found is not None else ()) for name in n.motions))
     if not variables:
         return float("nan")
     experiment = curve.experiment
@@ -131,7 +131,7 @@ def coverage(curve: Refit, before: Experiment) -> float:
         for record in experiment.records.values():
             known = {n: v for n, v in curve.values.items() if not n.startswith("initial.")}
             result = compare_record(experiment, record, known).result
-            courses[record.use == "fit"].append(Probe(result.assembly, variables[:1], si=True).values(result)[0])
+            courses[record.use == "fit"].append(Probe(result.assembly, variables, si=True).values(result).ravel())
     except HeavebondError:
         return float("nan")
     if not courses[False]:  # blocks of the fitted records are held out: the run goes through all of them

@@ -34,7 +34,7 @@ class EffectNumber:
     """A number of an effect: its full name, its unit, the bounds within which it is allowed, where it is sought (None:
     from `neutral`, as far as the record asks), and whether it makes the effect (an amplitude) or shapes it. `limits` are
     the bounds of the parameter itself (its `min` and `max`), beyond which it has no meaning; every other end of a range is
-    one of the search."""
+    one of the search. `parts` are the further parts that have this number too (one law at several places)."""
 
     name: str
     unit: Unit
@@ -44,6 +44,7 @@ class EffectNumber:
     amplitude: bool
     neutral: float = 0.0
     limits: tuple[float | None, float | None] = (None, None)
+    parts: tuple[str, ...] = ()
 
     @property
     def follows(self) -> str:
@@ -51,6 +52,11 @@ class EffectNumber:
         if self.sought is None or self.sought.range is not None:
             return ""
         return f"{self.name.rpartition('.')[0]}.{self.sought.seen}"
+
+    @property
+    def motions(self) -> tuple[str, ...]:
+        """The variable that it follows, in all parts that have the number."""
+        return (self.follows, *(f"{part}.{self.follows.rpartition('.')[2]}" for part in self.parts)) if self.follows else ()
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ class Decision:
     misfit (chi-square of the model without the effect, above the noise) by which the predictive errors of two candidates
     must differ to be told apart where none of them reaches the noise. further: share of the misfit at hand that an effect
     must take away to be added. mainly: share of the misfit that an effect must explain to be named although more than noise
-    is left. covered: share of the held-out motion that must lie inside the fitted range for a learnt curve to be a
+    is left. covered: share of the held-out motion that must lie inside the fitted range for an identified curve to be a
     yardstick. blocks: number of independent blocks below which a record is too short to tell candidates apart. near:
     chi-square per sample up to which a residual is near the noise. folds: number of blocks of the cross-validation within
     the fitted records. draws: resamples of the bootstrap.

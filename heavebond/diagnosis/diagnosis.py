@@ -164,7 +164,7 @@ def diagnose(experiment: Experiment | str | Path, *, steps: int = MOST, number: 
     short = bool(way) and last.chosen is way[-1].chosen and not last.partial and len(way) < steps and not way[-1].is_noise
     ended = bool(way) and last.chosen is way[-1].chosen
     made = [*(_answered(added.step, added) for added in (way[:-1] if ended else way)),
-            _answered(last, way[-1]) if ended else last]
+            _answered(last, way[-1]) if ended else replace(last, chosen=None, cluster=())]
     with finishing(say):
         findings = _all_confirmed(way, ladder, experiment, say)
     ladder += [f.rung for f in findings]
@@ -206,20 +206,21 @@ class _SearchState:
 
 def _without_name(come: _SearchState, way: Selection, given: Experiment, number: int | None, seconds: float, say: Progress
                   ) -> tuple[_SearchState, AddedEffect | None, Adequacy | None]:
-    """The adequacy of the first finding, after which more than noise is left, by learnt curves in its place. Where one of
-    these explains most of what is left, it takes the place of the name."""
+    """The adequacy of the first finding, after which more than noise is left, by identified curves in its place. Where one
+    of these explains most of what is left, it takes the place of the name."""
     if not way or not come.findings or come.findings[0].candidate is not way[0].candidate:
         return come, None, None
-    say("fitting learnt curves in place of the effect")
+    say("fitting identified curves in place of the effect")
     curves = None if come.steps[-1].partial else _within(seconds, lambda: make_curve_stage(
-        way[0].step.experiment, number=number, seconds=seconds, progress=lambda text: say(f"learnt curves: {text}")))
+        way[0].step.experiment, beside=way[0].candidate, number=number, seconds=seconds,
+        progress=lambda text: say(f"identified curves: {text}")))
     judged = adequacy(way[0].chosen, way[0].step, curves, not come.steps[-1].partial)
     if not judged.beaten or judged.flexible is None or curves is None:
         return come, None, judged
     with finishing(say):
         shape = confirmed(SelectedEffect(choosing(curves, judged.flexible), (judged.flexible,)), given)
     without = come.ladder[:len(come.ladder) - len(come.findings)]
-    return _SearchState(without, (), [*come.steps[:1]], come.values), shape, judged
+    return _SearchState(without, (), [replace(come.steps[0], chosen=None, cluster=())], come.values), shape, judged
 
 
 def _climbed(experiment: Experiment, part: Experiment, climbing: Callable[[Experiment], tuple[Selection, Stage]]
@@ -356,7 +357,7 @@ def _beside(findings: Sequence[AddedEffect], chosen: Refit, made: Stage) -> tupl
 
 
 def _shape(experiment: Experiment, given: Experiment, number: int | None, seconds: float) -> AddedEffect | None:
-    """The learnt curve that leaves least, where one earns its place, fitted to the whole of the records."""
+    """The identified curve that leaves least, where one earns its place, fitted to the whole of the records."""
     made = _within(seconds, lambda: make_curve_stage(experiment, number=number, seconds=seconds))
     if made is None or made.chosen is None or not worth_it(made):
         return None

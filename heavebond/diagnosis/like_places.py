@@ -64,13 +64,12 @@ def _kinds(site: Site) -> dict[str, frozenset[str]]:
 
 
 def _signature(site: Site, candidate: Candidate, kinds: Mapping[str, frozenset[str]]) -> Signature:
-    """What like places have in common; empty for a candidate that is left out: a learnt curve, which is no law, and one that
-    depends on a further node."""
+    """What like places have in common; empty for a candidate that is left out: one that depends on a further node."""
     effect = site.experiment.model.library.component(candidate.component).effect
     law = (candidate.component, candidate.kind, candidate.attaches)
     if candidate.attaches == "in":
         return (*law, candidate.name.rpartition(".")[2])
-    if candidate.attaches not in LAWS or effect is None or effect.also or candidate.kind == "unknown law":
+    if candidate.attaches not in LAWS or effect is None or effect.also:
         return ()
     if candidate.attaches == "in series":
         node, path = candidate.where
@@ -91,12 +90,15 @@ def _joined(site: Site, group: Sequence[Candidate]) -> Candidate:
     first, *others = group
     own = replace(site, taken={*site.taken, *first.change.components})
     change = first.change
+    parts: list[str] = []
     for other in others:
-        change = change.joined(_with_numbers_of(first, other) if first.attaches == "in" else
-                               _following(own, first, other))
+        more, part = (_with_numbers_of(first, other), other.where[0]) if first.attaches == "in" else \
+            _following(own, first, other)
+        change, parts = change.joined(more), [*parts, part]
     where = tuple(dict.fromkeys(name for candidate in group for name in candidate.where))
     place = " and ".join(c.place for c in group)
-    return replace(first, place=place, where=where, change=change, members=tuple(c.label for c in group))
+    return replace(first, place=place, where=where, change=change, members=tuple(c.label for c in group),
+                   numbers=tuple(replace(n, parts=tuple(parts)) for n in first.numbers))
 
 
 def _with_numbers_of(first: Candidate, other: Candidate) -> Change:
@@ -106,8 +108,9 @@ def _with_numbers_of(first: Candidate, other: Candidate) -> Change:
                             for key in (n.name.rpartition(".")[2] for n in first.numbers)})
 
 
-def _following(site: Site, first: Candidate, other: Candidate) -> Change:
-    """The change that puts the law at another place, under names of its own and with the numbers of the first."""
+def _following(site: Site, first: Candidate, other: Candidate) -> tuple[Change, str]:
+    """The change that puts the law at another place, under names of its own and with the numbers of the first; and the name
+    of the part there."""
     names, change = {}, other.change
     for part in change.components:
         names[part] = fresh(site, part if part != other.name else snake(other.component))
@@ -123,4 +126,4 @@ def _following(site: Site, first: Candidate, other: Candidate) -> Change:
 
     nodes = {names.get(node.removesuffix("_end"), node.removesuffix("_end")) + "_end" if node.endswith("_end")
              and node.removesuffix("_end") in names else node: tuple(map(end, ends)) for node, ends in change.nodes.items()}
-    return Change(parts, nodes, initial={end(name): text for name, text in change.initial.items()})
+    return Change(parts, nodes, initial={end(name): text for name, text in change.initial.items()}), names[other.name]

@@ -23,6 +23,7 @@ Cell = float | bool | str | tuple[str, ...] | None
 JUDGEMENTS = {
     "chosen": "chosen",
     "indistinguishable": "cannot be distinguished from the chosen one",
+    "range_end": "search stopped at an end of a range, beyond which it would leave less",
     "worse_held_out": "larger error on held-out data",
     "not_significant": "no significant gain on held-out data",
     "larger_residual": "larger residual than the chosen one",
@@ -157,6 +158,8 @@ def _judged(trial: Refit, step: Stage, alike: set[str]) -> str:
         return "chosen"
     if trial.candidate.label in alike:
         return "indistinguishable"
+    if trial.beyond:
+        return "range_end"
     fall = fallen(step.chi2_held_out, trial.chi2_held_out, step.samples_held_out)
     if step.samples_held_out and fall <= 0:
         return "worse_held_out"

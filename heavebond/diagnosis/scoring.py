@@ -10,7 +10,8 @@ with variance 1; with an amplitude a its mean is a |s_o| (the noncentrality), wh
 seen. C. R. Rao (1948), doi:10.1017/S0305004100023987. A score is local: after a strong misfit it orders the work and
 names the family rather than the law. And an amplitude that is too small to be seen may already change how the machine moves
 (a leakage that is the only way out of a chamber): where the tangent turns before the effect can be seen, that at an
-amplitude that can be is a score besides.
+amplitude that can be is a score besides. At that amplitude every tangent is compared with the secant, and the secant of an
+effect that can be seen takes the place of a tangent that promised more.
 """
 
 from __future__ import annotations
@@ -48,6 +49,10 @@ BESIDE = 1e-3
 # z from which one effect is seen, at whose amplitude a second tangent is taken; and the cosine of the two (what free
 # parameters take left out) above which they are one: the second would tell 1 % more of the misfit.
 SEEN, TURNED = 5.0, 0.995
+# The secant at that amplitude checks both tangents: they are wrong where it brings less than either by more than this share,
+# as the derivative of a weak effect of a stiff machine may be numerical noise. Then the secant at a larger amplitude takes
+# their place, so many decades larger at most, until the effect is seen.
+AGREES, DECADES = 0.2, 15
 # What is sought where the motion of the base model goes is sought this share of its span beyond: the machine and other
 # records move further, and a limit that is not reached must not stand where they do.
 BEYOND = 0.5
@@ -291,11 +296,53 @@ def _on_sides(base: Base, at_zero: Score, runs: Sequence[Run], kink: bool) -> li
     if at_zero.size == 0 or not amplitudes or not (kink or at_zero.told_apart):
         return [at_zero]
     step = BESIDE * float(np.linalg.norm(base.r)) / at_zero.size if kink else SEEN / (at_zero.size * at_zero.share)
-    found = []
+    beside, seen, wrong = [], [], 0
     for side in admissible_sides(amplitudes):
         with suppress(HeavebondError):  # so much cannot be simulated, or is more than there may be
-            found.append(_beside(base, at_zero, runs, side * step))
-    return found if kink else [at_zero, *(s for s in found if _turned(s, at_zero))]
+            found, effect = _beside(base, at_zero, runs, side * step)
+            if not kink and _promised_more(base, step * min(at_zero.size, found.size), effect) \
+                    and (secant := _secant(base, at_zero, runs, side * step)) is not None:
+                wrong += 1
+                seen.append(secant)
+            else:
+                beside.append(found)
+    if kink:
+        return beside
+    tangent = [] if wrong == len(admissible_sides(amplitudes)) else [at_zero]
+    return [*tangent, *(s for s in beside if _turned(s, at_zero)), *seen]
+
+
+def _promised_more(base: Base, promised: float, effect: Array) -> bool:
+    """Whether an effect (n,) is less than promised by either of the tangents at its ends, which no smooth law is."""
+    return float(np.linalg.norm(effect)) < promised - max(AGREES * promised, ROUGH * base.error)
+
+
+def _secant(base: Base, at_zero: Score, runs: Sequence[Run], step: float) -> Score | None:
+    """The score from the secant at an amplitude, decades beyond `step` beside neutral, where the effect can be seen; None
+    where none can be simulated."""
+    side = 1 if step > 0 else -1
+    ends = [(n.high if side > 0 else n.low, n.neutral) for n in _amplitudes_of(at_zero)]
+    most = min((abs(end - neutral) for end, neutral in ends if end is not None), default=np.inf)
+    if most <= abs(step):
+        return None
+    plain = [run.again([], {}, QuickSimulator) for run in runs]
+    found, size = None, abs(step)
+    for _ in range(DECADES):
+        size = min(10 * size, most)
+        try:
+            effect = np.concatenate([run.residuals(_values(base, run, _at(at_zero, side * size)))[0]
+                                     for run in plain]) - base.quick
+        except HeavebondError:
+            break
+        found = _scored(base, at_zero.candidate, at_zero.shapes, effect / size, ROUGH * base.error / size)
+        if size * found.size >= SEEN or size >= most:
+            break
+    return None if found is None else replace(found, amplitude=side * found.amplitude, along=at_zero.along, side=side)
+
+
+def _at(score: Score, step: float) -> dict[str, float]:
+    """The values of a score's candidate with its amplitudes `step` beside neutral."""
+    return {**_neutral(score.candidate), **score.shapes, **{n.name: n.neutral + step for n in _amplitudes_of(score)}}
 
 
 def _turned(one: Score, other: Score) -> bool:
@@ -303,14 +350,13 @@ def _turned(one: Score, other: Score) -> bool:
     return one.size > 0 and float(one.side * one.direction @ other.direction) < TURNED
 
 
-def _beside(base: Base, at_zero: Score, runs: Sequence[Run], step: float) -> Score:
-    """The score from the tangent at an amplitude."""
+def _beside(base: Base, at_zero: Score, runs: Sequence[Run], step: float) -> tuple[Score, Array]:
+    """The score from the tangent at an amplitude, and the effect (n,) of that on the residuals."""
     side = 1 if step > 0 else -1
-    there = {**_neutral(at_zero.candidate), **at_zero.shapes, **{n.name: n.neutral + step for n in _amplitudes_of(at_zero)}}
-    moved = _sensitivities(base, runs, there)
+    r, moved = _responses(base, runs, _at(at_zero, step))
     s = side * np.sum([moved[name] for name in at_zero.along], axis=0)
     found = _scored(base, at_zero.candidate, at_zero.shapes, s)
-    return replace(found, amplitude=side * found.amplitude, along=at_zero.along, side=side)
+    return replace(found, amplitude=side * found.amplitude, along=at_zero.along, side=side), r - base.quick
 
 
 def _amplitudes_of(score: Score) -> list[EffectNumber]:
@@ -322,7 +368,7 @@ def _settled(candidate: Candidate, runs: Sequence[Run], base: Base) -> Candidate
     """The candidate with the numbers that are held at what the motion says (`middle s`) set to it, and no longer sought."""
     held = {n.name: n for n in candidate.numbers if n.sought is not None and n.sought.held}
     values = {}
-    seen = _motion_ranges(list(held.values()), runs, base)
+    seen = motion_ranges(list(held.values()), runs, base)
     for name, number in held.items():
         assert number.sought is not None
         low, high = seen[name]
@@ -349,8 +395,13 @@ def _values(base: Base, run: Run, more: Mapping[str, float]) -> dict[str, float]
 
 def _sensitivities(base: Base, runs: Sequence[Run], values: Mapping[str, float]) -> dict[str, Array]:
     """d r / d a (n,) for each amplitude."""
-    found = np.hstack([run.residuals(_values(base, run, values))[1] for run in runs])
-    return dict(zip(runs[0].names, found, strict=True))
+    return _responses(base, runs, values)[1]
+
+
+def _responses(base: Base, runs: Sequence[Run], values: Mapping[str, float]) -> tuple[Array, dict[str, Array]]:
+    """The residuals (n,) with these values, and d r / d a (n,) for each amplitude."""
+    found = [run.residuals(_values(base, run, values)) for run in runs]
+    return np.concatenate([r for r, _ in found]), dict(zip(runs[0].names, np.hstack([J for _, J in found]), strict=True))
 
 
 def _scored(base: Base, candidate: Candidate, shapes: Mapping[str, float], s: Array, least: float = 0.0) -> Score:
@@ -394,7 +445,7 @@ def shape_ranges(candidate: Candidate, runs: Sequence[Run], base: Base, beyond: 
     """Where each shape is sought; `seen s` by the motion of s in the base model, and a share `beyond` of its span
     further."""
     found = {}
-    seen = _motion_ranges(candidate.numbers, runs, base)
+    seen = motion_ranges(candidate.numbers, runs, base)
     for number in candidate.numbers:
         if number.sought is None:
             continue
@@ -410,14 +461,15 @@ def shape_ranges(candidate: Candidate, runs: Sequence[Run], base: Base, beyond: 
     return found
 
 
-def _motion_ranges(numbers: Sequence[EffectNumber], runs: Sequence[Run], base: Base) -> dict[str, tuple[float, float]]:
+def motion_ranges(numbers: Sequence[EffectNumber], runs: Sequence[Run], base: Base) -> dict[str, tuple[float, float]]:
     """For each number that is sought or held by the motion of a variable, between what values that moves in the base
     model."""
-    variables = {n.name: n.follows for n in numbers if n.follows}
+    variables = {n.name: n.motions for n in numbers if n.follows}
     if not variables:
         return {}
-    names = list(dict.fromkeys(variables.values()))
+    names = list(dict.fromkeys(name for motions in variables.values() for name in motions))
     courses = np.hstack([Probe(run.assembly, names, si=True).values(run.simulator.run(_values(base, run, {})))
                          for run in runs])
     ends = {name: (float(course.min()), float(course.max())) for name, course in zip(names, courses, strict=True)}
-    return {name: ends[variable] for name, variable in variables.items()}
+    return {name: (min(ends[m][0] for m in motions), max(ends[m][1] for m in motions))
+            for name, motions in variables.items()}

@@ -32,7 +32,7 @@ from heavebond.estimation.residuals import Residuals
 from heavebond.language.library import same_class
 from heavebond.numerics.dae import Array
 
-UNKNOWN = "unknown law"  # the class of learnt curves: a shape, no name
+UNKNOWN = "unknown law"  # the class of identified curves: a shape, no name
 CLOSELY = 6  # trials at most are followed to the very end before they are compared,
 CLOSE = 0.05  # those within this share of the logarithm of chi-square of the best
 AS_ONE = 1e-6  # nodes move as one that differ by less than this share of the largest value
@@ -92,10 +92,12 @@ def make_stage(experiment: Experiment, *, number: int | None = None, seconds: fl
     return _step(experiment, found, number, seconds, progress or (lambda text: None), thorough=thorough)
 
 
-def make_curve_stage(experiment: Experiment, *, number: int | None = None, seconds: float = SECONDS,
-                     progress: Progress | None = None) -> Stage:
-    """A rung with learnt curves only: effects without a name."""
-    found = [c for c in candidates(experiment) if c.kind == UNKNOWN]
+def make_curve_stage(experiment: Experiment, *, beside: Candidate | None = None, number: int | None = None,
+                     seconds: float = SECONDS, progress: Progress | None = None) -> Stage:
+    """A rung with identified curves only: effects without a name, at single places and, of several places at once, at those
+    of the effect `beside`."""
+    found = [c for c in all_candidates(experiment) if c.kind == UNKNOWN
+             and (not c.members or (beside is not None and set(c.where) == set(beside.where)))]
     return _step(experiment, found, number, seconds, progress or (lambda text: None))
 
 

@@ -244,34 +244,34 @@ def _mainly(findings: Sequence[AddedEffect], adequacy: Adequacy) -> str:
     first, *others = (_called(f.candidate) if f.certain else _alternatives(f) for f in findings)
     unsure = "" if findings[0].certain else " The records cannot tell these apart."
     more = f"; added after it: {listing(others, 5)}" if others else ""
-    return f"Missing: {'probably' if enough else 'mainly'} {first}.{unsure} {share}{more}." + \
+    return f"Missing: {'probably' if enough else 'mainly'} {first}.{unsure}{_laws(findings)} {share}{more}." + \
         ("" if enough else " More is missing.")
 
 
 def _beaten(adequacy: Adequacy) -> str:
     curve = adequacy.flexible
     assert curve is not None
-    return f"Something is missing {curve.candidate.place} that no entry of the catalogue explains: a learnt curve there " \
-           "explains most of what the best law of the catalogue leaves."
+    return f"Something is missing {curve.candidate.place} that no entry of the catalogue explains: an identified curve " \
+           "there explains most of what the best law of the catalogue leaves."
 
 
 def _yardstick(adequacy: Adequacy) -> list[str]:
-    """What the learnt curves show of a name after which more than noise is left."""
+    """What the identified curves show of a name after which more than noise is left."""
     curve, other = adequacy.flexible, adequacy.elsewhere
     lines = []
     if curve is None:
-        lines.append("No learnt curve at this place lowers the error; whether another law there would explain more is "
+        lines.append("No identified curve at this place lowers the error; whether another law there would explain more is "
                      "not decided.")
     elif not adequacy.decided:
         inside = "it could not be determined how much of the held-out motion lies" if math.isnan(adequacy.covered) else \
             f"only {number(100 * adequacy.covered, 2)} % of the held-out motion lies"
         lines.append(f"Whether another law there would explain more is not decided: {inside} inside the motion that a "
-                     "learnt curve was fitted to.")
+                     "identified curve was fitted to.")
     elif not adequacy.beaten:
-        lines.append("A learnt curve at this place does not explain much more (held-out chi-square per sample "
+        lines.append("An identified curve at this place does not explain much more (held-out chi-square per sample "
                      f"{number(curve.chi2_held_out, 3)}), so the residual is due to something else.")
     if other is not None:
-        lines.append(f"The place is not certain: a learnt curve {other.candidate.place} predicts as well (chi-square "
+        lines.append(f"The place is not certain: an identified curve {other.candidate.place} predicts as well (chi-square "
                      f"{number(other.chi2_held_out, 3)}).")
     return lines
 
@@ -304,9 +304,14 @@ def _revalued(trial: Refit) -> str:
 def _effect(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], *_: object) -> str:
     # two laws of one kind at one place may together be one that is not in the catalogue (c_2 s**2 + c_3 s**3)
     often = Counter(_called(f.candidate) for f in findings)
-    laws = [t.candidate.component for f in findings for t in f.alternatives[1:]]
-    return f"Missing: {'; '.join(name if k == 1 else f'{name}, {k} times' for name, k in often.items())}." + \
-        (f" The records do not distinguish this law from {listing(dict.fromkeys(laws), 6)} there." if laws else "")
+    return f"Missing: {'; '.join(name if k == 1 else f'{name}, {k} times' for name, k in often.items())}." + _laws(findings)
+
+
+def _laws(findings: Sequence[AddedEffect]) -> str:
+    """The laws of the same class at the same place that the records do not tell from those that are named."""
+    laws = dict.fromkeys(t.candidate.component for f in findings for t in f.alternatives[1:]
+                         if f.certain and t.candidate.component != f.candidate.component)
+    return f" The records do not distinguish this law from {listing(laws, len(laws))} there." if laws else ""
 
 
 def _called(candidate: Candidate) -> str:
@@ -332,7 +337,7 @@ def _shape(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps
     if findings:
         said += f" Nearest to it: {'; and '.join(map(_alternatives, findings))}, which is not all."
     if shape is not None:
-        said += f" A learnt curve {shape.candidate.place} lowers the error until its name is found."
+        said += f" An identified curve {shape.candidate.place} lowers the error until its name is found."
     return said
 
 

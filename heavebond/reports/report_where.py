@@ -177,7 +177,7 @@ def _course(suspect: PlaceEstimate, record: str, up: str, per: float) -> Html:
                 label=f"What acts {suspect.place.words} over time in record {record}", size=(518.0, 215.0))
 
 
-# -- learnt curves -----------------------------------------------------------------------------------------------------
+# -- identified curves -----------------------------------------------------------------------------------------------------
 def learnt(finding: AddedEffect) -> Html:
     """The identified curve of a finding without a named law, over the range of its runs; empty where there is no curve.
 
@@ -193,10 +193,10 @@ def learnt(finding: AddedEffect) -> Html:
     units = [runs[0].si.unit(name) for name in names]
     (across, per_x), (up, per_y) = _shown(units[0], x), _shown(units[1], y)
     axes = [name.replace(f"{finding.candidate.name}.", "") for name in names]  # the heading names the component
-    drawn = over([], [Line(x[kept] * per_x, y[kept] * per_y, LAW)], title="learnt curve", size=(518.0, 300.0),
+    drawn = over([], [Line(x[kept] * per_x, y[kept] * per_y, LAW)], title="identified curve", size=(518.0, 300.0),
                  across=f"{axes[0]} [{unit_label(across)}]", up=f"{axes[1]} [{unit_label(up)}]",
-                 label=f"The learnt curve of {names[1]} over {names[0]}")
-    return element("figure", drawn, element("figcaption", "The learnt law, as far as the records went: "
+                 label=f"The identified curve of {names[1]} over {names[0]}")
+    return element("figure", drawn, element("figcaption", "The identified curve, as far as the records went: "
                                             f"{finding.candidate.description} {finding.candidate.place}."))
 
 
