@@ -12,7 +12,6 @@ from click.testing import CliRunner
 
 import heavebond as hb
 from heavebond.cli import main
-from heavebond.commands.fit import own_words
 from heavebond.core.errors import Place
 from heavebond.core.units import parse_range
 from heavebond.estimation.comparison import compare
@@ -20,6 +19,7 @@ from heavebond.estimation.diagram_files import fitted_diagram, write
 from heavebond.estimation.experiment import Experiment, Free, load_experiment
 from heavebond.estimation.fitting import Fit, fit, profile
 from heavebond.estimation.residuals import condensed
+from heavebond.reports.result_tables import own_words
 
 DRIVE = Path(__file__).parents[2] / "shared" / "data" / "real" / "emps"
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time as clock
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,12 +12,8 @@ from heavebond.commands.arguments import Number, Whole, check_writable, json_opt
 
 if TYPE_CHECKING:
     from heavebond.diagnosis.diagnosis import Diagnosis
-    from heavebond.diagnosis.ladder import AddedEffect
-    from heavebond.diagnosis.stage import Stage
     from heavebond.estimation.experiment import Experiment
     from heavebond.localise.misfit import Localization
-
-RANKED = 12  # candidates that are shown
 
 
 @click.command(short_help="Identify the physical effect that is missing in a model.")
@@ -52,6 +47,7 @@ def diagnose(experiment: str, steps: int, classes: tuple[str, ...], seconds: flo
     from heavebond.diagnosis.diagnosis_files import Targets, write_findings, write_proposal
     from heavebond.estimation.experiment import load_experiment
     from heavebond.reports.report import report
+    from heavebond.reports.result_tables import diagnosis_items
 
     given = load_experiment(experiment)
     check_classes(given, classes)
@@ -66,7 +62,7 @@ def diagnose(experiment: str, steps: int, classes: tuple[str, ...], seconds: flo
         click.echo("ended before the first candidate was scored: there is nothing to report yet", err=True)
         raise
     with finishing(terminal.warn):
-        _show(found)
+        terminal.show(diagnosis_items(found))
         targets = Targets.beside(given, folder)  # another command may have written there meanwhile
         added = [*found.findings, *([found.shape] if found.shape is not None else [])]
         files = write_findings(given, added, targets)
@@ -122,55 +118,3 @@ def check_classes(experiment: Experiment, classes: tuple[str, ...]) -> None:
         if name not in known:
             raise UsageError([Problem("class-unknown", f"no effect of class '{name}' fits in this diagram", None,
                                       suggest(name, known) or f"Classes: {listing(known, 40)}.")])
-
-
-def _show(found: Diagnosis) -> None:
-    from heavebond.commands import fit, terminal
-    from heavebond.commands.errors import table
-
-    console = terminal.output()
-    console.print(table(found.ladder, "model"))
-    for k, step in enumerate(found.steps, 1):
-        if step.trials:
-            console.print(_ranking(step, f"Step {k}: " if len(found.steps) > 1 else ""))
-    if found.verdict == "parameters" and found.fitted is not None:
-        console.print(fit.parameters(found.fitted))
-    for finding in (*found.findings, *([found.shape] if found.shape is not None else [])):
-        console.print(parameters(finding))
-    for line in found.words:
-        console.print(line, soft_wrap=True)
-
-
-def _ranking(step: Stage, which: str) -> object:
-    from heavebond.commands import terminal
-    from heavebond.core.presentation import count
-    from heavebond.diagnosis.ranking import entries, shown_in
-
-    columns = shown_in("terminal")
-    ranked = entries(step)
-    shown = ranked[:min(RANKED, len(step.trials))]  # and all that the words name
-    shown += tuple(e for e in ranked[len(shown):] if e["cluster"])
-    rows = [[column.text(entry) for column in columns] for entry in shown]
-    more = f", the {RANKED} best shown" if len(step.trials) > RANKED else ""
-    alike = {0: "none is better than by chance", 1: "* chosen"}.get(len(step.cluster), "* cannot be distinguished")
-    title = f"{which}{count(len(step.scores), 'candidate')} scored, {len(step.trials)} fitted{more} ({alike})"
-    return terminal.table(title, [column.title for column in columns], rows, text=sum(not c.numeric for c in columns))
-
-
-def parameters(finding: AddedEffect) -> object:
-    """The numbers of an effect with their intervals, as a table."""
-    from heavebond.commands import terminal
-    from heavebond.core.presentation import in_unit, readable_unit
-    from heavebond.core.units import read_unit
-    from heavebond.diagnosis.ladder import parameter_description
-
-    rows = []
-    for p in finding.parameters:
-        unit = read_unit(readable_unit(p.unit, p.value))
-        name = "" if unit.text in ("1", "") else f" {unit.text}"
-        written = partial(in_unit, unit=unit, digits=4)
-        end = f", at its {p.ended} end" if p.ended else ""
-        rows.append((p.name, f"{written(p.value)}{name}", p.known(written, name),
-                     f"{written(p.low)} .. {written(p.high)}{name}{end}", parameter_description(finding.fit, p.name)))
-    return terminal.table(f"{finding.candidate.kind} {finding.candidate.place}",
-                          ("parameter", "fitted", "95 % interval", "sought in", "what it is"), rows)

@@ -2,18 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from heavebond.commands.arguments import check_picture, json_option, picture_option
-
-if TYPE_CHECKING:
-    from heavebond.diagnosis.ladder import LadderEntry
-
-HEAD = ("error, fitted", "held out", "chi-square, fitted", "held out")
 
 
 @click.command(short_help="Show the errors of a sequence of experiments.")
@@ -28,12 +21,13 @@ def errors(experiments: tuple[str, ...], output: Path | None) -> dict[str, objec
     """
     from heavebond.commands import terminal
     from heavebond.diagnosis.ladder import ladder
+    from heavebond.reports.result_tables import ladder_table
 
     check_picture(output)
     with terminal.working("comparing") as progress:
         rungs = ladder(experiments, progress=progress)
     console = terminal.output()
-    console.print(table(rungs, "experiment"))
+    terminal.show([ladder_table(rungs, "experiment")])
     files = []
     if output is not None:
         from heavebond.pictures.plot import plot_ladder, save
@@ -41,14 +35,3 @@ def errors(experiments: tuple[str, ...], output: Path | None) -> dict[str, objec
         files.append(save(plot_ladder(rungs), output))
         console.print(f"wrote {output}", soft_wrap=True)
     return {"ladder": [r.as_dict() for r in rungs], "files": list(map(str, files))}
-
-
-def table(rungs: Sequence[LadderEntry], first: str) -> object:
-    """The ladder as a table; `first` says what stands in its rows."""
-    from heavebond.commands import terminal
-    from heavebond.core.presentation import number
-
-    rows = [(r.name, *(f"{number(100 * e, 3)} %" for e in (r.error_fit, r.error_held_out)),
-             *(number(c, 3) for c in (r.chi2_fit, r.chi2_held_out))) for r in rungs]
-    return terminal.table("Error in % of what was measured; reduced chi-square (1 = noise level)",
-                          (first, *HEAD), rows)

@@ -10,9 +10,7 @@ import click
 from heavebond.commands.arguments import check_picture, json_option, picture_option
 
 if TYPE_CHECKING:
-    from heavebond.localise.misfit import Localization, PlaceEstimate
-
-HEAD = ("place", "explains", "behind", "rms", "follows", "R2", "shape")
+    from heavebond.localise.misfit import Localization
 
 
 @click.command(short_help="Locate where in its diagram a model fails its records.")
@@ -31,7 +29,8 @@ def localize(experiment: str, fitted: bool, output: Path | None) -> dict[str, ob
     from heavebond.estimation.excerpts import cut
     from heavebond.estimation.experiment import load_experiment
     from heavebond.estimation.fitting import fit
-    from heavebond.localise.misfit import localize, summary
+    from heavebond.localise.misfit import localize
+    from heavebond.reports.result_tables import localization_items
 
     check_picture(output)
     loaded = load_experiment(experiment)
@@ -39,14 +38,7 @@ def localize(experiment: str, fitted: bool, output: Path | None) -> dict[str, ob
         values = fit(loaded, progress=progress) if fitted else None
         found = localize(loaded, values=values, progress=progress)
     console = terminal.output()
-    for line in summary(found):
-        console.print(line, soft_wrap=True)
-    if found.missing:
-        console.print(_table(found))
-    if found.unseen:
-        console.print(f"Not seen in these records: {', '.join(found.unseen)}.", soft_wrap=True)
-    for words in found.words:
-        console.print(words, soft_wrap=True)
+    terminal.show(localization_items(found))
     if looked := cut(found.experiment, loaded):
         console.print(f"The records are long: their beginning was looked at ({looked}); `from:` and `to:` at a record take "
                       "another part.", soft_wrap=True)
@@ -54,24 +46,6 @@ def localize(experiment: str, fitted: bool, output: Path | None) -> dict[str, ob
     for path in files:
         console.print(f"wrote {path}", soft_wrap=True)
     return {"experiment": found.experiment.name, **found.as_dict(), "files": list(map(str, files))}
-
-
-def _table(found: Localization) -> object:
-    from heavebond.commands import terminal
-
-    return terminal.table("", HEAD, [_row(s) for s in found.suspects], text=1)
-
-
-def _row(suspect: PlaceEstimate) -> tuple[str, ...]:
-    from heavebond.core.presentation import number, readable
-
-    curve = suspect.curve
-    told = ("-", "-", "-")
-    if curve is not None:
-        times = f" * {curve.times}" if curve.times else ""
-        told = (curve.variable.formula + times, f"{max(curve.r2, 0.0):.2f}", curve.shape)
-    return (suspect.place.name, f"{100 * suspect.explained:.4g} %", number(suspect.behind, 3),
-            readable(suspect.rms, suspect.place.unit.text, 3), *told)
 
 
 def _drawn(found: Localization, output: Path) -> list[Path]:

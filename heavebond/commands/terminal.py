@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
+    from heavebond.reports.result_tables import Item
+
 PIPE_CLOSED = 141  # exit code that shells report for SIGPIPE
 PLAIN_WIDTH = 120  # of tables that go to a file or a pipe
 
@@ -63,6 +65,22 @@ def table(title: str, head: Sequence[str], rows: Sequence[Sequence[str]], *, tex
     for row in rows:
         made.add_row(*row)
     return made
+
+
+def show(items: Sequence[Item]) -> None:
+    """Print the tables and lines of a result."""
+    from heavebond.core.presentation import columns
+    from heavebond.reports.result_tables import Line, ResultTable
+
+    console = output()
+    for item in items:
+        if isinstance(item, ResultTable):
+            console.print(table(item.title, item.head, item.rows, text=item.text))
+        elif isinstance(item, Line):
+            console.print(item.text, style="yellow" if item.warning else None, soft_wrap=True)
+        else:
+            for line in ["noticed", *columns(item.rows, console.width)]:
+                console.print(line)
 
 
 def warn(line: str) -> None:

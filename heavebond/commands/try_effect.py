@@ -31,21 +31,19 @@ def try_effect(experiment: str, component: str, between: tuple[str, str] | None,
     such as cylinder.leakage, or a number that the diagram holds fixed such as crown.m.
     """
     from heavebond.commands import terminal
-    from heavebond.commands.diagnose import parameters
-    from heavebond.commands.errors import table
     from heavebond.core.presentation import number
     from heavebond.diagnosis.attempt import attempt
     from heavebond.diagnosis.diagnosis_files import write_findings
     from heavebond.diagnosis.verdict import at_ends
     from heavebond.estimation.experiment import load_experiment
+    from heavebond.reports.result_tables import effect_table, ladder_table
 
     given = load_experiment(experiment)
     targets = _targets(given, written)
     with terminal.working("trying") as progress:
         found = attempt(given, component, [*(between or ()), *at], progress=progress)
     console = terminal.output()
-    console.print(table(found.ladder, "model"))
-    console.print(parameters(found.finding))
+    terminal.show([ladder_table(found.ladder, "model"), effect_table(found.finding)])
     for line in at_ends(found.finding):
         console.print(line, soft_wrap=True)
     console.print(f"BIC changes by {number(found.bic_difference, 4)} (below -10 is strong evidence for the effect); on "

@@ -105,6 +105,13 @@ class Experiment:
         """Whether the experiment specifies the noise of every output (else it is estimated from the record)."""
         return all(output.noise is not None for output in self.outputs.values())
 
+    def with_parameters(self, values: Dictionary[str, str]) -> Experiment:
+        """The experiment with values of parameters as text, which override those set for a single record."""
+        model = self.model.with_parameters(values)
+        given = {path: value for path, value in model.settings.items() if self.model.settings.get(path) != value}
+        return replace(self, model=model, records={
+            name: replace(record, settings={**record.settings, **given}) for name, record in self.records.items()})
+
     def model_for(self, record: Record) -> Model:
         """The model of one record: the diagram with the measured inputs, settings and initial values of that record."""
         settings = {**self.model.settings, **record.settings}
@@ -161,7 +168,11 @@ def load_experiment(name: str | Path) -> Experiment:
 
 
 def _load(path: Path, chain: tuple[Path, ...]) -> Experiment:
-    source = read(path)
+    return experiment_from_source(read(path), chain)
+
+
+def experiment_from_source(source: Source, chain: tuple[Path, ...] = ()) -> Experiment:
+    """The experiment of a YAML text; `chain` are the files that extend it. ModelError with the lines that are wrong."""
     root = source.root
     if "experiment" not in root.items:
         kind = next((k for k in ("model", "component", "function", "study") if k in root.items), None)

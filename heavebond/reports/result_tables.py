@@ -1,0 +1,224 @@
+"""Results of `compare`, `fit`, `localize`, `diagnose` and `errors` as tables and lines, the same in the terminal and in the
+studio."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+
+from heavebond.core.errors import listing
+from heavebond.core.presentation import count, in_unit, number, readable, readable_unit
+from heavebond.core.units import read_unit
+from heavebond.diagnosis.diagnosis import Diagnosis
+from heavebond.diagnosis.ladder import AddedEffect, LadderEntry, parameter_description
+from heavebond.diagnosis.ranking import entries, shown_in
+from heavebond.diagnosis.stage import Stage
+from heavebond.estimation.comparison import Channel, Comparison
+from heavebond.estimation.fitting import Fit
+from heavebond.localise.misfit import Localization, PlaceEstimate, summary
+
+RANKED = 12  # candidates that are shown
+COMPARED = ("record", "channel", "rms error", "fit", "bias", "noise", "error/noise")
+FITTED = ("parameter", "before", "fitted", "95 % interval", "range")
+RECORDS = ("record", "channel", "error before", "after", "noise", "reduced chi-square")
+LADDER = ("error, fitted", "held out", "chi-square, fitted", "held out")
+PLACES = ("place", "explains", "behind", "rms", "follows", "R2", "shape")
+EFFECT = ("parameter", "fitted", "95 % interval", "sought in", "what it is")
+
+
+@dataclass(frozen=True)
+class ResultTable:
+    """A table; its first `text` columns hold text, the others numbers."""
+
+    title: str
+    head: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    text: int = 1
+
+
+@dataclass(frozen=True)
+class Line:
+    """A sentence of a result; a `warning` is one that nobody should miss."""
+
+    text: str
+    warning: bool = False
+
+
+@dataclass(frozen=True)
+class Notes:
+    """What is noticed about records: pairs of a record (empty: the one before) and a note."""
+
+    rows: Sequence[tuple[str, str]]
+
+
+Item = ResultTable | Line | Notes
+
+
+# -- compare -----------------------------------------------------------------------------------------------------------
+def comparison_items(comparison: Comparison) -> list[Item]:
+    """The errors of each channel and record, what is noticed, and what is advised."""
+    return [_compared(comparison),
+            *(Line(f"{part.name} ({part.use}): normalised error {_percent(100 * part.normalised)}, "
+                   f"reduced chi-square {number(part.chi2, 3)}") for part in comparison.parts),
+            *noticed(comparison), *map(Line, comparison.advice)]
+
+
+def noticed(comparison: Comparison) -> list[Notes]:
+    """The notes on all records; none where there are none."""
+    rows = [(name if k == 0 else "", note) for name, record in comparison.records.items()
+            for k, note in enumerate(record.notes)]
+    return [Notes(rows)] if rows else []
+
+
+def _compared(comparison: Comparison) -> ResultTable:
+    largest: dict[str, float] = {}
+    for part in comparison.parts:
+        for name, channel in part.channels.items():
+            largest[name] = max(largest.get(name, 0.0), channel.error, channel.noise)
+    rows = [(part.name if k == 0 else "", *_row(channel, largest[name])) for part in comparison.parts
+            for k, (name, channel) in enumerate(part.channels.items())]
+    return ResultTable(comparison.experiment.name, COMPARED, rows, text=2)
+
+
+def _row(channel: Channel, largest: float) -> tuple[str, ...]:
+    """A row of the table; all values in the unit that suits the `largest`, so that they can be compared."""
+    error, bias, noise = (readable(v, channel.unit, 3, beside=largest) for v in (channel.error, channel.bias, channel.noise))
+    return (channel.name, error, _percent(channel.fit), bias, noise,
+            number(channel.error / channel.noise, 3) if channel.noise else "-")
+
+
+def _percent(value: float) -> str:
+    return f"{number(value, 3)} %" if math.isfinite(value) else "-"
+
+
+# -- fit -----------------------------------------------------------------------------------------------------------------
+def fit_items(found: Fit) -> list[Item]:
+    """The fitted parameters with their intervals, the errors before and after, and how well the records tell them."""
+    at_bounds = ended_at_bounds(found)
+    return [fitted_parameters(found), *map(Line, own_words(found)), _before_and_after(found), *noticed(found.after),
+            *map(Line, found.identifiability.words), *([Line(at_bounds)] if at_bounds else [])]
+
+
+def ended_at_bounds(found: Fit) -> str:
+    """The parameters that ended at an end of their range, without those that the records cannot see; empty for none."""
+    unseen = found.identifiability.unseen_names
+    names = [p.name for p in found.parameters
+             if p.at_bound and p.name + (f" ({p.record})" if p.record else "") not in unseen]
+    return f"{', '.join(names)} ended at the end of the range: often a sign that an effect is missing." if names else ""
+
+
+def fitted_parameters(found: Fit) -> ResultTable:
+    """The fitted parameters with their intervals."""
+    rows = []
+    for p in found.parameters:
+        name = p.name + (f" ({p.record})" if p.record else "")
+        unit = found.experiment.free[p.name].range.unit
+        before, value, least, most = (in_unit(v, unit, digits) for v, digits in (
+            (p.before, 6), (p.value, p.digits), (p.low, 6), (p.high, 6)))
+        of = "" if unit.text in ("1", "") else f" {unit.text}"
+        rows.append((name, f"{before}{of}", f"{value}{of}", p.known(partial(in_unit, unit=unit, digits=p.digits), of),
+                     f"{least} .. {most}{of}" + (f", at its {p.at_bound} end" if p.at_bound else "")))
+    rows += [_own_row(found, record, p.name) for record, own in found.held_out.items()
+             for p in {p.name: p for p in found.parameters if p.name in own.values}.values()]
+    return ResultTable(f"{found.experiment.name}: {found.samples} samples, reduced chi-square {found.chi2:.4g}",
+                       FITTED, rows)
+
+
+def _own_row(found: Fit, record: str, name: str) -> tuple[str, str, str, str, str]:
+    """A value that a held-out record has for itself, in the columns of the parameters."""
+    p = next(p for p in found.parameters if p.name == name)
+    unit = found.experiment.free[name].range.unit
+    of = "" if unit.text in ("1", "") else f" {unit.text}"
+    value, least, most = (in_unit(v, unit, 6) for v in (found.held_out[record].values[name], p.low, p.high))
+    return f"{name} ({record}, held out)", "-", f"{value}{of}", "-", f"{least} .. {most}{of}"
+
+
+def own_words(found: Fit) -> list[str]:
+    """What is done with values `each: record` on records that are held out."""
+    names = listing([name for name, free in found.experiment.free.items() if free.each], 4)
+    fitted = [f"the first {number(own.seconds, 3)} s of {record}" for record, own in found.held_out.items() if own.values]
+    failed = [record for record, own in found.held_out.items() if not own.values]
+    said = []
+    if fitted:
+        said.append(f"{names} (each: record): on held-out records fitted too, to {listing(fitted, 4)}, with all other "
+                    "values given; the held-out errors contain these samples.")
+    if failed:
+        said.append(f"{names} (each: record): could not be fitted on {listing(failed, 4)}, where the model cannot be "
+                    "simulated; the values of the diagram are used there.")
+    return said
+
+
+def _before_and_after(found: Fit) -> ResultTable:
+    rows = []
+    for before_fit, part in zip(found.before.parts, found.after.parts, strict=True):
+        for k, channel in enumerate(part.channels.values()):
+            before = before_fit.channels[channel.name]
+            rows.append((f"{part.name} ({part.use})" if k == 0 else "", channel.name,
+                         readable(before.error, channel.unit, 3), readable(channel.error, channel.unit, 3),
+                         readable(channel.noise, channel.unit, 3), number(channel.chi2, 3)))
+    return ResultTable("", RECORDS, rows, text=2)
+
+
+# -- localize ------------------------------------------------------------------------------------------------------------
+def localization_items(found: Localization) -> list[Item]:
+    """When and in what state of motion the model fails, and the places at which something may be missing."""
+    table = [ResultTable("", PLACES, [_place(s) for s in found.suspects], text=1)] if found.missing else []
+    unseen = [Line(f"Not seen in these records: {', '.join(found.unseen)}.")] if found.unseen else []
+    return [*map(Line, summary(found)), *table, *unseen, *map(Line, found.words)]
+
+
+def _place(suspect: PlaceEstimate) -> tuple[str, ...]:
+    curve = suspect.curve
+    told = ("-", "-", "-")
+    if curve is not None:
+        times = f" * {curve.times}" if curve.times else ""
+        told = (curve.variable.formula + times, f"{max(curve.r2, 0.0):.2f}", curve.shape)
+    return (suspect.place.name, f"{100 * suspect.explained:.4g} %", number(suspect.behind, 3),
+            readable(suspect.rms, suspect.place.unit.text, 3), *told)
+
+
+# -- diagnose ------------------------------------------------------------------------------------------------------------
+def diagnosis_items(found: Diagnosis) -> list[Item]:
+    """The ladder, the candidates of each step, the numbers of what was found, and the verdict."""
+    items: list[Item] = [ladder_table(found.ladder, "model")]
+    items += [ranking_table(step, f"Step {k}: " if len(found.steps) > 1 else "")
+              for k, step in enumerate(found.steps, 1) if step.trials]
+    if found.verdict == "parameters" and found.fitted is not None:
+        items.append(fitted_parameters(found.fitted))
+    items += [effect_table(finding) for finding in (*found.findings, *([found.shape] if found.shape is not None else []))]
+    return [*items, *map(Line, found.words)]
+
+
+def ladder_table(rungs: Sequence[LadderEntry], first: str) -> ResultTable:
+    """The errors of models on the same records; `first` says what stands in the rows."""
+    rows = [(r.name, *(f"{number(100 * e, 3)} %" for e in (r.error_fit, r.error_held_out)),
+             *(number(c, 3) for c in (r.chi2_fit, r.chi2_held_out))) for r in rungs]
+    return ResultTable("Error in % of what was measured; reduced chi-square (1 = noise level)", (first, *LADDER), rows)
+
+
+def ranking_table(step: Stage, which: str) -> ResultTable:
+    """The best candidates of a step; `which` step is said before the title."""
+    columns = shown_in("terminal")
+    ranked = entries(step)
+    shown = ranked[:min(RANKED, len(step.trials))]  # and all that the words name
+    shown += tuple(e for e in ranked[len(shown):] if e["cluster"])
+    rows = [[column.text(entry) for column in columns] for entry in shown]
+    more = f", the {RANKED} best shown" if len(step.trials) > RANKED else ""
+    alike = {0: "none is better than by chance", 1: "* chosen"}.get(len(step.cluster), "* cannot be distinguished")
+    title = f"{which}{count(len(step.scores), 'candidate')} scored, {len(step.trials)} fitted{more} ({alike})"
+    return ResultTable(title, [column.title for column in columns], rows, text=sum(not c.numeric for c in columns))
+
+
+def effect_table(finding: AddedEffect) -> ResultTable:
+    """The numbers of an effect with their intervals."""
+    rows = []
+    for p in finding.parameters:
+        unit = read_unit(readable_unit(p.unit, p.value))
+        name = "" if unit.text in ("1", "") else f" {unit.text}"
+        written = partial(in_unit, unit=unit, digits=4)
+        end = f", at its {p.ended} end" if p.ended else ""
+        rows.append((p.name, f"{written(p.value)}{name}", p.known(written, name),
+                     f"{written(p.low)} .. {written(p.high)}{name}{end}", parameter_description(finding.fit, p.name)))
+    return ResultTable(f"{finding.candidate.kind} {finding.candidate.place}", EFFECT, rows)
