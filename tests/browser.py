@@ -9,6 +9,7 @@ import select
 import shutil
 import subprocess
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -135,6 +136,15 @@ class Tab:
     def write(self, text: str) -> None:
         """Type a text where the focus is."""
         self.call("Input.insertText", text=text)
+
+    def drop(self, selector: str, files: Mapping[str, str]) -> None:
+        """Drop files with these texts on what a selector finds, as a file manager does."""
+        added = "".join(f"data.items.add(new File([{json.dumps(text)}], {json.dumps(name)}));"
+                        for name, text in files.items())
+        self.run(f"""(() => {{ const data = new DataTransfer(); {added}
+            const target = document.querySelector({json.dumps(selector)});
+            for (const kind of ["dragenter", "dragover", "drop"])
+                target.dispatchEvent(new DragEvent(kind, {{bubbles: true, cancelable: true, dataTransfer: data}})); }})()""")
 
     def requested(self) -> list[str]:
         """Every address that was asked for."""

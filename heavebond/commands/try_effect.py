@@ -31,24 +31,17 @@ def try_effect(experiment: str, component: str, between: tuple[str, str] | None,
     such as cylinder.leakage, or a number that the diagram holds fixed such as crown.m.
     """
     from heavebond.commands import terminal
-    from heavebond.core.presentation import number
     from heavebond.diagnosis.attempt import attempt
     from heavebond.diagnosis.diagnosis_files import write_findings
-    from heavebond.diagnosis.verdict import at_ends
     from heavebond.estimation.experiment import load_experiment
-    from heavebond.reports.result_tables import effect_table, ladder_table
+    from heavebond.reports.result_tables import attempt_items
 
     given = load_experiment(experiment)
     targets = _targets(given, written)
     with terminal.working("trying") as progress:
         found = attempt(given, component, [*(between or ()), *at], progress=progress)
     console = terminal.output()
-    terminal.show([ladder_table(found.ladder, "model"), effect_table(found.finding)])
-    for line in at_ends(found.finding):
-        console.print(line, soft_wrap=True)
-    console.print(f"BIC changes by {number(found.bic_difference, 4)} (below -10 is strong evidence for the effect); on "
-                  + ("held-out data the error falls by more than chance." if found.earned else
-                     "held-out data the effect does not lower the error by more than chance."), soft_wrap=True)
+    terminal.show(attempt_items(found))
     targets = _targets(given, written)  # another command may have written there meanwhile
     files = [] if targets is None else write_findings(given, [found.finding], targets)
     if targets is not None and targets.passed:

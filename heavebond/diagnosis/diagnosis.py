@@ -10,7 +10,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from math import isfinite
+from math import isfinite, nan
 from pathlib import Path
 
 from heavebond.core import facade
@@ -119,15 +119,18 @@ class Diagnosis:
 @single_threaded
 def diagnose(experiment: Experiment | str | Path, *, steps: int = MOST, number: int | None = None,
              seconds: float | str = SECONDS, classes: Sequence[str] = (), samples: int | None = None,
-             progress: Progress | None = None) -> Diagnosis:
+             progress: Progress | None = None,
+             growing: Callable[[list[dict[str, object]]], None] | None = None) -> Diagnosis:
     """Identify the effect that the diagram of an experiment lacks.
 
     Stepwise selection of at most `steps` effects, as long as more than the noise is left and each lowers the errors on the
     selection data beyond chance and noticeably (see `diagnosis.stepwise_selection`). `number` is the number of processes,
     by default that of the processors; after `seconds` (s, or text with a unit) in all the search ends with its best result
     so far; `classes` restricts the catalogue to classes of effects. The search uses `samples` samples of long records (see
-    `estimation.excerpts`), the final fit uses all. `progress` is called with a text at each step. Ctrl-C ends the
-    search with the effects found so far. Raises ModelError and DataError where `experiment` is wrong, UsageError where
+    `estimation.excerpts`), the final fit uses all. `progress` is called with a text at each step, `growing` with
+    the ladder as far as it has come (name, errors and chi-square of each model; of an effect that is not confirmed yet the
+    errors are NaN). Ctrl-C ends the search with the effects found so far.
+    Raises ModelError and DataError where `experiment` is wrong, UsageError where
     no record is to be fitted.
     """
     began, seconds = clock.perf_counter(), si_value(seconds, "s", "seconds")
@@ -135,6 +138,8 @@ def diagnose(experiment: Experiment | str | Path, *, steps: int = MOST, number: 
     say = progress or (lambda text: None)
     base = fit(experiment, progress=lambda text: say(f"fitting what is free: {text}")) if experiment.free else None
     ladder = first_entries(experiment, base)
+    grow = growing or (lambda rungs: None)
+    grow([entry.as_dict() for entry in ladder])
     first = clock.perf_counter() - began
     until = began + seconds - (max(KEPT * seconds, min(AGAIN * first, MOST_KEPT * seconds)) if isfinite(seconds) else 0.0)
 
@@ -142,6 +147,7 @@ def diagnose(experiment: Experiment | str | Path, *, steps: int = MOST, number: 
         return max(0.0, until - clock.perf_counter())
 
     def stepping(experiment: Experiment, way: Selection) -> Stage:
+        grow([*(entry.as_dict() for entry in ladder), *map(_unconfirmed, way)])
         beside = f" beside {listing(added.candidate.label for added in way)}" if len(way) > 1 else ""
         return make_stage(experiment, number=number, seconds=left(), classes=classes, thorough=not way,
                     progress=lambda text: say(f"step {len(way) + 1}{beside}: {text}"))
@@ -221,6 +227,13 @@ def _without_name(come: _SearchState, way: Selection, given: Experiment, number:
         shape = confirmed(SelectedEffect(choosing(curves, judged.flexible), (judged.flexible,)), given)
     without = come.ladder[:len(come.ladder) - len(come.findings)]
     return _SearchState(without, (), [replace(come.steps[0], chosen=None, cluster=())], come.values), shape, judged
+
+
+def _unconfirmed(added: SelectedEffect) -> dict[str, object]:
+    """What a search knows of an effect on the samples that it looks at."""
+    trial = added.chosen
+    return {"name": f"+ {added.candidate.label}", "error_fit": nan, "error_held_out": nan, "chi2_fit": trial.chi2_fit,
+            "chi2_held_out": trial.chi2_held_out}
 
 
 def _climbed(experiment: Experiment, part: Experiment, climbing: Callable[[Experiment], tuple[Selection, Stage]]

@@ -11,10 +11,12 @@ from functools import partial
 from heavebond.core.errors import listing
 from heavebond.core.presentation import count, in_unit, number, readable, readable_unit
 from heavebond.core.units import read_unit
+from heavebond.diagnosis.attempt import Attempt
 from heavebond.diagnosis.diagnosis import Diagnosis
 from heavebond.diagnosis.ladder import AddedEffect, LadderEntry, parameter_description
 from heavebond.diagnosis.ranking import entries, shown_in
 from heavebond.diagnosis.stage import Stage
+from heavebond.diagnosis.verdict import at_ends
 from heavebond.estimation.comparison import Channel, Comparison
 from heavebond.estimation.fitting import Fit
 from heavebond.localise.misfit import Localization, PlaceEstimate, summary
@@ -189,6 +191,15 @@ def diagnosis_items(found: Diagnosis) -> list[Item]:
         items.append(fitted_parameters(found.fitted))
     items += [effect_table(finding) for finding in (*found.findings, *([found.shape] if found.shape is not None else []))]
     return [*items, *map(Line, found.words)]
+
+
+def attempt_items(found: Attempt) -> list[Item]:
+    """The ladder with an effect that was tried by hand, its numbers, and whether it is justified."""
+    held_out = "the error falls by more than chance." if found.earned else \
+        "the effect does not lower the error by more than chance."
+    return [ladder_table(found.ladder, "model"), effect_table(found.finding), *map(Line, at_ends(found.finding)),
+            Line(f"BIC changes by {number(found.bic_difference, 4)} (below -10 is strong evidence for the effect); on "
+                 f"held-out data {held_out}")]
 
 
 def ladder_table(rungs: Sequence[LadderEntry], first: str) -> ResultTable:

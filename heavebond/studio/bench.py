@@ -14,6 +14,7 @@ import numpy as np
 from heavebond.core.errors import HeavebondError, Problem, Problems, RunWarning
 from heavebond.equations.connect import connect
 from heavebond.equations.expand import expand
+from heavebond.estimation.experiment import Experiment, experiment_from_source
 from heavebond.language.model import Model, from_source
 from heavebond.language.power_terms import CREATED, power_problems, used
 from heavebond.numerics.dae import Array, Assembly, assemble
@@ -25,6 +26,7 @@ from heavebond.numerics.simulation import changes_of, simulate
 from heavebond.numerics.simulator import grid
 from heavebond.pictures.drawing import draw
 from heavebond.studio.contents import Entry, contents, part_lines, problem_entry
+from heavebond.studio.evidence import Evidence, assembled, experiment_entry, files_of, proposal, written_experiment
 from heavebond.studio.job import Job
 from heavebond.text.yaml_source import parse
 
@@ -53,16 +55,22 @@ def dependencies(model: Model, path: Path) -> list[Path]:
 def view(job: Job, opened: Sequence[str] = ()) -> Entry:
     """The drawing and the contents of a diagram, with the problems that `heavebond check` finds; as far as it goes."""
     problems, found, parts = Problems(), Entry(), dict[str, tuple[int, int]]()
+    experiment = None
     try:
         source = parse(job.text, Path(job.path), job.name)
         parts = part_lines(source.root)
-        model = from_source(source)
-        found["files"] = [str(p) for p in dependencies(model, Path(job.path))]
+        if "experiment" in source.root.items:
+            found["evidence"] = True
+            experiment = experiment_from_source(source)
+            found["experiment"] = experiment_entry(experiment)
+        model = experiment.model if experiment is not None else from_source(source)
+        files = [*dependencies(model, Path(job.path)), *(files_of(experiment) if experiment is not None else [])]
+        found["files"] = [str(p) for p in dict.fromkeys(files) if p.resolve() != Path(job.path).resolve()]
         expanded = expand(model)
         network = connect(expanded)
         blocks = [name for name in opened if name in expanded.blocks]
         found |= {"svg": draw(model, open=blocks), "opened": blocks}
-        assembly = _checked(model, problems)
+        assembly = _checked(model, problems) if experiment is None else _driven(experiment, problems)
         found |= contents(expanded, network, assembly, job.name)
         found["runs"] = assembly is not None
     except HeavebondError as error:
@@ -89,6 +97,15 @@ def _checked(model: Model, problems: Problems) -> Assembly | None:
     except HeavebondError as error:
         problems.extend(error)
     return assembly
+
+
+def _driven(experiment: Experiment, problems: Problems) -> Assembly | None:
+    """The assembled diagram as the first record drives it, with what is wrong in the experiment noted."""
+    try:
+        return assembled(experiment)
+    except HeavebondError as error:
+        problems.extend(error)
+        return None
 
 
 # -- runs ------------------------------------------------------------------------------------------------------------
@@ -182,6 +199,7 @@ def fault(error: Exception) -> Problem:
 
 def tasks() -> dict[str, Callable[..., tuple[Entry, Array | None]]]:
     """What a worker does, by the name of the task."""
-    bench = Bench()
+    bench, evidence = Bench(), Evidence()
     return {"view": lambda job, opened: (view(job, opened), None), "run": bench.run, "prepare": bench.prepare,
-            "preview": bench.preview, "signals": bench.signals}
+            "preview": bench.preview, "signals": bench.signals, "compare": evidence.compare, "channel": evidence.channel,
+            "against": evidence.against, "propose": proposal, "experiment": written_experiment}

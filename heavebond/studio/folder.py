@@ -9,7 +9,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from heavebond.core.errors import HeavebondError, Problem, UsageError
 from heavebond.core.limits import FILE_BYTES
@@ -20,7 +20,6 @@ from heavebond.text.yaml_source import Scalar, read, read_text
 BUNDLED = "bundled:"  # before the name of a machine that comes with heavebond
 LISTED, DEPTH = 500, 4  # files of the folder that the first page lists, and how deep it looks for them
 BOM = b"\xef\xbb\xbf"
-HEAD = re.compile(r"^model\s*:", re.MULTILINE)
 NEW = """\
 model: NAME
 summary: A load on a spring and a damper, released 20 mm from rest.
@@ -71,11 +70,35 @@ class Folder:
             path = (root / name).resolve()
         except (OSError, ValueError, RuntimeError):  # a NUL in it, links in a circle
             raise _outside(name) from None
-        inside = path.is_relative_to(root) and path != root
-        if not inside or path.suffix not in (".yaml", ".yml") or \
-                any(part.startswith(".") for part in path.relative_to(root).parts):
+        if not self._shown(path) or path.suffix not in (".yaml", ".yml"):
             raise _outside(name)
         return path
+
+    def _shown(self, path: Path) -> bool:
+        """Whether a resolved path lies in the folder, and in no hidden part of it."""
+        root = self.root.resolve()
+        return path.is_relative_to(root) and path != root and \
+            not any(part.startswith(".") for part in path.relative_to(root).parts)
+
+    def record(self, name: str, *, exists: bool = True) -> Path:
+        """The file of a record in the folder; UsageError for any that lies outside, is hidden, or is not there."""
+        try:
+            path = (self.root.resolve() / name).resolve()
+        except (OSError, ValueError, RuntimeError):
+            raise _outside(name, "file") from None
+        if not self._shown(path) or (exists and not path.is_file()):
+            raise _outside(name, "file")
+        return path
+
+    def new_name(self, name: str, beside: str = "") -> str:
+        """The document `name`.yaml in the folder `beside` of the opened one; UsageError for what is no plain name."""
+        if not re.fullmatch(r"[A-Za-z]\w{0,60}", name, flags=re.ASCII):
+            said = f"'{name[:80]}' cannot name a file: letters, digits and _, a letter first"
+            raise UsageError([Problem("name-bad", said)])
+        found = (PurePosixPath(beside) / f"{name}.yaml").as_posix()
+        if self.path(found).exists():
+            raise UsageError([Problem("file-exists", f"{found} exists already", None, "Give another name.")])
+        return found
 
     def read(self, name: str) -> Document:
         """A document; ModelError where it cannot be read."""
@@ -108,16 +131,19 @@ class Folder:
         """A new diagram `name`, by default one to begin with; the name of its document."""
         if not re.fullmatch(r"[A-Za-z]\w{0,60}", name, flags=re.ASCII):
             raise UsageError([Problem("name-bad", f"'{name}' cannot name a diagram: letters, digits and _, a letter first")])
-        path = self.path(f"{name}.yaml")
+        self.write_new(f"{name}.yaml", text.replace("NAME", name, 1))
+        return self.path(f"{name}.yaml").name
+
+    def write_new(self, document: str, text: str) -> None:
+        """Write a document that does not exist yet; UsageError where it does."""
         try:
-            with new_file(path, exclusive=True) as fresh:
-                fresh.write_bytes(text.replace("NAME", name, 1).encode("utf-8"))
+            with new_file(self.path(document), exclusive=True) as fresh:
+                fresh.write_bytes(text.encode("utf-8"))
         except FileExistsError:
-            raise UsageError([Problem("file-exists", f"{name}.yaml exists already", None, "Give another name.")]) from None
+            raise UsageError([Problem("file-exists", f"{document} exists already", None, "Give another name.")]) from None
         except OSError as error:
-            said = f"{name}.yaml cannot be made: {error.strerror or error}"
+            said = f"{document} cannot be made: {error.strerror or error}"
             raise UsageError([Problem("file-unwritable", said)]) from None
-        return path.name
 
     def derive(self, name: str, origin: str, values: Mapping[str, str]) -> str:
         """A new diagram that extends `origin` and sets some of its parameters; the name of its document."""
@@ -131,7 +157,8 @@ class Folder:
         return self.create(name, "\n".join(lines) + "\n")
 
     def diagrams(self) -> list[dict[str, str]]:
-        """The diagrams below the folder, by name; links out of it, hidden folders and what is no diagram left out."""
+        """The diagrams and experiments below the folder, by name, with their `kind`; without links out of it and hidden
+        folders."""
         found, root = [], self.root.resolve()
         for folder, folders, files in os.walk(root):
             here = Path(folder)
@@ -139,20 +166,21 @@ class Folder:
             folders[:] = sorted(d for d in folders if not d.startswith((".", "__")) and deep + 1 < DEPTH)
             for name in sorted(files):
                 relative = (here / name).relative_to(root).as_posix()
-                if name.endswith((".yaml", ".yml")) and not name.startswith(".") and self._is_diagram(relative):
-                    found.append({"name": relative})
+                if name.endswith((".yaml", ".yml")) and not name.startswith(".") and (kind := self._kind(relative)):
+                    found.append({"name": relative, "kind": kind})
                 if len(found) >= LISTED:
                     return found
         return found
 
-    def _is_diagram(self, name: str) -> bool:
-        """Whether a file begins as a diagram, as far as can be told without reading all of it."""
+    def _kind(self, name: str) -> str:
+        """`model` or `experiment` as a file begins, as far as can be told without reading all of it; else empty."""
         try:
             with open(self.path(name), encoding="utf-8", errors="replace") as file:
                 head = file.read(4000)
         except (OSError, HeavebondError):
-            return False
-        return bool(HEAD.search(head)) and not re.search(r"^(experiment|study)\s*:", head, re.MULTILINE)
+            return ""
+        heads = {key for key in ("model", "experiment", "study") if re.search(rf"^{key}\s*:", head, re.MULTILINE)}
+        return "" if "study" in heads else "experiment" if "experiment" in heads else "model" if heads else ""
 
 
 def _plain_or_quoted(value: str) -> str:
@@ -165,8 +193,8 @@ def version(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
-def _outside(name: str) -> UsageError:
-    return UsageError([Problem("file-outside", f"'{name[:100]}' is no YAML file in the opened folder")])
+def _outside(name: str, kind: str = "YAML file") -> UsageError:
+    return UsageError([Problem("file-outside", f"'{name[:100]}' is no {kind} in the opened folder")])
 
 
 def _decoded(raw: bytes) -> str:
@@ -185,6 +213,13 @@ def _with_cr(raw: bytes) -> bool:
     return b"\r\n" in raw and raw.count(b"\n") == raw.count(b"\r\n") == raw.count(b"\r")
 
 
+def _complete(path: Path) -> bool:
+    """Whether all records of a bundled experiment are there: some may not be given away."""
+    from heavebond.estimation.experiment import load_experiment
+
+    return all(record.file.is_file() for record in load_experiment(path).records.values())
+
+
 @lru_cache(maxsize=1)
 def bundled_machines() -> tuple[dict[str, str], ...]:
     """The bundled diagrams with their summaries: those of each machine together, its own first."""
@@ -193,10 +228,11 @@ def bundled_machines() -> tuple[dict[str, str], ...]:
         main = folder / f"{folder.name}.yaml"
         for path in sorted(folder.glob("*.yaml"), key=lambda p: (p != main, p.name)):
             items = read(path, bundled=True).root.items
-            if next(iter(items)) != "model":
+            kind = next(iter(items))
+            if kind not in ("model", "experiment") or (kind == "experiment" and not _complete(path)):
                 continue
             said = items.get("summary")
             name = folder.name if path == main else f"{folder.name}/{path.stem}"
-            found.append({"name": BUNDLED + name, "path": str(path), "machine": folder.name,
+            found.append({"name": BUNDLED + name, "path": str(path), "machine": folder.name, "kind": kind,
                           "summary": said.text if isinstance(said, Scalar) else ""})
     return tuple(found)

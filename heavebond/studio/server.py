@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import json
 import secrets
 import socket
 from collections.abc import AsyncIterator, Callable
@@ -17,14 +18,17 @@ from starlette.responses import Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket
 
-from heavebond.core.errors import Problem, UsageError
+from heavebond.core.errors import HeavebondError, Problem, UsageError
 from heavebond.core.limits import FILE_BYTES
-from heavebond.studio import file_requests, run_requests
+from heavebond.studio import evidence_requests, file_requests, run_requests
 from heavebond.studio.folder import Folder
+from heavebond.studio.long_jobs import LongJobs
 from heavebond.studio.page_safety import Guard, new_token, policy
+from heavebond.studio.record_upload import store
 from heavebond.studio.tab import Handler, Tab
 
-HANDLERS: dict[str, Handler] = {**file_requests.HANDLERS, **run_requests.HANDLERS}  # by what a page asks
+# by what a page asks
+HANDLERS: dict[str, Handler] = {**file_requests.HANDLERS, **run_requests.HANDLERS, **evidence_requests.HANDLERS}
 PORT, PORTS = 8437, 20  # the first port that is tried, and how many; the same one finds the drafts of unsaved texts again
 KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 
@@ -36,6 +40,7 @@ class Studio:
         self.folder, self.first, self.port, self.token = folder, first, port, new_token()
         self.page = _page_files()
         self.tabs: set[Tab] = set()
+        self.jobs = LongJobs()
 
     @property
     def address(self) -> str:
@@ -44,8 +49,9 @@ class Studio:
 
     def app(self) -> Guard:
         """The application, behind its guard."""
-        routes = [Route(f"/{self.token}/", self._index), Route(f"/{self.token}/{{name:path}}", self._file),
-                  WebSocketRoute(f"/{self.token}/socket", self._socket)]
+        routes = [Route(f"/{self.token}/", self._index),
+                  Route(f"/{self.token}/records", self._record, methods=["POST"]),
+                  Route(f"/{self.token}/{{name:path}}", self._file), WebSocketRoute(f"/{self.token}/socket", self._socket)]
         return Guard(Starlette(routes=routes, lifespan=self._lifespan), self.token, self.port)
 
     @contextlib.asynccontextmanager
@@ -55,6 +61,7 @@ class Studio:
         finally:
             for tab in list(self.tabs):
                 tab.close()
+            self.jobs.close()
 
     async def _index(self, _: Request) -> Response:
         nonce = secrets.token_urlsafe(16)
@@ -67,6 +74,16 @@ class Studio:
             return Response("There is no such file.\n", 404, self._headers(""), "text/plain")
         return self._answer(self.page[name], Path(name).suffix, "")
 
+    async def _record(self, request: Request) -> Response:
+        """A file that was dropped on the page, stored in the opened folder."""
+        try:
+            name = await store(self.folder, request.query_params.get("beside", ""), request.query_params.get("name", ""),
+                               request.stream())
+            told: dict[str, object] = {"file": name}
+        except HeavebondError as error:
+            told = {"problems": [{**p.as_dict(), "text": str(p)} for p in error.problems]}
+        return Response(json.dumps(told), 200, self._headers(""), "application/json")
+
     def _answer(self, content: bytes, suffix: str, nonce: str) -> Response:
         return Response(content, 200, self._headers(nonce), KINDS[suffix])
 
@@ -77,7 +94,7 @@ class Studio:
 
     async def _socket(self, websocket: WebSocket) -> None:
         await websocket.accept()
-        tab = Tab(websocket, self.folder, self.first, HANDLERS)
+        tab = Tab(websocket, self.folder, self.first, HANDLERS, self.jobs)
         self.tabs.add(tab)
         try:
             await tab.serve()

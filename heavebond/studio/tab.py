@@ -17,6 +17,7 @@ from heavebond.core.errors import HeavebondError, Problem, UsageError
 from heavebond.core.limits import FILE_BYTES
 from heavebond.studio.folder import Document, Folder
 from heavebond.studio.job import Job
+from heavebond.studio.long_jobs import LongJob, LongJobs
 from heavebond.studio.workers import Answer, Worker
 
 WATCH = 0.4  # s between two looks at the files on disk
@@ -26,8 +27,8 @@ Handler = Callable[["Tab", dict[str, Any]], Awaitable[Answer]]
 class Tab:
     """One page that is open: the document in it, watched on disk, and the workers that check and run it."""
 
-    def __init__(self, websocket: WebSocket, folder: Folder, first: str, handlers: Dictionary[str, Handler]):
-        self.websocket, self.folder, self.first, self.handlers = websocket, folder, first, handlers
+    def __init__(self, websocket: WebSocket, folder: Folder, first: str, handlers: Dictionary[str, Handler], jobs: LongJobs):
+        self.websocket, self.folder, self.first, self.handlers, self.jobs = websocket, folder, first, handlers, jobs
         self.checker, self.runner = Worker(), Worker()
         self.document: Document | None = None
         self.others: dict[str, float] = {}  # the files that the diagram reads besides its own, with their times
@@ -37,6 +38,7 @@ class Tab:
     async def serve(self) -> None:
         """Answer what the page asks until it goes."""
         self._begin(self._watch())
+        self.jobs.watchers.add(self._push_job)
         try:
             while True:
                 message = json.loads(await self.websocket.receive_text())
@@ -46,11 +48,16 @@ class Tab:
             return
 
     def close(self) -> None:
-        """End what it does and its workers."""
+        """End what it does and its workers; long computations go on."""
+        self.jobs.watchers.discard(self._push_job)
         for task in self.tasks:
             task.cancel()
         self.checker.close()
         self.runner.close()
+
+    def _push_job(self, job: LongJob) -> None:
+        if self.document is not None and self.document.name == job.name:
+            self._begin(self.send({"push": "job", "job": job.entry()}))
 
     def _begin(self, work: Any) -> None:
         task = asyncio.get_running_loop().create_task(work)

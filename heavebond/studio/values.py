@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping as Dictionary
+from collections.abc import Sequence
+from pathlib import PurePosixPath
 
 from heavebond.text.yaml_edits import set_entry
 from heavebond.text.yaml_source import Mapping, parse
@@ -13,6 +16,22 @@ def with_values(text: str, values: Dictionary[str, str]) -> str:
     for path, value in values.items():
         text = set_entry(text, _place(parse(text).root, path), value)
     return text
+
+
+def with_records(text: str, files: Sequence[str]) -> tuple[str, list[str]]:
+    """The text of an experiment with further records, and their names; one that it has already is passed over."""
+    names = []
+    for file in files:
+        entries = parse(text).root.items.get("records")
+        known = entries.items if isinstance(entries, Mapping) else {}
+        if any(isinstance(r, Mapping) and getattr(r.items.get("file"), "text", "") == file for r in known.values()):
+            continue
+        stem = re.sub(r"\W+", "_", PurePosixPath(file).stem).strip("_") or "record"
+        name = next(n for k in range(1, 10_000) if (n := stem if k == 1 else f"{stem}_{k}") not in known)
+        text = set_entry(text, ("records", name, "file"), file)
+        text = set_entry(text, ("records", name, "use"), "validate")
+        names.append(name)
+    return text, names
 
 
 def _place(root: Mapping, path: str) -> tuple[str, ...]:

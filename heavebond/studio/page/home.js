@@ -9,14 +9,16 @@ export function showHome(studio, told) {
     const made = await studio.link.ask("new", { name });
     await studio.open(made.name);
   });
-  const own = told.diagrams.length
-    ? el("ul", { class: "cards" }, ...told.diagrams.map((/** @type {any} */ d) => el("li", {}, el("b", {}, open(d.name, d.name)))))
+  const cards = (/** @type {any[]} */ found) => el("ul", { class: "cards" }, ...found.map((d) => el("li", {}, el("b", {}, open(d.name, d.name)))));
+  const diagrams = told.diagrams.filter((/** @type {any} */ d) => d.kind === "model"), experiments = told.diagrams.filter((/** @type {any} */ d) => d.kind === "experiment");
+  const own = diagrams.length ? cards(diagrams)
     : el("p", { class: "none" }, "No diagrams yet. Make a new one, or copy a machine from below and change it.");
   /** @type {Map<string, any[]>} */
   const machines = new Map();
   for (const m of told.machines) machines.set(m.machine, [...(machines.get(m.machine) ?? []), m]);
   byId("home").replaceChildren(
     el("h2", {}, "Diagrams in ", el("code", {}, told.folder)), own, el("div", {}, el("button", { class: "main", id: "new", onclick: fresh }, "New diagram")),
+    ...(experiments.length ? [el("h2", {}, "Experiments"), el("p", {}, "Diagrams with measured records."), cards(experiments)] : []),
     el("h2", {}, "Machines that come with heavebond"), el("p", {}, "To be looked at, run, and copied into the folder."),
     el("ul", { class: "cards" }, ...[...machines].map(([name, all]) => machine(studio, open, name, all))));
 }
@@ -24,7 +26,7 @@ export function showHome(studio, told) {
 /** @param {any} studio @param {(name: string, text: string) => Node} open @param {string} name @param {any[]} all */
 function machine(studio, open, name, all) {
   const main = all.find((m) => m.name === `bundled:${name}`), rest = all.filter((m) => m !== main);
-  const list = el("ul", {}, ...rest.map((m) => el("li", { title: m.summary }, open(m.name, m.name.split("/").at(-1)))));
+  const list = el("ul", {}, ...rest.map((m) => el("li", { title: m.summary }, open(m.name, m.name.split("/").at(-1)), m.kind === "experiment" ? el("span", { class: "hint" }, " experiment with records") : null)));
   if (!main) return el("li", {}, el("b", {}, name), el("details", { open: true }, el("summary", {}, `${rest.length} diagrams`), list));
   return el("li", {}, el("b", {}, open(main.name, name)), el("p", {}, main.summary),
     rest.length ? el("details", {}, el("summary", {}, `${rest.length} ${rest.length > 1 ? "variants" : "variant"}`), list) : null);

@@ -3,10 +3,12 @@
 import { askName, byId, el } from "./dom.js";
 import { Diagram } from "./diagram.js";
 import { Editor } from "./editor.js";
+import { Evidence } from "./evidence.js";
 import { DiagramFile } from "./file.js";
 import { showHome } from "./home.js";
 import { Link } from "./link.js";
 import { Panel } from "./panel.js";
+import { RecordFiles } from "./records.js";
 import { Runs } from "./runs.js";
 
 class Studio {
@@ -22,7 +24,9 @@ class Studio {
     this.diagram = new Diagram((kind, path) => this.pick(kind, path), (path) => this.openBlock(path));
     this.panel = new Panel(this);
     this.runs = new Runs(this);
-    this.link = new Link((message) => this.file.pushed(message), (open) => this.file.linked(open));
+    this.evidence = new Evidence(this);
+    this.records = new RecordFiles(this);
+    this.link = new Link((message) => this.pushed(message), (open) => this.file.linked(open));
     this.listen();
   }
 
@@ -41,7 +45,9 @@ class Studio {
     byId("copy").onclick = () => this.make("copy");
     byId("derive").onclick = () => this.make("derive");
     byId("run").onclick = () => this.runs.run();
-    byId("stop").onclick = () => this.runs.stop();
+    byId("stop").onclick = () => this.stop();
+    byId("compare").onclick = () => this.evidence.compare();
+    byId("tune").onclick = () => this.evidence.jobs.openTuning(true);
     byId("toggle-text").onclick = () => this.toggleText();
     addEventListener("hashchange", () => {
       const name = decodeURIComponent(location.hash.slice(1));
@@ -54,8 +60,21 @@ class Studio {
       if (mod && event.key === "Enter") { event.preventDefault(); void this.runs.run(); }
       if (event.altKey && event.key === "t") { event.preventDefault(); this.toggleText(); }
       if (event.altKey && event.key === "h") { event.preventDefault(); void this.home(); }
-      if (event.key === "Escape" && this.runs.busy) void this.runs.stop();
+      if (event.key === "Escape" && !document.querySelector("dialog[open]")) void this.stop();
     });
+  }
+
+  /** End what runs. */
+  async stop() {
+    if (this.evidence.jobs.running) await this.evidence.jobs.stop();
+    else if (this.runs.busy || this.evidence.comparing) await this.runs.stop();
+  }
+
+  /** What the server tells by itself. @param {any} message */
+  pushed(message) {
+    if (message.push === "job") { this.evidence.jobs.pushed(message.job); return; }
+    if (message.push === "others") this.evidence.text = null; // compared again
+    this.file.pushed(message);
   }
 
   get unsaved() { return this.file.unsaved; }
@@ -86,7 +105,9 @@ class Studio {
     const told = await this.link.ask("open", { name });
     this.document = told;
     Object.assign(this, { view: null, opened: [], picked: null });
+    this.diagram.picked = null;
     this.runs.clear();
+    this.evidence.clear();
     location.hash = encodeURIComponent(name);
     document.title = `${name} - heavebond studio`;
     byId("title").textContent = name.replace(/^bundled:/, "") + (told.name.startsWith("bundled:") ? " (bundled, read only)" : told.writable ? "" : " (read only)");
@@ -139,7 +160,9 @@ class Studio {
     this.diagram.blame(told.problems.map((/** @type {any} */ p) => p.part).filter(Boolean));
     this.showProblems(told.problems);
     if (told.parts) this.tidy();
+    this.evidence.recognise(this.view);
     this.panel.show();
+    this.evidence.viewed(this.view);
   }
 
   /** Forget what the diagram no longer has. */
@@ -165,6 +188,7 @@ class Studio {
     this.diagram.pick(kind, path);
     this.panel.show();
     byId("panel").scrollTop = 0;
+    this.evidence.picked(kind, path);
     const line = kind && this.view?.[kind === "part" ? "parts" : "nodes"]?.[path]?.line;
     if (line && document.activeElement !== this.editor.view.contentDOM) this.editor.show(line);
   }

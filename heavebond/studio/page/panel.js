@@ -25,9 +25,9 @@ export class Panel {
   content(view, picked) {
     const part = picked?.kind === "part" ? view.parts[picked.path] : null, node = picked?.kind === "node" ? view.nodes[picked.path] : null;
     if (part) return this.part(picked.path, part, view);
-    if (node) return [el("h2", {}, picked.path), el("p", {}, `Node (${node.domain}). It joins ${node.ends.join(", ")}.`), ...this.lines(node), ...this.signals("Signals", node.signals)];
-    return [el("h2", {}, view.name), el("p", {}, view.summary), ...this.changed(), ...this.parameters(view.parameters),
-      ...this.signals("Outputs", view.outputs), view.outputs.length ? null : el("p", {}, "The diagram names no outputs under show:."),
+    if (node) return [el("h2", {}, picked.path), el("p", {}, `Node (${node.domain}). It joins ${node.ends.join(", ")}.`), ...this.lines(node), ...this.studio.evidence.about("node", picked.path), ...this.signals("Signals", node.signals)];
+    return [el("h2", {}, view.name), el("p", {}, view.summary), ...this.changed(), ...this.studio.evidence.summary(), ...this.parameters(view.parameters),
+      ...this.signals("Outputs", view.outputs), view.outputs.length || this.studio.evidence.active ? null : el("p", {}, "The diagram names no outputs under show:."),
       el("h3", {}, "More"), el("p", {}, "Click a part or a wire of the drawing, or go there by Tab and press Enter: its parameters and signals appear here.")].filter(Boolean);
   }
 
@@ -36,7 +36,7 @@ export class Panel {
     const open = view.opened.includes(path);
     return [el("h2", {}, path), el("p", {}, el("b", {}, part.kind), ` ${part.summary}`),
       part.block && el("button", { id: "open-block", onclick: () => this.studio.openBlock(path) }, open ? "Close the block (O)" : "Open the block (O)"),
-      ...this.lines(part), ...this.parameters(part.parameters), ...this.signals("Signals", part.signals)].filter(Boolean);
+      ...this.lines(part), ...this.studio.evidence.about("part", path), ...this.parameters(part.parameters), ...this.signals("Signals", part.signals)].filter(Boolean);
   }
 
   /** @param {any} thing */
@@ -50,7 +50,7 @@ export class Panel {
     if (!paths.length) return [];
     return [el("h3", {}, "Changed by sliders"), el("ul", { class: "signals" }, ...paths.map((path) => el("li", {}, el("code", {}, `${path} = ${this.studio.runs.values[path]}`)))),
       el("p", {}, "These values hold for runs on this page. The text keeps its own."),
-      this.studio.document.writable && el("button", { id: "write-values", onclick: () => this.studio.runs.writeValues() }, "Write them into the text"), " ",
+      this.studio.document.writable && !this.studio.evidence.active && el("button", { id: "write-values", onclick: () => this.studio.runs.writeValues() }, "Write them into the text"), " ",
       el("button", { id: "reset-all", onclick: () => this.studio.runs.setValues({}) }, "Back to the text's values")];
   }
 
@@ -120,7 +120,7 @@ export class Panel {
 
   /** @param {string} title @param {any[]} signals */
   signals(title, signals) {
-    if (!signals.length) return [];
+    if (!signals.length || this.studio.evidence.active) return [];
     return [el("h3", {}, `${title} to plot`), el("ul", { class: "signals" }, ...signals.map((s) => el("li", {}, el("label", { title: s.name },
       el("input", { type: "checkbox", id: `y-${s.name}`, checked: this.studio.runs.plotted.includes(s.name),
         onchange: (/** @type {any} */ event) => this.studio.runs.plot(s.name, event.target.checked) }),

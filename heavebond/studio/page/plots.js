@@ -4,8 +4,8 @@ import uPlot from "./vendor/uPlot.js";
 import { byId, download, el, number } from "./dom.js";
 
 // for every kind of colour vision (after Okabe and Ito), and brighter ones on a dark ground
-const COLOURS = ["#0072b2", "#c44e00", "#00785a", "#a1478a", "#8a6d00", "#1d2733"];
-const BRIGHT = ["#6cbcf0", "#ff9d5c", "#4fd1a5", "#e58ccb", "#e0c04a", "#e4e9ee"];
+export const COLOURS = ["#0072b2", "#c44e00", "#00785a", "#a1478a", "#8a6d00", "#1d2733"];
+export const BRIGHT = ["#6cbcf0", "#ff9d5c", "#4fd1a5", "#e58ccb", "#e0c04a", "#e4e9ee"];
 export const DASHES = [[], [8, 4], [2, 3], [10, 3, 2, 3], [4, 4], [14, 4]];
 const HEIGHT = 190;
 

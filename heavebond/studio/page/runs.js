@@ -35,7 +35,8 @@ export class Runs {
   setValues(values) {
     this.values = values;
     this.studio.panel.show();
-    if (this.live) void this.run();
+    if (this.studio.evidence.active) void this.studio.evidence.follow();
+    else if (this.live) void this.run();
   }
 
   /** The values of the sliders into the text, one step for undo. */
@@ -56,7 +57,7 @@ export class Runs {
   /** Begin to build what sliders run with. */
   prepare() {
     const text = this.studio.editor.text;
-    if (this.prepared === text) return;
+    if (this.prepared === text || this.studio.evidence.active) return;
     this.prepared = text;
     void this.studio.link.ask("prepare", { name: this.studio.document.name, text }).catch(() => { this.prepared = undefined; });
   }
@@ -64,6 +65,7 @@ export class Runs {
   /** While a slider moves: one run at a time, and always of the newest value. @param {string} path @param {string} value */
   slide(path, value) {
     this.values = { ...this.values, [path]: value };
+    if (this.studio.evidence.active) { void this.studio.evidence.follow(); return; }
     this.waitingPreview = true;
     if (!this.previewing) void this.preview();
   }
@@ -106,6 +108,7 @@ export class Runs {
 
   async run() {
     if (!this.studio.document || !this.studio.view?.parts) return;
+    if (this.studio.evidence.active) { await this.studio.evidence.compare(); return; }
     const values = this.values, began = performance.now(), name = this.studio.document.name;
     this.busy++;
     byId("stop").hidden = false;

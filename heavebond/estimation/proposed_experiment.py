@@ -1,0 +1,265 @@
+"""An experiment proposed from a record: which column is the time, which drive the diagram, which are its outputs.
+
+Columns are compared with the inputs and signals of a diagram by the words of their names and by their units. A record tells
+no more than these, so a proposal must be looked through before it is used.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from heavebond.core.errors import DataError, HeavebondError, Problem
+from heavebond.core.presentation import number
+from heavebond.core.units import Unit, UnitProblem, dimension_text, read_unit
+from heavebond.estimation.change import block, quoted
+from heavebond.estimation.diagram_files import extended_from
+from heavebond.language.definition import FileInput, Value
+from heavebond.numerics.dae import Array, Assembly
+from heavebond.records.measurements import Table, timed
+from heavebond.text.expression import names
+
+TIMES = frozenset({"t", "time", "times", "zeit", "tid", "temps", "seconds", "sec", "timestamp", "clock", "date", "datetime"})
+SKETCHED = 160  # points of a column in the sketch of its course
+SHORT = 3  # letters of a word that may stand for a longer one: `pos` for `position`
+_RANGE = re.compile(r"[\w.][\w.+\-*/ %]*")  # needs no quotes
+SMOOTH = frozenset({"m", "rad"})  # measured positions, whose derivatives are used: their course between samples is smooth
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a record: its unit as far as the file gives one, what it is proposed to be (`time`, `input`, `output` or
+    nothing), and of which input or signal; least and largest value, the number of values, and a sketch of its course."""
+
+    name: str
+    unit: str
+    unit_known: bool
+    role: str
+    target: str
+    interpolation: str
+    low: float
+    high: float
+    count: int
+    sketch: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """What is proposed for a record: its columns, and the inputs, outputs and signals of the diagram that could be meant, by
+    name with their units and meanings."""
+
+    columns: tuple[Column, ...]
+    inputs: Mapping[str, tuple[str, str]]
+    outputs: Mapping[str, tuple[str, str]]
+    remarks: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Target:
+    """An input or an output of the diagram with the words that may stand for it; `driving` where it moves the diagram."""
+
+    name: str
+    unit: Unit
+    doc: str
+    words: frozenset[str]
+    role: str
+    driving: bool = False
+
+
+def propose(table: Table, assembly: Assembly) -> Proposal:
+    """What the columns of a record are likely to be for a diagram. DataError for a record without a column of times."""
+    time = _time_column(table)
+    table = timed(table, time)
+    inputs, outputs, signals = _inputs(assembly), _outputs(assembly), _signals(assembly)
+    units = {name: table.unit_of(name) for name in table.header}
+    chosen = _matched([n for n in table.header if n in table.columns and n != time], units, [*inputs, *outputs])
+    columns, remarks = [], []
+    for name in table.header:
+        if name not in table.columns:
+            remarks.append(f"'{name}' holds no numbers and is left out")
+            continue
+        role, target = ("time", None) if name == time else \
+            (chosen[name].role, chosen[name]) if name in chosen else ("", None)
+        columns.append(_column(table, name, units[name], role, target))
+    if inputs and not any(c.role == "input" for c in columns):
+        remarks.append("no column was recognised that drives the diagram: choose one where an input was measured")
+    return Proposal(tuple(columns), {t.name: (t.unit.text, t.doc) for t in inputs},
+                    {t.name: (t.unit.text, t.doc) for t in (*outputs, *signals)}, tuple(remarks))
+
+
+def _column(table: Table, name: str, unit: tuple[str, Unit, bool] | None, role: str, target: _Target | None) -> Column:
+    values = table.columns[name]
+    finite = values[np.isfinite(values)]
+    usual = "s" if role == "time" else target.unit.text if target is not None else "1"
+    between = "" if target is None or role != "input" else \
+        "spline" if dimension_text(target.unit.dimension) in SMOOTH else "linear"
+    low, high = (float(finite.min()), float(finite.max())) if len(finite) else (np.nan, np.nan)
+    return Column(name, unit[1].text if unit is not None else usual, unit is not None, role,
+                  target.name if target is not None else "", between, low, high, len(finite), _sketch(values))
+
+
+def _sketch(values: Array) -> tuple[float, ...]:
+    """Some points of a course, the least and the largest value of each stretch among them."""
+    finite = values[np.isfinite(values)]
+    if len(finite) <= SKETCHED:
+        return tuple(finite.tolist())
+    ends = np.linspace(0, len(finite), SKETCHED // 2 + 1).astype(int)
+    return tuple(v for a, b in pairwise(ends) for v in (float(finite[a:b].min()), float(finite[a:b].max())))
+
+
+# -- what a column may be ------------------------------------------------------------------------------------------------
+def _time_column(table: Table) -> str:
+    """The column of times: the first that is called so, else the first whose values increase."""
+    able = [name for name in table.header if name in table.columns or name in table.words or name in table.clocks]
+    called = [name for name in able if _words(name) & TIMES and (name not in table.columns or _rises(table.columns[name]))]
+    rising = [name for name in able if name in table.columns and _rises(table.columns[name])]
+    found = next(iter([*called, *rising]), None)
+    if found is None:
+        raise DataError([Problem("record-no-time", f"no column of '{table.path.name}' is a time: none increases from row to "
+                                 "row", None, "A record has one column of times, and one row for each instant.")])
+    return found
+
+
+def _rises(values: Array) -> bool:
+    finite = values[np.isfinite(values)]
+    return len(finite) > 1 and bool(np.all(np.diff(finite) > 0))
+
+
+def _inputs(assembly: Assembly) -> list[_Target]:
+    """Signal inputs that a record can drive; those come first that move the diagram as it stands."""
+    expanded, found = assembly.flat.expanded, list[_Target]()
+    for leaf in expanded.leaves.values():
+        nodes = [path for path, junction in expanded.junctions.items() if any(e.leaf == leaf.path for e in junction.ends)]
+        for name, bound in leaf.inputs.items():
+            port = leaf.component.signals[name]
+            value = bound.value
+            driving = isinstance(value, FileInput) or \
+                (isinstance(value, Value) and any(n.text == "time" for n in names(value.expr)))
+            words = frozenset({*_words(leaf.path), *(w for node in nodes for w in _words(node))})
+            found.append(_Target(f"{leaf.path}.{name}", port.unit, port.doc, words, "input", driving))
+    return sorted(found, key=lambda t: not t.driving)
+
+
+def _outputs(assembly: Assembly) -> list[_Target]:
+    """The outputs under `show:`, by their formulas."""
+    found = []
+    for name, output in assembly.model.show.items():
+        try:
+            unit = read_unit(output.unit)
+        except UnitProblem:
+            continue
+        found.append(_Target(output.text, unit, name, frozenset(_words(name) | _words(output.text)), "output"))
+    return found
+
+
+def _signals(assembly: Assembly) -> list[_Target]:
+    """All variables of the diagram that are not shown already."""
+    shown = {output.text for output in assembly.model.show.values()}
+    return [_Target(name, assembly.flat.unknowns[j].unit, assembly.flat.unknowns[j].doc, frozenset(_words(name)), "output")
+            for name, j in assembly.flat.names.items() if name not in shown]
+
+
+def _matched(columns: Sequence[str], units: Mapping[str, tuple[str, Unit, bool] | None], targets: Sequence[_Target]
+             ) -> dict[str, _Target]:
+    """The target of each column: pairs by the words that they share, most first; what drives the diagram before an output;
+    then what is left where a unit leaves no choice."""
+    def fits(column: str, target: _Target) -> bool:
+        given = units[column]
+        return given is None or given[1].dimension == target.unit.dimension
+
+    pairs = [(score, target.driving, -k, column, target) for column in columns for k, target in enumerate(targets)
+             if fits(column, target) and (score := _likeness(_words(column), target.words)) > 0]
+    found: dict[str, _Target] = {}
+    for _, _, _, column, target in sorted(pairs, key=lambda p: p[:3], reverse=True):
+        if column not in found and target not in found.values():
+            found[column] = target
+    for driving in (True, False):
+        for target in targets:
+            left = [c for c in columns if c not in found and units[c] is not None and fits(c, target)]
+            rivals = [t for t in targets if t.driving == driving and t not in found.values() and t.role == target.role
+                      and t.unit.dimension == target.unit.dimension]
+            if target.driving == driving and (driving or target.role == "output") and target not in found.values() \
+                    and len(left) == 1 and rivals == [target]:
+                found[left[0]] = target
+    return found
+
+
+def _words(text: str) -> set[str]:
+    """The words of a name, small: `deckPos_mm` is deck, pos, mm."""
+    parted = re.sub(r"([a-z])([A-Z])", r"\1 \2", text)
+    return {word for word in re.split(r"[\W_0-9]+", parted.lower()) if word}
+
+
+def _likeness(column: set[str], target: frozenset[str]) -> float:
+    """How many words two names share; one that begins another counts half."""
+    same = len(column & target)
+    short = sum(0.5 for a in column for b in target if a != b and min(len(a), len(b)) >= SHORT
+                and (a.startswith(b) or b.startswith(a)))
+    return same + short
+
+
+# -- the experiment ------------------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class Chosen:
+    """What a column of the records is: `role` time, input or output, `target` the input's name or the output's formula."""
+
+    column: str
+    role: str
+    unit: str
+    target: str = ""
+    interpolation: str = "linear"
+
+
+@dataclass(frozen=True)
+class Records:
+    """What an experiment is to say: its diagram, files with their uses, columns and ranges of free parameters."""
+
+    model: Path
+    files: Mapping[Path, str]
+    columns: Sequence[Chosen]
+    free: Mapping[str, str] = field(default_factory=dict)
+
+
+def experiment_text(name: str, path: Path, given: Records) -> str:
+    """The text of an experiment at `path`; HeavebondError where no column is a time or an output."""
+    time = next((c for c in given.columns if c.role == "time"), None)
+    inputs = {c.target: f"{{column: {quoted(c.column)}, unit: {quoted(c.unit)}, interpolation: {c.interpolation}}}"
+              for c in given.columns if c.role == "input"}
+    outputs = dict(_output(c) for c in given.columns if c.role == "output")
+    if time is None or not outputs:
+        raise HeavebondError([Problem("record-roles", "no column is the time" if time is None else "no column is an output",
+                                      None, "An experiment needs a column of times and at least one measured output.")])
+    folder, records = path.resolve().parent, dict[str, str]()
+    for file, use in given.files.items():
+        inside = file.resolve().relative_to(folder) if file.resolve().is_relative_to(folder) else file.resolve()
+        records[_free_name(file.stem, records)] = f"{{file: {quoted(inside.as_posix())}, use: {use}}}"
+    lines = [f"experiment: {quoted(name)}", f"model: {quoted(extended_from(path, given.model))}",
+             *block("records", records), f"time: {{column: {quoted(time.column)}, unit: {quoted(time.unit)}}}",
+             *block("inputs", inputs), *block("outputs", outputs),
+             *block("free", {k: text if _RANGE.fullmatch(text) else quoted(text) for k, text in given.free.items()})]
+    return "\n".join(lines) + "\n"
+
+
+def _output(chosen: Chosen) -> tuple[str, str]:
+    """An output by its signal; by a name of its own where it is a formula."""
+    rest = f"column: {quoted(chosen.column)}, unit: {quoted(chosen.unit)}"
+    if re.fullmatch(r"[\w.\[\]]+", chosen.target):
+        return chosen.target, f"{{{rest}}}"
+    return _free_name(chosen.column, {}), f"{{is: {quoted(chosen.target)}, {rest}}}"
+
+
+def _free_name(text: str, taken: Mapping[str, str]) -> str:
+    """A name of letters, digits and _ that is not taken."""
+    plain = re.sub(r"\W+", "_", text, flags=re.ASCII).strip("_") or "record"
+    plain = plain if plain[0].isalpha() else f"r_{plain}"
+    return next(name for k in range(1, 10_000) if (name := plain if k == 1 else f"{plain}_{k}") not in taken)
+
+
+def range_around(text: str, percent: float) -> str:
+    """The range of a free parameter around the value that the diagram gives it: `4 kN/m +- 20 %`."""
+    return f"{text} +- {number(percent)} %"

@@ -1,0 +1,76 @@
+"""What is to be tuned: the task of a study, or of a diagram with free parameters and a cost."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from heavebond.core.errors import ModelError, Problem, UsageError
+from heavebond.core.quantities import ranges
+from heavebond.core.units import Range, UnitProblem, parse_range, unit
+from heavebond.language.model import Model, load
+from heavebond.linear.rest_stability import STABLE
+from heavebond.numerics.dae import Assembly
+from heavebond.optimise.objective import TuningProblem
+from heavebond.studies.study import load_study
+
+TIMES = 3  # a free parameter without a range may grow to so many times its value
+
+
+@dataclass(frozen=True)
+class TuningRequest:
+    """What is to be tuned in which diagram, and how that is called."""
+
+    name: str
+    model: Model
+    task: TuningProblem
+
+
+def tuning_request(name: str, cost: str | None, limits: Sequence[str], evaluate: str | None,
+                   reference: Mapping[str, str]) -> TuningRequest:
+    """The task of the study `name`, with what is given besides in its place; for a diagram what is given alone."""
+    try:
+        study = load_study(name)
+        model, task, name = study.model, study.tuning, study.name
+    except ModelError as error:
+        if cost is None or error.problems[0].code != "not-a-study":
+            raise
+        model = load(name)
+        task, name = TuningProblem({}, cost), model.name
+    task = replace(task, cost=cost or task.cost, limits=(*task.limits, *(text for text in limits if text != STABLE)),
+                   stable=task.stable or STABLE in limits)
+    if reference:
+        task = replace(task, reference=dict(reference))
+    if evaluate is not None:
+        begin, end = _seconds(evaluate)
+        task = replace(task, begin=begin, end=end)
+    return TuningRequest(name, model, task)
+
+
+def _seconds(text: str) -> tuple[float, float]:
+    try:
+        found = parse_range(text)
+        if found.unit.dimension != unit("s").dimension:
+            raise UnitProblem("unit-wrong", f"'{text}' is no time", "Write for example --evaluate '72 .. 96 s'.")
+    except UnitProblem as problem:
+        raise UsageError([Problem(problem.code, f"--evaluate: {problem.message}", None, problem.hint)]) from None
+    return found.low, found.high
+
+
+def with_free(assembly: Assembly, task: TuningProblem, texts: Sequence[str]) -> TuningProblem:
+    """The task with further free parameters, `NAME` or `NAME=RANGE`; one without a range may go from 0 to three times its
+    value."""
+    found: dict[str, Range] = {}
+    units = {q.name: q.unit for q in assembly.flat.parameters}
+    for part in (part.strip() for text in texts for part in text.split(",") if part.strip()):
+        name, sign, text = (piece.strip() for piece in part.partition("="))
+        if sign:
+            found |= ranges({name: text})
+            continue
+        assembly.with_parameters({name: 0.0})  # says what is wrong with a name that cannot be set
+        value = assembly.parameter_values[name]
+        if not value:
+            raise UsageError([Problem("range-missing", f"{name} is 0, which says nothing about its range", None,
+                                      f"Write for example --free {name}='0 .. 10 {units[name].text}'.")])
+        found[name] = Range(min(0.0, TIMES * value), max(0.0, TIMES * value), units[name])
+    return replace(task, free={**task.free, **found}) if found else task

@@ -1,0 +1,183 @@
+"""Records beside a model, as the page shows them: what an experiment says, its comparison, its residuals over a signal."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from heavebond.core.errors import HeavebondError, Problem, UsageError, suggest
+from heavebond.core.presentation import readable, readable_unit
+from heavebond.core.units import read_unit
+from heavebond.equations.places import nodes_of
+from heavebond.estimation.comparison import Channel, Comparison, assemble_for, compare
+from heavebond.estimation.experiment import Experiment, Record, experiment_from_source
+from heavebond.estimation.proposed_experiment import Chosen, Records, experiment_text, propose
+from heavebond.estimation.records import measure
+from heavebond.language.model import load
+from heavebond.numerics.dae import Array, Assembly, assemble
+from heavebond.numerics.result import Probe
+from heavebond.records.measurements import read_table
+from heavebond.reports.result_tables import Item, Line, ResultTable, comparison_items
+from heavebond.studio.contents import Entry
+from heavebond.studio.job import Job
+from heavebond.text.yaml_source import parse
+
+
+def read_experiment(job: Job) -> Experiment:
+    """The experiment of a text, with the values of sliders as `heavebond compare --set` takes them."""
+    found = experiment_from_source(parse(job.text, Path(job.path), job.name))
+    return found.with_parameters(dict(job.values)) if job.values else found
+
+
+def experiment_entry(experiment: Experiment) -> Entry:
+    """What an experiment says, for the page."""
+    return {
+        "name": experiment.name, "diagram": experiment.model.name,
+        "records": [{"name": r.name, "file": r.file.name, "use": r.use} for r in experiment.records.values()],
+        "inputs": {name: given.column for name, given in experiment.inputs.items()},
+        "outputs": [{"name": name, "unit": o.shown.unit, "formula": o.shown.text} for name, o in experiment.outputs.items()],
+        "free": {name: {"low": f.range.low / f.range.unit.scale, "high": f.range.high / f.range.unit.scale,
+                        "unit": f.range.unit.text} for name, f in experiment.free.items()}}
+
+
+def files_of(experiment: Experiment) -> list[Path]:
+    """The files that an experiment reads besides its own: those that it extends, its diagram's, its records."""
+    records = [path for r in experiment.records.values() for path in (
+        r.file, *(o.file for o in r.origins.values() if o.file), *(g.file for g in r.inputs.values() if g.file != Path()))]
+    own = [g.file for g in experiment.inputs.values() if g.file != Path()]
+    return list(dict.fromkeys([*experiment.files, experiment.model.path, *experiment.model.sources, *records, *own]))
+
+
+def assembled(experiment: Experiment) -> Assembly:
+    """The diagram as its first record drives it; ModelError for outputs or free parameters that it does not have."""
+    return assemble_for(experiment, next(iter(experiment.records.values())))
+
+
+def item_entries(items: Sequence[Item]) -> list[Entry]:
+    """Tables and lines of a result for the page."""
+    found: list[Entry] = []
+    for item in items:
+        if isinstance(item, ResultTable):
+            found.append({"title": item.title, "head": list(item.head), "rows": [list(row) for row in item.rows],
+                          "text": item.text})
+        elif isinstance(item, Line):
+            found.append({"line": item.text, "warning": item.warning})
+        else:
+            found.append({"notes": [list(row) for row in item.rows]})
+    return found
+
+
+# -- comparison ----------------------------------------------------------------------------------------------------------
+class Evidence:
+    """The comparison that was made last, kept for its charts."""
+
+    def __init__(self) -> None:
+        self._kept: tuple[Any, Comparison] | None = None
+
+    def compare(self, job: Job) -> tuple[Entry, None]:
+        """The figures of `heavebond compare` and what there is to draw."""
+        comparison = self._comparison(job)
+        parts = [{"record": part.name, "use": part.use, "of": name,
+                  "channels": [{"name": c.name, "unit": c.unit, "noise": c.noise, "error": c.error, "chi2": c.chi2}
+                               for c in part.channels.values()]}
+                 for name, r in comparison.records.items() for part in (r, r.validate) if part is not None]
+        verdicts = {r.name: r.result.verdict.text for r in comparison.records.values() if r.result.verdict.status != "clean"}
+        return {"records": comparison.as_dict(), "items": item_entries(comparison_items(comparison)), "parts": parts,
+                "advice": list(comparison.advice), "verdicts": verdicts, "variables": _variables(comparison)}, None
+
+    def channel(self, job: Job, record: str, name: str) -> tuple[Entry, Array]:
+        """Of a channel its times in s, measured values, model, residual (measured - model) in its unit, and which samples
+        count (1 fitted, 2 held out, 0 left out)."""
+        found, channel = self._channel(job, record, name)
+        counts = channel.counts.astype(float)
+        held = found.validate.channels.get(name) if found.validate is not None else None
+        if held is not None:
+            counts = np.where(held.counts, 2.0, counts)
+        rows = np.vstack([channel.time, channel.measured, channel.model, channel.measured - channel.model, counts])
+        largest = max(channel.error, channel.noise)
+        rms, noise = (readable(v, channel.unit, 3, beside=largest) for v in (channel.error, channel.noise))
+        return {"unit": channel.unit, "noise": channel.noise, "rms": rms, "noise_words": noise}, rows
+
+    def against(self, job: Job, record: str, name: str, signal: str) -> tuple[Entry, Array]:
+        """The residual of a channel over a signal of the run at the same instants, those that count in any way."""
+        found, channel = self._channel(job, record, name)
+        result = found.result
+        if signal not in result.assembly.flat.names:
+            raise UsageError([Problem("signal-unknown", f"the diagram has no signal '{signal}'", None,
+                                      suggest(signal, result.assembly.flat.names))])
+        course = Probe(result.assembly, [signal], si=True).values(result)[0]
+        shift = self._comparison(job).experiment.outputs[name].shift
+        unit = result.assembly.flat.unknowns[result.assembly.flat.names[signal]].unit.text
+        shown = readable_unit(unit, float(np.max(np.abs(course), initial=0.0)))
+        x = np.interp(channel.time - shift, result.time, course) / read_unit(shown).scale
+        counts = channel.counts | (found.validate.channels[name].counts if found.validate is not None
+                                   and name in found.validate.channels else False)
+        rising = np.gradient(x) > 0 if len(x) > 1 else np.zeros(len(x), dtype=bool)
+        rows = np.vstack([x, channel.measured - channel.model, rising.astype(float)])[:, counts]
+        return {"unit": channel.unit, "across": shown}, rows
+
+    def _channel(self, job: Job, record: str, name: str) -> tuple[Any, Channel]:
+        found = self._comparison(job).records[record]
+        return found, found.channels[name]
+
+    def _comparison(self, job: Job) -> Comparison:
+        experiment = read_experiment(job)
+        files = tuple((str(p), p.stat().st_mtime_ns if p.exists() else 0) for p in files_of(experiment))
+        key = (job.text, job.path, tuple(sorted(job.values.items())), files)
+        if self._kept is None or self._kept[0] != key:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # the page shows the verdicts itself
+                self._kept = (key, compare(experiment))
+        return self._kept[1]
+
+
+def _variables(comparison: Comparison) -> list[Entry]:
+    """What a residual may be drawn over: velocity, position or pressure of each node, with their units."""
+    flat = next(iter(comparison.records.values())).result.assembly.flat
+    names = [f"{path}.{member}" for path, node in nodes_of(flat).items()
+             for member in (*node.domain.across, *([node.domain.position] if node.domain.position else []))]
+    return [{"name": name, "doc": flat.unknowns[flat.names[name]].doc} for name in names if name in flat.names]
+
+
+# -- records that become an experiment -----------------------------------------------------------------------------------
+def proposal(job: Job, file: str) -> tuple[Entry, None]:
+    """The columns of a record with what they are likely to be for the diagram of the page."""
+    assembly = assemble(load(job.path))
+    found = propose(read_table(Path(file)), assembly)
+    columns = [{"name": c.name, "unit": c.unit, "unit_known": c.unit_known, "role": c.role, "target": c.target,
+                "interpolation": c.interpolation, "low": c.low, "high": c.high, "count": c.count, "sketch": list(c.sketch)}
+               for c in found.columns]
+    return {"columns": columns, "inputs": {k: list(v) for k, v in found.inputs.items()},
+            "outputs": {k: list(v) for k, v in found.outputs.items()}, "remarks": list(found.remarks)}, None
+
+
+def written_experiment(path: str, name: str, title: str, model: str, files: Mapping[str, str],
+                       columns: Sequence[Mapping[str, str]], free: Mapping[str, str]) -> tuple[Entry, None]:
+    """The text of the experiment that a form describes, read once as it would stand at `path`: what is wrong in it is told
+    before anything is written."""
+    chosen = [Chosen(c["column"], c["role"], c["unit"] or "1", c.get("target", ""), c.get("interpolation") or "linear")
+              for c in columns]
+    for c in chosen:
+        if c.role in ("input", "output") and not c.target.strip():
+            raise UsageError([Problem("record-roles", f"column '{c.column}' is an {c.role}, but of what is not chosen", None,
+                                      "Choose a signal for it, or 'not used'.")])
+    if twice := next((c.target for k, c in enumerate(chosen) if c.target and any(
+            c.target == d.target and c.role == d.role for d in chosen[:k])), ""):
+        raise UsageError([Problem("record-roles", f"two columns are both {twice}", None, "Keep one of them.")])
+    text = experiment_text(title, Path(path), Records(Path(model), {Path(f): use for f, use in files.items()}, chosen, free))
+    experiment = experiment_from_source(parse(text, Path(path), name))
+    for record in experiment.records.values():
+        _readable(experiment, record)
+    return {"text": text}, None
+
+
+def _readable(experiment: Experiment, record: Record) -> None:
+    try:
+        assemble_for(experiment, record)
+        measure(experiment, record)
+    except HeavebondError as error:
+        raise UsageError(list(error.problems)) from None

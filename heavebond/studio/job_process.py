@@ -1,0 +1,114 @@
+"""The process of a long computation of the studio: an estimation, a localisation, a diagnosis, a tuning.
+
+It computes what the command of the same name computes, tells how far it has come, ends early with its best so far when it is
+asked to, and then waits with its result until the page wants it written. If the studio is killed, it ends what it does and
+writes what it has found, as the command line does, so that nothing is lost.
+"""
+
+from __future__ import annotations
+
+import _thread
+import contextlib
+import os
+import queue
+import threading
+import time
+import warnings
+from collections.abc import Callable, Mapping
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+from heavebond.core.cancellation import check, clear_signal, is_interrupt, listening
+from heavebond.core.errors import HeavebondError
+
+EVERY = 0.1  # s between two words on the progress
+Arrays = dict[str, Any]
+Writing = Callable[[Mapping[str, Any]], list[Path]]
+STOP, QUIT, WRITE, LOST = "stop", "quit", "write", "lost"
+
+
+class JobProcess:
+    """One computation with its result; `pipe` leads to the server, which may be gone."""
+
+    def __init__(self, pipe: Connection):
+        self.pipe, self.asked = pipe, queue.Queue[tuple[str, Any]]()
+        self.busy, self.lost, self._last = True, False, 0.0
+
+    def listen(self) -> None:
+        """What the server asks, from a thread of its own: to stop acts at once, the rest in its turn."""
+        while True:
+            try:
+                what, given = self.pipe.recv()
+            except (EOFError, OSError):
+                what, given, self.lost = LOST, None, True
+            if what == QUIT:
+                os._exit(0)  # the studio was ended by its user
+            if what in (STOP, LOST) and self.busy:
+                _thread.interrupt_main()
+            if what != STOP:
+                self.asked.put((what, given))
+            if what == LOST:
+                return
+
+    def tell(self, kind: str, *told: Any) -> None:
+        """A message to the server, if it is still there."""
+        with contextlib.suppress(OSError, ValueError):
+            if not self.lost:
+                self.pipe.send((kind, *told))
+
+    def progress(self, text: str) -> None:
+        """The progress callback of the computation."""
+        check()
+        now = time.monotonic()
+        if now - self._last >= EVERY:
+            self._last = now
+            self.tell("progress", text)
+
+    def serve(self, kind: str, path: str, given: Mapping[str, Any]) -> None:
+        """Compute, then write what is asked for until the server leaves."""
+        from heavebond.studio.bench import fault
+        from heavebond.studio.long_tasks import TASKS
+
+        threading.Thread(target=self.listen, daemon=True).start()
+        write: Writing | None = None
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                told, arrays, write = TASKS[kind](Path(path), given, self)
+            self.busy = False
+            self.tell("done", told, arrays)
+        except HeavebondError as error:
+            self.tell("stopped") if is_interrupt(error) else self.tell("problems", list(error.problems))
+        except KeyboardInterrupt:
+            self.tell("stopped")
+        except Exception as error:
+            self.tell("stopped") if is_interrupt(error) else self.tell("problems", [fault(error)])
+        self.busy = False
+        clear_signal()
+        self._wait(write)
+
+    def _wait(self, write: Writing | None) -> None:
+        while write is not None:
+            try:
+                what, given = self.asked.get()
+                if what == WRITE:
+                    self.tell("written", [str(p) for p in write(given)])
+                elif what == LOST:
+                    write({"lost": True})
+                    return
+            except HeavebondError as error:
+                self.tell("unwritten", list(error.problems))
+            except KeyboardInterrupt:  # a stop that came as the computation ended
+                clear_signal()
+
+
+def serve(pipe: Connection, kind: str, path: str, given: Mapping[str, Any]) -> None:
+    """The main function of the process."""
+    with contextlib.suppress(OSError, AttributeError):
+        os.setsid()  # Ctrl-C is the server's
+    with contextlib.suppress(OSError, AttributeError):
+        os.nice(5)
+    with listening():
+        JobProcess(pipe).serve(kind, path, given)
+

@@ -1,0 +1,201 @@
+"""Long computations of the studio: each in a process of its own, which outlives the tab that began it."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import itertools
+import multiprocessing
+import re
+import threading
+import time
+from collections.abc import Callable, Mapping
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+from heavebond.core.errors import HeavebondError, Problem, UsageError
+from heavebond.studio.contents import Entry
+from heavebond.studio.job_process import QUIT, STOP, WRITE, serve
+
+KEPT = 3  # processes of computations that are done, kept with their results until they are written
+GRACE = 2.0  # s that a process has to end when the studio does
+COUNTED = re.compile(r"\b([0-9]+) of ([0-9]+)\b")
+BEST = re.compile(r", best so far (.+) with chi-square (\S+)$")
+FINISHING = "finishing what was found; Ctrl-C once more ends without it"
+LOST = Problem("worker-ended", "the computation ended before it was done", None,
+               "If nobody stopped it, this machine's memory did not suffice.")
+
+Push = Callable[["LongJob"], None]
+
+
+class LongJob:
+    """A computation on a document: its `state` is running, done, failed or stopped; `told` is its result."""
+
+    numbers = itertools.count(1)
+
+    def __init__(self, kind: str, name: str, path: Path, version: str, given: Mapping[str, Any], push: Push):
+        self.number, self.kind, self.name, self.version, self.push = next(self.numbers), kind, name, version, push
+        self.state, self.text, self.stopping = "running", "starting", False
+        self.began, self.seconds = time.monotonic(), 0.0
+        self.ladder: list[Entry] = []
+        self.told: Entry = {}
+        self.arrays: dict[str, Any] = {}
+        self.problems: list[Problem] = []
+        self._writing: asyncio.Future[list[str]] | None = None
+        self._loop = asyncio.get_running_loop()
+        context = multiprocessing.get_context("spawn")
+        self._pipe, theirs = context.Pipe()
+        self._process = context.Process(target=serve, args=(theirs, kind, str(path), dict(given)))
+        self._process.start()
+        theirs.close()
+        threading.Thread(target=_listen, args=(self._pipe, self._loop, self._hear), daemon=True).start()
+
+    def entry(self) -> Entry:
+        """How it stands, for the page."""
+        counts = list(COUNTED.finditer(self.text))
+        best = BEST.search(self.text)
+        done, of = (int(counts[-1].group(1)), int(counts[-1].group(2))) if counts else (0, 0)
+        seconds = self.seconds or time.monotonic() - self.began
+        problems = [{**p.as_dict(), "text": str(p)} for p in self.problems]
+        return {"number": self.number, "kind": self.kind, "name": self.name, "version": self.version, "state": self.state,
+                "text": BEST.sub("", self.text), "stopping": self.stopping, "seconds": seconds, "done": done, "of": of,
+                "best": {"name": best.group(1), "chi2": best.group(2)} if best else None, "ladder": self.ladder,
+                "result": self.told or None, "problems": problems,
+                "can_write": self._process.is_alive() and self.state == "done"}
+
+    def stop(self) -> None:
+        """End it with its best so far; asked twice, at once and without."""
+        if self.state != "running":
+            return
+        if self.stopping:
+            self._end("stopped")
+            self._process.kill()
+        else:
+            self.stopping = True
+            self._send(STOP, None)
+        self.push(self)
+
+    async def write(self, given: Mapping[str, Any]) -> list[str]:
+        """Write what was found; the files. HeavebondError where that is not possible."""
+        if self.state != "done" or not self._process.is_alive():
+            raise UsageError([Problem("job-gone", "this result is no longer at hand", None, "Compute it again.")])
+        if self._writing is not None:
+            raise UsageError([Problem("job-busy", "it is being written already")])
+        self._writing = self._loop.create_future()
+        self._send(WRITE, dict(given))
+        try:
+            return await self._writing
+        finally:
+            self._writing = None
+
+    def close(self) -> None:
+        """End the process for good, without what it has found."""
+        self._send(QUIT, None)
+        self._process.join(GRACE)
+        if self._process.is_alive():
+            self._process.kill()
+            self._process.join(GRACE)
+        self._pipe.close()
+
+    def _send(self, what: str, given: Any) -> None:
+        with contextlib.suppress(OSError, ValueError):
+            self._pipe.send((what, given))
+
+    def _end(self, state: str) -> None:
+        if self.state == "running":
+            self.state, self.seconds = state, time.monotonic() - self.began
+
+    def _hear(self, message: tuple[Any, ...]) -> None:
+        """What the process tells, on the server's own thread."""
+        kind, *told = message
+        if kind == "progress" and self.state == "running":
+            self.text = told[0].replace(FINISHING, "finishing what was found; Stop once more ends without it")
+        elif kind == "ladder":
+            self.ladder = _plain(told[0])
+        elif kind == "done":
+            self.told, self.arrays = _plain(told[0]), told[1]
+            self.ladder = self.told.get("ladder") or self.ladder  # type: ignore[assignment]
+            self._end("done")
+        elif kind == "problems":
+            self.problems = told[0]
+            self._end("failed")
+        elif kind == "stopped":
+            self._end("stopped")
+        elif kind in ("written", "unwritten", "gone"):
+            self._written(kind, told)
+        self.push(self)
+
+    def _written(self, kind: str, told: list[Any]) -> None:
+        if kind == "gone" and self.state == "running":
+            self.problems = [LOST]
+            self._end("stopped" if self.stopping else "failed")
+        if self._writing is None or self._writing.done():
+            return
+        if kind == "written":
+            self._writing.set_result(told[0])
+        else:
+            self._writing.set_exception(HeavebondError(told[0] if told else [LOST]))
+
+
+def _listen(pipe: Connection, loop: asyncio.AbstractEventLoop, hear: Callable[[tuple[Any, ...]], None]) -> None:
+    """Pass on what a process tells, until it is gone."""
+    while True:
+        try:
+            message = pipe.recv()
+        except (EOFError, OSError):
+            message = ("gone",)
+        with contextlib.suppress(RuntimeError):  # the server has ended
+            loop.call_soon_threadsafe(hear, message)
+        if message == ("gone",):
+            return
+
+
+def _plain(value: Any) -> Any:
+    """The same without numbers that JSON does not know."""
+    if isinstance(value, dict):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(v) for v in value]
+    return None if isinstance(value, float) and value - value != 0.0 else value
+
+
+class LongJobs:
+    """The computations of the studio, one for each document and kind; tabs are told of theirs."""
+
+    def __init__(self) -> None:
+        self.jobs: dict[tuple[str, str], LongJob] = {}
+        self.watchers: set[Push] = set()
+
+    def begin(self, kind: str, name: str, path: Path, version: str, given: Mapping[str, Any]) -> LongJob:
+        """Begin a computation in place of the one before; UsageError where one runs on this document."""
+        if any(job.name == name and job.state == "running" for job in self.jobs.values()):
+            raise UsageError([Problem("job-running", f"a computation runs on {name} already", None,
+                                      "Stop it, or wait until it is done.")])
+        if (before := self.jobs.pop((name, kind), None)) is not None:
+            before.close()
+        done = [key for key, job in self.jobs.items() if job.state != "running"]
+        for key in done[:max(0, len(done) - KEPT + 1)]:
+            self.jobs.pop(key).close()
+        self.jobs[name, kind] = job = LongJob(kind, name, path, version, given, self._push)
+        return job
+
+    def of(self, name: str) -> list[LongJob]:
+        """Those of a document."""
+        return [job for job in self.jobs.values() if job.name == name]
+
+    def numbered(self, number: int) -> LongJob:
+        """The one with a number; UsageError where it is gone."""
+        for job in self.jobs.values():
+            if job.number == number:
+                return job
+        raise UsageError([Problem("job-gone", "this result is no longer at hand", None, "Compute it again.")])
+
+    def close(self) -> None:
+        """End all of them."""
+        for job in self.jobs.values():
+            job.close()
+
+    def _push(self, job: LongJob) -> None:
+        for watcher in list(self.watchers):
+            watcher(job)

@@ -1,0 +1,218 @@
+"""What the long computations of the studio compute: the same calls as those of the commands `fit`, `localize`, `diagnose`,
+`try` and `tune`, their results as the page shows them, and how they are written."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from heavebond.core.cancellation import ENDED_EARLY
+from heavebond.core.errors import Problem, UsageError
+from heavebond.core.presentation import readable_unit
+from heavebond.core.units import read_unit
+from heavebond.diagnosis.attempt import attempt
+from heavebond.diagnosis.diagnosis import diagnose
+from heavebond.diagnosis.diagnosis_files import Targets, write_findings
+from heavebond.diagnosis.ladder import AddedEffect
+from heavebond.diagnosis.ranking import entries
+from heavebond.estimation.change import quoted
+from heavebond.estimation.diagram_files import extended_from, fitted_diagram, write
+from heavebond.estimation.experiment import Experiment, load_experiment
+from heavebond.estimation.fitting import Fit, fit
+from heavebond.localise.misfit import Localization, PlaceEstimate, localize, noun
+from heavebond.reports.result_tables import Item, Line, attempt_items, diagnosis_items, fit_items
+from heavebond.reports.result_tables import localization_items as places_items
+from heavebond.studio.contents import Entry
+from heavebond.studio.evidence import item_entries
+
+if TYPE_CHECKING:
+    from heavebond.studio.job_process import JobProcess
+
+Arrays = dict[str, Any]
+Writing = Callable[[Mapping[str, Any]], list[Path]]
+Done = tuple[Entry, Arrays, Writing | None]
+ALTERNATIVES = 8  # candidates beside the chosen one that can be added in its place
+
+
+def _result(kind: str, items: Sequence[Item], figures: Mapping[str, object], partial: bool, **more: object) -> Entry:
+    return {"kind": kind, "items": item_entries(items), "figures": dict(figures), "partial": partial, **more}
+
+
+# -- fit -----------------------------------------------------------------------------------------------------------------
+def fitted(path: Path, given: Mapping[str, Any], job: JobProcess) -> Done:
+    """As `heavebond fit`; written are the diagram with the fitted values and an experiment on it."""
+    found = fit(load_experiment(path), progress=job.progress, partial=True)
+    early = found.message == ENDED_EARLY
+    items = [*fit_items(found), *([Line("ended early: these are the best values so far", True)] if early else [])]
+    return _result("fit", items, found.as_dict(), early, adds=[{"label": "the fitted values"}]), {}, \
+        lambda asked: _write_fit(found, path, asked)
+
+
+def _write_fit(found: Fit, path: Path, asked: Mapping[str, Any]) -> list[Path]:
+    if asked.get("lost"):
+        return []
+    experiment = _free_path(path.with_name(f"{path.stem}_fitted.yaml"))
+    diagram = _free_path(path.with_name(f"{found.experiment.model.path.stem}_fitted.yaml"), experiment)
+    write(diagram, fitted_diagram(found, diagram))
+    write(experiment, _experiment_on(f"{found.experiment.name}, fitted", experiment, path, diagram))
+    return [diagram, experiment]
+
+
+def _experiment_on(name: str, path: Path, before: Path, diagram: Path) -> str:
+    return (f"experiment: {quoted(name)}\nextends: {quoted(extended_from(path, before))}\n"
+            f"model: {quoted(extended_from(path, diagram))}\n")
+
+
+def _free_path(path: Path, *others: Path) -> Path:
+    """The path, with the next number where it is taken."""
+    names = (path.with_stem(f"{path.stem}_{k}") if k > 1 else path for k in itertools.count(1))
+    return next(p for p in names if not p.exists() and p not in others)
+
+
+# -- localize ------------------------------------------------------------------------------------------------------------
+def localized(path: Path, given: Mapping[str, Any], job: JobProcess) -> Done:
+    """As `heavebond localize` (`where`), with what would have to act at each place of the diagram."""
+    found = localize(load_experiment(path), progress=job.progress)
+    arrays: Arrays = {}
+    places = [_place(k, suspect, arrays) for k, suspect in enumerate(found.suspects)]
+    return _result("where", places_items(found), found.as_dict(), False, places=places, states=_states(found, arrays),
+                   sections=[{"record": s.record, "from": s.begin, "to": s.end, "chi2": s.chi2} for s in found.stretches]), \
+        arrays, None
+
+
+def _place(k: int, suspect: PlaceEstimate, arrays: Arrays) -> Entry:
+    """A place with the names of its arrays: over time for each record, and over the variables around it."""
+    shown = readable_unit(suspect.place.unit.text, suspect.rms)
+    scale = read_unit(suspect.place.unit.text).scale / read_unit(shown).scale
+    for name, implied in suspect.implied.items():
+        arrays[f"place/{k}/{name}"] = np.vstack([implied.time, implied.value * scale, 2 * implied.deviation * scale])
+    curve, over = suspect.curve, []
+    if curve is not None:
+        best = curve.variable.formula
+        for n, formula in enumerate([best, *(f for f in curve.scores if f != best)][:4]):
+            over.append(_over(f"place/{k}/over/{n}", suspect, formula, scale, arrays))
+    return {"name": suspect.place.name, "words": suspect.words, "what": noun(suspect), "unit": shown,
+            "nodes": [n.name for n in suspect.place.nodes], "components": list(suspect.place.components),
+            "explained": suspect.explained, "behind": suspect.behind, "alike": list(suspect.alike),
+            "records": list(suspect.implied), "over": over}
+
+
+def _over(name: str, suspect: PlaceEstimate, formula: str, scale: float, arrays: Arrays) -> Entry:
+    """What acts at a place over one variable: the cloud of its samples, and the curve through it where that is the best."""
+    curve = suspect.curve
+    assert curve is not None
+    x = np.concatenate([i.local[formula] for i in suspect.implied.values()])
+    y = np.concatenate([i.value for i in suspect.implied.values()]) * scale
+    up = np.concatenate([np.gradient(i.local[formula]) > 0 for i in suspect.implied.values()])
+    unit = curve.units.get(formula, "")
+    across = readable_unit(unit, float(np.max(np.abs(x)))) if unit else unit
+    per = read_unit(unit).scale / read_unit(across).scale if unit else 1.0
+    arrays[name] = np.vstack([x * per, y, up.astype(float)])
+    best = formula == curve.variable.formula
+    if best and not curve.times:
+        down = curve.y_down if curve.loop else curve.y
+        arrays[f"{name}/curve"] = np.vstack([curve.x * per, curve.y * scale, down * scale])
+    return {"key": name, "formula": formula, "unit": across, "r2": curve.r2 if best else curve.scores[formula],
+            "curve": best and not curve.times, "loop": bool(curve.loop)}
+
+
+def _states(found: Localization, arrays: Arrays) -> list[Entry]:
+    """The variables that tell the error of a channel, with the curve of the error over each."""
+    told = []
+    for k, state in enumerate(found.states):
+        shown = readable_unit(state.unit, float(np.max(np.abs(state.x)))) if state.unit else ""
+        per = read_unit(state.unit).scale / read_unit(shown).scale if state.unit else 1.0
+        arrays[f"state/{k}"] = np.vstack([state.x * per, state.y])
+        told.append({"key": f"state/{k}", "channel": state.channel, "variable": state.variable, "unit": shown,
+                     "r2": state.r2, "of": found.experiment.outputs[state.channel].shown.unit})
+    return told
+
+
+# -- diagnose and try ----------------------------------------------------------------------------------------------------
+def diagnosed(path: Path, given: Mapping[str, Any], job: JobProcess) -> Done:
+    """As `heavebond diagnose`; written are the diagrams and experiments of what was found, when it is added."""
+    experiment = load_experiment(path)
+    found = diagnose(experiment, steps=int(given.get("steps", 5)), seconds=float(given.get("seconds", 600)),
+                     classes=[str(c) for c in given.get("classes", ())], progress=job.progress,
+                     growing=lambda rungs: job.tell("ladder", rungs))
+    added = [*found.findings, *([found.shape] if found.shape is not None else [])]
+    partial = any(step.partial for step in found.steps)
+    adds = [{"label": f"{f.candidate.kind} {f.candidate.place}", "count": k} for k, f in enumerate(added, 1)]
+    chosen = {f.candidate.label for f in added}
+    others = [{"label": f"{e['effect']} {e.candidate.place}", "kind": e.candidate.kind, "component": e["effect"],
+               "where": list(e.candidate.where), "chi2": e["chi2_held_out"]}
+              for step in found.steps[:1] for e in entries(step)
+              if e.trial is not None and e.candidate.label not in chosen][:ALTERNATIVES]
+    return _result("diagnose", diagnosis_items(found), found.as_dict(), partial, adds=adds, others=others,
+                   ladder=[rung_entry(r.as_dict()) for r in found.ladder], verdict=found.verdict), {}, \
+        lambda asked: _write_added(experiment, added[:int(asked.get("count", len(added)))])
+
+
+def tried(path: Path, given: Mapping[str, Any], job: JobProcess) -> Done:
+    """As `heavebond try`: one effect added by hand."""
+    experiment = load_experiment(path)
+    found = attempt(experiment, str(given["component"]), [str(p) for p in given.get("where", ())], progress=job.progress)
+    label = f"{found.finding.candidate.kind} {found.finding.candidate.place}"
+    return _result("try", attempt_items(found), found.as_dict(), False, adds=[{"label": label, "count": 1}],
+                   ladder=[rung_entry(r.as_dict()) for r in found.ladder]), {}, \
+        lambda asked: [] if asked.get("lost") else _write_added(experiment, [found.finding])
+
+
+def rung_entry(rung: Mapping[str, object]) -> Entry:
+    """A row of the ladder, what is not known as null."""
+    return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in rung.items()}
+
+
+def _write_added(experiment: Experiment, findings: Sequence[AddedEffect]) -> list[Path]:
+    """The files of findings: each experiment, the last one last."""
+    return write_findings(experiment, findings, Targets.beside(experiment, None)) if findings else []
+
+
+# -- tune ----------------------------------------------------------------------------------------------------------------
+def tuned(path: Path, given: Mapping[str, Any], job: JobProcess) -> Done:
+    """As `heavebond tune`; written is the diagram with the tuned values."""
+    from heavebond.numerics.dae import assemble
+    from heavebond.optimise.objective import Objective
+    from heavebond.optimise.robustness import robustness
+    from heavebond.optimise.tuning import tune, tuned_diagram
+    from heavebond.reports.tuning_tables import tuning_figures, tuning_items
+    from heavebond.studies.tuning_request import tuning_request, with_free
+
+    asked = tuning_request(str(path), str(given["cost"]) if given.get("cost") else None,
+                           [str(t) for t in given.get("limits", ())], given.get("evaluate") or None, {})
+    assembly = assemble(asked.model)
+    task = with_free(assembly, asked.task, [str(t) for t in given.get("free", ())])
+    objective = Objective(assembly, task)
+    result = tune(objective, task, progress=job.progress, partial=True)
+    early = result.message == ENDED_EARLY
+    robust = None if early else robustness(objective, result, progress=job.progress)
+    items = [*tuning_items(asked.name, assembly, result, robust),
+             *([Line("ended early: these are the best values so far", True)] if early else [])]
+
+    def write_tuned(said: Mapping[str, Any]) -> list[Path]:
+        if said.get("lost"):
+            return []
+        target = _free_path(path.with_name(f"{asked.model.path.stem}_tuned.yaml"))
+        write(target, tuned_diagram(asked.model, task, result, target, {}))
+        return [target]
+
+    return _result("tune", items, tuning_figures(asked.name, result, robust), early,
+                   adds=[{"label": "the tuned values"}]), {}, write_tuned
+
+
+TASKS: dict[str, Callable[[Path, Mapping[str, Any], JobProcess], Done]] = {
+    "fit": fitted, "where": localized, "diagnose": diagnosed, "try": tried, "tune": tuned}
+
+
+def known(kind: str) -> str:
+    """The name of a computation; UsageError for another one."""
+    if kind not in TASKS:
+        raise UsageError([Problem("usage", "the page asked for something unknown")])
+    return kind
+
+

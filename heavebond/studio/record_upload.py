@@ -1,0 +1,83 @@
+"""Records that are dropped on the page, stored beside the diagram: under a plain name, whole or not at all, and never over
+another file."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+from heavebond.core.errors import Problem, UsageError, listing
+from heavebond.core.writable import make_folder, new_file
+from heavebond.records.measurements import MATLAB_SUFFIXES, PARQUET_SUFFIXES, TEXT_SUFFIXES
+from heavebond.studio.folder import BUNDLED, Folder
+
+RECORD_BYTES = 500_000_000  # of one file
+SUFFIXES = (*TEXT_SUFFIXES, *PARQUET_SUFFIXES, *MATLAB_SUFFIXES)
+PLACE = "data"  # the folder beside a diagram in which its records are put
+LONGEST = 80  # characters of a name without its suffix
+
+
+def plain_name(name: str) -> str:
+    """The name under which a file is stored: its last part, of letters, digits, `_`, `-` and single dots. UsageError for a
+    kind of file that is no record."""
+    last = re.split(r"[/\\]", name)[-1]
+    suffix = Path(last).suffix.lower()
+    if suffix not in SUFFIXES:
+        raise UsageError([Problem("record-suffix", f"'{last[:80]}' is not a kind of record that is read here", None,
+                                  f"Export it as CSV. Read are {listing(SUFFIXES, 12)}.")])
+    stem = re.sub(r"[^\w-]+", "_", last[:-len(suffix)]).strip("_-")[:LONGEST]
+    return f"{stem or 'record'}{suffix}"
+
+
+async def store(folder: Folder, beside: str, name: str, parts: AsyncIterator[bytes]) -> str:
+    """Store a file beside the document `beside`; its name in the opened folder. A file of the same name is kept: where its
+    content is the same it is used, else the new one gets a number."""
+    base = folder.root if not beside or beside.startswith(BUNDLED) else folder.path(beside).parent
+    target = base.resolve() / PLACE / plain_name(name)
+    make_folder(target.parent)
+    folder.record(target.relative_to(folder.root.resolve()).as_posix(), exists=False)
+    for k in range(1, 1000):
+        path = target if k == 1 else target.with_stem(f"{target.stem}_{k}")
+        if not path.exists():
+            break
+    try:
+        size, digest = 0, hashlib.sha256()
+        with new_file(path, exclusive=True) as fresh:
+            with open(fresh, "wb") as file:
+                async for part in parts:
+                    size += len(part)
+                    if size > RECORD_BYTES:
+                        raise UsageError([Problem("record-too-large", f"'{target.name}' is larger than "
+                                                  f"{RECORD_BYTES // 10**6} MB", None, "Cut it, or thin it out.")])
+                    digest.update(part)
+                    file.write(part)
+            same = next((p for p in _before(target, path) if _digest(p) == digest.digest()), None)
+            if same is not None:
+                raise _Known(same)
+    except _Known as known:
+        path = known.path
+    except OSError as error:
+        said = f"'{target.name}' cannot be stored: {error.strerror or error}"
+        raise UsageError([Problem("file-unwritable", said)]) from None
+    return path.relative_to(folder.root.resolve()).as_posix()
+
+
+class _Known(Exception):
+    """A file with the same content is there already."""
+
+    def __init__(self, path: Path):
+        super().__init__()
+        self.path = path
+
+
+def _before(target: Path, path: Path) -> list[Path]:
+    """The files with the name of `target` and a smaller number than `path`."""
+    found = [target, *(target.with_stem(f"{target.stem}_{k}") for k in range(2, 1000))]
+    return found[:found.index(path)]
+
+
+def _digest(path: Path) -> bytes:
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").digest()
