@@ -6,6 +6,7 @@ from __future__ import annotations
 import asyncio
 import json
 from collections.abc import AsyncIterator, Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,8 @@ from heavebond.studio.bench import view
 from heavebond.studio.evidence import Evidence, written_experiment
 from heavebond.studio.folder import Folder
 from heavebond.studio.job import Job
-from heavebond.studio.long_jobs import LongJob, LongJobs
+from heavebond.studio.long_jobs import KINDS, LongJob, LongJobs
+from heavebond.studio.long_tasks import TASKS
 from heavebond.studio.record_upload import plain_name, store
 from heavebond.studio.values import with_records
 
@@ -145,7 +147,7 @@ def test_stored_records_never_replace_a_file(tmp_path: Path, monkeypatch: pytest
     assert sorted(p.name for p in (tmp_path / "data").iterdir()) == ["run.csv", "run_2.csv"]
     (tmp_path / "data" / "link.csv").symlink_to("/etc/passwd")
     for name in ("data/link.csv", "../x.csv", "data/none.csv", ".git/x.csv", "a\0.csv"):
-        assert _code(lambda name=name: folder.record(name)) == "file-outside"
+        assert _code(partial(folder.record, name)) == "file-outside"
 
 
 # -- proposals -------------------------------------------------------------------------------------------------------------
@@ -232,6 +234,10 @@ def test_problems_of_an_experiment_stand_at_their_lines(rig: Path) -> None:
         path = str(rig / "measured.yaml")
         found: Any = view(Job(EXPERIMENT.replace(old, new, 1), path, "measured.yaml"))
         assert found["problems"][0]["line"] == line, found["problems"]
+
+
+def test_every_computation_that_a_page_may_ask_for_is_there() -> None:
+    assert set(KINDS) == set(TASKS)
 
 
 async def _done(job: LongJob) -> LongJob:

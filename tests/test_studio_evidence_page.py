@@ -94,13 +94,13 @@ def test_records_are_dropped_and_diagnosed_and_the_error_falls(tab: browser.Tab,
     tab.click("#add-0")
     tab.wait("studio.document.name === 'measured_2.yaml' && studio.evidence.told !== null")
     assert "the error fell from" in tab.wait("document.querySelector('#note')?.innerText")
-    found = [r.as_dict() for r in ladder([folder / "measured.yaml", folder / "measured_2.yaml"])]
+    found = ladder([folder / "measured.yaml", folder / "measured_2.yaml"])
     # `errors` integrates by itself, a diagnosis with the runs of its fit: they differ by their tolerances
-    assert found[0]["chi2_held_out"] == pytest.approx(rungs[0]["chi2_held_out"], rel=1e-4)
+    assert found[0].chi2_held_out == pytest.approx(rungs[0]["chi2_held_out"], rel=1e-4)
     assert rungs[0]["chi2_held_out"] > 50
-    assert found[1]["chi2_held_out"] < 1.2
+    assert found[1].chi2_held_out < 1.2
     shown = tab.run("studio.evidence.told.records.tuesday.chi2_per_sample")
-    assert shown == pytest.approx(found[1]["chi2_held_out"], rel=0.05)
+    assert shown == pytest.approx(found[1].chi2_held_out, rel=0.05)
     after = _contents(folder)
     assert set(after) - set(before) == {"measured_2.yaml", "rig_2.yaml"} and before.items() <= after.items()
     added = [line[1:] for line in difflib.ndiff(RIG.splitlines(), after["rig_2.yaml"].splitlines()) if line[0] == "+"]

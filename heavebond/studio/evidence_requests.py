@@ -9,7 +9,7 @@ from typing import Any
 
 from heavebond.core.errors import Problem, UsageError
 from heavebond.studio.folder import BUNDLED
-from heavebond.studio.long_tasks import known
+from heavebond.studio.long_jobs import known
 from heavebond.studio.tab import Handler, Tab
 from heavebond.studio.values import with_records
 from heavebond.studio.workers import Answer

@@ -231,7 +231,7 @@ def bundled_machines() -> tuple[dict[str, str], ...]:
             kind = next(iter(items))
             if kind not in ("model", "experiment") or (kind == "experiment" and not _complete(path)):
                 continue
-            said = items.get("summary")
+            said = items.get("summary") or items.get("experiment")
             name = folder.name if path == main else f"{folder.name}/{path.stem}"
             found.append({"name": BUNDLED + name, "path": str(path), "machine": folder.name, "kind": kind,
                           "summary": said.text if isinstance(said, Scalar) else ""})

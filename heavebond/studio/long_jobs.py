@@ -18,6 +18,7 @@ from heavebond.core.errors import HeavebondError, Problem, UsageError
 from heavebond.studio.contents import Entry
 from heavebond.studio.job_process import QUIT, STOP, WRITE, serve
 
+KINDS = ("fit", "where", "diagnose", "try", "tune")  # of computations
 KEPT = 3  # processes of computations that are done, kept with their results until they are written
 GRACE = 2.0  # s that a process has to end when the studio does
 COUNTED = re.compile(r"\b([0-9]+) of ([0-9]+)\b")
@@ -136,6 +137,13 @@ class LongJob:
             self._writing.set_result(told[0])
         else:
             self._writing.set_exception(HeavebondError(told[0] if told else [LOST]))
+
+
+def known(kind: str) -> str:
+    """The name of a computation; UsageError for another one."""
+    if kind not in KINDS:
+        raise UsageError([Problem("usage", "the page asked for something unknown")])
+    return kind
 
 
 def _listen(pipe: Connection, loop: asyncio.AbstractEventLoop, hear: Callable[[tuple[Any, ...]], None]) -> None:

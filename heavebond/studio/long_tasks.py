@@ -7,12 +7,11 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from heavebond.core.cancellation import ENDED_EARLY
-from heavebond.core.errors import Problem, UsageError
 from heavebond.core.presentation import readable_unit
 from heavebond.core.units import read_unit
 from heavebond.diagnosis.attempt import attempt
@@ -30,13 +29,20 @@ from heavebond.reports.result_tables import localization_items as places_items
 from heavebond.studio.contents import Entry
 from heavebond.studio.evidence import item_entries
 
-if TYPE_CHECKING:
-    from heavebond.studio.job_process import JobProcess
-
 Arrays = dict[str, Any]
 Writing = Callable[[Mapping[str, Any]], list[Path]]
 Done = tuple[Entry, Arrays, Writing | None]
 ALTERNATIVES = 8  # candidates beside the chosen one that can be added in its place
+
+
+class Teller(Protocol):
+    """Who a computation tells how far it has come."""
+
+    def progress(self, text: str) -> None:
+        """The progress callback."""
+
+    def tell(self, kind: str, *told: Any) -> None:
+        """Anything else, such as the ladder as it grows."""
 
 
 def _result(kind: str, items: Sequence[Item], figures: Mapping[str, object], partial: bool, **more: object) -> Entry:
@@ -44,7 +50,7 @@ def _result(kind: str, items: Sequence[Item], figures: Mapping[str, object], par
 
 
 # -- fit -----------------------------------------------------------------------------------------------------------------
-def fitted(path: Path, given: Mapping[str, Any], job: JobProcess) -> Done:
+def fitted(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
     """As `heavebond fit`; written are the diagram with the fitted values and an experiment on it."""
     found = fit(load_experiment(path), progress=job.progress, partial=True)
     early = found.message == ENDED_EARLY
@@ -75,7 +81,7 @@ def _free_path(path: Path, *others: Path) -> Path:
 
 
 # -- localize ------------------------------------------------------------------------------------------------------------
-def localized(path: Path, given: Mapping[str, Any], job: JobProcess) -> Done:
+def localized(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
     """As `heavebond localize` (`where`), with what would have to act at each place of the diagram."""
     found = localize(load_experiment(path), progress=job.progress)
     arrays: Arrays = {}
@@ -134,7 +140,7 @@ def _states(found: Localization, arrays: Arrays) -> list[Entry]:
 
 
 # -- diagnose and try ----------------------------------------------------------------------------------------------------
-def diagnosed(path: Path, given: Mapping[str, Any], job: JobProcess) -> Done:
+def diagnosed(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
     """As `heavebond diagnose`; written are the diagrams and experiments of what was found, when it is added."""
     experiment = load_experiment(path)
     found = diagnose(experiment, steps=int(given.get("steps", 5)), seconds=float(given.get("seconds", 600)),
@@ -153,7 +159,7 @@ def diagnosed(path: Path, given: Mapping[str, Any], job: JobProcess) -> Done:
         lambda asked: _write_added(experiment, added[:int(asked.get("count", len(added)))])
 
 
-def tried(path: Path, given: Mapping[str, Any], job: JobProcess) -> Done:
+def tried(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
     """As `heavebond try`: one effect added by hand."""
     experiment = load_experiment(path)
     found = attempt(experiment, str(given["component"]), [str(p) for p in given.get("where", ())], progress=job.progress)
@@ -174,7 +180,7 @@ def _write_added(experiment: Experiment, findings: Sequence[AddedEffect]) -> lis
 
 
 # -- tune ----------------------------------------------------------------------------------------------------------------
-def tuned(path: Path, given: Mapping[str, Any], job: JobProcess) -> Done:
+def tuned(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
     """As `heavebond tune`; written is the diagram with the tuned values."""
     from heavebond.numerics.dae import assemble
     from heavebond.optimise.objective import Objective
@@ -205,14 +211,5 @@ def tuned(path: Path, given: Mapping[str, Any], job: JobProcess) -> Done:
                    adds=[{"label": "the tuned values"}]), {}, write_tuned
 
 
-TASKS: dict[str, Callable[[Path, Mapping[str, Any], JobProcess], Done]] = {
+TASKS: dict[str, Callable[[Path, Mapping[str, Any], Teller], Done]] = {
     "fit": fitted, "where": localized, "diagnose": diagnosed, "try": tried, "tune": tuned}
-
-
-def known(kind: str) -> str:
-    """The name of a computation; UsageError for another one."""
-    if kind not in TASKS:
-        raise UsageError([Problem("usage", "the page asked for something unknown")])
-    return kind
-
-
