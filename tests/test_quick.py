@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -11,8 +12,9 @@ import pytest
 from heavebond.core.errors import SimulationError
 from heavebond.diagnosis.catalogue import candidates
 from heavebond.diagnosis.scoring import SEARCH
+from heavebond.estimation import residuals
 from heavebond.estimation.experiment import Experiment, load_experiment
-from heavebond.estimation.residuals import Run
+from heavebond.estimation.residuals import Descent, Exceeded, Residuals, Run
 from heavebond.language.library import bundled
 from heavebond.numerics import compiled_cvodes
 from heavebond.numerics.dae import Array
@@ -148,3 +150,35 @@ def test_a_quick_part_behind_a_held_input_is_no_end_of_the_search(tmp_path: Path
     quickly, exactly = (run(experiment, kind, []).residuals({})[0] for kind in (QuickSimulator, None))
     # the speed is some 100 rad/s; both err by their tolerances of 1e-5 and 1e-7 of that, summed over the samples
     assert np.abs(quickly - exactly).max() < 0.05
+
+
+@pytest.mark.skipif(compiled_cvodes.program() is None, reason="needs the compiled program")
+def test_a_run_whose_sum_of_squares_is_too_large_is_ended(rig: Path) -> None:
+    """And one whose sum is smaller is not changed."""
+    own = run(load_experiment(rig / "spline.yaml"), QuickSimulator, FREE)
+    r, J = own.residuals({})
+    with pytest.raises(Exceeded):
+        own.residuals({}, 0.2 * float(r @ r))
+    again, moved = own.residuals({}, 1.001 * float(r @ r))
+    assert np.array_equal(again, r) and np.array_equal(moved, J)
+
+
+@pytest.mark.skipif(compiled_cvodes.program() is None, reason="needs the compiled program")
+@pytest.mark.parametrize("method", ["trf", "dogbox"])
+def test_a_descent_is_the_same_where_rejected_runs_are_ended(rig: Path, method: Literal["trf", "dogbox"],
+                                                           monkeypatch: pytest.MonkeyPatch) -> None:
+    experiment = load_experiment(rig / "spline.yaml")
+    ended = []
+
+    def made() -> Descent:
+        problem = Residuals(experiment, runs=[run(experiment, QuickSimulator, list(experiment.free))])
+        inner = 0.95 * problem.high + 0.05 * problem.low
+        return problem.descend(inner, False, lambda text: None, most=12, tolerance=1e-8, method=method)
+
+    broken = residuals._broken
+    monkeypatch.setattr(residuals, "_broken", lambda run: ended.append(run) or broken(run))
+    short = made()
+    assert ended
+    monkeypatch.setattr(residuals, "ROUNDING", np.inf)
+    whole = made()
+    assert short.history == whole.history and np.array_equal(short.x, whole.x) and short.message == whole.message

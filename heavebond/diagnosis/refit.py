@@ -32,7 +32,7 @@ from heavebond.diagnosis.scoring import (
 )
 from heavebond.estimation.experiment import Experiment, Free
 from heavebond.estimation.fitting import own_start
-from heavebond.estimation.residuals import AT_END, Descent, Residuals, Run
+from heavebond.estimation.residuals import AT_END, Descent, Exceeded, Residuals, Run
 from heavebond.numerics.dae import Array
 from heavebond.numerics.quick_simulation import QuickSimulator
 
@@ -311,12 +311,17 @@ class _RefitProblem:
         problem, inner = self.problem, self.problem.allowed(inner)
         return np.concatenate([run.residuals(problem.values_of(inner, run.record.name))[0] for run in runs])
 
-    def _cost(self, inner: Array) -> float:
+    def _cost(self, inner: Array, most: float = np.inf) -> float:
+        """The sum of squares with the priors, by runs without sensitivities; infinite where it is above `most`."""
+        problem, prior = self.problem, self.problem.priors(inner)[0]
+        cost, inner = float(prior @ prior), problem.allowed(inner)
         try:
-            r = np.concatenate([self._residuals(inner, self.runs), self.problem.priors(inner)[0]])
-        except (SimulationError, StartError):
+            for run in self.runs:
+                r = run.residuals(problem.values_of(inner, run.record.name), most - cost)[0]
+                cost += float(r @ r)
+        except (SimulationError, StartError, Exceeded):
             return np.inf
-        return float(r @ r) if np.all(np.isfinite(r)) else np.inf
+        return cost if cost <= most else np.inf  # (not where it is no number)
 
     def arrive(self, start: Array, progress: Progress) -> Array:
         """From near an optimum to it."""
@@ -369,7 +374,7 @@ class _RefitProblem:
             for share in (1 - ASIDE, ASIDE) if column.free.name in limits else ():
                 there = inner.copy()
                 there[k] = self.problem.low[k] + share * (self.problem.high[k] - self.problem.low[k])
-                if self._cost(there) <= cost + felt:
+                if self._cost(there, cost + felt) <= cost + felt:
                     inner = there
                     break
         return inner
@@ -377,9 +382,11 @@ class _RefitProblem:
     def begin(self, least: float, progress: Progress) -> list[Descent]:
         """The first steps from the best starts, that which leaves least first; none where no start can be simulated."""
         starts = [self._start(plan) for plan in self.plans]
-        costs = [self._cost(start) for start in starts]
-        most = 3 if len(starts) > FURTHER else 2
-        chosen = [starts[k] for k in np.argsort(costs) if np.isfinite(costs[k])][:most]
+        number = 3 if len(starts) > FURTHER else 2
+        costs: list[float] = []
+        for start in starts:  # a run is ended where it can no longer be among the best
+            costs.append(self._cost(start, sorted(costs)[number - 1] if len(costs) >= number else np.inf))
+        chosen = [starts[k] for k in np.argsort(costs, kind="stable") if np.isfinite(costs[k])][:number]
         if not chosen or process_time() - self.began > SECONDS:
             return []
         enough = stop_inferior_starts(self.problem.high - self.problem.low, least)

@@ -22,6 +22,7 @@ from heavebond.diagnosis.early_stopping import HOPE
 from heavebond.diagnosis.refit import Refit
 from heavebond.diagnosis.scoring import Score
 
+FIRST = 6  # candidates are begun before the others, which are given up early beside the best of them
 REFITS = 24  # at least so many candidates are refitted, those with the largest scores
 PROMISING = 0.1  # and where one of a class at a place has a gain of this share of the largest, all there
 AT_LEAST = 0.01  # that have this share of it
@@ -48,7 +49,7 @@ class RefitSchedule:
         guesses = {c.label: g for c, g in (*leading, *rest)}
         now = clock.perf_counter()
         last, whole = now + BEGINNING * (until - now), True
-        for jobs in (leading[:REFITS], leading[REFITS:]):
+        for jobs in (leading[:FIRST], leading[FIRST:REFITS], leading[REFITS:]):
             whole &= self._begin(jobs, "", last)
             self._follow(_hopeful(self.trials.values()), guesses, until)
         if unexplained(self.trials.values()):

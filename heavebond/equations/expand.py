@@ -8,7 +8,6 @@ from heavebond.core.errors import HeavebondError, ModelError, Place, Problems, l
 from heavebond.core.limits import OF_A_KIND
 from heavebond.core.units import is_generic
 from heavebond.equations.repetition import repeated
-from heavebond.language import laws
 from heavebond.language.definition import Body, Component, End, FileInput, Instance, Parameter, Port, SignalPort, Value
 from heavebond.language.lists import lengths, short, whole_number, written_out
 from heavebond.language.model import Model
@@ -193,9 +192,9 @@ class _Opener:
 
     def _checked(self, instance: Instance) -> Component:
         """A component met for the first time; its file is read and its laws are checked once, not for every instance."""
-        component = self.model.library.component(instance.kind, instance.kind_place)
-        self.found[instance.kind] = component
-        laws.check(component, self.model.library.domains)
+        library = self.model.library
+        component = self.found[instance.kind] = library.component(instance.kind, instance.kind_place)
+        library.checked(instance.kind, instance.kind_place)
         return component
 
     def _name_clashes(self, body: Body, owner: Component | None) -> None:

@@ -33,6 +33,7 @@ BROKEN = 1e4
 AT_END = 1e-3
 # Runs of which the results are kept: a descent begins where another one ended, a few runs ago.
 KEPT = 8
+ROUNDING = 1e-9  # share of a sum of squares by which that of the condensed problem may differ from it
 ARRIVED, GIVEN_UP = "The search needs no more.", "The search has given it up."  # why a descent was ended from outside
 
 
@@ -107,18 +108,25 @@ class Run:
         other.simulator = other._simulator(kind, tolerances or self.simulator.tolerances, self.simulator)
         return other
 
-    def residuals(self, values: Mapping[str, float]) -> tuple[Array, Array]:
-        """(model - measured)/noise (n,) of the n samples that count, channel after channel, and derivatives (m, n)."""
-        return self._wrong(values, self.counts)
+    def residuals(self, values: Mapping[str, float], most: float = np.inf) -> tuple[Array, Array]:
+        """(model - measured)/noise (n,) of the n samples that count, channel after channel, and derivatives (m, n). A run of
+        a search is ended by `Exceeded` where their sum of squares is above `most`."""
+        return self._wrong(values, self.counts, most)
 
     def held_out(self, values: Mapping[str, float]) -> tuple[Array, Array]:
         """The same of the samples that check a fit: the whole of a record that is not fitted, the blocks held out of one
         that is."""
         return self._wrong(values, self.counts if self.record.use != "fit" else self.checking)
 
-    def _wrong(self, values: Mapping[str, float], which: NDArray[np.bool_]) -> tuple[Array, Array]:
+    def _wrong(self, values: Mapping[str, float], which: NDArray[np.bool_], most: float = np.inf) -> tuple[Array, Array]:
+        def watch(signals: Array) -> None:
+            n = signals.shape[1]
+            wrong = ((signals - self.measured[:, :n]) / self.noise[:, None])[which[:, :n]]
+            if wrong @ wrong > most:
+                raise Exceeded
+
         if isinstance(self.simulator, Unexplained):
-            signals, moved = self.simulator.measured(values)
+            signals, moved = self.simulator.measured(values, watch if np.isfinite(most) else None)
         else:
             result = self.simulator.run(values)
             signals = self.probe.values(result)
@@ -219,15 +227,20 @@ class Residuals:
         """The parameters of one record in SI."""
         return {c.free.name: c.outer(v) for c, v in zip(self.columns, inner, strict=True) if c.record in ("", record)}
 
-    def evaluate(self, inner: Array) -> tuple[Array, Array]:
-        """Residuals (n,) of the data and Jacobian (n, columns) in inner unknowns, without priors."""
+    def evaluate(self, inner: Array, most: float = np.inf) -> tuple[Array, Array]:
+        """Residuals (n,) of the data and Jacobian (n, columns) in inner unknowns, without priors. Where their sum of squares
+        is above `most`, they may be those of a run that breaks down."""
         key = inner.tobytes()
         if key in self._known:
             return self._known[key]
         asked, inner = inner, self.allowed(inner)
-        parts, blocks = [], []
+        parts, blocks, ended = [], [], False
         for run in self.runs:
-            wrong, moved = self._one(run, inner)
+            try:
+                wrong, moved = self._one(run, inner, most)
+            except Exceeded:
+                ended, (wrong, moved) = True, _broken(run)
+            most -= float(wrong @ wrong)
             block = np.zeros((len(wrong), len(self.columns)))
             for k, column in enumerate(self.columns):
                 if column.record in ("", run.record.name):
@@ -241,21 +254,20 @@ class Residuals:
                 ratio = self.columns[low].slope(inner[low]) / self.columns[high].slope(inner[high])
                 # its own column stays: the way up from there is open
                 jacobian[:, low] += jacobian[:, high] * ratio
-        if len(self._known) == KEPT:
-            del self._known[next(iter(self._known))]
-        self._known[key] = np.concatenate(parts), jacobian
-        return self._known[key]
+        found = np.concatenate(parts), jacobian
+        if not ended:
+            if len(self._known) == KEPT:
+                del self._known[next(iter(self._known))]
+            self._known[key] = found
+        return found
 
-    def _one(self, run: Run, inner: Array) -> tuple[Array, Array]:
+    def _one(self, run: Run, inner: Array, most: float) -> tuple[Array, Array]:
         """A record's residuals; a run that breaks down is a large residual, not an end."""
-        size = int(run.counts.sum())
         try:
-            wrong, moved = run.residuals(self.values_of(inner, run.record.name))
+            wrong, moved = run.residuals(self.values_of(inner, run.record.name), most)
         except (SimulationError, StartError):
-            return np.full(size, BROKEN), np.zeros((len(run.names), size))
-        if not (np.all(np.isfinite(wrong)) and np.all(np.isfinite(moved))):
-            return np.full(size, BROKEN), np.zeros((len(run.names), size))
-        return wrong, moved
+            return _broken(run)
+        return (wrong, moved) if np.all(np.isfinite(wrong)) and np.all(np.isfinite(moved)) else _broken(run)
 
     def priors(self, inner: Array) -> tuple[Array, Array]:
         """(p - p0)/sigma of the parameters given as `value +- tolerance`, and its Jacobian."""
@@ -307,7 +319,10 @@ class Residuals:
         @lru_cache(maxsize=1)
         def both(y: bytes) -> tuple[Array, Array]:
             inner = whole(np.frombuffer(y))
-            data, prior = self.evaluate(inner), self.priors(inner)
+            prior = self.priors(inner)
+            # both methods reject a step behind which the sum of squares is larger, however much larger it is
+            most = np.inf if robust or not costs else (1 + ROUNDING) * min(costs) - float(prior[0] @ prior[0])
+            data = self.evaluate(inner, most)
             found = np.concatenate([data[0], prior[0]]), np.vstack([data[1], prior[1]])[:, moving] * span
             return found if robust else condensed(*found)
 
@@ -339,6 +354,16 @@ class Residuals:
             clear_signal()
             ended = best, min(costs) / 2, ENDED_EARLY, True
         return Descent(self.allowed(whole(ended[0])), ended[1], tuple(accumulate(costs, min)), *ended[2:])
+
+
+class Exceeded(Exception):
+    """The sum of squares of a run is larger than it may be."""
+
+
+def _broken(run: Run) -> tuple[Array, Array]:
+    """Residuals and derivatives of a run that breaks down."""
+    size = int(run.counts.sum())
+    return np.full(size, BROKEN), np.zeros((len(run.names), size))
 
 
 class _Enough(Exception):

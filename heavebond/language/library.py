@@ -11,7 +11,7 @@ from pathlib import Path
 
 from heavebond.core.errors import ModelError, Place, Problem, Problems, either, suggest
 from heavebond.core.units import DIMENSIONLESS
-from heavebond.language import reading
+from heavebond.language import laws, reading
 from heavebond.language.component_file import parse_component
 from heavebond.language.definition import Component, Domain, Member
 from heavebond.language.fmu_description import described
@@ -120,7 +120,20 @@ class Library:
                                       "Give one of them another name.")])
         if self.files[name].suffix == ".fmu":
             return _foreign(self.files[name], place)
-        return _load(self.files[name], tuple(self.domains.values()), self.functions)
+        return _load_cached(*self._state(name))
+
+    def checked(self, name: str, place: Place | None = None) -> Component:
+        """The same with its laws checked, once for each state of its file; ModelError with all that is wrong."""
+        component = self.component(name, place)
+        if component.foreign is not None:
+            laws.check(component, self.domains)
+            return component
+        return _checked_cached(*self._state(name))
+
+    def _state(self, name: str) -> tuple[Path, tuple[int, int], tuple[str, ...], Functions]:
+        """What a component depends on: its file as it is now, the domains and the functions."""
+        path = self.files[name].absolute()
+        return path, _stamp(path), tuple(self.domains), self.functions
 
 
 def library_functions() -> Functions:
@@ -291,13 +304,16 @@ def _figure(entry: Mapping, key: str, problems: Problems) -> float | None:
 
 
 @lru_cache(maxsize=1024)
-def _load_cached(path: Path, shown: str, stamp: tuple[int, int], names: tuple[str, ...], functions: Functions) -> Component:
+def _load_cached(path: Path, stamp: tuple[int, int], names: tuple[str, ...], functions: Functions) -> Component:
     with calling(functions):
-        return parse_component(read(path, shown, bundled=is_bundled(path)), domains())
+        return parse_component(read(path, shown_path(path), bundled=is_bundled(path)), domains())
 
 
-def _load(path: Path, domains: tuple[Domain, ...], functions: Functions) -> Component:
-    return _load_cached(path.resolve(), shown_path(path), _stamp(path), tuple(d.name for d in domains), functions)
+@lru_cache(maxsize=1024)
+def _checked_cached(path: Path, stamp: tuple[int, int], names: tuple[str, ...], functions: Functions) -> Component:
+    component = _load_cached(path, stamp, names, functions)
+    laws.check(component, domains())
+    return component
 
 
 def _foreign(path: Path, place: Place | None) -> Component:

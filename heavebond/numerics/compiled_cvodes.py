@@ -22,7 +22,7 @@ import sys
 import tempfile
 import time as clock
 import weakref
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -45,7 +45,8 @@ FLAGS = ("-O2", "-shared", "-fPIC", "-ffp-contract=off")
 EQUATION_FLAGS = ("-O1", *FLAGS[1:])
 VERSIONS = ("3.7", "3.8")  # of CasADi, whose CVODES is that of SUNDIALS 2 with double precision
 MOST_STATES = 60  # of the model: its Jacobian is dense here
-CHUNK = 100  # stops between two looks whether the run is still wanted
+CHUNK = 50  # stops between two looks whether the run is still wanted
+Watch = Callable[[Array], None]
 
 
 @dataclass(frozen=True)
@@ -213,9 +214,11 @@ class CompiledCvodes:
         if answer:
             raise RuntimeError(f"CVODES could not be prepared ({answer})")
 
-    def run(self, x0: Array, z0: Array, p: Array, directions: Array, states: bool = True) -> Integrated:
+    def run(self, x0: Array, z0: Array, p: Array, directions: Array, states: bool = True, watch: Watch | None = None
+            ) -> Integrated:
         """From x0 (n (1 + m),), the states and then their sensitivities along each column of `directions` (n_p, m), with z
-        near z0 (n_z,); RuntimeError where CVODES fails. Without `states` only the signals are kept."""
+        near z0 (n_z,); RuntimeError where CVODES fails. Without `states` only the signals are kept. `watch` is called
+        every `CHUNK` stops with the signals so far (k, n_signals); what it raises ends the run."""
         equations, problem, stops = self.equations, self._problem, self._stops
         x0, z0 = np.ascontiguousarray(x0, float), np.ascontiguousarray(z0, float)
         hoisted, = equations.hoist(p).values()
@@ -233,12 +236,17 @@ class CompiledCvodes:
         answer = library.begin(at, stops[0], _address(x0), _address(z0), _address(hoisted), *found)
         reached, first = ctypes.c_double(float(stops[0])), 0
         here, counts = _address(stops) or 0, _address(self._counts)
-        while not answer and first < N - 1:
-            number = min(CHUNK, N - 1 - first)
-            answer = library.advance(at, number, here + first * stops.itemsize, first, *found, ctypes.byref(reached), counts)
-            first += number
-            check()
-        equations.spent(clock.thread_time() - began)
+        try:
+            while not answer and first < N - 1:
+                number = min(CHUNK, N - 1 - first)
+                answer = library.advance(at, number, here + first * stops.itemsize, first, *found, ctypes.byref(reached),
+                                         counts)
+                first += number
+                check()
+                if watch is not None and not answer:
+                    watch(signals[:first + 1, :equations.n_signals])
+        finally:
+            equations.spent(clock.thread_time() - began)
         if answer:
             raise RuntimeError(f"At t = {reached.value:.17g}, {MESSAGES.get(answer, f'CVODES answered {answer}')}")
         return Integrated(x.T, z.T, signals.reshape(N, 1 + m, equations.n_signals))

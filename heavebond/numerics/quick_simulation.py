@@ -28,7 +28,7 @@ from heavebond.core.cancellation import check
 from heavebond.core.errors import Problem, SimulationError
 from heavebond.equations.buffered import Buffered
 from heavebond.numerics import compiled_cvodes, idas
-from heavebond.numerics.compiled_cvodes import CompiledCvodes, Driving, Equations, Integrated, NotCompiled
+from heavebond.numerics.compiled_cvodes import CompiledCvodes, Driving, Equations, Integrated, NotCompiled, Watch
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.initialise import Start, Tangent
 from heavebond.numerics.result import Probe
@@ -137,14 +137,15 @@ class Unexplained(Simulator):
         looked_up = SEARCH_RUNS.longest_step * float(np.median(np.diff(self.pieces.breaks))) if self.looks_up else 0.0
         return min(looked_up or self.longest, self.longest or looked_up)
 
-    def measured(self, parameters: Mapping[str, float]) -> tuple[Array, Array]:
-        """The signals of the probe (k, N) along a run and their derivatives by the sensitivities (m, k, N)."""
+    def measured(self, parameters: Mapping[str, float], watch: Watch | None = None) -> tuple[Array, Array]:
+        """The signals of the probe (k, N) along a run and their derivatives by the sensitivities (m, k, N). The compiled
+        program calls `watch` now and then with the signals at the first output times (k, n); what it raises ends the run."""
         assert self.probe is not None
         check()
         with self._turn:
             began = clock.perf_counter()
             assembly, first, moved = self._started(parameters)
-            found = self._signals(first, moved)
+            found = self._signals(first, moved, watch)
             if found is None:
                 result = self._result(assembly, first, moved, began)
                 sensitivities = self.probe.sensitivities(result) if moved is not None else np.zeros((0, 0, 0))
@@ -165,13 +166,17 @@ class Unexplained(Simulator):
         self._last = felt, first, moved
         return assembly, first, moved
 
-    def _signals(self, first: Start, moved: Tangent | None) -> Array | None:
+    def _signals(self, first: Start, moved: Tangent | None, watch: Watch | None = None) -> Array | None:
         """The signals of the probe at the output times, with their moves along the directions (N, 1 + m, k), by the
         compiled program; None where that does not serve."""
         if self.driver is None:
             return None
+        def at_outputs(signals: Array) -> None:
+            assert watch is not None
+            watch(signals[self._keep[:np.searchsorted(self._keep, len(signals))]].T)
+
         try:
-            found = self._compiled(self.driver, first, moved, False).signals[self._keep]
+            found = self._compiled(self.driver, first, moved, False, watch and at_outputs).signals[self._keep]
         except RuntimeError as error:
             check()
             if self.driver.equations.n_z:
@@ -181,13 +186,14 @@ class Unexplained(Simulator):
             raise self._failure(self.assembly, first, "a value became infinite or not a number")
         return found
 
-    def _compiled(self, driver: CompiledCvodes, first: Start, moved: Tangent | None, states: bool) -> Integrated:
+    def _compiled(self, driver: CompiledCvodes, first: Start, moved: Tangent | None, states: bool,
+                  watch: Watch | None = None) -> Integrated:
         """A run by the compiled program; its RuntimeError where it fails."""
         x0, nominal = first.x / self.assembly.x_nominal, self.assembly.x_nominal[:, None]
         directions = self.along if moved is None else moved.p
         if moved is not None:
             x0 = np.concatenate([x0, (moved.x / nominal).T.ravel()])
-        return driver.run(x0, first.z / self.assembly.z_nominal, first.p, directions, states)
+        return driver.run(x0, first.z / self.assembly.z_nominal, first.p, directions, states, watch)
 
     def attempt(self, first: Start, moved: Tangent | None = None) -> Trace:
         if self.driver is None:
