@@ -5,13 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from heavebond.diagnosis import refit_schedule, scoring
 from heavebond.diagnosis.catalogue import Candidate, candidates
+from heavebond.diagnosis.equivalent_values import equivalent_values
 from heavebond.diagnosis.scoring import Base, Score, scored, searched
+from heavebond.diagnosis.verdict import acting_as_values
 from heavebond.estimation.comparison import assemble_for, driven_by
 from heavebond.estimation.experiment import load_experiment
 from heavebond.estimation.residuals import Residuals, Run
@@ -243,3 +247,31 @@ def test_a_tangent_that_is_noise_gives_way_to_a_secant(problem: Residuals, monke
     assert found.size == pytest.approx(true.size, rel=0.2)  # a decade of amplitudes of a law that is not quite linear
     assert found.direction @ true.direction > 0.98
     assert found.amplitude == pytest.approx(true.amplitude, rel=0.2)
+
+
+@pytest.mark.parametrize(("rig", "expected"), [
+    ("passive_rig/friction", {"Mass on crown": ("crown.m",), "Spring between platform and crown": ("gas.c",),
+                              "CoulombFriction between platform and crown": (),
+                              "SensorGain in the channel string.F": ("crown.m",)}),
+    ("receiver_rig/choked", {"SensorGain before inlet.u": ("inlet.C",), EFFECT: (),
+                             "PneumaticOrifice between supply and receiver": (), OTHERS[0]: (),
+                             "PneumaticOrifice between receiver and air": ("outlet.C",)}),
+])
+def test_candidates_that_are_another_value_of_a_number_are_known_before_the_search(
+        rig: str, expected: dict[str, tuple[str, ...]]) -> None:
+    """A spring beside a free one, a gain of a valve and an outlet whose conductances are free; mass on a body, whose mass is
+    held fixed, as the gain of the load cell is: with all stiffnesses and dampings free, forces and mass have one scale."""
+    problem = searched(load_experiment(rig))
+    base = Base.at(problem, problem.start)
+    scores = [score for label in expected for score in scored(base, _candidate(problem, label))]
+    found = equivalent_values(base, scores)
+    assert {label: found.get(label, ()) for label in expected} == expected
+
+
+def test_words_tell_what_acts_as_another_value() -> None:
+    candidate = SimpleNamespace(label="Mass on crown", attaches="at", kind="added mass", place="on crown", component="Mass")
+    step: Any = SimpleNamespace(acts_as={"Mass on crown": ("crown.m",)})
+    finding: Any = SimpleNamespace(candidate=candidate)
+    (line,) = acting_as_values([finding], [step], [])
+    assert line.startswith("added mass on crown (Mass) acts as another value of crown.m does")
+    assert acting_as_values([finding], [step], ["crown.m"]) == []  # told already

@@ -42,6 +42,7 @@ from heavebond.diagnosis.stage import (
 )
 from heavebond.diagnosis.stepwise_selection import DECISIVE, MOST, SelectedEffect, Selection, select_stepwise
 from heavebond.diagnosis.verdict import (
+    acting_as_values,
     equivalent_value_words,
     is_adequate,
     near_noise,
@@ -191,6 +192,7 @@ def diagnose(experiment: Experiment | str | Path, *, steps: int = MOST, number: 
     said = verdict(base, rungs, come.findings, come.steps, shape, judged)
     apart = _separation(come.findings, say, left()) if said == "one_of" else None
     told = (*sentences(said, rungs, come.findings, come.steps, shape, judged), *map(equivalent_value_words, come.values),
+            *acting_as_values(come.findings, come.steps, [t.candidate.name for t in come.values]),
             *(apart.words if apart is not None else ()),
             *_lost(come.steps),
             *([SHORT] if short else []),

@@ -53,6 +53,11 @@ class Entry:
         return BY_KEY[key].value(self)
 
     @property
+    def acts_as(self) -> tuple[str, ...]:
+        """The numbers of the diagram of which it is another value, to first order."""
+        return tuple(self.step.acts_as.get(self.candidate.label, ()))
+
+    @property
     def same_as(self) -> tuple[str, ...]:
         """Labels of the candidates that act the same and were not fitted for that reason."""
         return tuple(self.step.twins.get(self.candidate.label, ())) if self.trial is not None else ()
@@ -119,6 +124,9 @@ COLUMNS: tuple[Column, ...] = (
            _fitted(lambda t, s: (*t.at_end, *t.beyond)), REPORT),
     Column("same_as", "acts the same", "", 0, "candidates that act the same and were not fitted for that reason",
            lambda e: e.same_as),
+    Column("acts_as", "acts as", "", 0, "numbers of the diagram of which it is another value, to first order: one that is "
+           "held fixed, or, of a candidate that is not identifiable, a free one",
+           lambda e: e.acts_as),
     Column("seen", "identifiable", "", 0, "of one that was not fitted: whether its effect on the channels is identifiable "
            "beside the free parameters", lambda e: e.identifiable),
     Column("judgement", "result", "", 0, f"why it is the result or not: {', '.join(f'`{word}`' for word in JUDGEMENTS)}",

@@ -69,10 +69,10 @@ ROUGH = 2.0
 class Score:
     """One candidate at one choice of its shapes: z (see the module), the amplitude that the score asks for, `step` of the
     free parameters with it (in inner unknowns), the size |s| of its direction and the share of it that the free parameters
-    do not take; `direction` (n,) is s_o / |s_o|. An unseen one moves no channel beyond a thousandth of the noise. Of several
-    amplitudes those `along` are moved, which have one unit (a stiffness and a damping have no common size). A law
-    with a kink at amplitude zero, or whose tangent turns near it, has another tangent on either `side` (1, -1; 0: at zero),
-    each with its own score."""
+    do not take; `direction` (n,) is s_o / |s_o|, and s / |s| where the free parameters take it all. An unseen one moves no
+    channel beyond a thousandth of the noise. Of several amplitudes those `along` are moved, which have one unit (a stiffness
+    and a damping have no common size). A law with a kink at amplitude zero, or whose tangent turns near it, has another
+    tangent on either `side` (1, -1; 0: at zero), each with its own score."""
 
     candidate: Candidate
     shapes: Mapping[str, float]
@@ -247,7 +247,7 @@ def _tangents(base: Base, candidate: Candidate, runs: list[Run], shapes: Mapping
     that is zero for one unit; what 1 Pa*s/m3 of a resistance does is less than Newton's method leaves of algebraic unknowns,
     and the tangent would be that."""
     there = {**_neutral(candidate), **shapes}
-    moved = _sensitivities(base, runs, there)
+    moved = sensitivities(base, runs, there)
     zero = {n.name: n for n in candidate.vanishing if n.neutral == 0}
     sizes = dict.fromkeys(zero, 1.0)
     for _ in range(RUNS if any(len(run.assembly.z_nominal) for run in runs) else 0):
@@ -258,7 +258,7 @@ def _tangents(base: Base, candidate: Candidate, runs: list[Run], shapes: Mapping
             break
         sizes |= steps
         runs = [run.again(run.names, sizes, QuickSimulator) for run in runs]
-        moved = _sensitivities(base, runs, there)
+        moved = sensitivities(base, runs, there)
     return runs, moved
 
 
@@ -393,7 +393,7 @@ def _values(base: Base, run: Run, more: Mapping[str, float]) -> dict[str, float]
     return {**{name: value for name, value in values.items() if name in known}, **more}
 
 
-def _sensitivities(base: Base, runs: Sequence[Run], values: Mapping[str, float]) -> dict[str, Array]:
+def sensitivities(base: Base, runs: Sequence[Run], values: Mapping[str, float]) -> dict[str, Array]:
     """d r / d a (n,) for each amplitude."""
     return _responses(base, runs, values)[1]
 
@@ -415,7 +415,8 @@ def _scored(base: Base, candidate: Candidate, shapes: Mapping[str, float], s: Ar
     length = float(np.linalg.norm(left))
     z = float(-left @ base.r / length) if length > SAME * size else 0.0
     amplitude = z / length if length > 0 else 0.0
-    return Score(candidate, shapes, z, amplitude, step * amplitude, size, length / size, left / max(length, 1e-300))
+    direction = left / length if length > SAME * size else s / size
+    return Score(candidate, shapes, z, amplitude, step * amplitude, size, length / size, direction)
 
 
 def shape_points(candidate: Candidate, runs: Sequence[Run], base: Base) -> list[dict[str, float]]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from heavebond.core.progress import Progress
 from heavebond.diagnosis.calibration_errors import is_calibration_error
 from heavebond.diagnosis.candidate_workers import Workers
 from heavebond.diagnosis.catalogue import Candidate, candidates
+from heavebond.diagnosis.equivalent_values import equivalent_values
 from heavebond.diagnosis.fixed_values import fixed_values
 from heavebond.diagnosis.identity import STRONG, Identity, compared, likelihood
 from heavebond.diagnosis.like_places import all_candidates, beyond_their_members
@@ -49,7 +50,8 @@ class Stage:
     """One rung: the experiment that was diagnosed, its best fit of what was free (chi-square per sample on what was and was
     not fitted), the tests on what that leaves, all scores and refits, best first, what was chosen, and those that the
     records cannot tell from it (the chosen one first). `partial`: not all that was planned was refitted; `lost` are the
-    candidates whose process died. `errors` are the predictive errors without any candidate, `identity` the comparison of the
+    candidates whose process died; `acts_as` are the numbers of the diagram of which candidates are another value, by their
+    labels. `errors` are the predictive errors without any candidate, `identity` the comparison of the
     candidates with the chosen one."""
 
     experiment: Experiment
@@ -72,6 +74,7 @@ class Stage:
     lost: tuple[str, ...] = ()
     errors: PredictiveErrors | None = None
     identity: Identity | None = None
+    acts_as: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     @property
     def bic(self) -> float:
@@ -130,6 +133,7 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
     courses = _courses(base)
     found = [c for c in found if always or _says_more(c, base, courses)]
     scores: list[Score] = []
+    acts_as: dict[str, tuple[str, ...]] = {}
     partial, twins = False, dict[str, tuple[str, ...]]()
     with Workers(base, number) as workers:
         refits = RefitSchedule(workers, say, {beside.candidate.label: beside} if beside is not None else {})
@@ -143,6 +147,7 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
             scores = beyond_their_members(scores)
             left = leftover(base, scores)
             if left.significant or always:
+                acts_as = {} if beside is not None or most is not None else equivalent_values(base, scores)
                 leading, rest, twins = planned(scores, _as_one(courses))
                 leading = leading[:most]
                 partial = not refits.make(leading, rest if thorough else [], clock.perf_counter() + seconds)
@@ -153,7 +158,7 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
             partial, left, twins = True, leftover(base, scores), {}
     trials = list(refits.trials.values())
     made = _judged(base, errors, left, scores, trials, twins, partial, clock.perf_counter() - began)
-    return replace(made, lost=tuple(dict.fromkeys(workers.lost)))
+    return replace(made, lost=tuple(dict.fromkeys(workers.lost)), acts_as=acts_as)
 
 
 def _polished(workers: Workers, trials: Sequence[Refit], guesses: Mapping[str, Sequence[Score]]) -> dict[str, Refit]:

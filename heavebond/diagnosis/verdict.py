@@ -289,6 +289,18 @@ def _parameters(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], 
         " It is held fixed in this experiment: check it, or put it under `free:`."
 
 
+def acting_as_values(findings: Sequence[AddedEffect], steps: Sequence[Stage], known: Sequence[str]) -> list[str]:
+    """Of which numbers that the diagram holds fixed the findings are another value, to first order, but those already
+    `known`."""
+    lines = []
+    for finding, step in zip(findings, steps, strict=False):
+        names = [n for n in step.acts_as.get(finding.candidate.label, ()) if n not in known]
+        if names:
+            lines.append(f"{_called(finding.candidate)} acts as another value of {listing(names, len(names))} does: where "
+                         "the effect is small, the records cannot tell them apart. Make sure of that value.")
+    return lines
+
+
 def equivalent_value_words(trial: Refit) -> str:
     """That another value of a number that is held fixed does what an effect does."""
     return f"As near to the noise comes the diagram without an effect, with {_revalued(trial)}: make sure of that value."
