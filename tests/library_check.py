@@ -112,7 +112,7 @@ class Law:
         """What follows from given numbers; `guess` starts the search where equations are implicit."""
         key = tuple(given)
         if key not in self.solutions:
-            positions = tuple(f"part.{k}" for k in given if k.endswith((".x", ".phi")))
+            positions = tuple(f"part.{k}" for k in given if k.endswith((".x", ".y", ".phi")))
             if positions not in self.flat:
                 self.flat[positions] = flatten(self.model, positions)
             self.solutions[key] = Solution(self.flat[positions], key, self.inputs - set(key))

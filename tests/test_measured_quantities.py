@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 from doc_pages import blocks
 
@@ -56,6 +57,7 @@ READINGS = {
     "measured_rotation": {
         "power.y": 0.2*100**2, "torque.y": 0.2*100, "tacho.y": 100, "encoder.y": 100, "resolver.y": 100, "slip.y": 100,
         "g_rotor.y": 10/5, "g_disc.y": 10/5, "apart.y": 2*10/5*1, "n_servo.y": 2, "n_bench.y": 2},
+    "measured_plane": {"gauge.x": 1.001, "gauge.y": 1.5, "string.y": np.hypot(1.001, 1.5)},
     "measured_hydraulics": {
         "meter.y": 20/6e4, "gauge.y": 100e5, "drop.y": 100e5, "m_supply.y": 20/6e4, "m_droop.y": 20/6e4,
         "m_servo.y": 20/6e4, "m_tank.y": 80/6e4, "pump.a.q": -20/6e4, "supply.a.q": -20/6e4, "tank.a.q": 80/6e4},
@@ -91,3 +93,9 @@ def test_gas_gauges_and_heave_have_the_sign_of_the_machine() -> None:
     # behind the lag of 10 ms of the unit, a quarter of the way up: heave and its rate are positive
     assert float(sea.si["mru.z"][-1]) == pytest.approx(0.7071, abs=0.01)
     assert float(sea.si["mru.v"][-1]) == pytest.approx(0.5554, abs=0.01)
+
+
+def test_a_force_below_the_centre_of_mass_turns_a_plate_anticlockwise() -> None:
+    run = hb.simulate(hb.loads(DIAGRAMS["measured_plane"]))
+    # J phi'' = h (F_x cos(phi) + F_y sin(phi)) from rest; phi'' = 0.2 + 0.3 phi leaves out phi**2/2 = 5e-3 of the first term
+    assert float(run.si["gauge.phi"][-1]) == pytest.approx(0.2/0.3*(np.cosh(np.sqrt(0.3)) - 1), rel=2e-3)

@@ -182,7 +182,7 @@ def _domain(end: str, given: Sheet, assembly: Assembly) -> str:
 
 def _members(end: str, given: Sheet, assembly: Assembly) -> set[str]:
     domain = assembly.model.library.domains[_domain(end, given, assembly)]
-    return {*domain.members, *([domain.position] if domain.position else [])}
+    return {*domain.members, *domain.positions}
 
 
 def _all_members(node: str, given: Sheet, assembly: Assembly) -> set[str]:

@@ -141,6 +141,7 @@ def _domains(expanded: Expanded, groups: list[Members], problems: Problems) -> l
                 elif declared.startswith("$") and domains[k] not in ("", "signal") and not found:
                     bound[key], changed = domains[k], True
     _mixed(expanded, bound, problems)
+    _without_pair(expanded, bound, problems)
     for k, members in enumerate(groups):
         if not domains[k] and members.ports:
             path = members.ports[0]
@@ -148,6 +149,19 @@ def _domains(expanded: Expanded, groups: list[Members], problems: Problems) -> l
             problems.add("domain-open", f"nothing tells the domain of '{path}'",
                          leaf.place, hint="Join it to a port of a component that has a domain.")
     return domains
+
+
+def _without_pair(expanded: Expanded, bound: dict[tuple[str, str], str], problems: Problems) -> None:
+    """A port of any domain has one effort and one flow."""
+    for (path, _), name in bound.items():
+        domain = expanded.model.library.domains.get(name)
+        if domain is not None and (domain.effort is None or domain.flow is None):
+            leaf = expanded.leaves[path]
+            several = len(domain.efforts) > 1
+            problems.add("domain-pair", f"'{path}' ({leaf.component.name}) has one effort and one flow at its ports; a "
+                         f"{name} node has {'several of each' if several else 'none'}", leaf.place,
+                         hint=f"Take a component whose port is {name}, or one that leads from there to another domain"
+                         + (", such as a PlanarShaft." if name == "planar" else "."))
 
 
 def _mixed(expanded: Expanded, bound: dict[tuple[str, str], str], problems: Problems) -> None:

@@ -263,7 +263,7 @@ class _Builder:
             if group.domain == "signal":
                 self._signal_unknown(group)
             elif group.ports:
-                self._across_unknowns(group, k in positions)
+                self._across_unknowns(group, positions.get(k, ()))
         for path, leaf in self.expanded.leaves.items():
             for port, domain_name in self.network.domains[path].items():
                 self._through_unknowns(path, port, self.domains[domain_name], leaf)
@@ -295,16 +295,14 @@ class _Builder:
         self._unknown(Unknown(group.name, unit, self._nominal(unit, None), "signal", group.place, doc,
                               plausible=self.plausible_of.get(unit.text, NOTHING_KNOWN)), group.aliases)
 
-    def _across_unknowns(self, group: Group, position: bool) -> None:
+    def _across_unknowns(self, group: Group, positions: Iterable[str]) -> None:
         domain = self.domains[group.domain]
-        members = [(m, "across") for m in domain.across]
-        if position and domain.position:
-            members.append((domain.position, "position"))
+        members = [*((m, "across") for m in domain.across), *((m, "position") for m in positions)]
         for name, role in members:
             member: Member = domain.members[name]
             self._unknown(Unknown(f"{group.name}.{name}", member.unit, member.nominal, role, group.place, member.doc,
                                   -inf if member.low is None else member.low, start=member.start,
-                                  motion=bool(domain.position) and role == "across", plausible=plausible(domain, name)),
+                                  motion=bool(domain.positions) and role == "across", plausible=plausible(domain, name)),
                           [f"{alias}.{name}" for alias in group.aliases])
 
     def _through_unknowns(self, path: str, port: str, domain: Domain, leaf: Leaf) -> None:
@@ -317,13 +315,13 @@ class _Builder:
                 member = domain.members[name]
                 self._unknown(Unknown(f"{path}.{copy}.{name}", member.unit, member.nominal, "through", leaf.place,
                                       member.doc, plausible=plausible(domain, name)), ())
-            effort, flow = (domain.effort, domain.flow) if not domain.power else (None, domain.power)
+            efforts, flows = (domain.efforts, domain.flows) if not domain.power else ((), (domain.power,))
             bonds = self.block_bonds if leaf.component.composite else self.bonds
-            bonds[f"{path}.{copy}"] = Bond(path, None if effort is None else self.names[f"{path}.{copy}.{effort}"],
-                                           self.names[f"{path}.{copy}.{flow}"])
+            bonds[f"{path}.{copy}"] = Bond(path, tuple(self.names[f"{path}.{copy}.{effort}"] for effort in efforts),
+                                           tuple(self.names[f"{path}.{copy}.{flow}"] for flow in flows))
 
-    def _positions(self, also: tuple[str, ...]) -> set[int]:
-        """The groups whose position is named by an equation, an input, an initial value, an output or a caller."""
+    def _positions(self, also: tuple[str, ...]) -> dict[int, list[str]]:
+        """The positions of each group that an equation, an input, an initial value, an output or a caller names."""
         wanted = {f"{path}.{slot}" for path, made in self.templates.items() for slot in made.slots}
         model = self.expanded.model
         formulas: list[tuple[str, Expr]] = [("", shown.expr) for shown in model.show.values()]
@@ -331,12 +329,13 @@ class _Builder:
             formulas += [(b.scope, b.value.expr) for b in leaf.inputs.values() if isinstance(b.value, Value)]
         wanted |= {scope + n.text for scope, expr in formulas for n in names(expr)}
         wanted |= {*model.initial.conditions, *also}
-        positions = set()
+        found: dict[int, list[str]] = {}
         for k, group in enumerate(self.network.groups):
-            position = self.domains[group.domain].position if group.domain in self.domains else None
-            if position and any(f"{alias}.{position}" in wanted for alias in group.aliases):
-                positions.add(k)
-        return positions
+            positions = self.domains[group.domain].positions if group.domain in self.domains else ()
+            named = [position for position in positions if any(f"{alias}.{position}" in wanted for alias in group.aliases)]
+            if named:
+                found[k] = named
+        return found
 
     # -- equations -------------------------------------------------------------------------------------------------
     def _add(self, equation: FlatEquation, residual: ca.SX, entries: Entries) -> None:
@@ -347,9 +346,11 @@ class _Builder:
     def _node_equations(self) -> None:
         self._sums()
         for group in self.network.groups:
-            position = self.domains[group.domain].position if group.domain in self.domains else None
-            if position and f"{group.name}.{position}" in self.names:
-                flow = self.domains[group.domain].flow
+            domain = self.domains.get(group.domain)
+            for position in domain.positions if domain is not None else ():
+                if domain is None or f"{group.name}.{position}" not in self.names:
+                    continue
+                flow = domain.rate(position)
                 x, v = self.names[f"{group.name}.{position}"], self.names[f"{group.name}.{flow}"]
                 self._add(FlatEquation(group.name, f"{flow} is the rate of {position} at node '{group.name}'",
                                        f"{group.name}.{flow} = der({group.name}.{position})", group.place,

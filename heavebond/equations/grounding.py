@@ -84,7 +84,8 @@ class _Finder:
     def _levels(self, domain: Domain, nodes: Sequence[int]) -> list[ca.SX]:
         """The across variables of nodes, and their positions."""
         names = self.flat.names
-        positions = (f"{self.flat.unknowns[j].name.rpartition('.')[0]}.{domain.position}" for j in nodes)
+        first = domain.positions[0] if domain.positions else ""
+        positions = (f"{self.flat.unknowns[j].name.rpartition('.')[0]}.{first}" for j in nodes)
         return [self.flat.levels[0][j] for j in (*nodes, *(names[p] for p in positions if p in names))]
 
     def _feeling(self, domain: Domain, symbols: list[ca.SX], leaves: list[str]) -> tuple[str, ...]:

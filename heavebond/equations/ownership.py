@@ -116,7 +116,7 @@ def _of_group(expanded: Expanded, group: Group, number: int) -> Iterator[tuple[s
 
 
 def _across(domain: Domain) -> tuple[str, ...]:
-    return (*domain.across, *((domain.position,) if domain.position else ()))
+    return (*domain.across, *domain.positions)
 
 
 def _word(domain: Domain, member: str) -> str:

@@ -46,7 +46,7 @@ class Node:
     @property
     def mechanical(self) -> bool:
         """Whether a port's effort is what flows through it."""
-        return self.domain.position is not None
+        return bool(self.domain.positions)
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,8 @@ class Place:
 
 
 def nodes_of(flat: Flat) -> dict[str, Node]:
-    """The nodes of a flat model by name, in the order of the diagram; signals are left out."""
+    """The nodes of a flat model by name, in the order of the diagram; signals are left out, and nodes with several efforts,
+    of which a virtual source would set one only."""
     domains = sorted(flat.expanded.model.library.domains.values(), key=lambda d: -len(d.across))
     balances = {e.subject for e in flat.equations if e.role is EquationRole.BALANCE}
     aliases: dict[int, list[str]] = {}
@@ -94,7 +95,7 @@ def nodes_of(flat: Flat) -> dict[str, Node]:
     for path in flat.expanded.junctions:
         domain = next((d for d in domains if all(f"{path}.{m}" in flat.names for m in d.across)
                        and f"{path}.{d.through[0]}" in balances), None)
-        if domain is None:
+        if domain is None or len(domain.efforts) > 1:
             continue
         index = flat.names[f"{path}.{domain.across[0]}"]
         # inner nodes of a block that are joined to an outer one are that one

@@ -5,8 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import inf
+from typing import TypeVar
 
 import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
 
 from heavebond.core.errors import NAMES_LISTED, Place, suggest
 from heavebond.core.units import ONE, Dimension, Unit, declared_unit
@@ -16,6 +19,7 @@ from heavebond.text.dimensions import SECOND, dimension
 from heavebond.text.expression import Expr, ExpressionProblem, Name, Slice, constant, names
 from heavebond.text.shapes import Lengths
 
+Course = TypeVar("Course", ca.SX, NDArray[np.float64])  # an expression, or values over time
 POWER, WATT = "power", declared_unit("W").dimension
 
 
@@ -38,7 +42,7 @@ NOTHING_KNOWN = PlausibleRange()
 def plausible(domain: Domain, name: str) -> PlausibleRange:
     """What is known of the values of a member of a domain; a position goes on at the typical speed of its domain."""
     member = domain.members[name]
-    speed = domain.members[domain.flow].nominal if name == domain.position and domain.flow else 0.0
+    speed = domain.members[domain.rate(name)].nominal if name in domain.positions else 0.0
     return PlausibleRange(member.nominal if member.sized else inf, speed, inf if member.largest is None else member.largest,
                           -inf if member.physical is None else member.physical, member.beyond)
 
@@ -64,16 +68,21 @@ class Unknown:
 
 @dataclass(frozen=True)
 class Bond:
-    """The power into a component or a block over one port: effort times flow, or one variable that is a power itself (an
-    enthalpy flow; then `effort` is None). Numbers of unknowns."""
+    """The power into a component or a block over one port: effort times flow, summed over its pairs, or one variable that is
+    a power itself (an enthalpy flow; then there are no `efforts`). Numbers of unknowns."""
 
     owner: str
-    effort: int | None
-    flow: int
+    efforts: tuple[int, ...]
+    flows: tuple[int, ...]
 
-    def power(self, values: Sequence[ca.SX]) -> ca.SX:
+    def power(self, values: Sequence[Course]) -> Course:
         """The power, of the values of all unknowns."""
-        return values[self.flow] if self.effort is None else values[self.effort] * values[self.flow]
+        if not self.efforts:
+            return values[self.flows[0]]
+        total = values[self.efforts[0]] * values[self.flows[0]]
+        for effort, flow in zip(self.efforts[1:], self.flows[1:], strict=True):
+            total = total + values[effort] * values[flow]
+        return total
 
 
 @dataclass(frozen=True)

@@ -252,7 +252,7 @@ def _domain(flat: Flat, unknown: Unknown) -> Domain | None:
     """The domain to whose node an across variable or a position belongs."""
     node, _, member = unknown.name.rpartition(".")
     domain = domain_at(flat, node)
-    return domain if domain is not None and member in (*domain.across, domain.position) else None
+    return domain if domain is not None and member in (*domain.across, *domain.positions) else None
 
 
 def domain_at(flat: Flat, path: str) -> Domain | None:

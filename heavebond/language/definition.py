@@ -32,20 +32,22 @@ class Member:
 
 @dataclass(frozen=True)
 class Domain:
-    """What a wire of one kind carries: `across` is shared at a node, `through` sums to zero. `reference` is the component
-    that stands for the surroundings: the ground, a tank; `medium` the one that sets what flows in a circuit; `fills` the
-    component, with its settings, that a node without storage is given where a run stops without. Where the effort is
-    `relative`, a voltage, only its differences mean something: its zero is wherever ground was put. Lines are drawn in
-    `colour`, areas in `pale`. What is `determined_by` fixes the shared variable of a node; a `compliance` ends a rigid
-    loop."""
+    """What a wire of one kind carries: `across` is shared at a node, `through` sums to zero. Power is the sum of effort
+    times flow over the pairs of `efforts` and `flows` (a machine in a plane has three), or the one variable `power`; in
+    mechanics the flows are the rates of the `positions`. `effort`, `flow` and `position` are those of a domain with one
+    pair, else None. `reference` is the component that stands for the surroundings: the ground, a tank; `medium` the one
+    that sets what flows in a circuit; `fills` the component, with its settings, that a node without storage is given where
+    a run stops without. Where the effort is `relative`, a voltage, only its differences mean something: its zero is
+    wherever ground was put. Lines are drawn in `colour`, areas in `pale`. What is `determined_by` fixes the shared variable
+    of a node; a `compliance` ends a rigid loop."""
 
     name: str
     members: dict[str, Member]
     across: tuple[str, ...]
     through: tuple[str, ...]
-    effort: str | None
-    flow: str | None
-    position: str | None
+    efforts: tuple[str, ...]
+    flows: tuple[str, ...]
+    positions: tuple[str, ...]
     power: str | None
     reference: str | None = None
     medium: str | None = None
@@ -55,6 +57,30 @@ class Domain:
     pale: str = ""
     determined_by: str = "what decides it"
     compliance: str = "a part that gives way"
+
+    @property
+    def effort(self) -> str | None:
+        """The effort of a domain with one pair."""
+        return self.efforts[0] if len(self.efforts) == 1 else None
+
+    @property
+    def flow(self) -> str | None:
+        """The flow of a domain with one pair."""
+        return self.flows[0] if len(self.flows) == 1 else None
+
+    @property
+    def position(self) -> str | None:
+        """The position of a domain with one pair."""
+        return self.positions[0] if len(self.positions) == 1 else None
+
+    @property
+    def pairs(self) -> tuple[tuple[str, str], ...]:
+        """Each effort with its flow."""
+        return tuple(zip(self.efforts, self.flows, strict=True))
+
+    def rate(self, position: str) -> str:
+        """The flow that is the rate of a position."""
+        return self.flows[self.positions.index(position)]
 
     def role(self, member: str) -> str:
         """The member's own name for `effort` and `flow` as generic ports write them."""

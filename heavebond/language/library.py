@@ -282,8 +282,8 @@ def _domain(name: str, node: Mapping, problems: Problems) -> Domain:
     def single(key: str) -> str | None:
         return reading.text(node.items.get(key), key, problems) or None
 
-    return Domain(name, members, listed("across"), listed("through"), single("effort"), single("flow"),
-                  single("position"), single("power"), single("reference"), single("medium"), _fills(node, problems),
+    return Domain(name, members, listed("across"), listed("through"), listed("effort"), listed("flow"),
+                  listed("position"), single("power"), single("reference"), single("medium"), _fills(node, problems),
                   reading.choice(node.items.get("relative"), "relative", ("true", "false"), problems) == "true",
                   **{key: found for key in ("colour", "pale", "determined_by", "compliance") if (found := single(key))})
 

@@ -192,10 +192,11 @@ class _Trial:
         orders = [max((e.column // n for e in row), default=0) for row in self.made.entries]
         place = {slot: k for k, slot in enumerate(self.made.slots)}
         for port, domain in self.ports.items():
-            if domain.position and f"{port}.{domain.position}" in place:
-                x, v = place[f"{port}.{domain.position}"], place[f"{port}.{domain.flow}"]
-                residuals.append(levels[1][x] - levels[0][v])
-                orders.append(1)
+            for position in domain.positions:
+                if f"{port}.{position}" in place:
+                    x, v = place[f"{port}.{position}"], place[f"{port}.{domain.rate(position)}"]
+                    residuals.append(levels[1][x] - levels[0][v])
+                    orders.append(1)
         rows = stack([*residuals, *self._derivatives(residuals, orders, levels, t)])
         *energy, store = split(self.made.energy(*given))
         own = [self._port_power(port, domain, levels[0], place) for port, domain in self.ports.items()]
@@ -222,8 +223,12 @@ class _Trial:
         if domain.power:
             k = place[f"{port}.{domain.power}"]
             return slots[k], ca.fabs(slots[k]) + self.size[k]
-        e, f = place[f"{port}.{domain.effort}"], place[f"{port}.{domain.flow}"]
-        return slots[e] * slots[f], ca.fabs(slots[e]) * self.size[f] + self.size[e] * ca.fabs(slots[f])
+        power, size = ca.SX(0), ca.SX(0)
+        for effort, flow in domain.pairs:
+            e, f = place[f"{port}.{effort}"], place[f"{port}.{flow}"]
+            power += slots[e] * slots[f]
+            size += ca.fabs(slots[e]) * self.size[f] + self.size[e] * ca.fabs(slots[f])
+        return power, size
 
     # -- random numbers --------------------------------------------------------------------------------------------
     def _size(self, slot: str) -> float:

@@ -134,7 +134,7 @@ def _problem(message: str, place: Place | None, notes: Iterable[str]) -> Problem
 def _lines_of(component: Component, domains: Mapping[str, Domain], ports: Iterable[str]) -> list[EquationLine]:
     """The equations that set what flows at ports: those in which a through variable stands by itself on one side first."""
     wanted = {port.partition("[")[0] for port in ports}
-    shared = {member for domain in domains.values() for member in (*domain.across, domain.position)}
+    shared = {member for domain in domains.values() for member in (*domain.across, *domain.positions)}
     found = [line for line in component.equations
              if any(name.partition("[")[0].partition(".")[0] in wanted for side in (line.tree.left, line.tree.right)
                     if isinstance(side, Name) for name in [side.text])

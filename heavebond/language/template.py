@@ -139,16 +139,14 @@ class _Builder:
     def _slots(self) -> list[str]:
         """Port members, signals and own variables; a position only where the text names it."""
         texts = [n.text for tree in self._trees() for n in names(tree)]
-        positions = {t.split("[")[0].split(".")[0] for t in texts if "." in t
-                     for d in [self.bound.get(t.split("[")[0].split(".")[0])] if d
-                     and self.domains[d].role(t.rsplit(".", 1)[1]) == self.domains[d].position}
+        positions = {(port, member) for t in texts if "." in t
+                     for port in [t.split("[")[0].split(".")[0]] for d in [self.bound.get(port)] if d
+                     for member in [self.domains[d].role(t.rsplit(".", 1)[1])] if member in self.domains[d].positions}
         slots = []
         for port, domain_name in self.bound.items():
             domain = self.domains[domain_name]
             copies = [f"{port}[{k + 1}]" for k in range(self.arrays[port])] if port in self.arrays else [port]
-            members = [*domain.across, *domain.through]
-            if port in positions and domain.position:
-                members.append(domain.position)
+            members = [*domain.across, *domain.through, *(m for m in domain.positions if (port, m) in positions)]
             slots += [f"{copy}.{member}" for copy in copies for member in members]
         return [*slots, *self.component.signals, *self.component.unknowns]
 
@@ -287,7 +285,8 @@ class _Builder:
                 if domain.power:
                     power += self.levels[0][f"{copy}.{domain.power}"]
                 else:
-                    power += self.levels[0][f"{copy}.{domain.effort}"] * self.levels[0][f"{copy}.{domain.flow}"]
+                    power += sum((self.levels[0][f"{copy}.{effort}"] * self.levels[0][f"{copy}.{flow}"]
+                                  for effort, flow in domain.pairs), ca.SX(0))
         component = self.component
         stores = self._optional(component.stores)
         return [power, self._der(stores), self._optional(component.dissipates), self._optional(component.unbalanced),

@@ -47,12 +47,12 @@ class ModalEnergies:
         _, x, z, _, _, _ = assembly.arguments
         flat = assembly.flat
         self.assembly = assembly
-        self.left_out = tuple(dict.fromkeys(b.owner for b in flat.bonds.values() if b.effort is None))
+        self.left_out = tuple(dict.fromkeys(b.owner for b in flat.bonds.values() if not b.efforts))
         bonds = [b for b in flat.bonds.values() if b.owner not in self.left_out]
-        self.owners = [b.owner for b in bonds]
+        self.owners = [b.owner for b in bonds for _ in b.efforts]
         self.stores = {e.owner for e in flat.energetics if not e.energy.is_zero()}
         sides = [assembly.express(stack([flat.levels[0][j] for j in numbers])) for numbers in (
-            [b.effort for b in bonds if b.effort is not None], [b.flow for b in bonds])]
+            [j for b in bonds for j in b.efforts], [j for b in bonds for j in b.flows])]
         self._slopes = ca.Function("slopes", list(assembly.arguments), [
             ca.jacobian(side, by) for side in (*sides, assembly.alg) for by in (x, z)])
 

@@ -234,8 +234,8 @@ def _check_prescribed(reduced: Reduced) -> None:
              for port in leaf.component.ports.values() if port.prescribed and leaf.component.held]
     for path, leaf, port in ports:
         own = {flat.constants[f"{path}.{name}"].element_hash() for name in leaf.component.held}
-        flow = flat.expanded.model.library.domains[port.domain].flow
-        motion = reduced.express(flat.levels[0][flat.names[f"{path}.{port.name}.{flow}"]])
+        flows = flat.expanded.model.library.domains[port.domain].flows
+        motion = reduced.express(stack(flat.levels[0][flat.names[f"{path}.{port.name}.{flow}"]] for flow in flows))
         if own & _felt(reduced, motion):
             problems.add("port-not-prescribed", f"what moves port {port.name} of '{path}' would have to feel '{path}', "
                          "whose law gives it no push: momentum and energy would be made", leaf.place,

@@ -95,7 +95,8 @@ def _size(values: Array) -> float:
 
 def _port_powers(flat: Flat, values: Array) -> dict[str, Array]:
     """The power into each component over each port (N,)."""
-    return {port: values[b.flow] * (1.0 if b.effort is None else values[b.effort]) for port, b in flat.bonds.items()}
+    rows = list(values)
+    return {port: bond.power(rows) for port, bond in flat.bonds.items()}
 
 
 def _energies(assembly: Assembly, parts: Sequence[Energetics], columns: Sequence[Array], more: Sequence[ca.SX]

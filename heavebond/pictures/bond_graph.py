@@ -112,7 +112,7 @@ class _Builder:
     def _element(self, path: str, leaf: Leaf) -> None:
         component = leaf.component
         ports = {end: self.network.group_of_port[end] for end in self._ends(path, component)}
-        silent = [p for p in ports if _right_side(component, p.removeprefix(path + "."), self._through(path, p)) == "0"]
+        silent = [p for p in ports if self._silent(path, component, p)]
         power = [p for p in ports if p not in silent]
         if not power:  # a sensor: it takes nothing
             domain = self._domain(path, next(iter(ports)))
@@ -120,11 +120,12 @@ class _Builder:
             self._joined(Vertex(path, letter, path, ""), dict.fromkeys(ports, 1), ports, True)
             return
         kinds = {self.network.domains[path].get(_array(p, path), "") for p in power}
-        if len(power) == 1:
+        several = any(domain is not None and len(domain.efforts) > 1 for domain in (self._domain(path, p) for p in power))
+        if len(power) == 1 and not several:
             self._one_port(path, component, power[0], ports)
-        elif len(power) == 2 and len(kinds) == 1 and (signs := self._signs(path, component, power)):
+        elif len(power) == 2 and len(kinds) == 1 and not several and (signs := self._signs(path, component, power)):
             self._between(path, component, power, signs, ports)
-        elif len(power) == 2 and (letter := self._two_port(path, component, power)):
+        elif len(power) == 2 and not several and (letter := self._two_port(path, component, power)):
             self._joined(Vertex(path, letter, path, ""), {power[0]: 1, power[1]: -1}, ports)
         else:
             self.words.append(path)
@@ -144,6 +145,11 @@ class _Builder:
 
     def _domain(self, path: str, port: str) -> Domain | None:
         return self._domains().get(self.network.domains[path].get(_array(port, path), ""))
+
+    def _silent(self, path: str, component: Component, port: str) -> bool:
+        """Whether a port takes nothing: its through variables are set to 0."""
+        domain, name = self._domain(path, port), port.removeprefix(path + ".")
+        return domain is not None and all(_right_side(component, name, member) == "0" for member in domain.through)
 
     def _through(self, path: str, port: str) -> str:
         domain = self._domain(path, port)

@@ -206,7 +206,7 @@ def _variables(result: Result, expanded: Expanded, what: str) -> tuple[dict[str,
 
 def _across(expanded: Expanded, member: str) -> bool:
     """Whether it is shared at nodes, so that these show it."""
-    return any(member in domain.across or member == domain.position for domain in expanded.model.library.domains.values())
+    return any(member in domain.across or member in domain.positions for domain in expanded.model.library.domains.values())
 
 
 def _largest(courses: list[Array]) -> Array:

@@ -137,8 +137,8 @@ def _apart(assembly: Assembly, wanted: Iterable[str]) -> dict[str, _Apart]:
     for name in wanted:
         port, _, member = name.rpartition(".")
         for domain in assembly.model.library.domains.values():
-            if name not in known and member == domain.position and f"{port}.{domain.flow}" in known:
-                found[name] = _Apart(f"{port}.{domain.flow}", domain.members[member].unit.dimension)
+            if name not in known and member in domain.positions and (rate := f"{port}.{domain.rate(member)}") in known:
+                found[name] = _Apart(rate, domain.members[member].unit.dimension)
     return found
 
 
