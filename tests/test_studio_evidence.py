@@ -226,6 +226,8 @@ def test_the_page_has_the_figures_of_compare(rig: Path) -> None:
     told, rows = evidence.against(job, "tuesday", "load.x", "load.v")
     assert np.array_equal(rows[1], channel.measured - channel.model) and told == {"unit": "m", "across": "m/s"}
     assert evidence.compare(_job(rig, damper__d="300 N*s/m"))[0]["records"] != told  # as by --set
+    told, rows = evidence.against(job, "tuesday", "load.x", "load.v - deck.v")
+    assert told["across"] == "m/s" and np.ptp(rows[0]) > 0.05
     assert _code(lambda: evidence.against(job, "tuesday", "load.x", "load.w")) == "signal-unknown"
 
 
@@ -292,6 +294,32 @@ def test_a_job_that_is_stopped_gives_its_best_so_far_and_one_that_fails_its_reas
             jobs.close()
 
     asyncio.run(work())
+
+
+@pytest.mark.long
+def test_a_tuning_has_the_figures_of_the_command_line_and_results_on_bundled_files_go_into_the_folder(rig: Path) -> None:
+    given = {"free": ["damper.d=50 .. 900 N*s/m"], "cost": "rms(load)", "folder": str(rig)}
+    bundled = hb.load("passive_rig").path
+
+    async def work() -> tuple[Any, list[str], list[str]]:
+        jobs = LongJobs()
+        try:
+            job = await _done(jobs.begin("tune", "rig.yaml", rig / "rig.yaml", "v", given))
+            files = await job.write({})
+            fit = await _done(jobs.begin("fit", "bundled:passive_rig/friction", bundled.with_name("friction.yaml"), "v",
+                                         {"folder": str(rig)}))
+            return job.told, files, await fit.write({})
+        finally:
+            jobs.close()
+
+    told, files, fitted = asyncio.run(work())
+    run = CliRunner().invoke(main, ["tune", str(rig / "rig.yaml"), "--free", given["free"][0], "--cost", "rms(load)",
+                                    "--json", str(rig / "tune.json")])
+    assert run.exit_code == 0
+    expected = json.loads((rig / "tune.json").read_text(encoding="utf-8"))
+    assert json.loads(json.dumps(told["figures"])) == {k: expected[k] for k in told["figures"]}
+    assert Path(files[0]) == rig / "rig_tuned.yaml" and hb.load(files[0]).settings
+    assert [Path(f).parent for f in fitted] == [rig, rig] and load_experiment(fitted[-1]).records
 
 
 @pytest.mark.long

@@ -21,7 +21,7 @@ from heavebond.numerics.dae import Array, Assembly, assemble
 from heavebond.numerics.initialise import start
 from heavebond.numerics.inputs import pieced
 from heavebond.numerics.quick_simulation import QuickSimulator
-from heavebond.numerics.result import Result
+from heavebond.numerics.result import Probe, Result
 from heavebond.numerics.simulation import changes_of, simulate
 from heavebond.numerics.simulator import grid
 from heavebond.pictures.drawing import draw
@@ -39,15 +39,16 @@ def read(job: Job) -> Model:
     return model.with_parameters(dict(job.values)) if job.values else model
 
 
-def stamps(model: Model, path: str) -> tuple[Any, ...]:
+def stamps(files: Sequence[Path]) -> tuple[Any, ...]:
     """By what a change of the other files that a diagram reads is noticed."""
-    return tuple((str(p), p.stat().st_mtime_ns) for p in dependencies(model, Path(path)) if p.exists())
+    return tuple((str(p), p.stat().st_mtime_ns) for p in files if p.exists())
 
 
 def dependencies(model: Model, path: Path) -> list[Path]:
     """The files beside its own that a diagram is made of: those that it extends, lists of values, and the components in its
     folder."""
-    library = [p for p in model.library.files.values() if path.parent.resolve() in p.resolve().parents]
+    folder = path.parent.resolve()
+    library = [p for p in model.library.files.values() if folder in p.resolve().parents]
     return [p for p in dict.fromkeys([*model.sources, *library]) if p.resolve() != path.resolve()]
 
 
@@ -113,19 +114,22 @@ class Bench:
     """Runs of one page: the diagram assembled once for as long as its text stays, and the results that were made last."""
 
     def __init__(self) -> None:
-        self._assembled: tuple[Any, Assembly] | None = None
+        self._assembled: tuple[Any, Assembly, Sequence[Path]] | None = None
         self._quick: tuple[Any, QuickSimulator] | None = None
+        self._probe: tuple[Any, Probe] | None = None  # of the signals that previews show
         self._results: OrderedDict[Any, Result] = OrderedDict()
 
     def _assembly(self, job: Job) -> tuple[Any, Assembly]:
         """The diagram as it is written, without the values of sliders."""
-        if self._assembled is not None and self._assembled[0][:3] == (job.text, job.path, job.name) and \
-                self._assembled[0][3] == stamps(self._assembled[1].model, job.path):
-            return self._assembled
+        if self._assembled is not None:
+            key, assembly, files = self._assembled
+            if key == (job.text, job.path, job.name, stamps(files)):
+                return key, assembly
         model = read(replace(job, values={}))
-        key = (job.text, job.path, job.name, stamps(model, job.path))
-        self._assembled = (key, assemble(model))
-        return self._assembled
+        files = dependencies(model, Path(job.path))
+        key = (job.text, job.path, job.name, stamps(files))
+        self._assembled = (key, assemble(model), files)
+        return key, self._assembled[1]
 
     def run(self, job: Job, names: Sequence[str] = ()) -> tuple[Entry, Array]:
         """A run as `heavebond run` makes it, by `--set` with the values of the sliders."""
@@ -165,10 +169,16 @@ class Bench:
         tolerances but does not look for the reason where it fails."""
         self.prepare(job)
         assert self._quick is not None
+        names = list(dict.fromkeys(names))
+        which = (self._quick[0], tuple(names))
+        if self._probe is None or self._probe[0] != which:
+            self._probe = (which, Probe(self._quick[1].assembly, names))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             result = self._quick[1].run(dict(job.values))
-        return _with_series({"verdict": {"status": "clean", "text": ""}}, result, names)
+        told: Entry = {"verdict": {"status": "clean", "text": ""}, "signals": names,
+                       "units": {name: result.unit(name) for name in names}}
+        return told, np.vstack([result.time, *(self._probe[1].values(result) if names else [])])
 
     def signals(self, job: Job, names: Sequence[str]) -> tuple[Entry, Array]:
         """Further signals of a run; one that is no longer kept is made again."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 
 from heavebond.core.errors import HeavebondError, Problem, UsageError, suggest
 from heavebond.core.presentation import readable, readable_unit
-from heavebond.core.units import read_unit
+from heavebond.core.units import dimension_text, read_unit
 from heavebond.equations.places import nodes_of
 from heavebond.estimation.comparison import Channel, Comparison, assemble_for, compare
 from heavebond.estimation.experiment import Experiment, Record, experiment_from_source
@@ -24,6 +25,7 @@ from heavebond.records.measurements import read_table
 from heavebond.reports.result_tables import Item, Line, ResultTable, comparison_items
 from heavebond.studio.contents import Entry
 from heavebond.studio.job import Job
+from heavebond.text.expression import ExpressionProblem
 from heavebond.text.yaml_source import parse
 
 
@@ -106,12 +108,9 @@ class Evidence:
         """The residual of a channel over a signal of the run at the same instants, those that count in any way."""
         found, channel = self._channel(job, record, name)
         result = found.result
-        if signal not in result.assembly.flat.names:
-            raise UsageError([Problem("signal-unknown", f"the diagram has no signal '{signal}'", None,
-                                      suggest(signal, result.assembly.flat.names))])
+        unit = _unit_of(result.assembly, signal)
         course = Probe(result.assembly, [signal], si=True).values(result)[0]
         shift = self._comparison(job).experiment.outputs[name].shift
-        unit = result.assembly.flat.unknowns[result.assembly.flat.names[signal]].unit.text
         shown = readable_unit(unit, float(np.max(np.abs(course), initial=0.0)))
         x = np.interp(channel.time - shift, result.time, course) / read_unit(shown).scale
         counts = channel.counts | (found.validate.channels[name].counts if found.validate is not None
@@ -135,12 +134,27 @@ class Evidence:
         return self._kept[1]
 
 
+def _unit_of(assembly: Assembly, signal: str) -> str:
+    """The SI unit of a formula in the diagram's signals; UsageError where it cannot be read."""
+    try:
+        formula = assembly.model.library.formula(signal)
+        return dimension_text(assembly.resolver().dimension(formula) or ())
+    except ExpressionProblem as problem:
+        raise UsageError([Problem("signal-unknown", f"'{signal}': {problem.message}", None,
+                                  suggest(signal, assembly.flat.names) or problem.hint)]) from None
+
+
 def _variables(comparison: Comparison) -> list[Entry]:
-    """What a residual may be drawn over: velocity, position or pressure of each node, with their units."""
+    """What a residual may be drawn over: velocity, position or pressure of each node, and their differences across parts."""
     flat = next(iter(comparison.records.values())).result.assembly.flat
-    names = [f"{path}.{member}" for path, node in nodes_of(flat).items()
-             for member in (*node.domain.across, *([node.domain.position] if node.domain.position else []))]
-    return [{"name": name, "doc": flat.unknowns[flat.names[name]].doc} for name in names if name in flat.names]
+    nodes = nodes_of(flat)
+    members = {path: [m for m in (*node.domain.across, node.domain.position) if m and f"{path}.{m}" in flat.names]
+               for path, node in nodes.items()}
+    docs = {f"{path}.{m}": flat.unknowns[flat.names[f"{path}.{m}"]].doc for path in nodes for m in members[path]}
+    owners = {path: {port.rpartition(".")[0] for port in node.ports} for path, node in nodes.items()}
+    pairs = [(a, b) for a, b in combinations(nodes, 2) if owners[a] & owners[b] and nodes[a].domain is nodes[b].domain]
+    docs |= {f"{b}.{m} - {a}.{m}": f"{docs[f'{a}.{m}']} between" for a, b in pairs for m in members[a] if m in members[b]}
+    return [{"name": name, "doc": doc} for name, doc in docs.items()]
 
 
 # -- records that become an experiment -----------------------------------------------------------------------------------

@@ -76,6 +76,7 @@ async def _begin(tab: Tab, message: dict[str, Any]) -> Answer:
     given = message.get("given", {})
     if not isinstance(given, dict):
         raise TypeError(given)
+    given = {**given, "folder": str(tab.folder.root) if name.startswith(BUNDLED) else ""}
     return "done", {"job": tab.jobs.begin(kind, name, document.path, document.version, given).entry()}, None
 
 

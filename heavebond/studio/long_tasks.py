@@ -56,14 +56,17 @@ def fitted(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
     early = found.message == ENDED_EARLY
     items = [*fit_items(found), *([Line("ended early: these are the best values so far", True)] if early else [])]
     return _result("fit", items, found.as_dict(), early, adds=[{"label": "the fitted values"}]), {}, \
-        lambda asked: _write_fit(found, path, asked)
+        lambda asked: [] if asked.get("lost") else _write_fit(found, path, _folder(path, given))
 
 
-def _write_fit(found: Fit, path: Path, asked: Mapping[str, Any]) -> list[Path]:
-    if asked.get("lost"):
-        return []
-    experiment = _free_path(path.with_name(f"{path.stem}_fitted.yaml"))
-    diagram = _free_path(path.with_name(f"{found.experiment.model.path.stem}_fitted.yaml"), experiment)
+def _folder(path: Path, given: Mapping[str, Any]) -> Path:
+    """Where results go: beside the file, for a bundled one into the opened folder."""
+    return Path(str(given["folder"])) if given.get("folder") else path.parent
+
+
+def _write_fit(found: Fit, path: Path, folder: Path) -> list[Path]:
+    experiment = _free_path(folder / f"{path.stem}_fitted.yaml")
+    diagram = _free_path(folder / f"{found.experiment.model.path.stem}_fitted.yaml", experiment)
     write(diagram, fitted_diagram(found, diagram))
     write(experiment, _experiment_on(f"{found.experiment.name}, fitted", experiment, path, diagram))
     return [diagram, experiment]
@@ -156,7 +159,7 @@ def diagnosed(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
               if e.trial is not None and e.candidate.label not in chosen][:ALTERNATIVES]
     return _result("diagnose", diagnosis_items(found), found.as_dict(), partial, adds=adds, others=others,
                    ladder=[rung_entry(r.as_dict()) for r in found.ladder], verdict=found.verdict), {}, \
-        lambda asked: _write_added(experiment, added[:int(asked.get("count", len(added)))])
+        lambda asked: _write_added(experiment, added[:int(asked.get("count", len(added)))], _folder(path, given))
 
 
 def tried(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
@@ -166,7 +169,7 @@ def tried(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
     label = f"{found.finding.candidate.kind} {found.finding.candidate.place}"
     return _result("try", attempt_items(found), found.as_dict(), False, adds=[{"label": label, "count": 1}],
                    ladder=[rung_entry(r.as_dict()) for r in found.ladder]), {}, \
-        lambda asked: [] if asked.get("lost") else _write_added(experiment, [found.finding])
+        lambda asked: [] if asked.get("lost") else _write_added(experiment, [found.finding], _folder(path, given))
 
 
 def rung_entry(rung: Mapping[str, object]) -> Entry:
@@ -174,9 +177,9 @@ def rung_entry(rung: Mapping[str, object]) -> Entry:
     return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in rung.items()}
 
 
-def _write_added(experiment: Experiment, findings: Sequence[AddedEffect]) -> list[Path]:
+def _write_added(experiment: Experiment, findings: Sequence[AddedEffect], folder: Path) -> list[Path]:
     """The files of findings: each experiment, the last one last."""
-    return write_findings(experiment, findings, Targets.beside(experiment, None)) if findings else []
+    return write_findings(experiment, findings, Targets.beside(experiment, folder)) if findings else []
 
 
 # -- tune ----------------------------------------------------------------------------------------------------------------
@@ -203,7 +206,7 @@ def tuned(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
     def write_tuned(said: Mapping[str, Any]) -> list[Path]:
         if said.get("lost"):
             return []
-        target = _free_path(path.with_name(f"{asked.model.path.stem}_tuned.yaml"))
+        target = _free_path(_folder(path, given) / f"{asked.model.path.stem}_tuned.yaml")
         write(target, tuned_diagram(asked.model, task, result, target, {}))
         return [target]
 

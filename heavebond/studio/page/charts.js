@@ -20,8 +20,11 @@ export function onDark(act) { DARK.addEventListener("change", () => act(DARK.mat
 /** @param {any} c @param {string} label */
 function axes(c, label) {
   const axis = { stroke: c.ink, grid: { stroke: c.line, width: 1 }, ticks: { stroke: c.line, width: 1 }, font: "12px system-ui, sans-serif", labelFont: "12px system-ui, sans-serif" };
-  return { axis, y: { ...axis, size: 66, label, labelSize: 18, values: (/** @type {any} */ _, /** @type {number[]} */ ticks) => ticks.map((t) => number(t)) } };
+  return { axis, y: { ...axis, size: 66, space: 24, label: unitLabel(label), labelSize: 18, values: (/** @type {any} */ _, /** @type {number[]} */ ticks) => ticks.map((t) => number(t)) } };
 }
+
+/** A text with units as they are printed: m/s² for m/s**2. @param {string} text */
+export function unitLabel(text) { return text.replace(/\*\*(-?\d)/g, (_, n) => [...n].map((c) => c === "-" ? "⁻" : "⁰¹²³⁴⁵⁶⁷⁸⁹"[Number(c)]).join("")).replace(/(?<=[\w²³])\*(?=\w)/g, "·"); }
 
 /** Courses over time. A line is {label, values, colour, width, dash, points}; `band` shades stretches of time, `levels` are dashed lines.
  * @param {HTMLElement} place @param {{time: any, lines: any[], unit: string, height: number, sync: string, shaded?: [number, number][], levels?: number[], describe: string, band?: any}} given */
@@ -110,7 +113,7 @@ export function cloud(place, given) {
   const chart = new uPlot({
     width: Math.max(200, place.clientWidth - 26), height: given.height, cursor: { drag: { x: true, y: true } }, legend: { show: false },
     scales: { x: { time: false } }, hooks: { draw: [draw] },
-    axes: [{ ...axis, size: 44, label: given.xLabel, labelSize: 18, values: (/** @type {any} */ _, /** @type {number[]} */ ticks) => ticks.map((t) => number(t)) }, y],
+    axes: [{ ...axis, size: 44, label: unitLabel(given.xLabel), labelSize: 18, values: (/** @type {any} */ _, /** @type {number[]} */ ticks) => ticks.map((t) => number(t)) }, y],
     series: [{}, { stroke: "transparent", points: { show: false } }],
   }, [xs, ys], box);
   box.append(el("p", { class: "cloud-key" }, key(c.colours[0]), " while it rises ", key(c.colours[1]), " while it falls", given.curve ? " — black: curve learnt from the fitted records" : ""));

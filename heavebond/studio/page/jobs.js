@@ -225,8 +225,10 @@ export class Jobs {
   /** Places of the localisation at a part or node, the likeliest first. @param {string} kind @param {string} path */
   placesAt(kind, path) {
     const places = this.state("where")?.result?.places ?? [];
-    return places.map((/** @type {any} */ place, /** @type {number} */ k) => ({ k, place })).filter(({ place }) => kind === "part" ? place.components.includes(path) ||
-      (this.studio.view.parts[path] && place.nodes.length === 1 && this.nodesOf(path).includes(place.nodes[0])) : place.nodes.includes(path));
+    const all = places.map((/** @type {any} */ place, /** @type {number} */ k) => ({ k, place })), nodes = this.nodesOf(path);
+    if (kind === "node") return all.filter(({ place }) => place.nodes.includes(path));
+    const beside = all.filter(({ place }) => place.components.includes(path)); // beside the part, else at one of its nodes
+    return beside.length ? beside : all.filter(({ place }) => place.nodes.length === 1 && nodes.includes(place.nodes[0]));
   }
 
   /** @param {string} part */
