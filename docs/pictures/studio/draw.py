@@ -14,6 +14,7 @@ sys.path.insert(0, str(HERE.parents[2] / "tests"))
 import browser  # noqa: E402
 
 SETTLED = 0.5  # s until the charts are drawn
+PATIENCE = 300.0  # s for a diagnosis
 
 
 def pictures(tab: browser.Tab, address: str, folder: Path) -> None:
@@ -52,6 +53,38 @@ def pictures(tab: browser.Tab, address: str, folder: Path) -> None:
     take("mistake")
 
 
+def records(tab: browser.Tab, opened: Path, folder: Path) -> None:
+    """The records of a rig dropped on its diagram, compared, located and diagnosed."""
+    def take(name: str) -> None:
+        time.sleep(SETTLED)
+        (folder / f"{name}.png").write_bytes(tab.screenshot())
+        print(f"wrote {folder / name}.png")
+
+    days = [opened / "shaker" / "data" / f"{day}.csv" for day in ("monday", "tuesday")]
+    texts = {day.name: day.read_text(encoding="utf-8") for day in days}
+    tab.run("studio.open('shaker/shaker.yaml')")
+    tab.wait("studio.document.name === 'shaker/shaker.yaml' && Boolean(studio.view?.parts)")
+    tab.drop("#sheet", texts)
+    tab.wait("document.querySelector('#record-form').open")
+    for name in ("spring.c", "damper.d"):
+        tab.click(f"[id='free-{name}']")
+    take("record_form")
+    tab.click("#make-experiment")
+    tab.wait("Boolean(studio.evidence.told) && studio.evidence.charts.length > 0")
+    tab.click("#toggle-text")
+    tab.click("[data-zoom='fit']")
+    take("records")
+    tab.click("#tab-where")
+    tab.click("#begin-where")
+    tab.wait("studio.evidence.jobs.state('where')?.state === 'done'", PATIENCE)
+    tab.click("g.part[data-part='damper'] .frame")
+    take("locate")
+    tab.click("#tab-diagnose")
+    tab.click("#begin-diagnose")
+    tab.wait("studio.evidence.jobs.state('diagnose')?.state === 'done'", PATIENCE)
+    take("diagnosis")
+
+
 def main(folder: Path) -> None:
     """Start the studio on an empty folder, and a browser."""
     with tempfile.TemporaryDirectory() as place:
@@ -62,12 +95,15 @@ def main(folder: Path) -> None:
         try:
             assert server.stdout is not None
             address = server.stdout.readline().split(": ")[1].strip()
+            from heavebond.estimation.starter_folder import start_folder
             from heavebond.studio.folder import Folder
 
             Folder(opened).create("rig")
+            start_folder(opened / "shaker")
             tab = browser.Tab(Path(place) / "profile", 1440, 960)
             try:
                 pictures(tab, address, folder)
+                records(tab, opened, folder)
             finally:
                 tab.close()
         finally:

@@ -192,7 +192,7 @@ export class Jobs {
     if (job.state === "running" && job.best && !rows.some((/** @type {any} */ r) => r.name === `+ ${job.best.name}`))
       rows.push({ name: `+ ${job.best.name}, being tried`, chi2: Number(job.best.chi2), error: null, open: true });
     const most = Math.max(1, ...rows.map((/** @type {any} */ r) => Math.log10(Math.max(r.chi2, 1)) || 0));
-    return [el("h3", {}, "Reduced chi-square on held-out data (1 = noise level)"), el("ul", { class: "ladder" }, ...rows.map((/** @type {any} */ r) => {
+    return [el("h3", {}, "Reduced chi-square on held-out data (1 = noise level), and the error in % of what was measured"), el("ul", { class: "ladder" }, ...rows.map((/** @type {any} */ r) => {
       const bar = el("span", { class: `fall${r.open ? " open" : ""}` });
       bar.style.width = `${(2 + 98 * Math.log10(Math.max(r.chi2, 1)) / most).toFixed(1)}%`;
       return el("li", {}, el("span", { class: "rung" }, r.name), el("span", { class: "course" }, bar), el("span", { class: "figure" }, number(r.chi2, 4)),
@@ -227,7 +227,7 @@ export class Jobs {
     const places = this.state("where")?.result?.places ?? [];
     const all = places.map((/** @type {any} */ place, /** @type {number} */ k) => ({ k, place })), nodes = this.nodesOf(path);
     if (kind === "node") return all.filter(({ place }) => place.nodes.includes(path));
-    const beside = all.filter(({ place }) => place.components.includes(path)); // beside the part, else at one of its nodes
+    const beside = all.filter(({ place }) => place.nodes.length === 2 && place.components.includes(path)); // else at one of its nodes
     return beside.length ? beside : all.filter(({ place }) => place.nodes.length === 1 && nodes.includes(place.nodes[0]));
   }
 
