@@ -28,16 +28,18 @@ if TYPE_CHECKING:
               "points in time [default: all, or 5000 of more than 30000].")
 @click.option("--folder", metavar="FOLDER", type=click.Path(path_type=Path, file_okay=False),
               help="Where the files go; made if it does not exist [default: beside EXPERIMENT].")
+@click.option("--resume", is_flag=True, help="Go on from the refits of the same search, which was ended early.")
 @click.option("--report", "report_file", metavar="FILE", type=click.Path(path_type=Path),
               help="The report [default: NAME_report.html in the folder].")
 @json_option
 def diagnose(experiment: str, steps: int, classes: tuple[str, ...], seconds: float, processes: int | None,
-             samples: int | None, folder: Path | None, report_file: Path | None) -> dict[str, object]:
+             samples: int | None, folder: Path | None, resume: bool, report_file: Path | None) -> dict[str, object]:
     """Identify the physical effect that is missing in the model of EXPERIMENT, its place, and the confidence of the result.
 
     Writes a diagram that extends the model with the effect, the experiment on it (NAME_2.yaml) and a report
     (NAME_report.html). Held-out records decide; where there are none, sections of the records are held out. Ctrl-C ends the
-    search with the best result so far.
+    search with the best result so far. NAME_refits.jsonl holds what was done until the search ends: also after a crash,
+    --resume goes on from there.
     """
     began = clock.perf_counter()
     from heavebond.commands import terminal
@@ -45,6 +47,7 @@ def diagnose(experiment: str, steps: int, classes: tuple[str, ...], seconds: flo
     from heavebond.core.writable import write_text
     from heavebond.diagnosis.diagnosis import diagnose as diagnosed
     from heavebond.diagnosis.diagnosis_files import Targets, write_findings, write_proposal
+    from heavebond.diagnosis.kept_refits import KeptRefits, keeping
     from heavebond.estimation.experiment import load_experiment
     from heavebond.reports.report import report
     from heavebond.reports.result_tables import diagnosis_items
@@ -54,8 +57,11 @@ def diagnose(experiment: str, steps: int, classes: tuple[str, ...], seconds: flo
     targets = Targets.beside(given, folder)
     page = report_file or targets.report
     check_writable(page, (".html",))
+    kept = KeptRefits.begin(targets.kept, resume)
+    if resume and not kept.known:
+        terminal.warn(f"there is no refit to go on from in {targets.kept}: the search begins anew")
     try:
-        with terminal.working("diagnosing") as progress:
+        with terminal.working("diagnosing") as progress, keeping(kept):
             found = diagnosed(given, steps=steps, number=processes, seconds=seconds, classes=classes,
                               samples=samples, progress=progress)
     except KeyboardInterrupt:
@@ -79,8 +85,11 @@ def diagnose(experiment: str, steps: int, classes: tuple[str, ...], seconds: flo
     for path in (*files, *proposed, page):
         console.print(f"wrote {path}", soft_wrap=True)
     if ended_early:
-        console.print("the search was ended early: the same command searches anew, --only CLASS narrows it, --seconds "
-                      "gives it more time", soft_wrap=True)
+        again = "with --resume goes on" if kept.known else "searches anew"
+        console.print(f"the search was ended early: the same command {again}, --only CLASS narrows it, --seconds gives it "
+                      "more time", soft_wrap=True)
+    else:
+        kept.remove()
     if files and ended_early:
         console.print(f"look at it: heavebond compare {files[-1]}", soft_wrap=True)
     elif files:

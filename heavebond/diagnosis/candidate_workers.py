@@ -8,7 +8,9 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar
 
 from heavebond.core.parallel import Processes, as_done, check_cancelled, forks, processors
+from heavebond.core.progress import Progress
 from heavebond.diagnosis.catalogue import Candidate
+from heavebond.diagnosis.kept_refits import Kept, digest, digest_of, is_broken, kept_here, restored
 from heavebond.diagnosis.refit import Refit, begun, followed, polished
 from heavebond.diagnosis.scoring import Base, Score, scored, searched
 from heavebond.estimation.experiment import Experiment
@@ -16,6 +18,7 @@ from heavebond.numerics.dae import Array
 from heavebond.numerics.simulator import Tolerances
 
 T = TypeVar("T")
+R = TypeVar("R", bound="Refit | None")
 _base: Base | None = None  # of this worker process
 
 
@@ -23,7 +26,8 @@ class Workers:
     """The base model at a point, in `number` processes (in this one where it is 1)."""
 
     def __init__(self, base: Base, number: int | None = None):
-        self.base = base
+        self.base, self.kept = base, kept_here()
+        self.digest = digest_of(base) if self.kept is not None else ""
         self.number = number or processors()
         self.processes: Processes | None = None
         self.lost: list[str] = []  # candidates whose process died
@@ -48,18 +52,34 @@ class Workers:
               ) -> Iterator[tuple[Candidate, Refit | None]]:
         """The first steps of each refit, in the order in which they are done; those not begun at `until` are left out.
         `least` as in `begun`."""
-        return self._each(_begin, begun, [(c, guesses, least) for c, guesses in jobs], [c for c, _ in jobs], until,
-                          [None] * len(jobs))
+        return self._refits(_begin, _begun, [(c, guesses, least) for c, guesses in jobs], [c for c, _ in jobs], until,
+                            [None] * len(jobs))
 
     def follow(self, jobs: Sequence[tuple[Refit, Sequence[Score]]], until: float = float("inf")
                ) -> Iterator[tuple[Candidate, Refit]]:
         """Each refit that was begun followed, in the same way."""
-        return self._each(_follow, followed, jobs, [t.candidate for t, _ in jobs], until, [t for t, _ in jobs])
+        return self._refits(_follow, _followed, jobs, [t.candidate for t, _ in jobs], until, [t for t, _ in jobs])
 
     def polish(self, jobs: Sequence[tuple[Refit, Sequence[Score], Refit | None]]) -> Iterator[tuple[Candidate, Refit]]:
         """Each trial followed to the end of its valley, or of that to which another one leads."""
-        return self._each(_polish, polished, jobs, [job[0].candidate for job in jobs], float("inf"),
-                          [trial for trial, _, _ in jobs])
+        return self._refits(_polish, _polished, jobs, [job[0].candidate for job in jobs], float("inf"),
+                            [trial for trial, _, _ in jobs])
+
+    def _refits(self, remote: Callable[..., R], here: Callable[..., R], jobs: Sequence[tuple[Any, ...]],
+                candidates: Sequence[Candidate], until: float, instead: Sequence[R]) -> Iterator[tuple[Candidate, R]]:
+        """As `_each`, each job with what is kept of it."""
+        kept = self.kept
+        if kept is None:
+            yield from self._each(remote, here, [(*job, None) for job in jobs], candidates, until, instead)
+            return
+        files = self.base.problem.experiment.model.library.files
+        digests = {c.label: digest(self.digest, remote.__name__, c, files.get(c.component), job)
+                   for c, job in zip(candidates, jobs, strict=True)}
+        given = [(*job, kept.get(digests[c.label])) for c, job in zip(candidates, jobs, strict=True)]
+        for candidate, found in self._each(remote, here, given, candidates, until, instead):
+            if candidate.label not in self.lost:
+                kept.add(digests[candidate.label], candidate, found)
+            yield candidate, found
 
     def _each(self, remote: Callable[..., T], here: Callable[..., T], jobs: Sequence[tuple[Any, ...]],
               keys: Sequence[Candidate], until: float, instead: Sequence[T]) -> Iterator[tuple[Candidate, T]]:
@@ -94,16 +114,33 @@ def _score(candidate: Candidate) -> list[Score]:
     return scored(_base, candidate)
 
 
-def _begin(candidate: Candidate, guesses: Sequence[Score], least: float) -> Refit | None:
+def _begin(candidate: Candidate, guesses: Sequence[Score], least: float, kept: Kept | None) -> Refit | None:
     assert _base is not None
-    return begun(_base, candidate, guesses, least, check_cancelled)
+    return _begun(_base, candidate, guesses, least, kept, check_cancelled)
 
 
-def _follow(trial: Refit, guesses: Sequence[Score]) -> Refit:
+def _follow(trial: Refit, guesses: Sequence[Score], kept: Kept | None) -> Refit:
     assert _base is not None
-    return followed(_base, trial, guesses, check_cancelled)
+    return _followed(_base, trial, guesses, kept, check_cancelled)
 
 
-def _polish(trial: Refit, guesses: Sequence[Score], lender: Refit | None) -> Refit:
+def _polish(trial: Refit, guesses: Sequence[Score], lender: Refit | None, kept: Kept | None) -> Refit:
     assert _base is not None
-    return polished(_base, trial, guesses, lender, check_cancelled)
+    return _polished(_base, trial, guesses, lender, kept, check_cancelled)
+
+
+def _begun(base: Base, candidate: Candidate, guesses: Sequence[Score], least: float, kept: Kept | None,
+           progress: Progress | None = None) -> Refit | None:
+    if kept is not None and is_broken(kept):
+        return None
+    return (kept and restored(base, candidate, guesses, kept)) or begun(base, candidate, guesses, least, progress)
+
+
+def _followed(base: Base, trial: Refit, guesses: Sequence[Score], kept: Kept | None, progress: Progress | None = None
+              ) -> Refit:
+    return (kept and restored(base, trial.candidate, guesses, kept)) or followed(base, trial, guesses, progress)
+
+
+def _polished(base: Base, trial: Refit, guesses: Sequence[Score], lender: Refit | None, kept: Kept | None,
+              progress: Progress | None = None) -> Refit:
+    return (kept and restored(base, trial.candidate, guesses, kept)) or polished(base, trial, guesses, lender, progress)

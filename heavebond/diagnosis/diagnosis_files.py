@@ -114,6 +114,11 @@ class Targets:
         return self._files(self.numbers[0])[-1]
 
     @property
+    def kept(self) -> Path:
+        """What a search keeps while it runs: `rig_refits.jsonl`."""
+        return self.folder / f"{self.experiment}_refits.jsonl"
+
+    @property
     def report(self) -> Path:
         """The page on the diagnosis of `rig.yaml`: `rig_report.html`, `rig_report_2.html` where that exists (the page of
         `rig_2.yaml` is `rig_2_report.html`)."""

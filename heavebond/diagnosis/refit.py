@@ -68,7 +68,8 @@ class Refit:
     starts, of a refit that may be followed further, the best first; it `falls` where one of them still fell steeply, or
     the best of them stands at an end of an amplitude's range that no declared bound is. `errors` are its predictive
     errors. `beyond` are numbers of the candidate at an end of the range in which they were sought, beyond which the sum of
-    squares would fall: it is not the minimum (see `range_ends`)."""
+    squares would fall: it is not the minimum (see `range_ends`). `inner` are the values as unknowns of its least squares
+    problem."""
 
     candidate: Candidate
     experiment: Experiment
@@ -87,6 +88,7 @@ class Refit:
     falls: bool = False
     errors: PredictiveErrors | None = field(default=None, repr=False, compare=False)
     beyond: tuple[str, ...] = ()
+    inner: Array = field(default_factory=lambda: np.zeros(0), repr=False, compare=False)
 
     @property
     def bic(self) -> float:
@@ -159,6 +161,15 @@ def refitted_from(base: Base, candidate: Candidate, lender: Refit, progress: Pro
         return refit.judged(refit.arrive(start, progress or (lambda text: None)))
     except HeavebondError:
         return None
+
+
+def at_end_of(base: Base, candidate: Candidate, guesses: Sequence[Score], ranges: Mapping[str, tuple[float, float]],
+              inner: Array) -> Refit:
+    """The figures of a refit that sought the candidate's numbers in these `ranges` and ended at `inner`."""
+    refit = _RefitProblem(base, candidate, guesses)
+    free = refit.problem.experiment.free
+    refit.sought({name: replace(free[name].range, low=low, high=high) for name, (low, high) in ranges.items()})
+    return refit.judged(inner)
 
 
 def _lent(lender: Refit, candidate: Candidate) -> dict[str, float]:
@@ -439,7 +450,8 @@ class _RefitProblem:
         return Refit(self.candidate, problem.experiment, values[0], float(r @ r + prior @ prior), float(r @ r) / len(r),
                      errors.mean(SELECTION, TEST), len(r), errors.samples(SELECTION, TEST), len(inner), at_end,
                      max((g.gain for g in self.guesses), default=float("nan")),
-                     problem.evaluations, errors=errors, beyond=passed_ends(problem, self.candidate.numbers, inner, r))
+                     problem.evaluations, errors=errors, beyond=passed_ends(problem, self.candidate.numbers, inner, r),
+                     inner=inner)
 
     def slack(self, inner: Array) -> float:
         """What the numbers' own uncertainty does to the figure on what was held out. With r (n,) and J (n, m) the residuals
