@@ -18,8 +18,9 @@ from diagrams import ISOLATOR
 import heavebond as hb
 from heavebond.cli import main
 from heavebond.core.units import parse_range
+from heavebond.numerics.compiled_cvodes import program
 from heavebond.pictures.plot_study import plot_study
-from heavebond.studies import campaign
+from heavebond.studies import campaign, run_case, shared_runs
 from heavebond.studies.run_case import Outcome, worked
 from heavebond.studies.sampling import Sampling, points
 from heavebond.studies.study import Procedure
@@ -172,6 +173,30 @@ def test_a_case_that_cannot_be_is_a_row(folder: Path) -> None:
         found = worked(study, k, None)
         problems.append((value < 0, found.problem[:9]))
     assert set(problems) == {(True, "damper.d "), (False, "")}
+
+
+@pytest.mark.skipif(program() is None, reason="no C compiler, or a CasADi with another SUNDIALS")
+def test_cases_that_share_their_equations(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A study of many cases gives what each case gives by itself, to the tolerance of the solvers, with the same problems;
+    to the last bit whatever was run before, in another process, and after its equations have been compiled."""
+    text = SAMPLE.replace("latin_hypercube: 6", "latin_hypercube: 24").replace("0.5 .. 2", "-0.2 .. 2")
+    study = _study(text.replace("{swing:", "{largest: {is: highest(motion), unit: mm}, peak: {is: peak(motion)}, swing:"))
+    found = [worked(study, k, None) for k in range(24)]
+    shared = shared_runs._KNOWN.shared[-1]
+    assert shared.runs is not None and shared.runs.simulator.equations is not None
+    shared.runs.simulator.equations.spent(100.0)
+    again = {k: worked(study, k, None) for k in reversed(range(24))}
+    sent = worked(study.packed()(17), 17, None)
+    assert sent.values == found[17].values and shared_runs._KNOWN.shared[-1] is not shared
+    assert shared.runs.simulator.driver is not None
+    assert shared.runs.simulator.driver.stats()["equations"] == "machine code"
+    monkeypatch.setattr(run_case, "measured_together", lambda *given: None)
+    alone = [worked(study, k, None) for k in range(24)]
+    assert {outcome.problem[:9] for outcome in alone} == {"", "damper.d "}
+    for k in range(24):
+        assert found[k].problem == again[k].problem == alone[k].problem
+        assert found[k].values == again[k].values
+        assert found[k].values == pytest.approx(alone[k].values, rel=1e-5)
 
 
 # -- what is told of them ----------------------------------------------------------------------------------------------

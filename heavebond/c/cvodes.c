@@ -346,6 +346,11 @@ int prepare(Problem *problem, double t, double rtol, double atol, long most_step
   return s->jacobian_times(problem->memory, times);
 }
 
+/* Make steps no longer than this from now on; 0 for no limit. */
+int limit(Problem *problem, double longest) {
+  return problem->sundials->longest_step(problem->memory, longest);
+}
+
 void finish(Problem *problem) {
   if (problem->memory) problem->sundials->release(&problem->memory);
   if (problem->x) problem->sundials->drop(problem->x);

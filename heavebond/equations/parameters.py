@@ -269,7 +269,7 @@ def solved_unit(unit: Unit, leaf: Leaf, expanded: Expanded, network: Network) ->
 def parameter_bounds(expanded: Expanded, parameters: Parameters) -> dict[int, Interval]:
     """The interval of each independent parameter by the hash of its symbol: the strictest of all that it stands for."""
     bounds: dict[int, Interval] = {}
-    for name, parameter, _ in _with_declaration(expanded):
+    for name, parameter, _ in with_declaration(expanded):
         symbol = parameters.expressions[name]
         if symbol.is_symbolic():
             low, high = bounds.get(symbol.element_hash(), (-inf, inf))
@@ -278,7 +278,8 @@ def parameter_bounds(expanded: Expanded, parameters: Parameters) -> dict[int, In
     return bounds
 
 
-def _with_declaration(expanded: Expanded) -> Iterator[tuple[str, Parameter, Bound]]:
+def with_declaration(expanded: Expanded) -> Iterator[tuple[str, Parameter, Bound]]:
+    """Every parameter of a component by its full path, as it is declared and as it is given."""
     for name, bound, leaf in declared(expanded):
         if leaf is not None:
             yield name, leaf.component.parameters[name.rpartition(".")[2]], bound
@@ -287,7 +288,7 @@ def _with_declaration(expanded: Expanded) -> Iterator[tuple[str, Parameter, Boun
 def check_values(expanded: Expanded, parameters: Parameters, templates: Mapping[str, Template]) -> None:
     """Bounds and requirements of every parameter at the values given; raises ModelError."""
     problems = Problems()
-    checks = list(_with_declaration(expanded))
+    checks = list(with_declaration(expanded))
     for (name, parameter, bound), number in zip(checks, parameters.values([c[0] for c in checks]), strict=True):
         assert isinstance(bound.value, Value)
         check_bounds(name, parameter, float(number), bound.value, problems)

@@ -214,6 +214,10 @@ class CompiledCvodes:
         if answer:
             raise RuntimeError(f"CVODES could not be prepared ({answer})")
 
+    def limit_steps(self, longest: float) -> None:
+        """Make the steps of further runs no longer than this (s); 0 for no limit."""
+        self._program.library.limit(ctypes.byref(self._problem), longest)
+
     def run(self, x0: Array, z0: Array, p: Array, directions: Array, states: bool = True, watch: Watch | None = None
             ) -> Integrated:
         """From x0 (n (1 + m),), the states and then their sensitivities along each column of `directions` (n_p, m), with z
@@ -383,6 +387,7 @@ class _Program:
         library.prepare.argtypes = [_Pointer, number, real, real, whole, real]
         library.begin.argtypes = [_Pointer, number, *[_Pointer] * 6]
         library.advance.argtypes = [_Pointer, whole, _Pointer, whole, *[_Pointer] * 5]
+        library.limit.argtypes = [_Pointer, number]
         library.finish.argtypes = [_Pointer]
         library.finish.restype = None
 

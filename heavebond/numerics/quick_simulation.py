@@ -27,9 +27,11 @@ import numpy as np
 from heavebond.core.cancellation import check
 from heavebond.core.errors import Problem, SimulationError
 from heavebond.equations.buffered import Buffered
+from heavebond.language.symbols import stack
 from heavebond.numerics import compiled_cvodes, idas
 from heavebond.numerics.compiled_cvodes import CompiledCvodes, Driving, Equations, Integrated, NotCompiled, Watch
 from heavebond.numerics.dae import Array, Assembly
+from heavebond.numerics.forcing import Forcing
 from heavebond.numerics.initialise import Start, Tangent
 from heavebond.numerics.result import Probe
 from heavebond.numerics.simulator import Simulator
@@ -219,18 +221,64 @@ class Unexplained(Simulator):
         return SimulationError([Problem("integration-failed", "the integration stopped")])
 
 
-def _equations(assembly: Assembly, probe: Probe | None, moving: Sequence[int]) -> Equations | None:
-    """The equations in scaled unknowns, with the signals of a probe; None where the program in C cannot evaluate them."""
+def _equations(assembly: Assembly, probe: Probe | None, moving: Sequence[int], quadratures: ca.SX | None = None,
+               factors: ca.SX | None = None) -> Equations | None:
+    """The equations in scaled unknowns, with the signals of a probe, integrals behind the states and factors in these behind
+    the parameters; None where the program in C cannot evaluate them."""
     t, x, z, p, u, rate = assembly.arguments
     x_s, z_s = ca.SX.sym("x", x.numel()), ca.SX.sym("z", z.numel())
     x_nominal, z_nominal = ca.SX(ca.DM(assembly.x_nominal)), ca.SX(ca.DM(assembly.z_nominal))
     signals = ca.SX(0, 1) if probe is None else probe.signals
-    ode, alg, signals = ca.substitute([assembly.ode / x_nominal, assembly.alg, signals], [x, z, rate],
+    rates = assembly.ode / x_nominal
+    if quadratures is not None:
+        rates = stack([rates, quadratures])
+    ode, alg, signals = ca.substitute([rates, assembly.alg, signals], [x, z, rate],
                                       [x_s * x_nominal, z_s * z_nominal, ca.SX(1)])
+    integrals = ca.SX.sym("integral", ode.numel() - x_s.numel())
     try:
-        return Equations((t, x_s, z_s, p, u), ode, alg, signals, moving)
+        return Equations((t, stack([x_s, integrals]), z_s, stack([p] if factors is None else [p, factors]), u), ode, alg,
+                         signals, moving)
     except NotCompiled:
         return None
+
+
+class CaseSimulator(Unexplained):
+    """A `Simulator` for the cases of a sweep, which have the same equations with other parameters, with integrals along the
+    run; without sensitivities. What one run gives does not depend on those before it. `compiled` tells whether it serves."""
+
+    most_steps, share = idas.MOST_STEPS, 1.0
+
+    @cached_property
+    def equations(self) -> Equations | None:
+        """What the compiled program integrates; None where it cannot."""
+        assembly = self.assembly
+        if assembly.flat.events or self.charts.needed or self.sensitivities or compiled_cvodes.program() is None:
+            return None
+        return _equations(assembly, None, (), self.quadratures, None if self.factors is None else self.factors.symbols)
+
+    def _limit_steps(self, assembly: Assembly) -> bool:
+        self.forcing = self.assembly.once("forcing", lambda: Forcing(self.assembly))
+        felt = self.forcing.felt(assembly.p)
+        if self._felt is None or not np.array_equal(felt, self._felt):
+            self.longest, self._felt = self.forcing.longest_step(self.time, assembly.p), felt
+        if self.driver is not None:
+            self.driver.limit_steps(self._longest())
+        return False
+
+    @property
+    def looks_up(self) -> bool:
+        """Whether inputs are looked up in the equations: factors are parameters here."""
+        inputs = self.assembly.flat.inputs
+        return self.compiled and bool(inputs) and all(k.source.interpolation == "spline" for k in inputs)
+
+    def attempt(self, first: Start, moved: Tangent | None = None) -> Trace:
+        assert self.driver is not None and moved is None
+        n = len(first.x)
+        x0 = np.append(first.x / self.assembly.x_nominal, np.zeros(self.integrals))
+        p = first.p if self.factors is None else np.concatenate([first.p, self.factors.values])
+        found = self.driver.run(x0, first.z / self.assembly.z_nominal, p, np.zeros((len(p), 0)))
+        return self._trace(found.x[:n] * self.assembly.x_nominal[:, None], found.z * self.assembly.z_nominal[:, None],
+                           found.x[n:], dict(self.driver.stats()))
 
 
 class FitSimulator(Unexplained):

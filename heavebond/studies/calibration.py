@@ -34,7 +34,8 @@ from heavebond.numerics.simulator import Simulator
 from heavebond.optimise.costs import Evaluator, read_cost
 from heavebond.optimise.objective import TOLERANCES, Objective
 from heavebond.optimise.search import search
-from heavebond.studies.run_case import assembled, own_values, run_times, tuned_by
+from heavebond.studies.run_case import assembled, own_values, tuned_by
+from heavebond.studies.shared_runs import run_times
 from heavebond.studies.study import Calibration, Procedure, Study
 
 # Residual of each target of a failed case, in widths.

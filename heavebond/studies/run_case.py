@@ -21,14 +21,15 @@ from heavebond.linear.linearisation import ModesAtStart
 from heavebond.linear.modal_values import NUMBERS, chosen_mode, modal_number
 from heavebond.linear.rest_stability import stability_sentences as stability_words
 from heavebond.linear.rest_stability import summary_sentences
-from heavebond.numerics.dae import Array, Assembly, assemble
+from heavebond.numerics.dae import Assembly, assemble
 from heavebond.numerics.result import Result, unknown_signal
 from heavebond.numerics.run_verdict import Verdict
-from heavebond.numerics.simulator import Simulator, grid
+from heavebond.numerics.simulator import Simulator
 from heavebond.optimise.costs import FUNCTIONALS, Cost, Evaluator, read_cost, read_limit
 from heavebond.optimise.objective import Objective, check_free, check_smooth
 from heavebond.optimise.tuning import Tuned, sweep_in_turn, tune
 from heavebond.studies.axes import StudyCase, case_at, changed
+from heavebond.studies.shared_runs import measured_together, run_times
 from heavebond.studies.study import COST, SIMULATIONS, Calibration, Measure, PackedCase, Procedure, Study
 from heavebond.text.expression import ExpressionProblem, names
 
@@ -43,7 +44,7 @@ class Outcome:
     tuning (above zero where exceeded), the modes, signals over time in their units; slopes of numbers by parameters and
     these parameters (`at`), in SI, where that is asked for; the margins of stability of what was tuned, with its `words`,
     and the parameters at an end of their range; what left its range (`outside`, a sentence); or the problem that kept it
-    from it: a run that means nothing is one."""
+    from it: a run that means nothing is one; the `solver` of the run that was measured."""
 
     case: int
     procedure: str = ""
@@ -61,6 +62,7 @@ class Outcome:
     at: Mapping[str, float] = field(default_factory=dict)
     stability: Mapping[str, Any] = field(default_factory=dict)
     at_end: Mapping[str, str] = field(default_factory=dict)
+    solver: str = ""
 
     @property
     def unstable(self) -> bool:
@@ -90,8 +92,15 @@ def worked(given: Study | PackedCase, number: int, procedure: Procedure | None, 
 
 
 def _worked(study: Study, case: StudyCase, procedure: Procedure | None, progress: Progress | None) -> Outcome:
+    if (together := measured_together(study, case, named_in(study))) is not None:
+        values, done = together
+        if not done.verdict.failed:
+            time, signals = _signals(study, done)
+            return Outcome(0, values=values, modes=_modes(study, done.assembly), time=time, signals=signals,
+                           outside=done.verdict.text if done.verdict.findings else "",
+                           signal_units={name: done.unit(name) for name in signals}, solver=_solver(done))
     assembly = assembled(study, case)
-    values: dict[str, float] = {}
+    values = {}
     limits: Mapping[str, float] = {}
     message = ""
     stability: Mapping[str, Any] = {}
@@ -111,7 +120,11 @@ def _worked(study: Study, case: StudyCase, procedure: Procedure | None, progress
                    time=time, signals=signals, slopes=slopes, outside=verdict.text if verdict.findings else "",
                    stability=stability, at_end=at_end,
                    at={name: assembly.parameter_values[name] for name in by},
-                   signal_units={name: run.unit(name) for name in signals} if run is not None else {})
+                   signal_units={name: run.unit(name) for name in signals} if run is not None else {}, solver=_solver(run))
+
+
+def _solver(run: Result | None) -> str:
+    return str(run.statistics["solver"]) if run is not None else ""
 
 
 def assembled(study: Study, case: StudyCase) -> Assembly:
@@ -171,12 +184,6 @@ def _of_modes(assembly: Assembly, costs: Sequence[Cost], settings: Mapping[str, 
     for cost in costs:
         numbers = [modal_number(f.kind, chosen_mode(modes, f.kind, f.which)) for f in cost.functionals]
         yield float(cost.value(numbers, first.p))
-
-
-def run_times(study: Study, assembly: Assembly) -> Array:
-    """Output times of a measured run: the diagram's own, to the end of what is evaluated."""
-    own = grid(assembly.model, study.end, None)
-    return np.union1d(own, [study.begin])
 
 
 def _signals(study: Study, run: Result | None) -> tuple[tuple[float, ...], dict[str, list[float]]]:

@@ -9,6 +9,7 @@ from collections.abc import Mapping as Dictionary
 from collections.abc import Sequence as Many
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from math import prod
 from pathlib import Path
 
 import numpy as np
@@ -97,7 +98,7 @@ class Calibration:
 class Study:
     """What a study file says. `task` is what is tuned in each case, by each of the procedures; None where nothing is.
     `calibrated` are parameters that are set on top (SI: before, after), in the cases in which they have the value before.
-    `first` is the number of its first case, where the others were left out (`PackedCase`)."""
+    `first` is the number of its first case, where the others were left out (`PackedCase`), of `in_all` cases."""
 
     name: str
     summary: str
@@ -117,9 +118,15 @@ class Study:
     calibrated: Dictionary[str, tuple[float, float]] = field(default_factory=dict)
     places: Dictionary[str, Place] = field(default_factory=dict)
     first: int = 0
+    in_all: int = 0
 
     def __repr__(self) -> str:
         return brief(self, self.name, f"model {self.model.name}, {count(len(self.axes), 'axis', 'axes')}", self.summary)
+
+    @property
+    def total(self) -> int:
+        """The number of cases, also where all but one were left out."""
+        return self.in_all or prod(len(axis.levels) for axis in self.axes)
 
     @property
     def cases(self) -> tuple[StudyCase, ...]:
@@ -132,7 +139,7 @@ class Study:
 
     def packed(self) -> Callable[[int], PackedCase]:
         """Case `number` as it is sent to a worker; what all cases share is serialised once."""
-        shared = zlib.compress(pickle.dumps(replace(self, axes=())))
+        shared = zlib.compress(pickle.dumps(replace(self, axes=(), in_all=self.total)))
 
         def one(number: int) -> PackedCase:
             levels = zip(self.axes, self._index(number), strict=True)

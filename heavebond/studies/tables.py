@@ -270,5 +270,6 @@ def as_dict(result: StudyResult) -> dict[str, Any]:
             "rows": [dict(zip(head, row, strict=True)) for row in rows],
             "cases": [{"case": result.case_of(o).name, "procedure": o.procedure, "values": dict(o.values),
                        "limits": dict(o.limits), "stability": dict(o.stability), "at_end": dict(o.at_end),
-                       "message": o.message, "modes": list(o.modes), "problem": o.problem, "outside": o.outside}
+                       "message": o.message, "modes": list(o.modes), "problem": o.problem, "outside": o.outside,
+                       "solver": o.solver}
                       for o in result.outcomes]}
