@@ -8,11 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from doc_pages import blocks
+from oil_reference import OIL
 
 import heavebond as hb
 from heavebond.language.library import library
-from heavebond.text.expression import parse_equation
-from heavebond.text.tex import equation_tex
 
 PAGE = Path(__file__).parent.parent / "docs" / "measured_quantities.md"
 ROW = re.compile(r"^\| `(\w+)` \| `(\w+)` \| .+ \| `(.+)` \|$", re.MULTILINE)
@@ -39,7 +38,7 @@ def test_every_source_and_sensor_is_on_the_page_with_each_of_its_readings() -> N
 
 @pytest.mark.parametrize(("component", "value", "line"), ROWS)
 def test_a_row_quotes_the_line_of_the_component_that_fixes_the_sign(component: str, value: str, line: str) -> None:
-    assert equation_tex(parse_equation(line)) in {equation_tex(e.tree) for e in library().component(component).equations}
+    assert line in {" ".join(e.text.split()) for e in library().component(component).equations}
     assert re.search(rf"\b{value}\b", line)
 
 
@@ -48,6 +47,8 @@ def test_every_source_and_sensor_stands_in_a_diagram_of_the_page() -> None:
     assert not set(gauges()) - used
 
 
+# behind the throttle at the same enthalpy
+T_BEHIND = 313.15 + OIL.h(99.955e5, 333.15)/OIL.c_p
 # Readings at the end of the runs, from Newton's, Ohm's and Fourier's laws and balances of mass by hand; every value set
 # is positive, so that a sign of the page that is wrong shows here. The tolerance is that of the integrator.
 READINGS = {
@@ -65,6 +66,9 @@ READINGS = {
         # 10 g in 10 L: p = m R T/V at the temperature that the thermometer shows, beside what was there before
         "meter.y": 2e-3, "compressor.a.m": -2e-3, "m_supply.y": 1.185*1e-8*6e5, "m_servo.y": 1.185*1e-8*6e5,
         "m_room.y": 2*1.185*1e-8*6e5, "room.a.m": 2*1.185*1e-8*6e5},
+    "measured_thermohydraulics": {
+        "meter.y": 20/6e4, "pump.a.m": -20/6e4/OIL.v(99.955e5, 333.15), "gauge.y": 99.955e5, "thermometer.y": 333.15,
+        "m_tank.y": 20/6e4*OIL.v(0, T_BEHIND)/OIL.v(99.955e5, 333.15), "tank.a.m": 20/6e4/OIL.v(99.955e5, 333.15)},
     "measured_electricity": {
         "ammeter.y": 12/6, "voltmeter.y": 12, "wattmeter.y": 24, "v_current.y": 2*6, "v_battery.y": 12*5.5/6,
         "mains.a.i": -2, "current.a.i": -2, "battery.a.i": -2},

@@ -211,6 +211,13 @@ def sea(folder: Path) -> Path:
     return plot.save(plot_spectra(found), folder / "sea.png")
 
 
+def power_unit(folder: Path) -> Path:
+    """A power unit whose oil carries its temperature."""
+    path = folder / "power_unit.svg"
+    path.write_text(hb.draw(hb.load("power_unit")), encoding="utf-8")
+    return path
+
+
 def measured(folder: Path) -> list[Path]:
     """The diagrams of the page on measured quantities, with the reading of each sensor at the end of the run."""
     page = (Path(__file__).parent.parent / "measured_quantities.md").read_text("utf-8")
@@ -219,7 +226,7 @@ def measured(folder: Path) -> list[Path]:
         model = hb.loads(text)
         final = hb.simulate(model).display
         readings = {output.name.partition(".")[0]: f"{number(float(final[output.name][-1]), 3)} {unit_label(output.unit)}"
-                    for output in reversed([*model.show.values()])}
+                    for output in reversed([*model.show.values()]) if output.name.count(".") == 1}
         drawn.append(folder / f"{name}.svg")
         drawn[-1].write_text(hb.draw(model, highlight=readings, values=True), encoding="utf-8")
     return drawn
@@ -248,6 +255,7 @@ DRAWN = (
     sea,
     detailed,
     measured,
+    power_unit,
 )
 
 if __name__ == "__main__":

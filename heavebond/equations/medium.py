@@ -8,7 +8,7 @@ or else that of the component that would set it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 from heavebond.core.errors import ModelError, Problems, either
@@ -21,18 +21,24 @@ from heavebond.text.expression import Name
 def with_media(expanded: Expanded) -> Expanded:
     """Every parameter that is open after `expand` given its value; ModelError for a circuit with two media, and for a
     parameter that asks for a property which the medium does not have."""
+    for domain in expanded.model.library.domains.values():
+        if domain.medium:
+            expanded = _with_medium(expanded, domain, domain.medium)
+    return expanded
+
+
+def _with_medium(expanded: Expanded, domain: Domain, medium: str) -> Expanded:
+    """The parameters whose part lies in circuits of one domain."""
     library = expanded.model.library
-    domain = next((d for d in library.domains.values() if d.medium), None)
-    open_in = {path: wanted for path, leaf in expanded.leaves.items() if (wanted := _open(leaf))}
-    if domain is None or domain.medium is None:
-        return expanded
+    open_in = {path: wanted for path, leaf in expanded.leaves.items()
+               if (wanted := _open(leaf)) and _domain_of_medium(leaf.component, library.domains) is domain}
     problems = Problems()
     circuits = _circuits(expanded, domain)
-    sources = _sources(expanded, domain.medium, circuits, problems)
+    sources = _sources(expanded, medium, circuits, problems)
     problems.raise_as(ModelError)
     if not open_in:
         return expanded
-    kind, leaves, takers = library.component(domain.medium), dict(expanded.leaves), dict[int, list[str]]()
+    kind, leaves, takers = library.component(medium), dict(expanded.leaves), dict[int, list[str]]()
     for path, parameters in open_in.items():
         leaf = leaves[path]
         circuit = next((circuits[port] for ports in _passages(path, leaf.component, domain) for port in ports
@@ -47,7 +53,14 @@ def with_media(expanded: Expanded) -> Expanded:
     media = tuple(Medium(sources.get(circuit, ""), kind.name,
                          tuple(n for n in expanded.junctions if circuits.get(Terminal("node", n)) == circuit), tuple(names))
                   for circuit, names in takers.items())
-    return replace(expanded, leaves=leaves, media=media)
+    return replace(expanded, leaves=leaves, media=(*expanded.media, *media))
+
+
+def _domain_of_medium(component: Component, domains: Mapping[str, Domain]) -> Domain | None:
+    """The domain whose medium the parameters of a component are taken from: that of its first port that has one; for a
+    component without such a port the first of all."""
+    own = [domains[port.domain] for port in component.ports.values() if port.domain in domains]
+    return next((d for d in (*own, *domains.values()) if d.medium), None)
 
 
 def _open(leaf: Leaf) -> list[Parameter]:
