@@ -182,6 +182,14 @@ def moving(folder: Path) -> Path:
     return save_animation(animate(hb.load("excavator_boom"), "6 s"), folder / "boom.gif")
 
 
+def mechanism(folder: Path) -> Path:
+    """The slider-crank of the page on mechanisms, four times as slow as it runs."""
+    page = (Path(__file__).parent.parent / "mechanisms.md").read_text("utf-8")
+    found = re.search(r"<!-- file: slider_crank\.yaml -->\n```yaml\n(.*?)```", page, re.DOTALL)
+    assert found is not None
+    return save_animation(animate(hb.loads(found.group(1)), "0.65 s"), folder / "mechanism.gif", speed=0.25)
+
+
 def swept(folder: Path) -> list[Path]:
     """The compensator over its two gains, and what of the quarter car moves its comfort."""
     asked = {
@@ -251,6 +259,7 @@ DRAWN = (
     coloured,
     overlaid,
     moving,
+    mechanism,
     swept,
     sea,
     detailed,
