@@ -396,3 +396,14 @@ def test_the_command_says_what_is_wrong(tmp_path: Path, monkeypatch: pytest.Monk
                         (["--highlight", "gaz"], "Did you mean 'gas'"), (["--set", "gas.k=1"], "gas")):
         run = CliRunner().invoke(main, ["draw", "passive_rig", *words])
         assert run.exit_code == 2 and said in run.output + (run.stderr if run.stderr_bytes else ""), words
+
+
+@pytest.mark.parametrize("turn", [0, 90, 180, 270])
+def test_a_part_is_turned_as_its_place_says(turn: int) -> None:
+    """The picture's left to right points to the right, down, to the left, up."""
+    text = (bundled("models") / "quarter_car" / "quarter_car.yaml").read_text(encoding="utf-8")
+    drawn = laid_out(hb.loads(text.replace("at: [2, 1]", f"at: [2, 1, {turn}]")))
+    damper = next(item for item in drawn.items if item.part.name == "damper")
+    assert damper.shape.turn[:2] == {0: (1, 0), 90: (0, 1), 180: (-1, 0), 270: (0, -1)}[turn]
+    with pytest.raises(HeavebondError, match="is not turned by 45 degrees"):
+        hb.loads(text.replace("at: [2, 1]", "at: [2, 1, 45]"))

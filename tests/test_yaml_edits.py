@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from heavebond.core.errors import UsageError
 from heavebond.language.library import bundled
-from heavebond.text.yaml_edits import set_entry, tree
-from heavebond.text.yaml_source import Mapping, Scalar, parse, read
+from heavebond.text.yaml_edits import add_item, delete_entry, rename_key, replace_scalars, set_entry, tree
+from heavebond.text.yaml_source import Mapping, Scalar, Sequence, parse, read
 
 DIAGRAMS = [p for p in sorted(bundled("models").glob("*/*.yaml")) if p.parent.name != "examples"
             and isinstance(read(p, bundled=True).root.items.get("components"), Mapping)]
@@ -97,3 +97,81 @@ def test_reading_a_changed_text_gives_the_changed_tree(text: str, outer: str, in
     assert tree(parse(changed).root) == {**before, outer: {**old, inner: value}}
     went, came = _changed(text, changed)
     assert len(went) <= 1 and len(came) <= 2
+
+
+def _entries(text: str) -> list[tuple[str | int, ...]]:
+    """The paths of the inner entries and of the items of their lists."""
+    found: list[tuple[str | int, ...]] = []
+    for outer, inner in parse(text).root.items.items():
+        for name, value in inner.items.items() if isinstance(inner, Mapping) else ():
+            found.append((outer, name))
+            found += [(outer, name, k) for k in range(len(value.items))] if isinstance(value, Sequence) else []
+    return found
+
+
+@settings(max_examples=150, deadline=None)
+@given(documents(), st.data())
+def test_deleting_leaves_all_other_lines_as_they_are(text: str, data: st.DataObject) -> None:
+    keys = data.draw(st.sampled_from(_entries(text)))
+    changed = delete_entry(text, keys)
+    went, came = _changed(text, changed)
+    assert len(came) <= 1 and len(went) <= 2  # the entry, and the head of a mapping that is empty then
+    assert all(line.split("#")[0].strip() for line in went)  # no blank line, no comment on a line of its own
+    kept = _entries(changed) if "," in changed or ":" in changed else []
+    gone = {entry for entry in _entries(text) if entry[:2] == keys[:2]}
+    assert {entry for entry in _entries(text) if entry[:2] != keys[:2]} == set(kept) - gone
+    if len(keys) == 2:
+        assert keys not in kept
+
+
+@settings(max_examples=100, deadline=None)
+@given(documents(), st.data())
+def test_renaming_there_and_back_gives_the_same_bytes(text: str, data: st.DataObject) -> None:
+    outer, name = data.draw(st.sampled_from(_entries(text)))[:2]
+    changed = rename_key(text, (outer, name), "fresh")
+    went, came = _changed(text, changed)
+    assert len(went) == len(came) == 1
+    assert rename_key(changed, (outer, "fresh"), str(name)) == text
+
+
+@pytest.mark.parametrize(("before", "keys", "after"), [
+    ("m:\n  a: 1\n  # about b\n  b: 2  # two\nn: 3\n", ("m", "b"), "m:\n  a: 1\n  # about b\nn: 3\n"),
+    ("m:\n  a: 1\nn: 3", ("n",), "m:\n  a: 1"),
+    ("n: 3\nm:\n  a: 1\n", ("m", "a"), "n: 3\n"),
+    ("m: {a: 1, b: 2, c: 3}\n", ("m", "b"), "m: {a: 1, c: 3}\n"),
+    ("m: {a: 1, b: 2 }  # c\n", ("m", "b"), "m: {a: 1 }  # c\n"),
+    ("m: {a: 1,  # one\n    b: 2,  # two, b\n    c: 3}\n", ("m", "b"), "m: {a: 1,  # one\n    # two, b\n    c: 3}\n"),
+    ("m: {a: 1,  # one\n    b: 2}\n", ("m", "b"), "m: {a: 1  # one\n}\n"),
+    ("m: [x.a, y.b, z.c]\n", ("m", 0), "m: [y.b, z.c]\n"),
+    ("m:\n  - x.a\n  - y.b  # why\nn: 1\n", ("m", 1), "m:\n  - x.a\nn: 1\n"),
+    ("t: |\n  text\n\n  more\nb: 2\n", ("t",), "b: 2\n")])
+def test_an_entry_is_deleted_with_its_line_and_nothing_else(before: str, keys: tuple[str | int, ...], after: str) -> None:
+    assert delete_entry(before, keys) == after
+
+
+@pytest.mark.parametrize(("before", "item", "after"), [
+    ("m: [a.x,  b.y ]  # c\n", "d.z", "m: [a.x,  b.y, d.z ]  # c\n"),
+    ("m:\n  - a.x\n  - b.y  # why\nn: 1\n", "d.z", "m:\n  - a.x\n  - b.y  # why\n  - d.z\nn: 1\n"),
+    ("n: 1\n", "d.z", "n: 1\nm: [d.z]\n"), ("m: []\n", "d.z", "m: [d.z]\n")])
+def test_an_item_follows_the_last_one(before: str, item: str, after: str) -> None:
+    assert add_item(before, ("m",), item) == after
+
+
+def test_new_entries_keep_the_column_of_their_neighbours() -> None:
+    text = "components:\n  wall:   {is: Fixed}  # left\n  spring: {is: Spring}\n"
+    changed = set_entry(text, ("components", "load"), {"is": "Mass", "m": "2 kg", "at": ["1", "0.5"]}, after="wall")
+    assert changed == text.replace("  spring", "  load:   {is: Mass, m: 2 kg, at: [1, 0.5]}\n  spring")
+
+
+def test_scalars_are_replaced_where_they_stand() -> None:
+    text = "a.x: 'a.y'  # a.z\nb: [a.x, {a.q: \"=2*a.y\"}]\n"
+    assert replace_scalars(text, lambda path, raw: raw.replace("a.", "c.")) == \
+        "c.x: 'c.y'  # a.z\nb: [c.x, {c.q: \"=2*c.y\"}]\n"
+
+
+def test_what_is_not_there_is_not_deleted_or_renamed() -> None:
+    for keys in (("b",), ("a", "b"), ("m", 2), ("m", "x")):
+        with pytest.raises(UsageError):
+            delete_entry("a: 1\nm: [1, 2]\n", keys)
+    with pytest.raises(UsageError):
+        rename_key("m: {a: 1, b: 2}\n", ("m", "a"), "b")

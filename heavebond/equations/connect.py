@@ -70,19 +70,25 @@ def connect(expanded: Expanded, order: Sequence[str] = ()) -> Network:
 
     `order` names the parameters that are given by formulas, each after those that it needs.
     """
-    problems = Problems()
-    groups = _groups(expanded)
-    domains = _domains(expanded, groups, problems)
+    network, problems = connect_as_far(expanded)
     problems.raise_as(ModelError)
-    named = [_named(expanded, members, domain) for members, domain in zip(groups, domains, strict=True)]
-    of_port = {port: k for k, members in enumerate(groups) for port in members.ports}
-    of_node = {node: k for k, members in enumerate(groups) for node in members.nodes}
-    network = Network(tuple(named), of_port, of_node, _port_domains(expanded, of_port, named), {})
     _signal_sources(expanded, network, problems)
     problems.raise_as(ModelError)
     units = _units(expanded, network, _Dimensions(expanded, order), problems)
     problems.raise_as(ModelError)
     return replace(network, units=units)
+
+
+def connect_as_far(expanded: Expanded) -> tuple[Network, Problems]:
+    """The groups of an unfinished diagram with their domains, and what is wrong with these; a domain that nothing tells is
+    empty, and units are not solved."""
+    problems = Problems()
+    groups = _groups(expanded)
+    domains = _domains(expanded, groups, problems)
+    named = [_named(expanded, members, domain) for members, domain in zip(groups, domains, strict=True)]
+    of_port = {port: k for k, members in enumerate(groups) for port in members.ports}
+    of_node = {node: k for k, members in enumerate(groups) for node in members.nodes}
+    return Network(tuple(named), of_port, of_node, _port_domains(expanded, of_port, named), {}), problems
 
 
 def _groups(expanded: Expanded) -> list[Members]:

@@ -103,11 +103,19 @@ def expand(model: Model) -> Expanded:
 
     Parameters that are taken from the medium of a circuit are still open (see `medium`).
     """
+    found, problems = expand_as_far(model)
+    problems.raise_as(ModelError)
+    return found
+
+
+def expand_as_far(model: Model) -> tuple[Expanded, Problems]:
+    """An unfinished diagram, opened as far as it goes, and all that is wrong with it: parts of unknown kinds, ends of wires
+    that mean nothing and values that are missing are left out."""
     opener = _Opener(model)
     opener.top()
     opener.arrays()
-    opener.problems.raise_as(ModelError)
-    return Expanded(model, opener.leaves, opener.junctions, opener.parameters, opener.ports, opener.signals)
+    found = Expanded(model, opener.leaves, opener.junctions, opener.parameters, opener.ports, opener.signals)
+    return found, opener.problems
 
 
 class _Opener:

@@ -117,5 +117,5 @@ def instance_of(component: Component) -> Schema:
 
 COMMON_ENTRIES: Mapping[str, Schema] = {
     "is": {}, "at": {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 3,
-                     "description": "place in the drawing"},
+                     "description": "column and row in the drawing, and by how many degrees it is turned"},
     "repeat": {"anyOf": [{"type": "integer"}, {"type": "string"}], "description": "so many of it in line"}}

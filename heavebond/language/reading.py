@@ -21,6 +21,7 @@ CAMEL_CASE = re.compile(r"[A-Z][A-Za-z0-9]*[a-z][A-Za-z0-9]*")
 RESERVED = {*KEYWORDS, "time", "pi"}
 SWITCHES = {"on": 1, "yes": 1, "true": 1, "off": 0, "no": 0, "false": 0}
 FARTHEST = 100  # of a place in a drawing, which is laid out on a grid
+TURNS = (0, 90, 180, 270)  # degrees
 INTERPOLATIONS = ("spline", "linear", "hold")
 
 
@@ -344,10 +345,16 @@ def _position(node: Node, problems: Problems) -> tuple[float, ...] | None:
     try:
         place = tuple(float(n) for n in numbers)
     except ValueError:
+        place = ()
+    if len(place) not in (2, 3):
         problems.add("at-bad", "`at:` holds two numbers, the place in the drawing", node.place,
                      hint="Write for example `at: [3, 1]`.")
         return None
-    if not all(abs(n) <= FARTHEST for n in place):  # not a number too
+    if len(place) == 3 and place[2] not in TURNS:
+        problems.add("at-bad", f"a part is not turned by {numbers[2]} degrees", node.place,
+                     hint="The third number of `at:` is 0, 90, 180 or 270, clockwise.")
+        return None
+    if not all(abs(n) <= FARTHEST for n in place[:2]):  # not a number too
         problems.add("at-bad", f"`at: [{', '.join(numbers)}]` lies off any sheet", node.place,
                      hint=f"Places in a drawing go from -{FARTHEST} to {FARTHEST}; parts stand some 2 apart.")
         return None

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from heavebond.core.presentation import number, unit_label
 from heavebond.core.quoting import xml
-from heavebond.equations.connect import connect
-from heavebond.equations.expand import expand
+from heavebond.equations.connect import Network, connect
+from heavebond.equations.expand import Expanded, expand
 from heavebond.language.definition import Component
 from heavebond.language.library import domains
 from heavebond.language.model import Model
@@ -53,12 +53,19 @@ def draw(model: Model, *, open: Iterable[str] = (), open_all: bool = False, valu
     that cannot be read, UsageError for names that the diagram does not have.
     """
     expanded = expand(model)
-    network = connect(expanded)
+    return draw_expanded(expanded, connect(expanded), open=open, open_all=open_all, values=values, highlight=highlight,
+                         colour=colour)[0]
+
+
+def draw_expanded(expanded: Expanded, network: Network, *, open: Iterable[str] = (), open_all: bool = False,
+                  values: bool = False, highlight: Mapping[str, str] | Iterable[str] = (), colour: Paint | None = None
+                  ) -> tuple[str, Drawn]:
+    """The same of a diagram that is expanded already, which may be unfinished, with the coordinates of what is drawn."""
     marks = marked_places(expanded, dict(highlight) if isinstance(highlight, Mapping) else dict.fromkeys(highlight, ""))
     blocks = opened_blocks(expanded, [open] if isinstance(open, str) else open, open_all, marks)
     told = {path: colour.text(value) for path, value in colour.parts.items()} if colour else {}
     drawn = lay_out(sheet(expanded, network, blocks), {}, Options(values, marks, told))
-    return _page(model, drawn, Look(marks, colour))
+    return _page(expanded.model, drawn, Look(marks, colour)), drawn
 
 
 @dataclass(frozen=True)

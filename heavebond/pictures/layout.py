@@ -16,6 +16,7 @@ from heavebond.pictures.text_metrics import KIND, NAME, NODE_NAME, TAG, VALUE, B
 
 GAP_X, GAP_Y, MARGIN, STUB, CLEAR = 60, 40, 30, 20, 4
 WIDER = (1.0, 1.4, 1.9, 2.5)  # gaps that are tried in turn until every wire and name has its place
+FACING = {0: (1, 0), 90: (0, 1), 180: (-1, 0), 270: (0, -1)}  # by the degrees that a part is turned clockwise
 OPPOSITE = {"left": "right", "right": "left", "top": "bottom", "bottom": "top"}
 
 
@@ -41,6 +42,7 @@ class Item:
     caption: Lettering | None
     marks: dict[str, str]
     inside: Drawn | None
+    cell: Cell = (0, 0)
 
     @property
     def extent(self) -> Box:
@@ -65,7 +67,7 @@ class Strand:
 @dataclass(frozen=True)
 class Drawn:
     """A sheet with coordinates: `frame` is its outline, `anchors` those of the block's own ports on it; `faults` counts
-    wires and names that found no place of their own."""
+    wires and names that found no place of their own; `xs` and `ys` are the middles of the columns and rows of its cells."""
 
     sheet: Sheet
     items: tuple[Item, ...]
@@ -74,14 +76,14 @@ class Drawn:
     anchors: tuple[Anchor, ...]
     title: Lettering | None
     faults: int
+    xs: tuple[int, ...]
+    ys: tuple[int, ...]
 
 
 def lay_out(sheet: Sheet, sides: Mapping[str, str], options: Options) -> Drawn:
     """Lay a sheet out; `sides` tells on which edge each port of its own stands."""
-    pieces = [*(_edge_piece(port, sides[port]) for port in sheet.ports), *(_piece(part) for part in sheet.parts.values())]
-    ends = [[(name or f"/{port}", port) for name, port in net.ends] for net in sheet.nets]
-    placement = place(pieces, ends)
-    joined = {end for net in ends for end in net}
+    placement = placed(sheet, sides)
+    joined = {(name or f"/{port}", port) for net in sheet.nets for name, port in net.ends}
     items = [_item(part, placement, joined, options) for part in sheet.parts.values()]
     tried = []
     for wider in WIDER:
@@ -90,6 +92,12 @@ def lay_out(sheet: Sheet, sides: Mapping[str, str], options: Options) -> Drawn:
             return drawn
         tried.append(drawn)
     return min(tried, key=lambda drawn: drawn.faults)
+
+
+def placed(sheet: Sheet, sides: Mapping[str, str]) -> Placement:
+    """The cells and turns of the parts of a sheet, without coordinates and wires."""
+    pieces = [*(_edge_piece(port, sides[port]) for port in sheet.ports), *(_piece(part) for part in sheet.parts.values())]
+    return place(pieces, [[(name or f"/{port}", port) for name, port in net.ends] for net in sheet.nets])
 
 
 def _edge_piece(port: str, side: str) -> Piece:
@@ -102,7 +110,14 @@ def _piece(part: Part) -> Piece:
         shape = None  # a node inside reaches out, for which a symbol has no place
     at = None if part.at is None else (round(part.at[0] * 8), round(part.at[1] * 8))  # to the eighth of a cell
     power = tuple(p for p, domain in part.ports.items() if domain != "signal")
-    return Piece(part.name, tuple(part.ports), shape, at, "", _natural(part), power[:2] if len(power) > 1 else ())
+    return Piece(part.name, tuple(part.ports), shape, at, "", _natural(part), power[:2] if len(power) > 1 else (),
+                 None if part.turn is None else FACING[part.turn])
+
+
+def facings(part: Part) -> list[int]:
+    """The degrees by which the picture of a part may be turned."""
+    turns = {turn[:2] for turn in _piece(replace(part, turn=None)).turns}
+    return [degrees for degrees, out in FACING.items() if out in turns]
 
 
 def _natural(part: Part) -> dict[str, tuple[str, ...]]:
@@ -237,7 +252,7 @@ class _Drafter:
     def _at(self, item: Item) -> Item:
         column, row = self.placement.cells[item.part.name]
         x, y = self.xs[column], self.ys[row]
-        return replace(item, x=x, y=y, caption=item.caption.moved(x, y) if item.caption else None)
+        return replace(item, x=x, y=y, caption=item.caption.moved(x, y) if item.caption else None, cell=(column, row))
 
     def _edge_places(self) -> dict[str, Anchor]:
         """Where the sheet's own ports stand on its edge, side by side where they share a cell."""
@@ -301,7 +316,8 @@ class _Drafter:
             free = (terminals[-1][0].x, terminals[-1][0].y) if len(net.ends) == 1 and len(terminals) > 1 else None
             lines.append(Strand(net, wire, found[0] if found else None, free))
         return Drawn(self.sheet, tuple(self.items.values()), tuple(lines), self.frame, tuple(self.edges.values()),
-                     self.title, faults)
+                     self.title, faults, tuple(x for _, x in sorted(self.xs.items())),
+                     tuple(y for _, y in sorted(self.ys.items())))
 
     def _net_text(self, net: Net) -> tuple[Line, ...]:
         if not net.name:

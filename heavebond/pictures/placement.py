@@ -31,7 +31,8 @@ class Piece:
     """What is placed: a part or a port of the sheet's own edge. `shape` is None for what takes its ports on any side.
 
     side: the edge to which a port of the sheet itself belongs; natural: the sides on which a reader looks for a port; ends:
-    the two ports of a box that stand on its left and right, or the other way round.
+    the two ports of a box that stand on its left and right, or the other way round; facing: where its picture's left to
+    right points to, if the diagram says it.
     """
 
     name: str
@@ -41,13 +42,14 @@ class Piece:
     side: str = ""
     natural: dict[str, tuple[str, ...]] = field(default_factory=dict)
     ends: tuple[str, ...] = ()
+    facing: tuple[int, int] | None = None
 
     @property
     def turns(self) -> tuple[Matrix, ...]:
-        """How it may stand; the ends of a box may change places."""
-        if self.shape is not None:
-            return self.shape.turns
-        return (STRAIGHT, MIRROR) if self.ends else (STRAIGHT,)
+        """How it may stand; the ends of a box may change places. A picture that never faces where it is said to may stand
+        as any other."""
+        turns = self.shape.turns if self.shape is not None else (STRAIGHT, MIRROR) if self.ends else (STRAIGHT,)
+        return tuple(turn for turn in turns if turn[:2] == self.facing) or turns
 
 
 @dataclass(frozen=True)
@@ -124,7 +126,7 @@ class _Search:
         """Given places, and `first`; then, from what is joined to the placed ones most, each in its best free cell."""
         for piece in self.pieces.values():
             if piece.at is not None:
-                self._put(piece.name, self._free_near(piece.at), STRAIGHT)
+                self._put(piece.name, self._free_near(piece.at), piece.turns[0])
         edge = max(3, math.isqrt(2 * len(self.pieces)) + 2)
         for side in SIDES:
             for k, piece in enumerate(p for p in self.pieces.values() if p.side == side):
@@ -195,7 +197,7 @@ class _Search:
         turns = self.turns[first], self.turns[second]
         for one, cell in ((first, b), (second, a)):
             self._lift(one)
-            self.cells[one], self.turns[one] = cell, STRAIGHT
+            self.cells[one], self.turns[one] = cell, self.pieces[one].turns[0]
         self.taken[a], self.taken[b] = second, first
         self._turn(first)
         self._turn(second)

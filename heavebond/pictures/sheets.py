@@ -10,6 +10,7 @@ from heavebond.core.presentation import readable, unit_label
 from heavebond.equations.connect import Network
 from heavebond.equations.expand import Expanded, Leaf
 from heavebond.language.definition import Body, Component, FileInput, Value
+from heavebond.language.lists import whole_number
 from heavebond.pictures.text_metrics import shortened
 from heavebond.text.expression import Number, names
 
@@ -32,8 +33,8 @@ class Net:
 
 @dataclass(frozen=True)
 class Part:
-    """A component on a sheet: its ports with their domains, its place (column, row) if it has one, what is set on it, and
-    what is inside if it is drawn open."""
+    """A component on a sheet: its ports with their domains, its place (column, row) and its turn (degrees clockwise) if it
+    has them, what is set on it, and what is inside if it is drawn open."""
 
     path: str
     name: str
@@ -43,6 +44,7 @@ class Part:
     at: tuple[float, float] | None
     values: tuple[str, ...]
     inside: Sheet | None = None
+    turn: int | None = None
 
 
 @dataclass(frozen=True)
@@ -178,7 +180,7 @@ class _Reader:
 
     def _part(self, path: str, name: str, leaf: Leaf, body: Body) -> Part:
         instance = body.instances.get(name)
-        at = instance.at if instance is not None and instance.at is not None and len(instance.at) == 2 else None
+        at = instance.at if instance is not None else None
         given = {**leaf.parameters, **leaf.inputs}
         told = instance.settings if instance is not None else {}
         values = tuple(f"{key} = {_value_text(bound.value, _unit(leaf.component, key))}" for key, bound in given.items()
@@ -186,7 +188,7 @@ class _Reader:
         inside = self.sheet(path) if path in self.opened else None
         inputs = tuple(k for k, s in leaf.component.signals.items() if s.direction == "in")
         return Part(path, name, leaf.component, self._ports(path, leaf), inputs, (at[0], at[1]) if at else None, values,
-                    inside)
+                    inside, int(at[2]) if at and len(at) > 2 else None)
 
     def _ports(self, path: str, leaf: Leaf) -> dict[str, str]:
         """Every port with its domain, the elements of arrays one by one."""
@@ -196,6 +198,8 @@ class _Reader:
             elements = [port.name] if port.count is None else [
                 end.port for junction in self.expanded.junctions.values() for end in junction.ends
                 if end.leaf == path and end.sign > 0 and end.port.partition("[")[0] == port.name]
+            if port.count is not None and (count := whole_number(port.count, leaf.integers)) is not None:
+                elements += [f"{port.name}[{k}]" for k in range(1, count + 1)]  # those that nothing joins yet
             found.update({name: domains.get(port.name, port.domain) for name in elements})
         found.update(dict.fromkeys(leaf.component.signals, "signal"))
         return {**found, **self.extra.get(path, {})}

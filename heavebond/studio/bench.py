@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 
 from heavebond.core.errors import HeavebondError, Problem, Problems, RunWarning
-from heavebond.equations.connect import connect
-from heavebond.equations.expand import expand
+from heavebond.equations.connect import connect_as_far
+from heavebond.equations.expand import Expanded, expand_as_far
 from heavebond.estimation.experiment import Experiment, experiment_from_source
+from heavebond.language.definition import Instance
 from heavebond.language.model import Model, from_source
 from heavebond.language.power_terms import CREATED, power_problems, used
 from heavebond.numerics.dae import Array, Assembly, assemble
@@ -24,10 +25,13 @@ from heavebond.numerics.quick_simulation import QuickSimulator
 from heavebond.numerics.result import Probe, Result
 from heavebond.numerics.simulation import changes_of, simulate
 from heavebond.numerics.simulator import grid
-from heavebond.pictures.drawing import draw
+from heavebond.pictures.drawing import draw_expanded
 from heavebond.studio.contents import Entry, contents, part_lines, problem_entry
+from heavebond.studio.diagram_edits import edited
 from heavebond.studio.evidence import Evidence, assembled, experiment_entry, files_of, proposal, written_experiment
+from heavebond.studio.grid import grid_of
 from heavebond.studio.job import Job
+from heavebond.studio.palette import component_entry, palette
 from heavebond.text.yaml_source import parse
 
 KEPT = 24  # runs whose results a worker keeps; older ones are simulated again where a further signal of them is asked for
@@ -67,16 +71,29 @@ def view(job: Job, opened: Sequence[str] = ()) -> Entry:
         model = experiment.model if experiment is not None else from_source(source)
         files = [*dependencies(model, Path(job.path)), *(files_of(experiment) if experiment is not None else [])]
         found["files"] = [str(p) for p in dict.fromkeys(files) if p.resolve() != Path(job.path).resolve()]
-        expanded = expand(model)
-        network = connect(expanded)
+        expanded, faults = expand_as_far(model)
+        network, mixed = connect_as_far(expanded)
         blocks = [name for name in opened if name in expanded.blocks]
-        found |= {"svg": draw(model, open=blocks), "opened": blocks}
-        assembly = _checked(model, problems) if experiment is None else _driven(experiment, problems)
-        found |= contents(expanded, network, assembly, job.name)
+        drawn = None
+        found |= {"svg": "", "opened": blocks, "whole": all(_is_known(i, expanded) for i in model.body.instances.values())}
+        if expanded.leaves:
+            found["svg"], drawn = draw_expanded(expanded, network, open=blocks)
+            found["grid"] = grid_of(drawn)
+        unfinished = faults.found or mixed.found
+        problems.found += unfinished
+        assembly = None if unfinished else _checked(model, problems) if experiment is None else _driven(experiment, problems)
+        found |= contents(expanded, network, assembly, job.name, drawn)
         found["runs"] = assembly is not None
     except HeavebondError as error:
         problems.extend(error)
-    return {**found, "problems": [problem_entry(p, job.name, parts) for p in problems.found]}
+    order = sorted(problems.found, key=lambda p: (p.place.file != job.name, p.place.line, p.place.column) if p.place else
+                   (True, 0, 0))
+    return {**found, "problems": [problem_entry(p, job.name, parts) for p in order]}
+
+
+def _is_known(instance: Instance, expanded: Expanded) -> bool:
+    """Whether a part is drawn: its component is found."""
+    return instance.repeat is not None or instance.name in expanded.leaves
 
 
 def _checked(model: Model, problems: Problems) -> Assembly | None:
@@ -212,4 +229,7 @@ def tasks() -> dict[str, Callable[..., tuple[Entry, Array | None]]]:
     bench, evidence = Bench(), Evidence()
     return {"view": lambda job, opened: (view(job, opened), None), "run": bench.run, "prepare": bench.prepare,
             "preview": bench.preview, "signals": bench.signals, "compare": evidence.compare, "channel": evidence.channel,
-            "against": evidence.against, "propose": proposal, "experiment": written_experiment}
+            "against": evidence.against, "propose": proposal, "experiment": written_experiment,
+            "edit": lambda job, action: (edited(job, action), None),
+            "palette": lambda job: (palette(Path(job.path).parent), None),
+            "component": lambda job, name: (component_entry(Path(job.path).parent, name), None)}

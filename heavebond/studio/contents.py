@@ -16,13 +16,16 @@ from heavebond.text.yaml_source import Mapping, Node, Sequence
 
 if TYPE_CHECKING:
     from heavebond.numerics.dae import Assembly
+    from heavebond.pictures.layout import Drawn
 
 Entry = dict[str, object]
 DECADE = 10.0  # a slider goes from a tenth of a positive value to ten times it, where no limit is nearer
 
 
-def contents(expanded: Expanded, network: Network, assembly: Assembly | None, text_name: str) -> Entry:
+def contents(expanded: Expanded, network: Network, assembly: Assembly | None, text_name: str,
+             drawn: Drawn | None) -> Entry:
     """Parts and nodes by their paths, the diagram's own parameters, and its outputs; signals where it is assembled."""
+    ports = port_entries(expanded, network, drawn) if drawn is not None else {}
     names = _signals(assembly) if assembly is not None else {}
     owned = _by_owner(names, [*expanded.leaves, *expanded.junctions])
     free = set(assembly.parameter_names) if assembly is not None else set()
@@ -34,7 +37,8 @@ def contents(expanded: Expanded, network: Network, assembly: Assembly | None, te
         given.setdefault(owner, []).append(_parameter(path, name, bound, parameter, path in free))
     parts = {path: {"kind": leaf.component.name, "summary": leaf.component.summary, "block": leaf.component.composite,
                     "line": leaf.place.line if leaf.place.file == text_name else None,
-                    "parameters": [*given.get(path, ()), *_inputs(leaf, free)], "signals": owned.get(path, [])}
+                    "parameters": [*given.get(path, ()), *_inputs(leaf, free), *_missing(leaf)],
+                    "signals": owned.get(path, []), "ports": ports.get(path, [])}
              for path, leaf in expanded.leaves.items()}
     nodes = {path: {"domain": _domain(network, path), "line": j.place.line if j.place.file == text_name else None,
                     "ends": [f"{end.leaf}.{end.port}" for end in j.ends if end.sign > 0],
@@ -45,6 +49,26 @@ def contents(expanded: Expanded, network: Network, assembly: Assembly | None, te
         shown = [{"name": name, **names[name]} for name in assembly.state_names if name in names]
     return {"name": model.name, "summary": model.summary, "parts": parts, "nodes": nodes,
             "parameters": given.get("", []), "outputs": shown, "until": model.until.text if model.until else ""}
+
+
+def port_entries(expanded: Expanded, network: Network, drawn: Drawn) -> dict[str, list[Entry]]:
+    """The ports of the parts on the outermost sheet: what they carry, where wires end at them, the node they are on."""
+    on = {end.name: path for path, junction in expanded.junctions.items() if "." not in path
+          for end in junction.ends if end.sign > 0}
+    found: dict[str, list[Entry]] = {}
+    for item in drawn.items:
+        leaf = expanded.leaves[item.part.path]
+        for port in item.part.ports:
+            if port.startswith(":"):
+                continue  # a node inside of a block that reaches out of it
+            base, path = port.partition("[")[0], f"{item.part.path}.{port}"
+            signal = leaf.component.signals.get(base)
+            domain = "signal" if signal else network.domains.get(leaf.path, {}).get(base, "")
+            found.setdefault(item.part.path, []).append({
+                "name": port, "path": path, "domain": domain, "direction": signal.direction if signal else "",
+                "doc": signal.doc if signal else leaf.component.ports[base].doc, "node": on.get(path, ""),
+                "value": base in leaf.inputs, "at": [[a.x, a.y, a.side] for a in item.anchors(port)]})
+    return found
 
 
 def _domain(network: Network, path: str) -> str:
@@ -75,6 +99,15 @@ def _inputs(leaf: Leaf, free: set[str]) -> list[Entry]:
     """Signal inputs that a value is given to."""
     return [_parameter(f"{leaf.path}.{name}", name, bound, leaf.component.signals[name], f"{leaf.path}.{name}" in free)
             for name, bound in leaf.inputs.items()]
+
+
+def _missing(leaf: Leaf) -> list[Entry]:
+    """Parameters that need a value, and inputs that may be given one, without any so far."""
+    needed: list[Parameter | SignalPort] = [
+        p for name, p in leaf.component.parameters.items() if name not in leaf.parameters and not p.medium]
+    needed += [s for name, s in leaf.component.signals.items() if s.direction == "in" and name not in leaf.inputs]
+    return [{"path": f"{leaf.path}.{p.name}", "name": p.name, "text": "", "doc": p.doc, "unit": p.unit.text,
+             "needed": isinstance(p, Parameter)} for p in needed]
 
 
 def _parameter(path: str, name: str, bound: Bound, declaration: Parameter | SignalPort | None, free: bool) -> Entry:

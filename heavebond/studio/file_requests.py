@@ -6,7 +6,7 @@ import asyncio
 from typing import Any
 
 from heavebond.core.errors import Problem, UsageError
-from heavebond.studio.folder import BUNDLED, bundled_machines
+from heavebond.studio.folder import BUNDLED, EMPTY, NEW, bundled_machines
 from heavebond.studio.tab import Handler, Tab, document_entry
 from heavebond.studio.values import with_values
 from heavebond.studio.workers import Answer
@@ -27,7 +27,8 @@ async def _open(tab: Tab, message: dict[str, Any]) -> Answer:
 
 
 async def _new(tab: Tab, message: dict[str, Any]) -> Answer:
-    return "done", {"name": await asyncio.to_thread(tab.folder.create, str(message["name"]))}, None
+    text = EMPTY if message.get("empty") else NEW
+    return "done", {"name": await asyncio.to_thread(tab.folder.create, str(message["name"]), text)}, None
 
 
 async def _copy(tab: Tab, message: dict[str, Any]) -> Answer:

@@ -38,6 +38,10 @@ show:
   force: {is: spring.F + damper.F, unit: N}
 simulate: {until: 6 s, every: 5 ms}
 """
+EMPTY = """\
+model: NAME
+simulate: {until: 5 s, every: 5 ms}
+"""
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,18 @@ async def _view(tab: Tab, message: dict[str, Any]) -> Answer:
     return answer
 
 
+async def _edit(tab: Tab, message: dict[str, Any]) -> Answer:
+    return await tab.checker.ask("edit", tab.job(message), dict(message["action"]))
+
+
+async def _palette(tab: Tab, message: dict[str, Any]) -> Answer:
+    return await tab.librarian.ask("palette", tab.job({"text": "", **message}))
+
+
+async def _component(tab: Tab, message: dict[str, Any]) -> Answer:
+    return await tab.librarian.ask("component", tab.job({"text": "", **message}), str(message["kind"]))
+
+
 async def _run(tab: Tab, message: dict[str, Any]) -> Answer:
     job, task = tab.job(message), str(message["do"])
     given = () if task == "prepare" else ([str(name) for name in message.get("names", ())],)
@@ -32,5 +44,6 @@ async def _stop(tab: Tab, _: dict[str, Any]) -> Answer:
     return "done", {}, None
 
 
-HANDLERS: dict[str, Handler] = {"view": _view, "run": _run, "prepare": _run, "preview": _run, "signals": _run,
+HANDLERS: dict[str, Handler] = {"view": _view, "edit": _edit, "palette": _palette,
+                                "component": _component, "run": _run, "prepare": _run, "preview": _run, "signals": _run,
                                 "stop": _stop}

@@ -29,7 +29,7 @@ class Tab:
 
     def __init__(self, websocket: WebSocket, folder: Folder, first: str, handlers: Dictionary[str, Handler], jobs: LongJobs):
         self.websocket, self.folder, self.first, self.handlers, self.jobs = websocket, folder, first, handlers, jobs
-        self.checker, self.runner = Worker(), Worker()
+        self.checker, self.runner, self.librarian = Worker(), Worker(), Worker()
         self.document: Document | None = None
         self.others: dict[str, float] = {}  # the files that the diagram reads besides its own, with their times
         self.sending = asyncio.Lock()
@@ -52,8 +52,8 @@ class Tab:
         self.jobs.watchers.discard(self._push_job)
         for task in self.tasks:
             task.cancel()
-        self.checker.close()
-        self.runner.close()
+        for worker in (self.checker, self.runner, self.librarian):
+            worker.close()
 
     def _push_job(self, job: LongJob) -> None:
         if self.document is not None and self.document.name == job.name:

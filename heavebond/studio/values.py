@@ -14,7 +14,7 @@ from heavebond.text.yaml_source import Mapping, parse
 def with_values(text: str, values: Dictionary[str, str]) -> str:
     """The text with values of parameters by their paths; see `set_entry`."""
     for path, value in values.items():
-        text = set_entry(text, _place(parse(text).root, path), value)
+        text = set_entry(text, place_of(parse(text).root, path), value)
     return text
 
 
@@ -34,7 +34,7 @@ def with_records(text: str, files: Sequence[str]) -> tuple[str, list[str]]:
     return text, names
 
 
-def _place(root: Mapping, path: str) -> tuple[str, ...]:
+def place_of(root: Mapping, path: str) -> tuple[str, ...]:
     """The keys under which a parameter is set: where `set:` has it already, else at the diagram's own parameter or at the
     part, else under `set:`, which also decides over a diagram that is extended."""
     given = root.items.get("set")

@@ -1,40 +1,110 @@
-"""Changes of a YAML text that leave everything else in it as it is, to the byte: comments, order, spaces, quotes."""
+"""Changes of a YAML text that leave everything else in it as it is, to the byte: comments, order, spaces, quotes.
+
+Every change is checked: reading the changed text must give the tree of the text before with this one change.
+"""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from collections.abc import Sequence as Several
 
 from heavebond.core.errors import HeavebondError, Problem, UsageError
 from heavebond.text.yaml_source import Mapping, Node, Scalar, Span, parse, spans
 
 Tree = dict[str, "Tree"] | list["Tree"] | str
+Key = str | int  # of a mapping, or the number of an item of a list
 
 
-def set_entry(text: str, keys: Several[str], value: str) -> str:
+def set_entry(text: str, keys: Several[Key], value: Tree, *, after: str = "") -> str:
     """The text with a value at a path of keys, `("components", "damper", "d")`. A value that is there is replaced where it
-    stands; a new entry follows the last one of its mapping, in the same style; mappings that are missing are made.
+    stands; a new entry follows the last one of its mapping, or the entry `after`, in the same style; mappings that are
+    missing are made, the first of them behind `after`. Lists and mappings are written in braces.
 
     ModelError for a text that cannot be read; UsageError where a key on the way holds no mapping, and where reading the
     changed text would not give the tree with this one value changed.
     """
-    wanted = _with(tree(parse(text).root), keys, value)
-    at, depth = spans(text), 0
-    while depth < len(keys) - 1 and keys[depth] in at.entries:
-        at, depth = at.entries[keys[depth]], depth + 1
+    wanted = _with(tree(parse(text).root), keys, value, after)
+    at, depth = _deepest(spans(text), keys)
     rest = keys[depth:]
-    if rest[0] in at.entries:
-        place = at.entries[rest[0]]
-        blank = " " if text[place.begin - 1:place.begin] == ":" else ""
-        changed = text[:place.begin] + blank + _scalar(value) + text[place.end:]
+    if not rest:
+        blank = " " if text[at.begin - 1:at.begin] == ":" else ""
+        changed = text[:at.begin] + blank + _flow(value) + text[at.end:]
     else:
-        changed = _inserted(text, at, rest, value)
-    try:
-        if tree(parse(changed).root) == wanted:
-            return changed
-    except HeavebondError:
-        pass
-    raise _refused(keys)
+        changed = _inserted(text, at, [str(key) for key in rest], value, after)
+    return _checked(changed, wanted, keys)
+
+
+def add_item(text: str, keys: Several[Key], value: str) -> str:
+    """The text with one more item at the end of the list at `keys`, in its style."""
+    before = tree(parse(text).root)
+    old = _at(before, keys)
+    if not isinstance(old, list) or not old:
+        return set_entry(text, keys, [value])
+    at, _ = _deepest(spans(text), keys)
+    last = at.items[-1]
+    if at.flow:
+        changed = text[:last.end] + ", " + _flow(value) + text[last.end:]
+    else:
+        first = at.items[0].begin
+        head = text[text.rfind("\n", 0, first) + 1:first]
+        end = _line_end(text, last.end)
+        changed = text[:end] + "\n" + head + _flow(value) + text[end:]
+    return _checked(changed, _with(before, keys, [*old, value]), keys)
+
+
+def delete_entry(text: str, keys: Several[Key]) -> str:
+    """The text without the entry or list item at a path of keys, and without mappings and lists that are empty then. An
+    entry with lines of its own goes with these and the comment behind it; comments on other lines stay."""
+    before = tree(parse(text).root)
+    keys = _emptied(before, keys)
+    at, depth = _deepest(spans(text), keys[:-1])
+    key = keys[-1]
+    if depth < len(keys) - 1 or (key not in at.entries if isinstance(key, str) else key >= len(at.items)):
+        raise _refused(keys)
+    if isinstance(key, str):
+        order, places = list(at.entries), [(at.keys[k].begin, at.entries[k].end) for k in at.entries]
+        k = order.index(key)
+    else:
+        places, k = [(item.begin, item.end) for item in at.items], key
+    changed = _without_flow(text, places, k) if at.flow else _without_lines(text, *places[k])
+    return _checked(changed, _without(before, keys), keys)
+
+
+def rename_key(text: str, keys: Several[Key], name: str) -> str:
+    """The text with another name for the key at the end of a path; its place and its value stay."""
+    before = tree(parse(text).root)
+    at, depth = _deepest(spans(text), keys[:-1])
+    key = keys[-1]
+    owner = _at(before, keys[:-1])
+    if depth < len(keys) - 1 or not isinstance(owner, dict) or key not in owner or name in owner:
+        raise _refused(keys)
+    place = at.keys[str(key)]
+    wanted = _with(before, keys[:-1], {name if k == key else k: v for k, v in owner.items()}) if keys[:-1] else \
+        {name if k == key else k: v for k, v in owner.items()}
+    return _checked(text[:place.begin] + _flow(name) + text[place.end:], wanted, keys)
+
+
+def replace_scalars(text: str, change: Callable[[tuple[Key, ...], str], str]) -> str:
+    """The text with `change(path, raw)` in place of the raw text of each key and scalar value, quotes included; the path
+    of a key ends with `":"`. The caller sees to it that what it puts in is read as it means."""
+    found: list[tuple[int, int, str]] = []
+
+    def visit(at: Span, path: tuple[Key, ...]) -> None:
+        for name, key in at.keys.items():
+            found.append((key.begin, key.end, change((*path, name, ":"), text[key.begin:key.end])))
+            visit(at.entries[name], (*path, name))
+        for k, item in enumerate(at.items):
+            visit(item, (*path, k))
+        if not at.mapping and not at.items and at.end > at.begin and text[at.begin] not in "[{":
+            found.append((at.begin, at.end, change(path, text[at.begin:at.end])))
+
+    visit(spans(text), ())
+    pieces, last = [], 0
+    for begin, end, fresh in sorted(found):
+        pieces += [text[last:begin], fresh]
+        last = end
+    return "".join([*pieces, text[last:]])
 
 
 def tree(node: Node) -> Tree:
@@ -44,47 +114,174 @@ def tree(node: Node) -> Tree:
     return node.text if isinstance(node, Scalar) else [tree(item) for item in node.items]
 
 
-def _with(before: Tree, keys: Several[str], value: str) -> Tree:
+# -- trees -----------------------------------------------------------------------------------------------------------------
+def _at(found: Tree, keys: Several[Key]) -> Tree | None:
+    """What stands at a path; None where nothing does."""
+    for key in keys:
+        inner = found.get(str(key)) if isinstance(found, dict) else \
+            found[key] if isinstance(found, list) and isinstance(key, int) and 0 <= key < len(found) else None
+        if inner is None:
+            return None
+        found = inner
+    return found
+
+
+def _with(before: Tree, keys: Several[Key], value: Tree, after: str = "") -> Tree:
     if not keys:
         return value
-    if not isinstance(before, dict):
+    key, rest = keys[0], keys[1:]
+    if isinstance(before, list) and isinstance(key, int) and 0 <= key < len(before):
+        return [_with(item, rest, value, after) if k == key else item for k, item in enumerate(before)]
+    if not isinstance(before, dict) or not isinstance(key, str):
         raise _refused(keys)
-    inner = before.get(keys[0], {})
-    return {**before, keys[0]: _with(inner if len(keys) > 1 else "", keys[1:], value)}
+    inner = _with(before.get(key, {} if rest else ""), rest, value, after)
+    if key not in before and after in before:
+        order = list(before)
+        k = order.index(after) + 1
+        return {**{name: before[name] for name in order[:k]}, key: inner, **{name: before[name] for name in order[k:]}}
+    return {**before, key: inner}
 
 
-def _inserted(text: str, at: Span, keys: Several[str], value: str) -> str:
-    """A new entry behind the last one of a mapping."""
-    last = max((entry.end for entry in at.entries.values()), default=at.begin + 1)
+def _without(before: Tree, keys: Several[Key]) -> Tree:
+    key, rest = keys[0], keys[1:]
+    if isinstance(before, dict):
+        return {k: _without(v, rest) if rest and k == key else v for k, v in before.items() if rest or k != key}
+    assert isinstance(before, list)
+    return [_without(v, rest) if rest and k == key else v for k, v in enumerate(before) if rest or k != key]
+
+
+def _emptied(before: Tree, keys: Several[Key]) -> Several[Key]:
+    """The outermost of the mappings and lists that are empty without the entry at `keys`, else its own path."""
+    if _at(before, keys) is None:
+        raise _refused(keys)
+    while len(keys) > 1 and len(_at(before, keys[:-1]) or "") == 1:
+        keys = keys[:-1]
+    return keys
+
+
+def _checked(changed: str, wanted: Tree, keys: Several[Key]) -> str:
+    try:
+        if _same(tree(parse(changed).root), wanted):
+            return changed
+    except HeavebondError:
+        pass
+    raise _refused(keys)
+
+
+def _same(one: Tree, two: Tree) -> bool:
+    """Whether two trees are equal, the order of their keys included."""
+    if isinstance(one, dict) and isinstance(two, dict):
+        return list(one) == list(two) and all(_same(one[k], two[k]) for k in one)
+    if isinstance(one, list) and isinstance(two, list):
+        return len(one) == len(two) and all(map(_same, one, two))
+    return one == two
+
+
+# -- text ------------------------------------------------------------------------------------------------------------------
+def _deepest(at: Span, keys: Several[Key]) -> tuple[Span, int]:
+    """The place of the longest part of a path that is there, and its length."""
+    for depth, key in enumerate(keys):
+        if isinstance(key, str) and key in at.entries:
+            at = at.entries[key]
+        elif isinstance(key, int) and key < len(at.items):
+            at = at.items[key]
+        else:
+            return at, depth
+    return at, len(keys)
+
+
+def _inserted(text: str, at: Span, keys: Several[str], value: Tree, after: str) -> str:
+    """A new entry behind the last one of a mapping, or behind a certain one."""
+    last = at.entries[after].end if after in at.entries else \
+        max((entry.end for entry in at.entries.values()), default=at.begin + 1)
     if at.flow:
-        entry = f"{_scalar(keys[0])}: {_nested(keys[1:], value)}"
+        entry = f"{_flow(keys[0])}: {_nested(keys[1:], value)}"
         return text[:last] + (", " if at.entries else "") + entry + text[last:]
-    first = min(at.keys.values())
+    if not at.keys:
+        raise _refused(keys)
+    first = min(key.begin for key in at.keys.values())
     indent = " " * (first - (text.rfind("\n", 0, first) + 1))
     while text[last - 1] == "\n":  # behind a block of text
         last -= 1
-    line_end = text.find("\n", last)
-    line_end = len(text) if line_end < 0 else line_end
-    head = f"\n{indent}{_scalar(keys[0])}:"
-    entry = f"{head} {_scalar(value)}" if len(keys) == 1 else \
-        f"{head}\n{indent}  {_scalar(keys[1])}: {_nested(keys[2:], value)}"
+    line_end = _line_end(text, last)
+    head = f"\n{indent}{_flow(keys[0])}:"
+    entry = f"{head}{_gap(text, at, keys[0])}{_flow(value)}" if len(keys) == 1 else \
+        f"{head}\n{indent}  {_flow(keys[1])}: {_nested(keys[2:], value)}"
     return text[:line_end] + entry + text[line_end:]
 
 
-def _nested(keys: Several[str], value: str) -> str:
-    return f"{{{_scalar(keys[0])}: {_nested(keys[1:], value)}}}" if keys else _scalar(value)
+def _gap(text: str, at: Span, key: str) -> str:
+    """The space between a new key and its value: where most values of its neighbours begin in one column, to that column."""
+    places = [(at.keys[k].begin, at.entries[k].begin) for k in at.entries]
+    widths = [value - begin for begin, value in places if "\n" not in text[begin:value]]
+    usual = max(widths, key=widths.count, default=0)
+    aligned = len(widths) > 1 and 2 * widths.count(usual) > len(widths)
+    return " " * max(1, usual - len(_flow(key)) - 1) if aligned else " "
 
 
-def _scalar(text: str) -> str:
-    """A text as a plain scalar where that is read as the same, inside braces too, else in double quotes."""
+def _line_end(text: str, at: int) -> int:
+    end = text.find("\n", at)
+    return len(text) if end < 0 else end
+
+
+def _without_lines(text: str, begin: int, end: int) -> str:
+    """The text without the lines of a block's entry."""
+    while end > begin and text[end - 1] == "\n":
+        end -= 1
+    start, stop = text.rfind("\n", 0, begin) + 1, _line_end(text, end)
+    rest = text[stop + 1:]
+    return text[:start] + rest if rest or not start or stop < len(text) else text[:start - 1]
+
+
+def _without_flow(text: str, places: Several[tuple[int, int]], k: int) -> str:
+    """The text without one of the entries in braces and the comma at it."""
+    begin, end = places[k]
+    if k + 1 < len(places):
+        comma = _comma(text, end)
+        stop = comma + 1
+        while text[stop:stop + 1] == " ":
+            stop += 1
+        changed = text[:begin] + text[end:comma] + text[stop:]
+    else:
+        if k:
+            comma = _comma(text, places[k - 1][1])
+            between = text[comma + 1:begin]
+            kept = between.rstrip(" ") if between.strip() else ""
+            begin, text = comma + len(kept), text[:comma] + kept + text[begin:]
+            end -= len(between) - len(kept) + 1
+        changed = text[:begin] + text[end:]
+    start = changed.rfind("\n", 0, begin) + 1
+    stop = _line_end(changed, begin)
+    return changed[:start] + changed[stop + 1:] if start < begin and not changed[start:stop].strip() else changed
+
+
+def _comma(text: str, at: int) -> int:
+    """The first comma from `at` on that does not stand in a comment."""
+    while text[at] != ",":
+        at = _line_end(text, at) if text[at] == "#" else at + 1
+    return at
+
+
+def _nested(keys: Several[str], value: Tree) -> str:
+    return f"{{{_flow(keys[0])}: {_nested(keys[1:], value)}}}" if keys else _flow(value)
+
+
+def _flow(value: Tree) -> str:
+    """A value on one line: lists and mappings in braces, a text as a plain scalar where that is read as the same, inside
+    braces too, else in double quotes."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{_flow(k)}: {_flow(v)}" for k, v in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_flow, value)) + "]"
     try:
-        if tree(parse(f"c: {text}\na: {{b: {text}}}").root) == {"c": text, "a": {"b": text}} and "\n" not in text:
-            return text
+        said = tree(parse(f"c: {value}\na: {{b: {value}}}\nd: [{value}]").root)
+        if said == {"c": value, "a": {"b": value}, "d": [value]} and "\n" not in value:
+            return value
     except HeavebondError:
         pass
-    return json.dumps(text, ensure_ascii=False)
+    return json.dumps(value, ensure_ascii=False)
 
 
-def _refused(keys: Several[str]) -> UsageError:
-    return UsageError([Problem("edit-refused", f"{'.'.join(keys)} cannot be set in this text", None,
-                               "Write it into the text by hand.")])
+def _refused(keys: Several[Key]) -> UsageError:
+    return UsageError([Problem("edit-refused", f"{'.'.join(map(str, keys))} cannot be changed so in this text", None,
+                               "Change it in the text by hand.")])

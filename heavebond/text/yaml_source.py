@@ -167,15 +167,17 @@ def short_path(path: Path) -> str:
 
 @dataclass(frozen=True)
 class Span:
-    """The characters of a node in the text, [begin, end); of a mapping with those of its values and where its keys begin.
-    That of a block ends with its last value, a comment behind it left out; a key without value has an empty one."""
+    """The characters of a node in the text, [begin, end); of a mapping with those of its values and keys, of a list with
+    those of its items. That of a block ends with its last value, a comment behind it left out; a key without value has an
+    empty one."""
 
     begin: int
     end: int
     mapping: bool = False
     flow: bool = False
     entries: dict[str, Span] = field(default_factory=dict)
-    keys: dict[str, int] = field(default_factory=dict)
+    keys: dict[str, Span] = field(default_factory=dict)
+    items: tuple[Span, ...] = ()
 
 
 def spans(text: str) -> Span:
@@ -194,16 +196,18 @@ def _span(event: yaml.Event, events: Iterator[yaml.Event]) -> Span:
     begin, end = _index(event.start_mark), _index(event.end_mark)
     if not isinstance(event, yaml.CollectionStartEvent):
         return Span(begin, end)
-    entries, keys, last = {}, {}, end
+    entries, keys, items, last = {}, {}, [], end
     while not isinstance(inner := next(events), yaml.CollectionEndEvent):
         found = _span(inner, events)
         if isinstance(event, yaml.MappingStartEvent):
             assert isinstance(inner, yaml.ScalarEvent)
-            keys[inner.value], found = found.begin, _span(next(events), events)
+            keys[inner.value], found = found, _span(next(events), events)
             entries[inner.value] = found
+        else:
+            items.append(found)
         last = found.end
     flow, mapping = bool(event.flow_style), isinstance(event, yaml.MappingStartEvent)
-    return Span(begin, _index(inner.end_mark) if flow else last, mapping, flow, entries, keys)
+    return Span(begin, _index(inner.end_mark) if flow else last, mapping, flow, entries, keys, tuple(items))
 
 
 class _Mark(Protocol):

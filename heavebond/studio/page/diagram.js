@@ -3,13 +3,14 @@
 import { byId } from "./dom.js";
 
 const SVG = "http://www.w3.org/2000/svg";
-const LEAST = 0.05, MOST = 6, STEP = 40;
+const LEAST = 0.05, MOST = 6, STEP = 40, RIM = 70; // px; the rim is where new columns and rows begin
 
 export class Diagram {
-  /** @param {(kind: string, path: string) => void} onpick @param {(path: string) => void} onopen */
-  constructor(onpick, onopen) {
-    this.onpick = onpick;
-    this.onopen = onopen;
+  /** @param {any} studio */
+  constructor(studio) {
+    this.studio = studio;
+    this.onpick = (/** @type {string} */ kind, /** @type {string} */ path) => studio.pick(kind, path);
+    this.onopen = (/** @type {string} */ path) => studio.openBlock(path);
     this.sheet = byId("sheet");
     /** @type {SVGSVGElement|null} */
     this.svg = null;
@@ -27,8 +28,13 @@ export class Diagram {
     const held = document.activeElement?.closest?.("[data-part], .reach"), focus = held && this.sheet.contains(held) ?
       [held.getAttribute("data-part"), held.getAttribute("data-node")] : null;
     const svg = /** @type {any} */ (document.importNode(new DOMParser().parseFromString(text, "image/svg+xml").documentElement, true));
+    const before = this.svg?.viewBox.baseVal;
     this.sheet.replaceChildren(svg);
     this.svg = svg;
+    if (before && !fit) { // what stands where it stood stays on the screen where it is
+      this.x += (svg.viewBox.baseVal.x - before.x) * this.scale;
+      this.y += (svg.viewBox.baseVal.y - before.y) * this.scale;
+    }
     svg.querySelector(":scope > rect")?.remove(); // the white sheet; the page gives the ground
     for (const group of svg.querySelectorAll("g.part[data-part]")) this.prepare(group, parts);
     for (const wire of svg.querySelectorAll("path.wire[data-node]")) {
@@ -37,6 +43,7 @@ export class Diagram {
         ["tabindex", "0"], ["role", "button"], ["aria-label", `node ${wire.getAttribute("data-node")}`]]) reach.setAttribute(name, value);
       wire.after(reach);
     }
+    this.studio.wiring.draw(svg, parts);
     if (fit) this.fit();
     else this.place();
     if (this.picked) this.pick(this.picked.kind, this.picked.path);
@@ -54,6 +61,38 @@ export class Diagram {
     group.setAttribute("tabindex", "0");
     group.setAttribute("role", "button");
     group.setAttribute("aria-label", part ? `${path}, ${part.kind}${part.block ? ", a block" : ""}` : path);
+  }
+
+  /** No drawing: the diagram has no parts. */
+  clear() {
+    this.sheet.replaceChildren();
+    this.svg = null;
+  }
+
+  /** A point of the screen in the coordinates of the drawing. @param {{clientX: number, clientY: number}} event */
+  point(event) {
+    const box = this.sheet.getBoundingClientRect(), view = this.svg?.viewBox.baseVal;
+    return { x: (view?.x ?? 0) + (event.clientX - box.left - this.x) / this.scale, y: (view?.y ?? 0) + (event.clientY - box.top - this.y) / this.scale };
+  }
+
+  /** @param {string} path @returns {any} */
+  group(path) { return [...this.sheet.querySelectorAll("g.part")].find((g) => g.getAttribute("data-part") === path) ?? null; }
+
+  /** By how many degrees the picture of a part is turned. @param {string} path */
+  facing(path) {
+    const matrix = this.group(path)?.querySelector(":scope > g[transform^=matrix]")?.getAttribute("transform") ?? "";
+    const [a, b] = (matrix.match(/-?\d+/g) ?? ["1", "0"]).map(Number);
+    return a === 1 ? 0 : b === 1 ? 90 : a === -1 ? 180 : 270;
+  }
+
+  /** Show all where what is selected lies outside of what is seen. */
+  reveal() {
+    const box = this.picked?.kind === "part" && this.group(this.picked.path)?.getBoundingClientRect(), seen = this.sheet.getBoundingClientRect();
+    // the transform of the new drawing is set with the next frame
+    if (box) requestAnimationFrame(() => requestAnimationFrame(() => {
+      const now = this.picked && this.group(this.picked.path)?.getBoundingClientRect();
+      if (now && (now.left < seen.left || now.right > seen.right || now.top < seen.top || now.bottom > seen.bottom)) this.fit();
+    }));
   }
 
   /** @param {string[]} parts */
@@ -74,7 +113,8 @@ export class Diagram {
     if (!this.svg) return;
     const { clientWidth: width, clientHeight: height } = this.sheet;
     const w = Number(this.svg.getAttribute("width")), h = Number(this.svg.getAttribute("height"));
-    this.scale = Math.min(1.6, Math.max(LEAST, Math.min(width / w, height / h)));
+    const rim = this.studio.edits.possible ? RIM : 0;
+    this.scale = Math.min(1.6, Math.max(LEAST, Math.min((width - rim) / w, (height - rim) / h)));
     this.x = (width - w * this.scale) / 2;
     this.y = (height - h * this.scale) / 2;
     this.place();
@@ -110,6 +150,7 @@ export class Diagram {
     let held = null;
     sheet.addEventListener("pointerdown", (event) => {
       if (event.button > 1) return;
+      if (event.button === 0 && this.studio.handling.begin(event)) return;
       held = { x: event.clientX, y: event.clientY, moved: false, target: event.target };
       sheet.setPointerCapture(event.pointerId);
     });
@@ -147,6 +188,15 @@ export class Diagram {
 
   /** @param {KeyboardEvent} event */
   key(event) {
+    const port = /** @type {any} */ (event.target)?.getAttribute?.("data-port");
+    if (event.key === "Escape" && this.studio.wiring.from) { this.studio.wiring.end(); this.studio.say(""); return; }
+    if (port && (event.key === "Enter" || event.key === " ")) {
+      event.preventDefault();
+      if (this.studio.wiring.from) this.studio.wiring.join(port);
+      else this.studio.wiring.begin(port);
+      return;
+    }
+    if (this.studio.edits.possible && this.studio.edits.key(event)) return;
     if (event.ctrlKey || event.altKey || event.metaKey) return;
     /** @type {Record<string, () => void>} */
     const keys = { ArrowLeft: () => this.move(STEP, 0), ArrowRight: () => this.move(-STEP, 0), ArrowUp: () => this.move(0, STEP),

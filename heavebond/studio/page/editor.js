@@ -24,7 +24,7 @@ export class Editor {
     this.quiet = false;
     this.extensions = [
       cm.EditorView.cspNonce.of(nonce), cm.EditorState.lineSeparator.of("\n"), cm.lineNumbers(), cm.highlightActiveLine(),
-      cm.highlightActiveLineGutter(), cm.highlightSpecialChars(), cm.drawSelection(), cm.history(), cm.indentUnit.of("  "),
+      cm.highlightActiveLineGutter(), cm.highlightSpecialChars(), cm.drawSelection(), cm.history({ minDepth: 1e9 }), cm.indentUnit.of("  "),
       cm.bracketMatching(), cm.closeBrackets(), cm.search(), cm.highlightSelectionMatches(), cm.lintGutter(), cm.yaml(),
       cm.syntaxHighlighting(look), theme, cm.EditorView.contentAttributes.of({ "aria-label": "Text of the diagram" }),
       cm.keymap.of([...cm.closeBracketsKeymap, ...cm.searchKeymap, ...cm.historyKeymap, ...cm.lintKeymap,
@@ -56,6 +56,14 @@ export class Editor {
     while (end < most - from && old[old.length - 1 - end] === text[text.length - 1 - end]) end++;
     this.view.dispatch({ changes: { from, to: old.length - end, insert: text.slice(from, text.length - end) }, userEvent: "input.replace" });
   }
+
+  get undoable() { return cm.undoDepth(this.view.state) > 0; }
+
+  get redoable() { return cm.redoDepth(this.view.state) > 0; }
+
+  undo() { cm.undo(this.view); }
+
+  redo() { cm.redo(this.view); }
 
   /** @param {any[]} problems */
   mark(problems) {

@@ -19,6 +19,9 @@ export class DiagramFile {
     byId("unsaved").hidden = !this.unsaved;
     /** @type {HTMLButtonElement} */ (byId("save")).disabled = !this.studio.document?.writable || !this.unsaved;
     byId("save").hidden = !this.studio.document?.writable;
+    for (const id of ["undo", "redo"]) byId(id).hidden = !this.studio.document?.writable;
+    /** @type {HTMLButtonElement} */ (byId("undo")).disabled = !this.studio.editor.undoable;
+    /** @type {HTMLButtonElement} */ (byId("redo")).disabled = !this.studio.editor.redoable;
     byId("copy").hidden = !/^bundled:\w+$/.test(this.studio.document?.name ?? "");
   }
 

@@ -5,8 +5,8 @@ import { askName, byId, el } from "./dom.js";
 /** @param {any} studio @param {any} told */
 export function showHome(studio, told) {
   const open = (/** @type {string} */ name, /** @type {string} */ text) => el("button", { class: "plain", "data-open": name, onclick: () => studio.open(name) }, text);
-  const fresh = () => askName("A new diagram", "Its name, letters, digits and _:", "machine", async (name) => {
-    const made = await studio.link.ask("new", { name });
+  const fresh = (/** @type {boolean} */ empty) => askName(empty ? "An empty diagram" : "A new diagram", "Its name, letters, digits and _:", "machine", async (name) => {
+    const made = await studio.link.ask("new", { name, empty });
     await studio.open(made.name);
   });
   const cards = (/** @type {any[]} */ found) => el("ul", { class: "cards" }, ...found.map((d) => el("li", {}, el("b", {}, open(d.name, d.name)))));
@@ -17,7 +17,8 @@ export function showHome(studio, told) {
   const machines = new Map();
   for (const m of told.machines) machines.set(m.machine, [...(machines.get(m.machine) ?? []), m]);
   byId("home").replaceChildren(
-    el("h2", {}, "Diagrams in ", el("code", {}, told.folder)), own, el("div", {}, el("button", { class: "main", id: "new", onclick: fresh }, "New diagram")),
+    el("h2", {}, "Diagrams in ", el("code", {}, told.folder)), own, el("div", {}, el("button", { class: "main", id: "new", onclick: () => fresh(false) }, "New diagram"), " ",
+      el("button", { id: "new-empty", onclick: () => fresh(true) }, "Empty diagram")),
     ...(experiments.length ? [el("h2", {}, "Experiments"), el("p", {}, "Diagrams with measured records."), cards(experiments)] : []),
     el("h2", {}, "Machines that come with heavebond"), el("p", {}, "To be looked at, run, and copied into the folder."),
     el("ul", { class: "cards" }, ...[...machines].map(([name, all]) => machine(studio, open, name, all))));

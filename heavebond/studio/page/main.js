@@ -2,14 +2,18 @@
 
 import { askName, byId, el } from "./dom.js";
 import { Diagram } from "./diagram.js";
+import { Edits } from "./edits.js";
 import { Editor } from "./editor.js";
 import { Evidence } from "./evidence.js";
 import { DiagramFile } from "./file.js";
+import { Handling } from "./handling.js";
 import { showHome } from "./home.js";
 import { Link } from "./link.js";
+import { Palette } from "./palette.js";
 import { Panel } from "./panel.js";
 import { RecordFiles } from "./records.js";
 import { Runs } from "./runs.js";
+import { Wiring } from "./wiring.js";
 
 class Studio {
   constructor() {
@@ -21,7 +25,11 @@ class Studio {
     this.folder = "";
     this.file = new DiagramFile(this);
     this.editor = new Editor(byId("editor"), nonce, () => this.file.changed(), (line) => this.atLine(line));
-    this.diagram = new Diagram((kind, path) => this.pick(kind, path), (path) => this.openBlock(path));
+    this.edits = new Edits(this);
+    this.wiring = new Wiring(this);
+    this.handling = new Handling(this);
+    this.diagram = new Diagram(this);
+    this.palette = new Palette(this);
     this.panel = new Panel(this);
     this.runs = new Runs(this);
     this.evidence = new Evidence(this);
@@ -48,6 +56,9 @@ class Studio {
     byId("stop").onclick = () => this.stop();
     byId("compare").onclick = () => this.evidence.compare();
     byId("tune").onclick = () => this.evidence.jobs.openTuning(true);
+    byId("undo").onclick = () => this.editor.undo();
+    byId("redo").onclick = () => this.editor.redo();
+    byId("toggle-palette").onclick = () => this.palette.toggle();
     byId("toggle-text").onclick = () => this.toggleText();
     addEventListener("hashchange", () => {
       const name = decodeURIComponent(location.hash.slice(1));
@@ -60,6 +71,12 @@ class Studio {
       if (mod && event.key === "Enter") { event.preventDefault(); void this.runs.run(); }
       if (event.altKey && event.key === "t") { event.preventDefault(); this.toggleText(); }
       if (event.altKey && event.key === "h") { event.preventDefault(); void this.home(); }
+      if (event.altKey && event.key === "l" && this.document) { event.preventDefault(); this.palette.toggle(); }
+      if (mod && !this.typing(event.target)) {
+        const key = event.key.toLowerCase();
+        if (key === "z" && !event.shiftKey) { event.preventDefault(); this.editor.undo(); }
+        if (key === "y" || (key === "z" && event.shiftKey)) { event.preventDefault(); this.editor.redo(); }
+      }
       if (event.key === "Escape" && !document.querySelector("dialog[open]")) void this.stop();
     });
   }
@@ -76,6 +93,9 @@ class Studio {
     if (message.push === "others") this.evidence.text = null; // compared again
     this.file.pushed(message);
   }
+
+  /** Whether keys go into a text here, which has its own undo. @param {any} target */
+  typing(target) { return Boolean(target?.closest?.(".cm-editor, input:not([type=range]):not([type=checkbox]), textarea")); }
 
   get unsaved() { return this.file.unsaved; }
 
@@ -108,6 +128,8 @@ class Studio {
     this.diagram.picked = null;
     this.runs.clear();
     this.evidence.clear();
+    this.palette.clear();
+    this.diagram.clear();
     location.hash = encodeURIComponent(name);
     document.title = `${name} - heavebond studio`;
     byId("title").textContent = name.replace(/^bundled:/, "") + (told.name.startsWith("bundled:") ? " (bundled, read only)" : told.writable ? "" : " (read only)");
@@ -145,29 +167,43 @@ class Studio {
   // -- drawing -------------------------------------------------------------------------------------------------------
   /** @param {boolean} fit */
   async check(fit) {
-    const name = this.document?.name;
-    const told = await this.link.ask("view", { name, text: this.editor.text, opened: this.opened }).catch((error) => ({ kind: "failed", error }));
+    const name = this.document?.name, text = this.editor.text;
+    clearTimeout(this.file.checking);
+    const told = await this.link.ask("view", { name, text, opened: this.opened }).catch((error) => ({ kind: "failed", error }));
     if (told.kind !== "done" || this.document?.name !== name) {
       if (told.kind === "failed" && this.document?.name === name) this.say(told.error.message);
       return;
     }
-    const drawn = Boolean(told.svg), first = !this.view?.svg;
-    this.view = told.parts ? told : { ...this.view, ...told, svg: told.svg ?? this.view?.svg };
-    if (drawn) this.diagram.draw(told.svg, told.parts ?? this.view.parts ?? {}, fit || first);
+    const first = !this.view?.svg, empty = told.parts && !told.svg;
+    // while a part's component is being typed, the drawing of before stays
+    const drawn = Boolean(told.svg && told.parts && (told.whole || first)) || empty;
+    this.view = drawn ? told : { ...told, ...this.view, problems: told.problems, evidence: told.evidence, experiment: told.experiment ?? this.view?.experiment };
+    if (empty) this.diagram.clear();
+    else if (drawn) this.diagram.draw(told.svg, told.parts, fit || first);
+    this.hint(empty);
     byId("diagram").classList.toggle("stale", !drawn && Boolean(this.view.svg));
     byId("stale").hidden = drawn || !this.view.svg;
     this.editor.mark(told.problems);
-    this.diagram.blame(told.problems.map((/** @type {any} */ p) => p.part).filter(Boolean));
+    // a port that is not connected is marked itself
+    this.diagram.blame(told.problems.filter((/** @type {any} */ p) => p.part && !/^(port|input)-unconnected$/.test(p.code)).map((/** @type {any} */ p) => p.part));
     this.showProblems(told.problems);
-    if (told.parts) this.tidy();
+    if (drawn && text === this.editor.text) this.tidy();
     this.evidence.recognise(this.view);
     this.panel.show();
     this.evidence.viewed(this.view);
   }
 
+  /** What to do with an empty sheet. @param {boolean} empty */
+  hint(empty) {
+    byId("nothing").hidden = !empty;
+    if (empty) byId("nothing").replaceChildren("This diagram has no parts yet. Open the ", el("button", { id: "open-library", onclick: () => this.palette.toggle(true) }, "Library"),
+      " (Alt+L), drag a component onto the sheet or select it and press Enter, then draw wires from port to port. Or write `components:` in the text.");
+  }
+
   /** Forget what the diagram no longer has. */
   tidy() {
     const known = new Set([...this.view.parameters, ...Object.values(this.view.parts).flatMap((p) => p.parameters)].filter((p) => p.slider).map((p) => p.path));
+    if (this.picked && !this.view[this.picked.kind === "part" ? "parts" : "nodes"]?.[this.picked.path]) this.picked = this.diagram.picked = null;
     this.runs.values = Object.fromEntries(Object.entries(this.runs.values).filter(([path]) => known.has(path)));
     if (!this.runs.plotted.length && !this.runs.live) this.runs.plotted = this.view.outputs.slice(0, 4).map((/** @type {any} */ o) => o.name);
   }

@@ -25,7 +25,7 @@ export class Panel {
   content(view, picked) {
     const part = picked?.kind === "part" ? view.parts[picked.path] : null, node = picked?.kind === "node" ? view.nodes[picked.path] : null;
     if (part) return this.part(picked.path, part, view);
-    if (node) return [el("h2", {}, picked.path), el("p", {}, `Node (${node.domain}). It joins ${node.ends.join(", ")}.`), ...this.lines(node), ...this.studio.evidence.about("node", picked.path), ...this.signals("Signals", node.signals)];
+    if (node) return [...this.studio.edits.tools(picked.path), el("p", {}, `Node (${node.domain}). It joins:`), this.ends(node), ...this.lines(node), ...this.studio.evidence.about("node", picked.path), ...this.signals("Signals", node.signals)];
     return [el("h2", {}, view.name), el("p", {}, view.summary), ...this.changed(), ...this.studio.evidence.summary(), ...this.parameters(view.parameters),
       ...this.signals("Outputs", view.outputs), view.outputs.length || this.studio.evidence.active ? null : el("p", {}, "The diagram names no outputs under show:."),
       el("h3", {}, "More"), el("p", {}, "Click a part or a wire of the drawing, or go there by Tab and press Enter: its parameters and signals appear here.")].filter(Boolean);
@@ -34,9 +34,29 @@ export class Panel {
   /** @param {string} path @param {any} part @param {any} view */
   part(path, part, view) {
     const open = view.opened.includes(path);
-    return [el("h2", {}, path), el("p", {}, el("b", {}, part.kind), ` ${part.summary}`),
+    return [...this.studio.edits.tools(path), el("p", {}, el("button", { class: "plain", title: "Read about the component", onclick: () => this.about(part.kind) }, part.kind), ` ${part.summary}`),
       part.block && el("button", { id: "open-block", onclick: () => this.studio.openBlock(path) }, open ? "Close the block (O)" : "Open the block (O)"),
-      ...this.lines(part), ...this.studio.evidence.about("part", path), ...this.parameters(part.parameters), ...this.signals("Signals", part.signals)].filter(Boolean);
+      ...this.lines(part), ...this.studio.evidence.about("part", path), ...this.parameters(part.parameters), ...this.studio.edits.ports(part), ...this.signals("Signals", part.signals)].filter(Boolean);
+  }
+
+  /** @param {string} kind */
+  about(kind) {
+    const { palette } = this.studio;
+    if (!palette.shown) palette.toggle(true);
+    void palette.load().then(() => palette.tell(kind));
+  }
+
+  /** The ports on a node, each to be taken off. @param {any} node */
+  ends(node) {
+    return el("ul", { class: "ports" }, ...node.ends.map((/** @type {string} */ end) => el("li", {}, el("button", { class: "plain", onclick: () => this.studio.pick("part", end.split(".").slice(0, -1).join(".")) }, end),
+      this.studio.edits.possible && el("button", { class: "plain quiet", title: `Take ${end} off the node`, "aria-label": `take ${end} off the node`, onclick: () => this.studio.edits.act({ act: "leave", port: end }) }, "×"))));
+  }
+
+  /** Ask for the first value that is missing. */
+  ask() {
+    const field = /** @type {HTMLInputElement|null} */ (this.place.querySelector(".missing input"));
+    if (field) field.focus();
+    else byId("sheet").focus();
   }
 
   /** @param {any} thing */
@@ -66,11 +86,14 @@ export class Panel {
     const now = s ? (given !== undefined ? parseFloat(given) : s.value) : 0;
     const limits = p.limits?.some((/** @type {any} */ v) => v !== null) ? ` (${p.limits[0] === null ? "" : `at least ${number(p.limits[0])}`}${p.limits.every((/** @type {any} */ v) => v !== null) ? ", " : ""}${p.limits[1] === null ? "" : `at most ${number(p.limits[1])}`}${p.unit && p.unit !== "1" ? ` ${p.unit}` : ""})` : "";
     const wrong = el("div", { class: "wrong", role: "alert" });
-    const field = s && el("input", { id, value: number(now, 6), inputmode: "decimal", "aria-describedby": `${id}-doc`,
+    const written = this.studio.edits.possible && p.path.split(".").length <= 2; // of the diagram itself, not inside a block
+    const field = s && !written && el("input", { id, value: number(now, 6), inputmode: "decimal", "aria-describedby": `${id}-doc`,
       onchange: (/** @type {any} */ event) => this.typed(p, event.target, wrong) });
-    return el("div", { class: `parameter${given !== undefined ? " changed" : ""}`, "data-parameter": p.path },
-      el("div", { class: "head" }, el("label", { for: s ? id : null, title: p.path }, p.name),
-        el("span", { class: "value" }, s ? field : el("code", {}, p.text)), el("span", { class: "unit" }, s ? unit : "")),
+    const text = written && el("input", { id, class: "mono", value: given ?? p.text, "aria-describedby": `${id}-doc`, spellcheck: "false", autocomplete: "off", placeholder: p.unit && p.unit !== "1" ? `value in ${p.unit}` : "value",
+      title: "Enter writes the value into the text", onchange: (/** @type {any} */ event) => this.write(p, event.target.value) });
+    return el("div", { class: `parameter${given !== undefined ? " changed" : ""}${p.needed ? " missing" : ""}`, "data-parameter": p.path },
+      el("div", { class: "head" }, el("label", { for: s || written ? id : null, title: p.path }, p.name),
+        el("span", { class: "value" }, text || (s ? field : el("code", {}, p.text))), el("span", { class: "unit" }, s && !written ? unit : "")),
       ...(s ? this.slider(p, now) : []), wrong, el("div", { class: "doc", id: `${id}-doc` }, `${p.doc}${limits}`,
         given !== undefined && el("button", { class: "plain", id: `${id}-reset`, onclick: () => this.studio.runs.setValue(p.path, undefined) }, ` back to ${p.text}`)));
   }
@@ -90,7 +113,8 @@ export class Panel {
     const told = () => this.text(s, Number(value(Number(range.value)).toPrecision(4)));
     range.addEventListener("input", () => {
       range.setAttribute("aria-valuetext", told());
-      /** @type {HTMLInputElement} */ (document.getElementById(`p-${p.path}`)).value = String(parseFloat(told()));
+      const shown = /** @type {HTMLInputElement} */ (document.getElementById(`p-${p.path}`));
+      shown.value = shown.classList.contains("mono") ? told() : String(parseFloat(told()));
       this.studio.runs.slide(p.path, told());
     });
     range.addEventListener("change", () => this.studio.runs.setValue(p.path, told()));
@@ -116,6 +140,15 @@ export class Panel {
     wrong.textContent = said;
     field.setAttribute("aria-invalid", String(Boolean(said)));
     if (!said) this.studio.runs.setValue(p.path, this.text(s, value));
+  }
+
+  /** A value into the text; the slider's, if there was one, is given up for it. @param {any} p @param {string} value */
+  write(p, value) {
+    const { [p.path]: tried, ...values } = this.studio.runs.values;
+    void this.studio.edits.act({ act: "set", path: p.path, value }).then((/** @type {boolean} */ done) => {
+      if (!done) { this.show(); return; }
+      if (tried !== undefined || this.studio.runs.live) this.studio.runs.setValues(values);
+    });
   }
 
   /** @param {string} title @param {any[]} signals */

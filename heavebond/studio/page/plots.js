@@ -24,6 +24,7 @@ export class Plots {
 
   /** @param {any[]} runs the visible ones, each with `series` by name @param {string[]} plotted @param {HTMLElement[]} below what stands under the charts */
   show(runs, plotted, below) {
+    this.place.classList.remove("bare");
     this.again = () => this.show(runs, plotted, below);
     const groups = grouped(runs, plotted);
     const shape = JSON.stringify([groups.map((g) => [g.unit, g.lines.map((l) => [l.name, l.run.id, l.run.label])])]);
@@ -36,6 +37,7 @@ export class Plots {
   /** @param {string} words */
   empty(words) {
     this.clear();
+    this.place.classList.add("bare");
     this.place.replaceChildren(el("p", { class: "empty" }, words));
   }
 

@@ -1,0 +1,410 @@
+"""Edits of a drawing as changes of its text: parts placed, moved, turned, renamed, copied and deleted, ports joined."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from heavebond.core.errors import Problem, Problems, UsageError, listing, suggest
+from heavebond.equations.connect import Network, connect_as_far
+from heavebond.equations.expand import Expanded, expand_as_far
+from heavebond.language import reading
+from heavebond.language.library import example
+from heavebond.language.model import MODEL_KEYS, Model, from_source
+from heavebond.pictures.layout import facings
+from heavebond.pictures.sheets import sheet
+from heavebond.studio.grid import Grid, cells_of, renumbered
+from heavebond.studio.job import Job
+from heavebond.studio.mentions import Named, deleted_mentions, renamed_mentions
+from heavebond.studio.values import place_of
+from heavebond.text.yaml_edits import Key, Tree, add_item, delete_entry, rename_key, set_entry, tree
+from heavebond.text.yaml_source import Scalar, parse, read
+
+Entry = dict[str, Any]
+SIGNAL = "signal"
+
+
+@dataclass(frozen=True)
+class Diagram:
+    """A diagram while it is edited: its text, what that says, and the parts, ports and nodes as far as they are known."""
+
+    text: str
+    said: dict[str, Tree]
+    model: Model
+    expanded: Expanded
+    network: Network
+
+    def section(self, name: str) -> dict[str, Tree]:
+        """The entries of a section of this file; none where it is missing."""
+        found = self.said.get(name)
+        return found if isinstance(found, dict) else {}
+
+    @property
+    def taken(self) -> set[str]:
+        """Names of parts, nodes and parameters."""
+        return {*self.model.body.instances, *self.model.body.wires, *self.model.parameters}
+
+    def named(self, name: str) -> Named:
+        """What the name of a part or node means in formulas."""
+        leaf = self.expanded.leaves.get(name)
+        members: set[str] = set()
+        if leaf is not None:
+            kind = leaf.component
+            members = {m.partition("[")[0] for m in (*kind.parameters, *kind.variables, *kind.ports, *kind.signals,
+                                                     *kind.body.instances, *kind.body.wires)}
+        return Named(name, frozenset(members), name in self.model.body.instances, name in self.model.body.wires)
+
+    def own(self, name: str) -> str:
+        """The name of a part that this file declares; UsageError for others."""
+        if name not in self.section("components"):
+            known = name in self.model.body.instances
+            raise UsageError([Problem("part-inherited" if known else "part-unknown",
+                                      f"'{name}' is declared in the diagram that this one extends" if known else
+                                      f"there is no part '{name}'", None,
+                                      "Change it there, or add it here under `components:`." if known else
+                                      suggest(name, self.model.body.instances))])
+        return name
+
+    def node_of(self, port: str) -> str:
+        """The node on which a port is, empty where it is on none."""
+        return next((name for name, wire in self.model.body.wires.items()
+                     if any(end.path == port for end in wire.ends)), "")
+
+
+def read_diagram(text: str, job: Job) -> Diagram:
+    """A diagram that may be unfinished; ModelError for a text that cannot be read."""
+    source = parse(text, Path(job.path), job.name)
+    said = tree(source.root)
+    model = from_source(source)
+    expanded, _ = expand_as_far(model)
+    network, _ = connect_as_far(expanded)
+    assert isinstance(said, dict)
+    return Diagram(text, said, model, expanded, network)
+
+
+def edited(job: Job, action: Entry) -> Entry:
+    """The text after an action, and what is selected then. UsageError with the reason where it cannot be done."""
+    act = ACTIONS[str(action["act"])]
+    return act(read_diagram(job.text, job), job, action)
+
+
+# -- parts -----------------------------------------------------------------------------------------------------------------
+def place_part(diagram: Diagram, job: Job, action: Entry) -> Entry:
+    """A new part of a kind at a place, with the values that its component cannot do without, from its example."""
+    kind = str(action["kind"])
+    component = diagram.model.library.component(kind)
+    words = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", kind.removesuffix(".fmu"))
+    name = _free_name(re.sub(r"\W+", "_", words).lower(), diagram.taken)
+    needed = [n for n, p in component.parameters.items() if p.default is None and p.neutral is None and not p.medium]
+    shown = _example_values(component, kind)
+    given: dict[str, Tree] = {n: shown[n] for n in needed if n in shown}
+    text, at = _at(diagram, Grid.read(action), action)
+    text = _with_entry(text, "components", name, {"is": kind, **given, "at": at})
+    return {"text": text, "part": name}
+
+
+def _example_values(component: Any, kind: str) -> dict[str, Tree]:
+    """What the component's example gives to its parameters, formulas of other parts left out."""
+    path = example(component)
+    found = tree(read(path, bundled=True).root) if path is not None else {}
+    parts = found.get("components", {}) if isinstance(found, dict) else {}
+    for part in parts.values() if isinstance(parts, dict) else ():
+        if isinstance(part, dict) and part.get("is") == kind:
+            return {k: v for k, v in part.items() if k not in ("is", "at", "repeat") and "=" not in str(v)}
+    return {}
+
+
+def move_part(diagram: Diagram, job: Job, action: Entry) -> Entry:
+    """A part to another place. Where others, which have no place of their own, would then stand elsewhere, theirs are
+    written too: the drawing stays as it was but for the part that is moved."""
+    name, grid = diagram.own(str(action["part"])), Grid.read(action)
+    text, at = _at(diagram, grid, action)
+    turn = _position(diagram, name)[2:]
+    written: list[Tree] = [*at, *turn]
+    text = set_entry(text, ("components", name, "at"), written)
+    before = {k: cell for k, cell in grid.cells.items() if k != name}
+    after = {k: cell for k, cell in cells_of(read_diagram(text, job).expanded).items() if k in before}
+    if _order(before) != _order(after):
+        for other, cell in grid.cells.items():
+            if other != name and other in diagram.section("components") and not _position(diagram, other):
+                text = set_entry(text, ("components", other, "at"), list(grid.place(*cell)))
+    return {"text": text, "part": name}
+
+
+def _order(cells: dict[str, tuple[float, float]]) -> dict[str, tuple[int, int]]:
+    """Columns and rows counted, those left out where nothing stands."""
+    columns, rows = (sorted({cell[k] for cell in cells.values()}) for k in (0, 1))
+    return {name: (columns.index(c), rows.index(r)) for name, (c, r) in cells.items()}
+
+
+def _position(diagram: Diagram, name: str) -> list[Tree]:
+    part = diagram.section("components").get(name)
+    at = part.get("at") if isinstance(part, dict) else None
+    return at if isinstance(at, list) else []
+
+
+def _at(diagram: Diagram, grid: Grid, action: Entry) -> tuple[str, list[Tree]]:
+    """What to write for a column and a row of the drawing, `k + 0.5` between two; where there is no number left between
+    them, the parts that have a place are numbered anew."""
+    column, row = float(action["column"]), float(action["row"])
+    at = grid.place(column, row)
+    if at:
+        return diagram.text, list(at)
+    text = diagram.text
+    for name, cell in grid.cells.items():
+        if name in diagram.section("components"):
+            written = [renumbered(cell[0], column), renumbered(cell[1], row), *_position(diagram, name)[2:]]
+            text = set_entry(text, ("components", name, "at"), written)
+    return text, [renumbered(column, column), renumbered(row, row)]
+
+
+def turn_part(diagram: Diagram, job: Job, action: Entry) -> Entry:
+    """A part turned clockwise from how it stands (`turn`, degrees), as far as its symbol may be turned."""
+    name, grid = diagram.own(str(action["part"])), Grid.read(action)
+    at = _position(diagram, name) or grid.place(*grid.cells[name])
+    allowed, now = facings(sheet(diagram.expanded, diagram.network, frozenset()).parts[name]), int(action["turn"])
+    if len(allowed) < 2:
+        raise UsageError([Problem("part-upright", f"the symbol of '{name}' is never turned")])
+    turn = min((degrees for degrees in allowed if degrees != now), key=lambda degrees: (degrees - now) % 360)
+    return {"text": set_entry(diagram.text, ("components", name, "at"), [*at[:2], str(turn)]), "part": name}
+
+
+def rename_part(diagram: Diagram, job: Job, action: Entry) -> Entry:
+    """Another name for a part, in wires and formulas too; that of a node on which it is is allowed."""
+    old, new = diagram.own(str(action["part"])), str(action["name"])
+    if old == new:
+        return {"text": diagram.text, "part": old}
+    on = {name for name, wire in diagram.model.body.wires.items() if any(e.path.partition(".")[0] == old for e in wire.ends)}
+    _check_name(new, diagram, allowed=on - set(diagram.model.body.instances))
+    text = renamed_mentions(diagram.text, diagram.named(old), new, node=False)
+    return {"text": rename_key(text, ("components", old), new), "part": new}
+
+
+def rename_node(diagram: Diagram, job: Job, action: Entry) -> Entry:
+    """Another name for a node, in formulas too; that of a part which is on it is allowed."""
+    old, new = str(action["node"]), str(action["name"])
+    if old == new:
+        return {"text": diagram.text, "node": old}
+    wire = diagram.model.body.wires.get(old)
+    on_it = {end.path.partition(".")[0] for end in wire.ends} if wire else set()
+    _check_name(new, diagram, allowed=on_it - set(diagram.model.body.wires))
+    if old not in diagram.section("nodes") or "extends" in diagram.said:
+        raise UsageError([Problem("node-inherited", f"node '{old}' is named in another file", None, "Rename it there.")])
+    text = renamed_mentions(diagram.text, diagram.named(old), new, node=True)
+    return {"text": rename_key(text, ("nodes", old), new), "node": new}
+
+
+def _check_name(name: str, diagram: Diagram, allowed: Iterable[str] = ()) -> None:
+    problems = Problems()
+    reading.identifier(Scalar(name, parse("a: 1").root.place), "a part", problems)
+    if problems.found or len(name) > 80:
+        raise UsageError([Problem("name-bad", f"'{name[:80]}' cannot be a name", None, "A name has letters, digits and _, a "
+                                  "letter first, and is no word of the formula language.")])
+    if name in diagram.taken - set(allowed):
+        raise UsageError([Problem("name-twice", f"there is already a part, a node or a parameter '{name}'")])
+
+
+def _free_name(first: str, taken: Iterable[str]) -> str:
+    """`first`, or `first2`, `first3`, ... where that is taken or no name."""
+    known = {*taken, *reading.RESERVED}
+    stem = first if first[:1].isalpha() else f"part_{first}"
+    return next(name for k in range(1, len(known) + 3) if (name := stem if k == 1 else f"{stem}{k}") not in known)
+
+
+def copy_part(diagram: Diagram, job: Job, action: Entry) -> Entry:
+    """The same part once more with another name, one row below, joined to nothing."""
+    name, grid = diagram.own(str(action["part"])), Grid.read(action)
+    fresh = _free_name(re.sub(r"\d+$", "", name) or name, diagram.taken)
+    part = diagram.section("components")[name]
+    if not isinstance(part, dict):
+        raise UsageError([Problem("edit-refused", f"'{name}' cannot be copied")])
+    cell = grid.cells.get(name, (0.0, 0.0))
+    text, at = _at(diagram, grid, {"column": cell[0], "row": cell[1] + 0.5})
+    turn = _position(diagram, name)[2:]
+    return {"text": set_entry(text, ("components", fresh), {**part, "at": [*at, *turn]}, after=name), "part": fresh}
+
+
+def delete(diagram: Diagram, job: Job, action: Entry) -> Entry:
+    """Parts and nodes, with wires, outputs, initial conditions and settings that mention them."""
+    text = diagram.text
+    for name in map(str, action.get("parts", ())):
+        diagram = read_diagram(text, job)
+        if name not in diagram.section("components") and name in diagram.model.body.instances:
+            text = add_item(text, ("remove",), name)
+            continue
+        text = _without_part(diagram, diagram.own(name), job)
+    for name in map(str, action.get("nodes", ())):
+        text = _without_node(read_diagram(text, job), name)
+    return {"text": text}
+
+
+def _without_part(diagram: Diagram, name: str, job: Job) -> str:
+    text = deleted_mentions(diagram.text, diagram.named(name), node=False)
+    text = delete_entry(text, ("components", name))
+    for node, ends in diagram.section("nodes").items():
+        if isinstance(ends, list):
+            for k in reversed([k for k, end in enumerate(ends) if str(end).lstrip("+-").partition(".")[0].partition("[")[0]
+                               == name]):
+                text = delete_entry(text, ("nodes", node, k))
+            if all(str(end).lstrip("+-").partition(".")[0] == name for end in ends):
+                text = deleted_mentions(text, Named(node, frozenset(), False, True), node=True)
+    return text
+
+
+def _without_node(diagram: Diagram, name: str) -> str:
+    if name not in diagram.section("nodes"):
+        raise UsageError([Problem("node-inherited", f"node '{name}' is declared in the diagram that this one extends", None,
+                                  "Take ports from it here: `-part.port`.")])
+    return delete_entry(deleted_mentions(diagram.text, diagram.named(name), node=True), ("nodes", name))
+
+
+# -- wires -----------------------------------------------------------------------------------------------------------------
+def join_ports(diagram: Diagram, job: Job, action: Entry) -> Entry:
+    """Two ports on one node: a new one, that of either, or those of both made one."""
+    one, two = str(action["from"]), str(action["to"])
+    for reason in filter(None, [why_not(diagram, one, two)]):
+        raise UsageError([Problem("ports-unfit", reason)])
+    first, second = diagram.node_of(one), diagram.node_of(two)
+    if not first and not second:
+        name = _node_name(diagram, (one, two))
+        return {"text": _with_entry(diagram.text, "nodes", name, [one, two]), "node": name}
+    if first and second:
+        return {"text": _merged(diagram, first, second), "node": first}
+    node, port = (first, two) if first else (second, one)
+    return {"text": _added(diagram, node, port), "node": node}
+
+
+def _node_name(diagram: Diagram, ports: tuple[str, str]) -> str:
+    """A name for a new node: that of a part with one port of power, a mass or a source, whose variables have other names
+    than those of the node; else the names of both parts."""
+    parts = list(dict.fromkeys(port.partition(".")[0] for port in ports))
+    domain = diagram.model.library.domains.get(next(filter(None, (_port_facts(diagram, port)[0] for port in ports)), ""))
+    if domain is not None:
+        own = {*domain.members}
+        for part in parts:
+            single = len(diagram.expanded.leaves[part].component.ports) == 1
+            if single and part not in diagram.model.body.wires and not own & diagram.named(part).members:
+                return part
+    return _free_name("_".join(parts), diagram.taken)
+
+
+def _added(diagram: Diagram, node: str, port: str) -> str:
+    inherited = node not in diagram.section("nodes")
+    return add_item(diagram.text, ("nodes", node), f"+{port}" if inherited or "extends" in diagram.said else port)
+
+
+def _merged(diagram: Diagram, first: str, second: str) -> str:
+    """The ports of the second node on the first, and the second's name in formulas replaced."""
+    ends = diagram.section("nodes").get(second)
+    if "extends" in diagram.said or not isinstance(ends, list):
+        raise UsageError([Problem("edit-refused", f"'{first}' and '{second}' are nodes of the diagram that this one extends",
+                                  None, "Join them there.")])
+    text = delete_entry(renamed_mentions(diagram.text, diagram.named(second), first, node=True), ("nodes", second))
+    for end in ends:
+        text = add_item(text, ("nodes", first), str(end))
+    return text
+
+
+def leave_node(diagram: Diagram, job: Job, action: Entry) -> Entry:
+    """A port taken off its node; the node goes with its last port."""
+    port = str(action["port"])
+    node = diagram.node_of(port)
+    ends = diagram.section("nodes").get(node)
+    if not node or not isinstance(ends, list) or port not in [str(end).lstrip("+") for end in ends]:
+        raise UsageError([Problem("edit-refused", f"'{port}' is on no node of this file")])
+    if len(ends) == 1:
+        return {"text": _without_node(diagram, node)}
+    k = [str(end).lstrip("+") for end in ends].index(port)
+    return {"text": delete_entry(diagram.text, ("nodes", node, k)), "node": node}
+
+
+def why_not(diagram: Diagram, one: str, two: str) -> str:
+    """Why two ports cannot be joined; empty where they can."""
+    if one == two:
+        return "a wire joins two ports"
+    facts = [_port_facts(diagram, port) for port in (one, two)]
+    (first, out), (second, drives) = facts
+    node = diagram.node_of(one)
+    if node and node == diagram.node_of(two):
+        return f"'{one}' and '{two}' are joined already, on node '{node}'"
+    if SIGNAL in (first, second) and first != second:
+        return (f"'{one}' is {_a(first)} port and '{two}' {_a(second)} port: a signal acts through a source (ForceSource, "
+                "FlowSource, ...) and comes from a sensor")
+    if first and second and first != second:
+        return (f"'{one}' is {_a(first)} port and '{two}' {_a(second)} port; a component such as a Cylinder goes from one "
+                "domain to another")
+    if out and drives:
+        return f"'{one}' and '{two}' are both outputs; a signal has exactly one. Add them with a Sum"
+    for port in (one, two):
+        part, _, name = port.partition(".")
+        leaf = diagram.expanded.leaves.get(part)
+        if leaf is not None and name in leaf.inputs:
+            return f"'{port}' has a value in place, `{name}: {_value_text(leaf.inputs[name].value)}`; remove that first"
+    return _outputs_on_nodes(diagram, one, two)
+
+
+def _outputs_on_nodes(diagram: Diagram, one: str, two: str) -> str:
+    """A second output on a node that has one."""
+    found = []
+    for port in (one, two):
+        wire = diagram.model.body.wires.get(diagram.node_of(port))
+        on = [end.path for end in wire.ends] if wire else [port]
+        found += [p for p in dict.fromkeys([*on, port]) if _port_facts(diagram, p)[1]]
+    return f"the signal would have two outputs, {listing(found)}; add them with a Sum" if len(found) > 1 else ""
+
+
+def _value_text(value: Any) -> str:
+    return str(getattr(value, "text", "") or getattr(value, "file", ""))
+
+
+def _a(domain: str) -> str:
+    return f"{'an' if domain[:1] in 'aeiou' else 'a'} {domain or 'power'}"
+
+
+def _port_facts(diagram: Diagram, path: str) -> tuple[str, bool]:
+    """The domain of a port, empty where nothing tells it yet, and whether it is an output; UsageError for no port."""
+    part, _, port = path.partition(".")
+    leaf = diagram.expanded.leaves.get(part)
+    base = port.partition("[")[0]
+    if leaf is None or (base not in leaf.component.ports and base not in leaf.component.signals):
+        raise UsageError([Problem("port-unknown", f"there is no port '{path[:100]}'")])
+    if base in leaf.component.signals:
+        return SIGNAL, leaf.component.signals[base].direction == "out"
+    found = leaf.component.ports[base].domain
+    return ("" if found.startswith("$") else found) or diagram.network.domains.get(part, {}).get(base, ""), False
+
+
+# -- values ----------------------------------------------------------------------------------------------------------------
+def set_value(diagram: Diagram, job: Job, action: Entry) -> Entry:
+    """A parameter or input by its path, as it is written; with nothing, the entry goes."""
+    path, value = str(action["path"]), str(action["value"]).strip()
+    keys: tuple[Key, ...] = place_of(parse(diagram.text).root, path)
+    part = {"part": path.rpartition(".")[0]} if "." in path else {}
+    if not value:
+        try:
+            return {"text": delete_entry(diagram.text, keys), **part}
+        except UsageError:
+            return {"text": diagram.text, **part}
+    return {"text": set_entry(diagram.text, keys, value, after=_section_before(diagram.text, str(keys[0]))), **part}
+
+
+def _with_entry(text: str, section: str, name: str, value: Tree) -> str:
+    """A new entry in a section, which comes where the language lists it if it is missing."""
+    return set_entry(text, (section, name), value, after=_section_before(text, section))
+
+
+def _section_before(text: str, section: str) -> str:
+    """The last of the sections that come before another one."""
+    present = list(parse(text).root.items)
+    if section in present:
+        return ""
+    earlier = MODEL_KEYS[:MODEL_KEYS.index(section)]
+    return next((key for key in reversed(present) if key in earlier), "")
+
+
+ACTIONS: dict[str, Callable[[Diagram, Job, Entry], Entry]] = {
+    "place": place_part, "move": move_part, "turn": turn_part, "rename": rename_part, "rename_node": rename_node,
+    "copy": copy_part, "delete": delete, "join": join_ports, "leave": leave_node, "set": set_value}

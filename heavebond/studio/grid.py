@@ -1,0 +1,101 @@
+"""The grid of a drawing: its columns and rows, and the numbers that stand for them in `at:`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import ceil, floor, isfinite
+from typing import Any
+
+from heavebond.equations.connect import connect_as_far
+from heavebond.equations.expand import Expanded
+from heavebond.pictures.layout import Drawn, placed
+from heavebond.pictures.sheets import sheet
+
+Cell = tuple[float, float]
+STEPS = (1.0, 0.5, 0.25, 0.125)  # a place in `at:` counts to the eighth
+
+
+@dataclass(frozen=True)
+class Grid:
+    """The numbers of the columns and of the rows in `at:`, and the cell (column, row, both counted from 0) of each part."""
+
+    columns: tuple[float, ...]
+    rows: tuple[float, ...]
+    cells: dict[str, Cell]
+
+    @staticmethod
+    def read(action: Mapping[str, Any]) -> Grid:
+        """As the page sends it back; ValueError for what is none."""
+        told = action.get("grid") or {}
+        numbers = [tuple(map(float, told.get(key, ()))) for key in ("columns", "rows")]
+        if not all(isfinite(value) for found in numbers for value in found):
+            raise ValueError(told)
+        return Grid(numbers[0], numbers[1], {str(k): (float(v[0]), float(v[1])) for k, v in told.get("cells", {}).items()})
+
+    def place(self, column: float, row: float) -> list[str]:
+        """What `at:` says for a cell, `k + 0.5` between two columns or rows; nothing where no number is left there."""
+        found = [_between(self.columns, column), _between(self.rows, row)]
+        return [f"{value:g}" for value in found if value is not None] if None not in found else []
+
+
+def _between(values: Sequence[float], k: float) -> float | None:
+    """The number of the k-th of some columns; the roundest between two of them, or beyond the ends."""
+    if not values:
+        return float(floor(k))
+    if k < 0:
+        return float(ceil(values[0]) - 1)
+    if k > len(values) - 1:
+        return float(floor(values[-1]) + 1)
+    low, high = values[floor(k)], values[ceil(k)]
+    if low == high:
+        return low
+    middle = (low + high) / 2
+    for step in STEPS:
+        found = step * floor(middle / step + 0.5)
+        if low < found < high:
+            return found
+    return None
+
+
+def renumbered(k: float, inserted: float) -> str:
+    """The number of a column by its order, where another one is inserted at `k + 0.5` or takes an old one's place."""
+    return str(ceil(k) + (k > inserted != floor(inserted)))
+
+
+def grid_of(drawn: Drawn) -> dict[str, Any]:
+    """The grid of a drawing for the page, with the middles of columns and rows in px."""
+    cells = {item.part.name: item.cell for item in drawn.items}
+    given = {item.part.name: item.part.at for item in drawn.items if item.part.at is not None}
+    numbers = []
+    for k, count in enumerate((len(drawn.xs), len(drawn.ys))):
+        known: dict[int, float] = {}
+        for name, at in given.items():
+            known.setdefault(cells[name][k], at[k])
+        numbers.append(_filled(known, count))
+    return {"xs": list(drawn.xs), "ys": list(drawn.ys), "columns": numbers[0], "rows": numbers[1],
+            "cells": {name: list(cell) for name, cell in cells.items()}}
+
+
+def _filled(known: Mapping[int, float], count: int) -> list[float]:
+    """Numbers for all columns in ascending order, those that are known and others between and beyond them."""
+    if not known:
+        return [float(k) for k in range(count)]
+    order = sorted(known)
+    found = []
+    for k in range(count):
+        before, after = max((j for j in order if j <= k), default=None), min((j for j in order if j >= k), default=None)
+        if before is None or after is None:
+            end = order[0] if before is None else order[-1]
+            found.append(known[end] + (k - end))
+        elif before == after:
+            found.append(known[before])
+        else:
+            found.append(known[before] + (known[after] - known[before]) * (k - before) / (after - before))
+    return found
+
+
+def cells_of(expanded: Expanded) -> dict[str, Cell]:
+    """The cells of the parts on the outermost sheet, without drawing it."""
+    network, _ = connect_as_far(expanded)
+    return {name: (float(c), float(r)) for name, (c, r) in placed(sheet(expanded, network, frozenset()), {}).cells.items()}

@@ -1,0 +1,91 @@
+"""Mentions of a part or a node in the text of its diagram: in wires, formulas, initial conditions, outputs, settings."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from heavebond.text.yaml_edits import Key, Tree, delete_entry, replace_scalars, tree
+from heavebond.text.yaml_source import parse
+
+FIRST = re.compile(r"\.(\w+)")
+WORDS = {"view": ("is", "colour", "label"), "show": ("unit",), "components": ("is", "at"), "initial": ("start",)}
+
+
+@dataclass(frozen=True)
+class Named:
+    """A name with what it means: `name.member` belongs to the part where the part has that member or no node has its
+    name, else to the node."""
+
+    name: str
+    members: frozenset[str]
+    is_part: bool
+    is_node: bool
+
+    def pattern(self) -> re.Pattern[str]:
+        """The name before a dot, and behind neither a dot nor a letter; an index of a repeated part may follow it."""
+        return re.compile(rf"(?<![\w.]){re.escape(self.name)}(?=(?:\[[^\[\]]*\])?\.\w)")
+
+    def means(self, raw: str, found: re.Match[str], *, node: bool) -> bool:
+        """Whether a mention in a formula is that of the node, or of the part."""
+        if self.is_part and self.is_node:
+            member = FIRST.search(raw, found.end())
+            return node != (member is not None and member.group(1) in self.members)
+        return True
+
+
+def _formula(path: tuple[Key, ...], raw: str) -> bool:
+    """Whether names in a scalar are names of the diagram."""
+    section = path[0]
+    if path[-1] == ":":
+        return section in ("nodes", "set", "initial", "show") and len(path) == 3
+    if path[-1] in WORDS.get(str(section), ()):
+        return False
+    if section in ("parameters", "components", "set", "simulate"):
+        return raw.lstrip("'\"").startswith("=")
+    return section in ("nodes", "initial", "show", "view")
+
+
+def renamed_mentions(text: str, named: Named, new: str, *, node: bool) -> str:
+    """The text with another name at all mentions of the part, or of the `node`; keys that declare it stay."""
+    pattern = named.pattern()
+
+    def change(path: tuple[Key, ...], raw: str) -> str:
+        if not _formula(path, raw):
+            return raw
+        wires = path[0] == "nodes"
+        if wires and node and path[-1] != ":":
+            return raw
+
+        def put(found: re.Match[str]) -> str:
+            mine = (not node) if wires or path[0] == "set" else named.means(raw, found, node=node)
+            return new if mine else found.group()
+
+        return pattern.sub(put, raw)
+
+    return replace_scalars(text, change)
+
+
+def deleted_mentions(text: str, named: Named, *, node: bool) -> str:
+    """The text without outputs, initial conditions, settings and shapes that mention the part, or the `node`. Formulas of
+    other parts stay: `check` tells that they mean nothing any more."""
+    said = tree(parse(text).root)
+    assert isinstance(said, dict)
+    pattern = named.pattern()
+
+    def mentions(value: Tree, *, setting: bool = False) -> bool:
+        if isinstance(value, str):
+            return any(setting or named.means(value, found, node=node) for found in pattern.finditer(value))
+        inner = value.values() if isinstance(value, dict) else value
+        return any(mentions(item) for item in inner)
+
+    for section in ("set", "initial", "show", "view"):
+        entries = said.get(section)
+        for name, value in reversed(entries.items()) if isinstance(entries, dict) else ():
+            keyed = section != "view" and mentions(name, setting=section == "set") and not (section == "set" and node)
+            if keyed or (section in ("show", "view") and mentions(value)):
+                text = delete_entry(text, (section, name))
+            elif section == "initial" and isinstance(value, list):
+                for k in reversed([k for k, item in enumerate(value) if mentions(item)]):
+                    text = delete_entry(text, (section, name, k))
+    return text

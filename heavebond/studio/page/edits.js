@@ -1,0 +1,132 @@
+// Edits of the drawing: each is a change of the text, so that undo and redo go over both alike.
+
+import { byId, el } from "./dom.js";
+
+const TOLD = 7000; // ms for which a reason is shown
+
+export class Edits {
+  /** @param {any} studio */
+  constructor(studio) {
+    this.studio = studio;
+    this.turn = Promise.resolve();
+  }
+
+  get possible() { return Boolean(this.studio.document?.writable) && !this.studio.view?.evidence; }
+
+  /** One action after the other; what it selects is selected. @param {Record<string, any>} action @returns {Promise<boolean>} whether it was done */
+  act(action) {
+    const done = this.turn.then(() => this.perform(action));
+    this.turn = done.then(() => undefined);
+    return done;
+  }
+
+  /** @param {Record<string, any>} action */
+  async perform(action) {
+    const { studio } = this, before = studio.editor.text, name = studio.document?.name;
+    if (!this.possible) { this.refuse("This diagram is read only. Copy or extend it to change it."); return false; }
+    try {
+      const told = await studio.link.ask("edit", { name, text: before, action: { grid: studio.view?.grid, ...action } });
+      if (told.kind !== "done" || studio.document?.name !== name) return false;
+      if (studio.editor.text !== before) { this.refuse("The text was changed at the same time; do it once more."); return false; }
+      byId("reason").hidden = true;
+      studio.editor.replace(told.text);
+      studio.picked = told.part ? { kind: "part", path: told.part } : told.node ? { kind: "node", path: told.node } : null;
+      await studio.check(false);
+      if (studio.picked) studio.pick(studio.picked.kind, studio.picked.path);
+      studio.diagram.reveal();
+      return true;
+    } catch (error) {
+      this.refuse(error instanceof Error ? error.message : String(error));
+      return false;
+    }
+  }
+
+  /** @param {string} words */
+  refuse(words) {
+    const place = byId("reason");
+    place.replaceChildren(words);
+    place.hidden = false;
+    clearTimeout(this.hiding);
+    this.hiding = setTimeout(() => { place.hidden = true; }, TOLD);
+  }
+
+  /** The part or node that is selected, if it stands on the outermost sheet. */
+  get selected() {
+    const { picked, view } = this.studio;
+    return picked && !picked.path.includes(".") && (picked.kind === "part" ? view?.parts?.[picked.path] : view?.nodes?.[picked.path]) ? picked : null;
+  }
+
+  remove() {
+    const picked = this.selected;
+    if (picked) void this.act(picked.kind === "part" ? { act: "delete", parts: [picked.path] } : { act: "delete", nodes: [picked.path] });
+  }
+
+  copy() { if (this.selected?.kind === "part") void this.act({ act: "copy", part: this.selected.path }); }
+
+  rotate() {
+    if (this.selected?.kind !== "part") return;
+    const part = this.selected.path;
+    void this.act({ act: "turn", part, turn: this.studio.diagram.facing(part) });
+  }
+
+  rename() {
+    const field = /** @type {HTMLInputElement|null} */ (document.getElementById("item-name"));
+    field?.focus();
+    field?.select();
+  }
+
+  /** @param {string} name */
+  named(name) {
+    const picked = this.selected;
+    if (!picked || name === picked.path) return;
+    void this.act(picked.kind === "part" ? { act: "rename", part: picked.path, name } : { act: "rename_node", node: picked.path, name })
+      .then((done) => { if (!done) this.studio.panel.show(); });
+  }
+
+  /** A step over the grid by the keyboard. @param {number} dx @param {number} dy */
+  step(dx, dy) {
+    const picked = this.selected, grid = this.studio.view?.grid;
+    if (picked?.kind !== "part" || !grid?.cells[picked.path]) return;
+    const [c, r] = grid.cells[picked.path], taken = new Set(Object.values(grid.cells).map(String));
+    const beyond = taken.has(String([c + dx, r + dy])) ? 1.5 : 1;
+    const limit = (/** @type {number} */ value, /** @type {number} */ count) => Math.max(-1, Math.min(count, value));
+    void this.act({ act: "move", part: picked.path, column: limit(c + beyond * dx, grid.xs.length), row: limit(r + beyond * dy, grid.ys.length) });
+  }
+
+  /** The name of the selected thing and what can be done with it, for the panel. @param {string} path */
+  tools(path) {
+    if (!this.possible || path.includes(".")) return [el("h2", {}, path)];
+    const part = this.studio.picked?.kind === "part";
+    const name = el("input", { id: "item-name", class: "name", value: path, spellcheck: "false", autocomplete: "off", "aria-label": part ? "name of the part" : "name of the node", title: "Rename (F2)",
+      onchange: (/** @type {any} */ event) => this.named(event.target.value.trim()),
+      onkeydown: (/** @type {KeyboardEvent} */ event) => { if (event.key === "Escape") { /** @type {HTMLInputElement} */ (event.target).value = path; byId("sheet").focus(); } } });
+    return [el("h2", {}, name), el("div", { class: "tools" },
+      part && el("button", { id: "item-connect", title: "Draw a wire from a port of it (W)", onclick: () => this.studio.wiring.fromPart(path) }, "Connect"),
+      part && el("button", { id: "item-turn", title: "Turn (R)", onclick: () => this.rotate() }, "Turn"),
+      part && el("button", { id: "item-copy", title: "Copy (Ctrl+D)", onclick: () => this.copy() }, "Copy"),
+      el("button", { id: "item-delete", title: "Delete (Del)", onclick: () => this.remove() }, part ? "Delete" : "Delete the wire"))];
+  }
+
+  /** The ports of a part with what they are joined to. @param {any} part */
+  ports(part) {
+    if (!part.ports?.length) return [];
+    return [el("h3", {}, "Ports"), el("ul", { class: "ports" }, ...part.ports.map((/** @type {any} */ port) => el("li", {},
+      el("b", {}, port.name), el("span", { class: "doc" }, ` ${port.domain || "any domain"}${port.direction ? ` ${port.direction}put` : ""}${port.doc ? `, ${port.doc}` : ""} `),
+      port.node ? el("span", {}, el("button", { class: "plain", onclick: () => this.studio.pick("node", port.node) }, port.node),
+        this.possible && el("button", { class: "plain quiet", title: `Take ${port.path} off the node`, "aria-label": `take ${port.path} off node ${port.node}`, onclick: () => this.act({ act: "leave", port: port.path }) }, "×"))
+        : port.value ? el("span", { class: "doc" }, "has a value") : el("button", { class: "plain open", disabled: !this.possible, onclick: () => this.studio.wiring.begin(port.path) }, "not connected"))))];
+  }
+
+  /** Keys that act on what is selected; whether this was one of them. @param {KeyboardEvent} event */
+  key(event) {
+    const mod = event.ctrlKey || event.metaKey, { key } = event;
+    /** @type {Record<string, () => void>} */
+    const keys = mod ? { d: () => this.copy() } : event.altKey ? {} : event.shiftKey ?
+      { ArrowLeft: () => this.step(-1, 0), ArrowRight: () => this.step(1, 0), ArrowUp: () => this.step(0, -1), ArrowDown: () => this.step(0, 1) } :
+      { Delete: () => this.remove(), Backspace: () => this.remove(), r: () => this.rotate(), F2: () => this.rename(), w: () => this.selected?.kind === "part" && this.studio.wiring.fromPart(this.selected.path) };
+    if (!this.selected || !keys[key]) return false;
+    event.preventDefault();
+    keys[key]();
+    return true;
+  }
+}

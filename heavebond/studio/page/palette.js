@@ -1,0 +1,120 @@
+// The library: components by domain, searched, read about and placed.
+
+import { byId, el, number } from "./dom.js";
+import { freeCell } from "./grid.js";
+import { symbolOf } from "./handling.js";
+
+export class Palette {
+  /** @param {any} studio */
+  constructor(studio) {
+    this.studio = studio;
+    this.place = byId("palette");
+    /** @type {any[]} */ this.groups = [];
+    this.wanted = "";
+    this.loaded = "";
+    /** @type {Set<string>} */ this.closed = new Set();
+  }
+
+  get shown() { return !this.place.hidden; }
+
+  toggle(on = !this.shown) {
+    this.place.hidden = !on;
+    byId("diagram").classList.toggle("with-palette", on);
+    byId("toggle-palette").setAttribute("aria-pressed", String(on));
+    if (on) void this.load().then(() => document.getElementById("palette-search")?.focus());
+  }
+
+  /** As for a diagram that was just opened, whose folder may have components of its own. */
+  clear() {
+    this.loaded = "";
+    if (this.shown) this.toggle(false);
+  }
+
+  async load() {
+    const name = this.studio.document.name;
+    if (this.loaded === name) return;
+    this.place.replaceChildren(el("p", { class: "empty" }, "Reading the library…"));
+    const told = await this.studio.link.ask("palette", { name });
+    if (told.kind !== "done" || this.studio.document?.name !== name) return;
+    this.loaded = name;
+    this.groups = told.groups;
+    /** @type {Map<string, any>} */
+    this.components = new Map(told.groups.flatMap((/** @type {any} */ g) => g.components.map((/** @type {any} */ c) => [c.name, c])));
+    this.closed = new Set(told.groups.map((/** @type {any} */ g) => g.name).filter((/** @type {string} */ n) => n !== "this folder"));
+    this.build();
+  }
+
+  build() {
+    const search = el("input", { id: "palette-search", type: "search", placeholder: "Search the library", "aria-label": "Search the library", value: this.wanted, autocomplete: "off", spellcheck: "false",
+      oninput: (/** @type {any} */ event) => { this.wanted = event.target.value; this.list(); },
+      onkeydown: (/** @type {KeyboardEvent} */ event) => {
+        if (event.key === "ArrowDown") { event.preventDefault(); this.entries()[0]?.focus(); }
+        if (event.key === "Enter" && this.entries().length) { event.preventDefault(); this.put(this.entries()[0].dataset.component ?? ""); }
+        if (event.key === "Escape") { this.toggle(false); byId("sheet").focus(); }
+      } });
+    this.content = el("div", { class: "list" });
+    this.about = el("div", { class: "about", hidden: true, tabindex: "-1" });
+    this.place.replaceChildren(search, this.content, this.about);
+    this.list();
+  }
+
+  /** @returns {HTMLElement[]} */
+  entries() { return [.../** @type {any} */ (this.content?.querySelectorAll("[data-component]") ?? [])]; }
+
+  /** Components whose name or summary has all words that are searched for; names first. */
+  list() {
+    const words = this.wanted.toLowerCase().split(/\s+/).filter(Boolean);
+    const rank = (/** @type {any} */ c) => words.every((w) => c.name.toLowerCase().includes(w)) ? (c.name.toLowerCase().startsWith(words[0] ?? "") ? 0 : 1) :
+      words.every((w) => `${c.name} ${c.summary} ${Object.values(c.ports).join(" ")}`.toLowerCase().includes(w)) ? 2 : 3;
+    if (words.length) {
+      const found = this.groups.flatMap((g) => g.components).map((c) => ({ c, r: rank(c) })).filter(({ r }) => r < 3).sort((a, b) => a.r - b.r || a.c.name.length - b.c.name.length);
+      this.content?.replaceChildren(found.length ? el("ul", {}, ...found.slice(0, 60).map(({ c }) => this.entry(c))) : el("p", { class: "empty" }, "No component has these words."));
+      return;
+    }
+    this.content?.replaceChildren(...this.groups.map((g) => el("details", { open: !this.closed.has(g.name),
+      ontoggle: (/** @type {any} */ event) => { const open = event.target.open; this.closed[open ? "delete" : "add"](g.name); if (open && !event.target.querySelector("ul")) event.target.append(el("ul", {}, ...g.components.map((/** @type {any} */ c) => this.entry(c)))); } },
+      el("summary", {}, g.name, el("span", { class: "count" }, ` ${g.components.length}`)))));
+    for (const details of this.content?.querySelectorAll("details[open]") ?? []) details.dispatchEvent(new Event("toggle"));
+  }
+
+  /** @param {any} c */
+  entry(c) {
+    const button = el("button", { class: "component", "data-component": c.name, title: `${c.summary}\nDrag it onto the drawing, or press Enter.`,
+      onpointerdown: (/** @type {PointerEvent} */ event) => { if (event.button === 0 && this.studio.edits.possible) this.studio.handling.bring(event, c, () => { button.focus(); void this.tell(c.name); }); },
+      onkeydown: (/** @type {KeyboardEvent} */ event) => this.key(event, c),
+      ondblclick: () => this.put(c.name) }, el("span", { class: "symbol" }, symbolOf(c)), el("span", {}, el("b", {}, c.name), el("span", { class: "doc" }, c.summary)));
+    return el("li", {}, button);
+  }
+
+  /** @param {KeyboardEvent} event @param {any} c */
+  key(event, c) {
+    const all = this.entries(), k = all.indexOf(/** @type {HTMLElement} */ (event.currentTarget));
+    /** @type {Record<string, () => void>} */
+    const keys = { ArrowDown: () => all[k + 1]?.focus(), ArrowUp: () => (all[k - 1] ?? document.getElementById("palette-search"))?.focus(),
+      Enter: () => this.put(c.name), " ": () => this.tell(c.name), Escape: () => { this.toggle(false); byId("sheet").focus(); } };
+    if (!keys[event.key] || event.ctrlKey || event.altKey) return;
+    event.preventDefault();
+    keys[event.key]();
+  }
+
+  /** Place a component by the keyboard. @param {string} kind */
+  put(kind) {
+    const { edits, view } = this.studio, cell = freeCell(this.studio.diagram.svg ? view?.grid : null, edits.selected?.kind === "part" ? edits.selected.path : undefined);
+    void edits.act({ act: "place", kind, ...cell }).then((/** @type {boolean} */ done) => { if (done) this.studio.panel.ask(); });
+  }
+
+  /** What the page of a component says. @param {string} kind */
+  async tell(kind) {
+    const told = await this.studio.link.ask("component", { name: this.studio.document.name, kind });
+    if (told.kind !== "done" || !this.about) return;
+    const limits = (/** @type {any} */ p) => [p.limits[0] !== null && `at least ${number(p.limits[0])}`, p.limits[1] !== null && `at most ${number(p.limits[1])}`].filter(Boolean).join(", ");
+    this.about.hidden = false;
+    this.about.replaceChildren(.../** @type {any[]} */ ([el("div", { class: "head" }, el("b", {}, told.name), el("button", { class: "main", id: "place", disabled: !this.studio.edits.possible, onclick: () => this.put(kind) }, "Place"),
+      el("button", { id: "close-about", "aria-label": "Close the description", onclick: () => { if (this.about) this.about.hidden = true; } }, "×")),
+      el("p", {}, told.summary), told.restrictions && el("p", { class: "restrictions" }, `Neglected: ${told.restrictions}`),
+      el("h4", {}, "Ports"), el("ul", {}, ...told.port_list.map((/** @type {any} */ p) => el("li", {}, el("code", {}, p.name), ` ${p.what}${p.doc ? `, ${p.doc}` : ""}`))),
+      told.parameter_list.length && el("h4", {}, "Parameters"), told.parameter_list.length && el("ul", {}, ...told.parameter_list.map((/** @type {any} */ p) => el("li", {}, el("code", {}, p.name), `${p.unit ? ` [${p.unit}]` : ""} ${p.doc}`,
+        el("span", { class: "doc" }, ` ${[p.default ? `default ${p.default}` : "required", limits(p)].filter(Boolean).join(", ")}`)))),
+      told.equations.length && el("h4", {}, "Equations"), told.equations.length && el("pre", {}, told.equations.join("\n")), told.source && el("p", { class: "doc" }, `Source: ${told.source}`)]).filter(Boolean));
+  }
+}

@@ -1,0 +1,68 @@
+"""The components that a diagram may use: by domain for the palette, and one in full."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from heavebond.core.errors import HeavebondError
+from heavebond.language.definition import Component, Parameter, Value
+from heavebond.language.library import bundled, library
+from heavebond.pictures.drawing import symbol_picture
+
+Entry = dict[str, Any]
+OWN = "this folder"
+
+
+def palette(folder: Path) -> Entry:
+    """Name, summary, symbol and ports of each component, by the folders of the library; those beside the diagram first."""
+    known = library([folder])
+    root = bundled("components").resolve()
+    groups: dict[str, list[Entry]] = {}
+    for name in known.names():
+        path = known.files[name].resolve()
+        inside = path.is_relative_to(root)
+        group = path.relative_to(root).parts[0].replace("_", " ") if inside else OWN
+        try:
+            found = _of_library(name) if inside else _brief(known.component(name))
+        except HeavebondError:
+            continue  # a file that is being written; `check` tells of it where it is used
+        groups.setdefault(group, []).append(found)
+    order = sorted(groups, key=lambda group: (group != OWN, group == "bond graph", group))
+    return {"groups": [{"name": group, "components": sorted(groups[group], key=lambda c: str(c["name"]).lower())}
+                       for group in order]}
+
+
+@cache
+def _of_library(name: str) -> Entry:
+    return _brief(library().component(name))
+
+
+def _brief(component: Component) -> Entry:
+    ports = {**{p.name: p.domain for p in component.ports.values()}, **dict.fromkeys(component.signals, "signal")}
+    return {"name": component.name, "summary": component.summary, "svg": symbol_picture(component), "ports": ports,
+            "parameters": {name: _unit(p) for name, p in component.parameters.items()},
+            "inputs": [name for name, port in component.signals.items() if port.direction == "in"]}
+
+
+def component_entry(folder: Path, name: str) -> Entry:
+    """What the page of a component says: what it neglects, its ports, parameters, equations and source."""
+    component = library([folder]).component(name)
+    ports = [{"name": p.name, "what": p.domain, "doc": p.doc} for p in component.ports.values()]
+    ports += [{"name": s.name, "what": f"signal {s.direction}put", "doc": s.doc} for s in component.signals.values()]
+    return {**_brief(component), "restrictions": component.restrictions, "source": component.source, "port_list": ports,
+            "parameter_list": [_parameter(p) for p in component.parameters.values()],
+            "equations": [f"{line.text.strip()}  # {line.label}" if line.label else line.text.strip()
+                          for line in component.equations]}
+
+
+def _parameter(parameter: Parameter) -> Entry:
+    default = parameter.default.text if isinstance(parameter.default, Value) else \
+        "no effect" if parameter.neutral is not None else ""
+    return {"name": parameter.name, "unit": _unit(parameter), "doc": parameter.doc, "default": default,
+            "limits": [None if v is None else parameter.unit.from_si(v) for v in (parameter.low, parameter.high)]}
+
+
+def _unit(parameter: Parameter) -> str:
+    return "" if parameter.unit.text == "1" else parameter.unit.text

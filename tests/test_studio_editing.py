@@ -1,0 +1,212 @@
+"""The studio in a headless browser: a diagram built, changed and undone by mouse and by keyboard."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator
+
+import browser
+import pytest
+from test_studio_page import CAR, Server, _open, server
+
+import heavebond as hb
+
+__all__ = ["server"]
+
+
+@pytest.fixture(scope="module")
+def tab(server: Server, tmp_path_factory: pytest.TempPathFactory) -> Iterator[browser.Tab]:
+    found = browser.Tab(tmp_path_factory.mktemp("browser") / "profile", 1500, 1000)
+    yield found
+    found.close()
+
+
+@pytest.fixture(autouse=True)
+def _left(tab: browser.Tab) -> Iterator[None]:
+    """The page may be left without a question and without a draft for the next test."""
+    yield
+    tab.run("(() => { if (window.studio?.document) { studio.document.text = studio.editor.text; studio.file.keepDraft(); } "
+            "localStorage.clear(); })()")
+
+
+def _true(tab: browser.Tab, script: str, patience: float = browser.PATIENCE) -> None:
+    tab.wait(f"Boolean({script})", patience)
+
+
+def _drag(tab: browser.Tab, start: tuple[float, float], end: tuple[float, float]) -> None:
+    """Press, move in steps and release, as a hand does."""
+    tab.mouse("Moved", *start)
+    tab.mouse("Pressed", *start, button="left", clickCount=1)
+    for k in range(1, 5):
+        tab.mouse("Moved", *(a + (b - a) * k / 4 for a, b in zip(start, end, strict=True)), button="left")
+    tab.mouse("Released", *end, button="left", clickCount=1)
+
+
+def _cell(tab: browser.Tab, column: float, row: float) -> tuple[float, float]:
+    """The point on the screen at which a cell of the drawing is; -1 and n beyond its edges."""
+    x, y = tab.run(f"""(() => {{ const grid = studio.view.grid, d = studio.diagram, box = d.sheet.getBoundingClientRect(),
+        view = d.svg.viewBox.baseVal, at = (p, k, w) => k < 0 ? p[0] - w : k > p.length - 1 ? p[p.length - 1] + w :
+        (p[Math.floor(k)] + p[Math.ceil(k)]) / 2;
+        return [box.x + d.x + (at(grid.xs, {column}, 80) - view.x) * d.scale,
+                box.y + d.y + (at(grid.ys, {row}, 55) - view.y) * d.scale]; }})()""")
+    return x, y
+
+
+def _settled(tab: browser.Tab, script: str) -> None:
+    """Once the edit has come back, the drawing is that of the text, and its transform is set."""
+    _true(tab, script)
+    tab.run("studio.edits.turn.then(() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => "
+            "done(1)))))")
+
+
+def _bring(tab: browser.Tab, kind: str, column: float, row: float, name: str) -> None:
+    """A component from the library by mouse."""
+    tab.run("document.getElementById('palette-search').select()")
+    tab.run("document.getElementById('palette-search').focus()")
+    tab.write(kind)
+    selector = f"[data-component='{kind}']"
+    _true(tab, f"document.querySelector({selector!r})")
+    _drag(tab, tab.middle(selector), _cell(tab, column, row))
+    _settled(tab, f"studio.view.parts.{name}")
+
+
+def _wire(tab: browser.Tab, one: str, two: str) -> None:
+    _drag(tab, tab.middle(f"[data-port='{one}']"), tab.middle(f"[data-port='{two}']"))
+    _settled(tab, f"!studio.wiring.from && studio.view.parts['{one.split('.')[0]}'].ports.some("
+                  f"p => p.path === '{one}' && p.node)")
+
+
+def _fill(tab: browser.Tab, path: str, value: str) -> None:
+    """A value typed into the panel."""
+    field = f"document.getElementById('p-{path}')"
+    _true(tab, field)
+    tab.run(f"{field}.focus(), {field}.select(), 1")
+    tab.write(value)
+    tab.key("Enter", code=13, text="\r")
+    _settled(tab, f"studio.editor.text.includes({value!r})")
+
+
+def _new(tab: browser.Tab, server: Server, name: str) -> None:
+    tab.go("about:blank")
+    tab.go(server.address)
+    tab.click("#new-empty")
+    tab.run("document.getElementById('ask-name').select()")
+    tab.write(name)
+    tab.key("Enter", code=13, text="\r")
+    _true(tab, f"studio.document?.name === '{name}.yaml' && studio.view?.parts")
+
+
+BUILT = """\
+model: built
+components:
+  mass: {is: Mass, m: 320 kg, at: [0, 0]}
+  spring: {is: Spring, c: 22 kN/m, at: [0, 1]}
+  damper: {is: Damper, d: 1.5 kN*s/m, at: [1, 1]}
+  wheel:  {is: Mass, m: 40 kg, at: [0, 2]}
+  tyre: {is: SpringDamper, c: 190 kN/m, d: 150 N*s/m, at: [0, 3]}
+  road: {is: PositionSource, at: [0, 4], u: =30 mm*exp(-((time - 1 s)/0.1 s)**2)}
+nodes:
+  mass: [mass.a, spring.b, damper.b]
+  wheel: [wheel.a, spring.a, damper.a, tyre.b]
+  road: [tyre.a, road.a]
+simulate: {until: 5 s, every: 5 ms}
+"""
+
+
+def test_a_quarter_car_is_built_from_nothing(tab: browser.Tab, server: Server) -> None:
+    """Parts from the library, values, names, wires; then it is run and saved, and its text is what a person would write."""
+    _new(tab, server, "built")
+    tab.click("#open-library")
+    _true(tab, "document.getElementById('palette-search')", 60)
+    tab.write("mass")
+    tab.key("Enter", code=13, text="\r")  # the first one by the keyboard
+    _settled(tab, "studio.view.parts.mass && studio.view.grid")
+    _fill(tab, "mass.m", "320 kg")
+    for kind, name, column, row, new, values in (
+            ("Spring", "spring", 0, 1, "", {"c": "22 kN/m"}), ("Damper", "damper", 1, 1, "", {"d": "1.5 kN*s/m"}),
+            ("Mass", "mass2", 0, 2, "wheel", {"m": "40 kg"}),
+            ("SpringDamper", "spring_damper", 0, 3, "tyre", {"c": "190 kN/m", "d": "150 N*s/m"}),
+            ("PositionSource", "position_source", 0, 4, "road", {"u": "=30 mm*exp(-((time - 1 s)/0.1 s)**2)"})):
+        _bring(tab, kind, column, row, name)
+        for key, value in values.items():
+            _fill(tab, f"{name}.{key}", value)
+        if new:
+            tab.run("document.getElementById('sheet').focus()")
+            tab.key("F2", code=113)
+            tab.write(new)
+            tab.key("Enter", code=13, text="\r")
+            _settled(tab, f"studio.view.parts.{new}")
+    for one, two in (("mass.a", "spring.b"), ("damper.b", "mass.a"), ("wheel.a", "spring.a"), ("damper.a", "wheel.a"),
+                     ("tyre.b", "wheel.a"), ("tyre.a", "road.a")):
+        _wire(tab, one, two)
+    assert tab.run("studio.editor.text") == BUILT
+    assert tab.run("document.querySelector('#problems').innerText") == "No problems found."
+    tab.key("s", ctrl=True)
+    _true(tab, "!studio.unsaved")
+    assert (server.folder / "built.yaml").read_text(encoding="utf-8") == BUILT
+    tab.key("Enter", ctrl=True, code=13)
+    _true(tab, "studio.runs.live && !studio.runs.busy")
+    result = hb.simulate(hb.load(server.folder / "built.yaml"))
+    name = next(iter(result.assembly.state_names))
+    assert tab.run(f"studio.runs.live.told.outputs[{name!r}].max") == result.display[name].max()
+    assert tab.complaints == []
+
+
+def test_the_drawing_is_changed_and_undone_by_the_keyboard(tab: browser.Tab, server: Server) -> None:
+    """Select, move, turn, rename, copy, wire, delete without a mouse; undo goes back over drawing and text alike."""
+    _open(tab, server)
+    texts = [CAR]
+
+    def key(name: str, wanted: str, **more: int | str | bool) -> None:
+        tab.key(name, **more)  # type: ignore[arg-type]
+        _settled(tab, wanted)
+        texts.append(tab.run("studio.editor.text"))
+
+    tab.run("studio.diagram.group('damper').focus()")
+    tab.key("Enter", code=13)
+    _true(tab, "studio.picked?.path === 'damper'")
+    tab.run("studio.diagram.group('damper').focus()")
+    tab.call("Input.dispatchKeyEvent", type="keyDown", key="ArrowRight", windowsVirtualKeyCode=39, modifiers=8)
+    _settled(tab, "studio.editor.text.includes('at: [3, 1]')")
+    texts.append(tab.run("studio.editor.text"))
+    key("r", "studio.editor.text.includes('at: [3, 1, ')")
+    key("d", "studio.view.parts.damper2", ctrl=True)
+    assert tab.run("studio.picked.path") == "damper2"
+    tab.run("document.getElementById('sheet').focus()")
+    tab.key("w")
+    _true(tab, "document.activeElement.dataset?.port === 'damper2.a'")
+    tab.key("Enter", code=13)
+    _true(tab, "studio.wiring.from?.path === 'damper2.a' && document.activeElement.classList.contains('fits')")
+    tab.run("studio.wiring.ports.get('wheel.a').marks[0].focus()")
+    key("Enter", "studio.editor.text.includes('tyre.b, damper2.a]')", code=13)
+    went, came = ([line[2:] for line in difflib.ndiff(CAR.splitlines(), texts[-1].splitlines()) if line[0] == sign]
+                  for sign in "-+")
+    assert [line.split(":")[0].strip() for line in went] == ["damper", "wheel"]
+    assert [line.split(":")[0].strip() for line in came] == ["damper", "damper2", "wheel"]
+    tab.run("studio.pick('part', 'damper'); document.getElementById('sheet').focus()")
+    key("Delete", "!studio.view.parts.damper", code=46)
+    for text in reversed(texts[:-1]):
+        tab.run("document.getElementById('sheet').focus()")
+        tab.key("z", ctrl=True)
+        _true(tab, f"studio.editor.text === {text!r}".replace("\\n", "\\n"))
+    _true(tab, "!studio.unsaved && studio.view.parts.damper && !studio.view.parts.damper2")
+    tab.call("Input.dispatchKeyEvent", type="keyDown", key="Z", windowsVirtualKeyCode=90, modifiers=10)
+    _true(tab, f"studio.editor.text === {texts[1]!r}")
+    assert tab.complaints == []
+
+
+def test_a_part_is_dragged_and_what_does_not_fit_is_told(tab: browser.Tab, server: Server) -> None:
+    _open(tab, server)
+    _drag(tab, tab.middle("g.part[data-part='damper'] .frame"), _cell(tab, 2, 3))
+    _settled(tab, "studio.editor.text.includes('d: 1.5 kN*s/m, at: [2, 3]')")
+    assert tab.run("studio.editor.text") == CAR.replace("1.5 kN*s/m, at: [2, 1]", "1.5 kN*s/m, at: [2, 3]")
+    tab.click("#undo")
+    _true(tab, "!studio.unsaved")
+    tab.run("studio.edits.act({act: 'place', kind: 'Tank', column: 3, row: 0}).then(() => 1)")
+    _settled(tab, "studio.view.parts.tank")
+    before = tab.run("studio.editor.text")
+    _drag(tab, tab.middle("[data-port='tank.a']"), tab.middle("[data-port='body.a']"))
+    _true(tab, "!document.getElementById('reason').hidden")
+    assert "a hydraulic port" in tab.run("document.getElementById('reason').innerText")
+    assert tab.run("studio.editor.text") == before
+    assert tab.complaints == []
