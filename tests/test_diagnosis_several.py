@@ -22,7 +22,7 @@ from heavebond.diagnosis.ladder import AddedEffect
 from heavebond.diagnosis.predictive_errors import FITTED, SELECTION, TEST, PredictiveErrors
 from heavebond.diagnosis.refit import Refit
 from heavebond.diagnosis.residual_tests import ResidualTests
-from heavebond.diagnosis.stage import Stage, leaders, merit
+from heavebond.diagnosis.stage import Stage, leaders, merit, simpler_law
 from heavebond.diagnosis.stepwise_selection import Selection, select_stepwise
 
 SAMPLES = 1000
@@ -264,3 +264,26 @@ def test_a_candidate_that_the_test_data_exclude_does_not_lead() -> None:
                  ResidualTests(0, 0, 0, 9), (), (by_merit, robust), None, (), {}, (), False, 0.0, errors=before)
     assert merit(by_merit) < merit(robust)
     assert [stage.chosen.candidate.label for stage in leaders(made, 2) if stage.chosen] == ["B"]
+
+
+def test_a_law_whose_further_numbers_are_not_needed_becomes_the_simpler_one() -> None:
+    def trial(name: str, unknowns: int, selection: float, kind: str = "friction", where: str = "rail") -> Refit:
+        counts = np.full(40, 2 * SAMPLES / 40)
+        half = np.repeat([FITTED, SELECTION], 20)
+        found = PredictiveErrors(np.repeat([1.0, selection], 20) * counts, counts, half, half)
+        candidate = SimpleNamespace(label=name, component=name, kind=kind, where=(where,))
+        return Refit(candidate, SimpleNamespace(noise_given=True), {}, SAMPLES, 1.0, selection, SAMPLES,  # type: ignore[arg-type]
+                     SAMPLES, unknowns, (), 0.0, 0, errors=found)
+
+    bent = trial("bent", 5, 1.0)
+    made = replace(EMPTY, cost=9.0 * SAMPLES, chi2_fit=9.0, chi2_held_out=9.0, errors=errors(9.0))
+
+    def simpler(*others: Refit) -> str | None:
+        found = simpler_law(replace(made, trials=(bent, *others)), bent)
+        return found.candidate.label if found is not None else None
+
+    assert simpler(trial("plain", 4, 1.0)) == "plain"
+    assert simpler(trial("worse", 4, 1.1)) is None
+    # a little more on the selection data is chance, but with the larger merit a search would go to and fro
+    assert simpler(trial("larger merit", 4, 1.011)) is None
+    assert simpler(trial("elsewhere", 4, 1.0, where="wall"), trial("another class", 4, 1.0, kind="drag")) is None

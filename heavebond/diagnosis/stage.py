@@ -322,8 +322,9 @@ def leaders(made: Stage, most: int, simplest: bool = False) -> list[Stage]:
 
 def simpler_law(made: Stage, trial: Refit) -> Refit | None:
     """Of the trials of a step the best that earns its place and is of the same class at the same place as another one, with
-    fewer numbers, and leaves no more but for chance."""
-    found = [t for t in _earned(made) if t.candidate.kind == trial.candidate.kind and _needless(trial, t)]
+    fewer numbers, leaves no more but for chance and has the smaller merit."""
+    found = [t for t in _earned(made) if t.candidate.kind == trial.candidate.kind and _needless(trial, t)
+             and merit(t) < merit(trial)]
     return min(found, key=merit, default=None)
 
 
