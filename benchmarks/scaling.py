@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import psutil
 from distributed import Client, LocalCluster
@@ -98,6 +99,19 @@ def side_by_side(cases: int = CASES, pairs: int = PAIRS) -> list[Figure]:
             Figure(f"{what}: dask local cluster, times as fast as one process", f"{by_dask:.2f}", "≥ 1.7", by_dask >= 1.7),
             Figure(f"{what}: processor time of the cases, processes / one", f"{more:.2f}"),
             Figure(f"{what}: processor time of the cases, dask / one", f"{more_dask:.2f}")]
+
+
+def together(cases: int = CASES) -> Figure:
+    """A sweep in one process whose cases share their equations, against the same cases worked out by themselves."""
+    study = seas(cases)
+    ours = timed(lambda: hb.run_study(study, processes=1))
+    with mock.patch("heavebond.studies.run_case.measured_together", return_value=None):
+        theirs = timed(lambda: hb.run_study(study, processes=1))
+    for one, other in zip(ours[2], theirs[2], strict=True):
+        assert all(abs(one[name] - value) < 1e-5 * abs(value) for name, value in other.items())
+    ratio = theirs[1] / ours[1]
+    return Figure(f"sweep of {cases} sea states, one process: each by itself / sharing their equations",
+                  f"{ratio:.2f} ({duration(theirs[1])} / {duration(ours[1])})", "≥ 4", ratio >= 4)
 
 
 # -- what a run costs, and what travels --------------------------------------------------------------------------------
@@ -192,13 +206,13 @@ def killing(cases: int = CASES, kills: int = 4) -> tuple[Figure, bool]:
 
 def figures() -> list[Figure]:
     """The lines for docs/performance.md."""
-    return side_by_side()[:2]
+    return [together(), *side_by_side()[:2]]
 
 
 def main() -> None:
     """As the command line calls it; a number as argument stands for the cases of a sweep."""
     cases = int(sys.argv[1]) if len(sys.argv) > 1 else CASES
-    write_page([*cost(), *throughput(), *side_by_side(cases), killing(cases)[0]], PAGE)
+    write_page([*cost(), *throughput(), together(cases), *side_by_side(cases), killing(cases)[0]], PAGE)
 
 
 if __name__ == "__main__":
