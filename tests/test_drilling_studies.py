@@ -90,3 +90,25 @@ def test_sentences_on_the_tables() -> None:
     assert energy[1, 3] / energy[1, 0] == pytest.approx(0.04, abs=0.005)
     drift = 0.55 * 2 * np.pi / 12 * 0.5 / 3.02     # m, K_v v/K_p
     assert f"= {1e3 * drift:.0f} mm" in " ".join(PAGE.read_text(encoding="utf-8").split())
+
+
+def test_a_sea_state() -> None:
+    """The last realisation that the page lists: Pierson-Moskowitz, active, 2 m, seed 4."""
+    study = load_study("cmc_ahc/studies/sea_states")
+    units = checked(study)
+    line, = (line for line in block("sea_states") if re.match(r"PM +active +2 +4 +4 ", line))
+    found, _, _ = measured(study, assembled(study, study.case(11)))
+    told = [float(word) for word in line.split()[-6:]]
+    # the seal sticks at other instants on other computers: a few percent of the deviation in 25 minutes
+    assert [units[name].from_si(value) for name, value in found.items()] == pytest.approx(told, rel=NEAR)
+
+
+def test_sentences_on_the_sea_states() -> None:
+    means = [[float(part.split("±")[0]) for part in re.findall(r"[\d.]+(?: ± [\d.]+)?", line)] for line in
+             block("sea_states") if re.match(r"(PM|JONSWAP) .*±", line)]
+    waves, deviation, _, off, stop, _ = np.array(means)[:, 1:].T.reshape(6, 2, 2, 6)     # spectrum, operation, H_s
+    assert (8 * waves > 1350).all()
+    active, passive = deviation.swapaxes(0, 1)
+    assert (active[:, 1:4] < 8.2).all() and (active[:, 1:4] < passive[:, 1:4] / 4).all()
+    assert (off[:, 0, 1:4] < 0.1).all() and (off[:, 1, 1] > 30).all()
+    assert (off[:, 0, 4:] > 0.6).all() and not stop[..., :5].any() and stop[..., 5].any()

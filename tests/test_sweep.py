@@ -24,7 +24,7 @@ from heavebond.studies import campaign, run_case, shared_runs
 from heavebond.studies.run_case import Outcome, worked
 from heavebond.studies.sampling import Sampling, points
 from heavebond.studies.study import Procedure
-from heavebond.studies.tables import table, to_pandas, write_files
+from heavebond.studies.tables import mean_rows, table, to_pandas, write_files
 from heavebond.studies.uncertainty import indices, slopes, spreads, swings
 
 SAMPLE = """study: sample
@@ -121,7 +121,12 @@ pictures: {height: {curves: [height]}, spread: {histogram: [cycles]}}
         assert plot_study(result, picture).axes
     line, = plot_study(result, study.pictures[0]).axes[0].containers     # a curve of two means with bars
     assert np.asarray(line[0].get_xydata()) == pytest.approx(np.array([[1, low.mean], [2, high.mean]]))
-    assert all(math.isnan(s.interval[0]) for s in spreads(hb.run_study(_study(), processes=1)))     # no independent points
+    head, rows, words = mean_rows(result)     # one row for each height of the sea
+    assert (head, [row[0] for row in rows], words) == (["H_s\n[m]", "height\n[m]", "cycles\n[m]"], ["1", "2"], 0)
+    assert [float(part) for part in rows[1][1].split(" ± ")] == pytest.approx(
+        [high.mean, high.interval[1] - high.mean], abs=0.005)
+    plain = hb.run_study(_study(), processes=1)
+    assert all(math.isnan(s.interval[0]) for s in spreads(plain)) and mean_rows(plain)[1] == []     # no independent points
 
 
 @pytest.mark.parametrize("over", ["{f: 1 .. 3 Hz, machine.m: 1 .. 2 kg}", "{f: 0.5 .. 3 Hz}", "{f: 2 Hz +- 1 Hz}"])

@@ -100,13 +100,18 @@ def _tell(result: StudyResult) -> None:
 def _tell_sample(result: StudyResult) -> None:
     """What the points of a sample say together."""
     from heavebond.commands import terminal
-    from heavebond.studies.tables import index_rows, slope_rows, spread_rows
+    from heavebond.studies.tables import index_rows, mean_rows, slope_rows, spread_rows
 
     console = terminal.output()
+    titles, means, left = mean_rows(result)
+    if means:
+        console.print("\nover the sample: mean with its 95 % interval", style="bold", soft_wrap=True)
+        console.print(terminal.table("", titles, means, text=left))
+        console.print("deviations, quantiles and extremes are in study.json (`spreads`)", soft_wrap=True)
     for title, head, rows, words in (
             ("over the sample",
              ("number", "", "mean", "95 % of mean", "deviation", "least", "5 %", "50 %", "95 %", "most", "cases"),
-             spread_rows(result), 2),
+             [] if means else spread_rows(result), 2),
             ("Sobol indices: the share of the variance that a parameter makes alone, and with the others",
              ("number", "", "parameter", "alone", "95 %", "with others", "95 %"), index_rows(result), 3),
             ("at the diagram's own values, exact: what 1 % more does, what the half width does, share of the variance",

@@ -19,7 +19,7 @@ from heavebond.core.writable import new_file, write_text
 from heavebond.studies.campaign import StudyResult
 from heavebond.studies.run_case import Outcome
 from heavebond.studies.study import SIMULATIONS
-from heavebond.studies.uncertainty import indices, slopes, spreads
+from heavebond.studies.uncertainty import Spread, groups, indices, quantities, slopes, spreads
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -88,15 +88,19 @@ def shown(result: StudyResult) -> tuple[list[str], list[list[str]], int]:
                         [_number(name, _point(result, o, name)) for o in result.outcomes]))
     if len(study.procedures) > 1:
         columns.append(("procedure", [o.procedure for o in result.outcomes]))
-    for name, unit in result.units.items():
-        parts = ["simu-", "lations"] if name == SIMULATIONS else [name] if "(" in name else _clear(result, name).split(" ")
-        head = "\n".join([*parts, *([f"[{unit.text}]"] if unit.text != "1" else [])])
-        columns.append((head, [_number(name, result.value(o, name)) for o in result.outcomes]))
+    for name in result.units:
+        columns.append((_column_head(result, name), [_number(name, result.value(o, name)) for o in result.outcomes]))
         for k, beside in enumerate(study.beside):
             columns.append((beside.source, [_given(result, o, name, k) for o in result.outcomes]))
     columns.append(("", [o.problem for o in result.outcomes]))
     filled = [(head, cells) for head, cells in columns if any(cells)]
     return [head for head, _ in filled], [list(row) for row in zip(*(cells for _, cells in filled), strict=True)], words
+
+
+def _column_head(result: StudyResult, name: str) -> str:
+    unit = result.units[name].text
+    parts = ["simu-", "lations"] if name == SIMULATIONS else [name] if "(" in name else _clear(result, name).split(" ")
+    return "\n".join([*parts, *([f"[{unit}]"] if unit != "1" else [])])
 
 
 def _axis_head(result: StudyResult, k: int) -> str:
@@ -186,6 +190,38 @@ def spread_rows(result: StudyResult) -> list[tuple[str, ...]]:
              *(number(v, 4) for v in (s.deviation, s.least, *s.quantiles, s.most)),
              f"{s.number}" + (f" + {s.failed} failed" if s.failed else ""))
         for s in spreads(result)]
+
+
+def mean_rows(result: StudyResult) -> tuple[list[str], list[list[str]], int]:
+    """Head, rows and the number of columns that are words: the mean of each quantity with half its 95 % interval, a row per
+    combination of the other axes; empty unless a sample of independent points is taken at several of them."""
+    found: dict[str, dict[str, Spread]] = {}
+    for spread in spreads(result):
+        found.setdefault(spread.others, {})[spread.quantity] = spread
+    if len(found) < 2 or all(math.isnan(s.interval[0]) for row in found.values() for s in row.values()):
+        return [], [], 0
+    at = [k for k, axis in enumerate(result.study.axes) if axis is not result.study.sample]
+    names = quantities(result)
+    rows = []
+    for others, outcomes in groups(result):
+        one = next(iter(outcomes.values()))
+        told = [_level(result, one, k) for k in at] + ([one.procedure] if len(result.study.procedures) > 1 else [])
+        rows.append(told + [_with_interval(found.get(others, {}).get(name)) for name in names])
+    head = [_axis_head(result, k) for k in at] + (["procedure"] if len(result.study.procedures) > 1 else [])
+    words = next((n for n, k in enumerate(at) if result.study.axes[k].unit is not None), len(at))
+    return [*head, *(_column_head(result, name) for name in names)], rows, words
+
+
+def _with_interval(spread: Spread | None) -> str:
+    if spread is None:
+        return ""
+    half = spread.mean - spread.interval[0]
+    if not half > 0:     # one point, or the same number everywhere
+        return number(spread.mean, 4)
+    # the half width with one significant digit, with two where the first is 1 or 2; the mean to the same decimal place
+    power = math.floor(math.log10(half))
+    places = max(0, (half < 3*10**power) - power)
+    return f"{spread.mean:.{places}f} ± {half:.{places}f}"
 
 
 def index_rows(result: StudyResult) -> list[tuple[str, ...]]:
