@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
 
 from heavebond.import_20sim.component import Component, Item
 from heavebond.import_20sim.emx_file import EmxFile
@@ -50,15 +50,23 @@ def title(submodel: Submodel, library: frozenset[str] = frozenset()) -> str:
     return f"Own{name}" if name in library else name
 
 
-def elements_of(port: Port) -> list[str]:
-    """The names of the elements of a port of fixed size."""
-    sizes = [round(fold(e, {}) or 1) for e in port.size]
+def elements_of(port: Port, known: Mapping[str, float]) -> list[str]:
+    """The names of the elements of a port, with the values of global quantities."""
+    sizes = [round(fold(e, known) or 1) for e in port.size]
     rows, columns = (*sizes, 1, 1)[:2] if sizes else (1, 1)
     base = identifier(port.name)
     if rows * columns == 1 or rows * columns > 2000:
         return [base]
     return [f"{base}_{i + 1}" for i in range(rows)] if columns == 1 else \
         [f"{base}_{i + 1}_{k + 1}" for i in range(rows) for k in range(columns)]
+
+
+def _unused(base: str, taken: Collection[str]) -> str:
+    """A name that is not taken: `Gain`, `Gain_2` ..."""
+    k, found = 1, base
+    while found in taken:
+        k, found = k + 1, f"{base}_{k + 1}"
+    return found
 
 
 class Nets:
@@ -91,16 +99,51 @@ class Translator:
         self.emx, self.comments, self.library = emx, comments, library
         self.components: list[tuple[str, Component]] = []  # by dotted path of the new diagram
         self.blocks: list[tuple[str, Block]] = []
+        self.scopes: list[dict[str, str]] = []  # global relations of the submodels around: name to name in the diagram
+        self.values: dict[str, tuple[float, str]] = {}  # of global parameters by their name in the diagram, with their unit
+
+    def scoped(self, label: str) -> str:
+        """The name in the diagram of a global quantity."""
+        return next((scope[label] for scope in reversed(self.scopes) if label in scope), label)
+
+    def _known(self) -> dict[str, float]:
+        return {label: self.values[name][0] for scope in self.scopes for label, name in scope.items() if name in self.values}
+
+    def _relations(self, submodel: Submodel, old: str, new: str) -> Component | None:
+        """Enter the global relations of a submodel; those that compute something are a component."""
+        self.scopes.append({})
+        relations = submodel.relations
+        if relations is None:
+            return None
+        for group in (relations.constants, relations.parameters, relations.variables):
+            group[:] = [replace(item, words=(*item.words, "global")) for item in group]
+        relations.parameters[:0] = relations.constants
+        relations.constants = []
+        builder = Builder(Submodel("globals", submodel.line, type="Globals", equations=relations), submodel.comments,
+                          known=self._known())
+        made = builder.build()
+        made.line, made.name = submodel.line, f"{title(submodel)}Globals" if new else "Globals"
+        self._experiment(made, old, builder)
+        prefix = f"{new.replace('.', '_')}_" if new else ""
+        self.scopes[-1] = {label: f"{prefix}{label}" for label in (*made.shared.values(), *made.gives.values())}
+        made.shared = {own: self.scoped(label) for own, label in made.shared.items()}
+        made.gives = {own: self.scoped(label) for own, label in made.gives.items()}
+        for own, label in made.shared.items():
+            if (value := made.items[own].value) is not None:
+                self.values[label] = value, made.items[own].unit
+        return made if made.equations or made.events or made.untranslated else None
 
     def submodel(self, submodel: Submodel, old: str, new: str,
                  ends: list[tuple[str, str, str]]) -> Component | Block:
         """A submodel with its path in 20-sim (`a\\b`) and in the diagram (`a.b`)."""
         if submodel.equations is None and (submodel.submodels or submodel.connections):
             return self.block(submodel, old, new)
-        builder = Builder(submodel, self.comments, ends)
+        builder = Builder(submodel, self.comments, ends, self._known())
         made = builder.build()
         made.line = submodel.line
         made.name = title(submodel, self.library)
+        made.shared = {own: self.scoped(label) for own, label in made.shared.items()}
+        made.gives = {own: self.scoped(label) for own, label in made.gives.items()}
         if submodel.equations is None and submodel.ports:
             made.untranslated.append((submodel.line, "it has no implementation"))
         self._experiment(made, old, builder)
@@ -110,13 +153,16 @@ class Translator:
     def _experiment(self, made: Component, old: str, builder: Builder) -> None:
         """Values and initial values of the experiment."""
         values: dict[str, float] = {}
+        prefix = f"{old}\\" if old else ""
         for item in made.of_kind("parameter"):
-            stated = self.emx.parameters.get(f"{old}\\{item.name}")
+            stated = self.emx.parameters.get(f"{prefix}{item.name}")
             if stated is not None:
                 item.value = stated
             if item.value is not None:
                 values[item.name] = item.value
         for own, shared in made.shared.items():
+            if shared in self.values and own not in values:
+                values[own] = self.values[shared][0]
             if shared in self.emx.parameters:
                 values[own] = self.emx.parameters[shared]
                 made.items[own].value = values[own]
@@ -126,7 +172,7 @@ class Translator:
                 made.untranslated.append((builder.submodel.line, f"the first value of '{held}' is not a number"))
             made.items[held].value = value or 0.0
         for variable, first in list(made.initial.items()):
-            stated = self.emx.initials.get(f"{old}\\{variable}_initial")
+            stated = self.emx.initials.get(f"{prefix}{variable}_initial")
             value = fold(first, {**builder.numbers, **values}) if stated is None else stated
             if value is None:
                 made.untranslated.append((builder.submodel.line, f"the initial value of '{variable}' is not a number"))
@@ -136,31 +182,35 @@ class Translator:
         """The parts of a submodel and their nodes."""
         made = Block(title(submodel, self.library), "")
         made.untranslated += submodel.problems
+        computed = self._relations(submodel, old, new)
         for port in submodel.ports:
-            made.elements[port.name] = elements_of(port)
+            made.elements[port.name] = elements_of(port, self._known())
             for name in made.elements[port.name]:
                 kind = port.direction if port.domain == "signal" else "bond"
                 made.items[name] = Item(name, kind, port.unit if kind != "bond" else "",
                                         "" if port.domain in ("signal", "power") else port.domain)
+        if computed is not None:
+            name = _unused("globals", {identifier(part.name) for part in submodel.submodels})
+            self.components.append((f"{new}.{name}" if new else name, computed))
+            made.parts["\\globals"] = Part(name, computed, min((p.x for p in submodel.submodels), default=0.0) - 80,
+                                            max((p.y for p in submodel.submodels), default=0.0))
         by_name = {part.name: part for part in submodel.submodels}
+        taken = {part.name for part in made.parts.values()}
         nets, ends = self._ends(submodel, by_name)
         for part in submodel.submodels:
             if _alias(part, ends.get(part.name, [])):
                 continue
-            name = identifier(part.name)
+            name = _unused(identifier(part.name), taken)
+            taken.add(name)
             inner = self.submodel(part, f"{old}\\{part.name}" if old else part.name, f"{new}.{name}" if new else name,
                                   ends.get(part.name, []))
             placed = Part(name, inner, part.x, part.y)
-            for port in part.ports:
-                if port.many:
-                    width = len(elements_of(port))
-                    placed.elements.update({label: [identifier(label)] if width == 1 else
-                                            [f"{identifier(label)}_{k + 1}" for k in range(width)]
-                                            for own, label, _ in ends.get(part.name, []) if own == port.name})
-                else:
-                    placed.elements[port.name] = elements_of(port)
+            placed.elements = {**inner.elements, **{label: inner.elements[identifier(label)]
+                                                    for _, label, _ in ends.get(part.name, [])
+                                                    if identifier(label) in inner.elements}}
             made.parts[part.name] = placed
         self._nodes(made, nets)
+        self.scopes.pop()
         self.blocks.append((new, made))
         return made
 

@@ -46,6 +46,7 @@ class Component:
     gives: dict[str, str] = field(default_factory=dict)
     untranslated: list[tuple[int, str]] = field(default_factory=list)
     omitted: list[tuple[int, str]] = field(default_factory=list)
+    elements: dict[str, list[str]] = field(default_factory=dict)  # of each port of the submodel
 
     def of_kind(self, *kinds: str) -> list[Item]:
         return [item for item in self.items.values() if item.kind in kinds]

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 
 from heavebond.import_20sim import formula_text as f
 from heavebond.import_20sim.component import Component, Item
-from heavebond.import_20sim.evaluate import MEMBERS, MOST_ELEMENTS, Calculus, Evaluator, Matrix, fold
+from heavebond.import_20sim.evaluate import MEMBERS, MOST_ELEMENTS, Calculus, Evaluator, fold
 from heavebond.import_20sim.expressions_parser import Unreadable
+from heavebond.import_20sim.matrices import Matrix
 from heavebond.import_20sim.names import identifier
 from heavebond.import_20sim.sidops_tree import Declared, Equations, Expr, Port, Submodel
 from heavebond.import_20sim.units import unit_text
@@ -17,10 +18,12 @@ ACROSS_IS_FLOW = {"translation", "rotation", "mechanical"}
 
 
 class Symbols:
-    """The names of a submodel with their elements; `ends` are the connections of a knot's ports (name, direction)."""
+    """The names of a submodel with their elements; `ends` are the connections of a knot's ports (name, direction), `known`
+    the values of global quantities."""
 
-    def __init__(self, submodel: Submodel, made: Component, calculus: Calculus, ends: Iterable[tuple[str, str, str]]):
-        self.submodel, self.source, self.made = submodel, submodel.equations or Equations(), made
+    def __init__(self, submodel: Submodel, made: Component, calculus: Calculus, ends: Iterable[tuple[str, str, str]],
+                 known: Mapping[str, float]):
+        self.submodel, self.source, self.made, self.known = submodel, submodel.equations or Equations(), made, known
         self.names: dict[str, Matrix] = {}
         self.many: dict[str, list[tuple[str, bool]]] = {}  # of a knot's port: elements and whether they point out
         self.numbers: dict[str, float] = {}
@@ -33,8 +36,9 @@ class Symbols:
             self.guard(partial(self._constant, constant), constant.line)
         everything = [*self.submodel.parameters, *self.source.parameters]
         for parameter in everything:  # sizes may need whole parameters
-            if parameter.kind == "integer" and parameter.value is not None and not parameter.size:
-                value = fold(parameter.value, self.numbers)
+            if parameter.kind == "integer" and not parameter.size:
+                value = fold(parameter.value, self.numbers) if parameter.value is not None else \
+                    self.known.get(parameter.name) if parameter.is_global else None
                 if value is not None:
                     self.numbers[parameter.name] = value
         for port in self.submodel.ports:
@@ -93,6 +97,7 @@ class Symbols:
     def _end(self, port: Port, label: str, group: list[list[str]], out: bool) -> None:
         """One port of the component with its elements."""
         names = [e for row in group for e in row]
+        self.made.elements[label] = names
         if port.domain == "signal":
             for name in names:
                 self.made.items[name] = Item(name, "out" if port.direction == "out" else "in", port.unit)
@@ -119,8 +124,11 @@ class Symbols:
             values = values * count if len(values) == 1 else values
             if len(values) != count:
                 raise Unreadable(item.line, f"'{item.name}' has {len(values)} values for {count} elements")
+        values_known = {**self.known, **{n: i.value for n, i in self.made.items.items() if i.value is not None}}
         for k, name in enumerate(e for row in names for e in row):
-            value = fold(values[k], self.numbers) if values else None
+            value = fold(values[k], {**values_known, **self.numbers}) if values else None
+            if values and value is None:
+                self.made.omitted.append((item.line, f"the value of the parameter '{item.name}' is not a known number"))
             self.made.items[name] = Item(name, "parameter", unit, " ".join(filter(None, (item.doc, doc))),
                                          None if value is None else value * factor)
             if item.is_global:

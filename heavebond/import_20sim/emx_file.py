@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.parsers import expat
@@ -118,6 +117,6 @@ def read_emx(path: Path) -> EmxFile:
             refuse()
         if not found.sidops:
             raise _refused(path, getattr(error, "lineno", 1), "emx-xml", f"its XML is wrong: {error}") from None
-    if not re.search(r"\bmodel\b", found.sidops):
+    if not found.sidops.strip():
         raise _refused(path, 1, "emx-xml", "it has no SIDOPS text; 20-sim models of version 4 and later have one")
     return found

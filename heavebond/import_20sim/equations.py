@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from functools import partial
+from types import MappingProxyType
 
 from heavebond.import_20sim import formula_text as f
 from heavebond.import_20sim.choices import (
@@ -19,26 +20,29 @@ from heavebond.import_20sim.choices import (
 )
 from heavebond.import_20sim.component import Component, Item
 from heavebond.import_20sim.declarations import Symbols
-from heavebond.import_20sim.evaluate import Matrix, fold
+from heavebond.import_20sim.evaluate import fold
 from heavebond.import_20sim.expressions_parser import Unreadable
 from heavebond.import_20sim.knots import collected, knot_equations
+from heavebond.import_20sim.matrices import Matrix
 from heavebond.import_20sim.memory import Memory
 from heavebond.import_20sim.names import camel
 from heavebond.import_20sim.sidops_tree import Assign, Do, Expr, For, If, Statement, Submodel, While
 
 Env = dict[str, Expr]
 MOST_TURNS = 500
-NO_EFFECT = ("warning", "stopsimulation", "effortincausality", "seed")  # on the solution of the equations
+NO_EFFECT = {"warning", "stopsimulation", "effortincausality", "flowincausality", "seed"}  # on the solution of the equations
 
 
 class Builder:
-    """The component of one submodel; `comments` by line, `ends` the connections of a knot's ports (name, direction)."""
+    """The component of one submodel; `comments` by line, `ends` the connections of a knot's ports (name, direction), `known`
+    the values of global quantities."""
 
-    def __init__(self, submodel: Submodel, comments: Mapping[int, str], ends: Iterable[tuple[str, str, str]] = ()):
+    def __init__(self, submodel: Submodel, comments: Mapping[int, str], ends: Iterable[tuple[str, str, str]] = (),
+                 known: Mapping[str, float] = MappingProxyType({})):
         self.submodel, self.comments = submodel, comments
         self.made = Component(camel(submodel.type or submodel.name), "")
         self.memory = Memory(self.made)
-        self.symbols = Symbols(submodel, self.made, self.memory, ends)
+        self.symbols = Symbols(submodel, self.made, self.memory, ends, known)
         self.source, self.evaluate, self.numbers = self.symbols.source, self.symbols.evaluate, self.symbols.numbers
         self.targets: dict[str, Expr] = {}  # what a statement assigns, by its text
         self.triggers: Env = {}  # variables that are events

@@ -10,18 +10,18 @@ from typing import Protocol
 
 from heavebond.import_20sim import formula_text as f
 from heavebond.import_20sim.expressions_parser import Unreadable
+from heavebond.import_20sim.matrices import MATRICES, Matrix, extreme, product, total
 from heavebond.import_20sim.sidops_tree import Expr
 
-Matrix = list[list[Expr]]
 SAME = {"sin": "sin", "cos": "cos", "tan": "tan", "tanh": "tanh", "exp": "exp", "ln": "log", "log": "log", "sqrt": "sqrt",
         "abs": "abs", "sign": "sign", "arcsin": "asin", "asin": "asin", "arccos": "acos", "acos": "acos", "arctan": "atan",
         "atan": "atan"}
 MEMBERS = {"power": ("e", "f"), "hydraulic": ("p", "phi"), "translation": ("F", "v"), "rotation": ("T", "omega"),
            "electric": ("u", "i"), "thermal": ("T", "dS"), "pseudothermal": ("T", "dQ"), "pneumatic": ("p", "phi"),
            "mechanical": ("F", "v"), "acoustic": ("p", "phi"), "magnetic": ("um", "phi"), "diffusion": ("mu", "dN"),
-           "petrinet": ("e", "f"), "hydraulic psi": ("p", "phi")}
+           "petrinet": ("e", "f"), "pseudohydraulic": ("p", "dm"), "pseudopneumatic": ("p", "dm"),
+           "pseudothermalh": ("T", "dH"), "electrical": ("u", "i")}
 MOST_ELEMENTS = 2000
-LARGEST_INVERSE = 4  # by cofactors, whose number grows with the factorial
 
 
 class Calculus(Protocol):
@@ -109,7 +109,8 @@ class Evaluator:
         if expr.name in self.names:
             return [[self.values.get(f.text(e), e) if e.op == "name" else e for e in row] for row in self.names[expr.name]]
         known = {"pi": f.name("pi"), "time": f.name("time"), "starttime": f.number(0), "true": f.number(1),
-                 "false": f.number(0), "major": f.number(1), "twopi": f.multiply(f.number(2), f.name("pi"))}
+                 "false": f.number(0), "major": f.number(1), "twopi": f.multiply(f.number(2), f.name("pi")),
+                 "g_n": f.number(9.80665)}  # standard acceleration of free fall
         if expr.name.lower() in known:
             return [[known[expr.name.lower()]]]
         if expr.name.lower() == "sampletime":
@@ -147,6 +148,8 @@ class Evaluator:
 
     def _call(self, expr: Expr) -> Matrix:
         name = expr.name.lower()
+        if name in EXTERNAL:
+            raise Unreadable(expr.line, f"`{expr.name}`: {EXTERNAL[name]}")
         if name in ("int", "ddt"):
             inner = self(expr.args[0])
             first = self(expr.args[1]) if len(expr.args) > 1 and name == "int" else None
@@ -168,10 +171,8 @@ class Evaluator:
             return [[f.number(float(i == k)) for k in range(n)] for i in range(n)]
         if name in ("sum", "msum", "min", "max"):
             flat = [e for arg in expr.args for row in self(arg) for e in row]
-            return [[_total(flat) if name in ("sum", "msum") else f.call(name, *flat)]]
+            return [[total(flat) if name in ("sum", "msum") else extreme(name, flat)]]
         if name in SAME and len(expr.args) == 1:
-            if name == "log":
-                self.make.note(expr.line, "`log` is read as the natural logarithm")
             return [[f.call(SAME[name], e) for e in row] for row in self(expr.args[0])]
         args = [self.scalar(a) for a in expr.args if a.op != "text"]
         return [[self._function(name, args, expr)]]
@@ -187,14 +188,29 @@ class Evaluator:
             return self._rounded(name, args[0])
         if name in ("gauss", "ran"):
             return self.make.noise(expr.line)
+        if name == "dly" and args:
+            self.make.note(expr.line, "`dly` delays by a step of the integration; it is left out")
+            return args[0]
+        if name in BITS:
+            return self._bits(name, args, expr)
         try:
             return FUNCTIONS[name](*args)
         except (KeyError, TypeError):
             raise Unreadable(expr.line, f"the function `{expr.name}` is not translated") from None
 
+    def _bits(self, name: str, args: list[Expr], expr: Expr) -> Expr:
+        """A function of the bits of whole numbers that are known."""
+        values = [fold(a, self.numbers) for a in args]
+        try:
+            return f.number(float(BITS[name](*(int(v) for v in values if v is not None))))
+        except (TypeError, ValueError):
+            raise Unreadable(expr.line, f"`{expr.name}` is translated for known whole numbers only") from None
 
     def _rounded(self, name: str, value: Expr) -> Expr:
         """A whole number beside a value, which events follow."""
+        if (known := fold(value, self.numbers)) is not None:
+            whole = {"floor": math.floor, "ceil": math.ceil, "round": lambda x: math.copysign(math.floor(abs(x) + 0.5), x)}
+            return f.number(float(whole.get(name, math.trunc)(known)))
         if name == "floor":
             return self.make.floor(value)
         if name == "ceil":
@@ -204,6 +220,9 @@ class Evaluator:
         return self.make.truncated(value)
 
 
+EXTERNAL = {"dll": "a function of an external library is not translated", "data": "values from a file are not translated",
+            "tdelay": "a time delay is not translated", "realtime": "the clock of the computer is not translated",
+            "table": "a table from a file is not translated"}
 FUNCTIONS: dict[str, Callable[..., Expr]] = {
     "algebraic": lambda x, *_: x,
     "exp10": lambda x: Expr("^", (f.number(10), x)),
@@ -227,6 +246,14 @@ FUNCTIONS: dict[str, Callable[..., Expr]] = {
         Expr("^", (x, f.number(2))), Expr("^", (y, f.number(2))))), x))))),
 }
 FUNCTIONS["arctan2"] = FUNCTIONS["atan2"]
+
+
+BITS: dict[str, Callable[..., int]] = {
+    "bitand": operator.and_, "bitor": operator.or_, "bitxor": operator.xor, "bitinv": operator.invert,
+    "bitget": lambda a, k: a >> (k - 1) & 1, "bitset": lambda a, k: a | 1 << (k - 1),
+    "bitclear": lambda a, k: a & ~(1 << (k - 1)), "bitcmp": lambda a, n: ~a & ((1 << n) - 1),
+    "bitshift": lambda a, k: a << k if k > 0 else a >> -k, "bitshiftright": lambda a, k: a >> k if k > 0 else a << -k,
+}
 
 
 def _chosen(index: Expr, elements: list[Expr]) -> Expr:
@@ -256,83 +283,7 @@ def _product(a: Matrix, b: Matrix, line: int) -> Matrix:
         return _each(f.multiply, a, b, line)
     if len(a[0]) != len(b):
         raise Unreadable(line, "the sizes of a matrix product do not match")
-    found: Matrix = []
-    for row in a:
-        found.append([])
-        for k in range(len(b[0])):
-            total = f.number(0)
-            for e, other in zip(row, b, strict=True):
-                total = f.add(total, f.multiply(e, other[k]))
-            found[-1].append(total)
-    return found
-
-
-def _total(elements: list[Expr]) -> Expr:
-    total = f.number(0)
-    for e in elements:
-        total = f.add(total, e)
-    return total
-
-
-def _inner(a: Matrix, b: Matrix) -> Matrix:
-    pairs = zip([e for row in a for e in row], [e for row in b for e in row], strict=True)
-    return [[_total([f.multiply(x, y) for x, y in pairs])]]
-
-
-def _cross(a: Matrix, b: Matrix) -> Matrix:
-    (x, y, z), (u, v, w) = ([e for row in m for e in row] for m in (a, b))
-    return [[Expr("-", (f.multiply(p, q), f.multiply(r, s)))] for p, q, r, s in ((y, w, z, v), (z, u, x, w), (x, v, y, u))]
-
-
-def _skew(a: Matrix) -> Matrix:
-    x, y, z = (e for row in a for e in row)
-    zero = f.number(0)
-    return [[zero, f.negative(z), y], [z, zero, f.negative(x)], [f.negative(y), x, zero]]
-
-
-def _minor(m: Matrix, i: int, k: int) -> Matrix:
-    return [[e for j, e in enumerate(row) if j != k] for h, row in enumerate(m) if h != i]
-
-
-def _determinant(m: Matrix) -> Expr:
-    """By expansion along the first row."""
-    if not m or any(len(row) != len(m) for row in m) or len(m) > LARGEST_INVERSE:
-        raise ValueError
-    if len(m) == 1:
-        return m[0][0]
-    total = f.number(0)
-    for k, e in enumerate(m[0]):
-        term = f.multiply(e, _determinant(_minor(m, 0, k)))
-        total = f.add(total, term if k % 2 == 0 else f.negative(term))
-    return total
-
-
-def _adjoint(m: Matrix) -> Matrix:
-    """The transposed matrix of the cofactors: inverse times determinant."""
-    if len(m) == 1:
-        return [[f.number(1)]]
-    signed = [[_determinant(_minor(m, i, k)) for k in range(len(m))] for i in range(len(m))]
-    return [[signed[k][i] if (i + k) % 2 == 0 else f.negative(signed[k][i]) for k in range(len(m))] for i in range(len(m))]
-
-
-def _inverse(m: Matrix) -> Matrix:
-    size = _determinant(m)
-    return [[Expr("/", (e, size)) for e in row] for row in _adjoint(m)]
-
-
-def _diagonal(m: Matrix) -> Matrix:
-    flat = [e for row in m for e in row]
-    return [[e if i == k else f.number(0) for k in range(len(flat))] for i, e in enumerate(flat)]
-
-
-MATRICES: dict[str, Callable[..., Matrix]] = {
-    "transpose": lambda m: [[row[k] for row in m] for k in range(len(m[0]))],
-    "inverse": _inverse, "adjoint": _adjoint, "det": lambda m: [[_determinant(m)]], "cross": _cross, "skew": _skew,
-    "diag": _diagonal, "inner": _inner, "norm": lambda m: [[f.call("sqrt", _inner(m, m)[0][0])]],
-    "norm2": lambda m: [[f.call("sqrt", _inner(m, m)[0][0])]], "rows": lambda m: [[f.number(float(len(m)))]],
-    "columns": lambda m: [[f.number(float(len(m[0])))]],
-    "trace": lambda m: [[_total([row[k] for k, row in enumerate(m)])]],
-}
+    return product(a, b)
 
 
 def fold(expr: Expr, numbers: Mapping[str, float]) -> float | None:
@@ -345,9 +296,19 @@ def _fold(expr: Expr, numbers: Mapping[str, float]) -> float | None:
     if expr.op == "number":
         return expr.value
     if expr.op == "name":
-        return numbers.get(expr.name)
+        return math.pi if expr.name == "pi" else numbers.get(expr.name)
+    if expr.op == "if":
+        condition = fold(expr.args[0], numbers)
+        return None if condition is None else fold(expr.args[1 if condition else 2], numbers)
     values = [fold(e, numbers) for e in expr.args]
-    if expr.op not in FOLDED or None in values:
+    if None in values:
+        return None
+    if expr.op == "call":
+        try:
+            return float(CALLS[expr.name](*values))
+        except (KeyError, TypeError, ValueError, OverflowError):
+            return None
+    if expr.op not in FOLDED:
         return None
     a, b = (*values, 0.0)[:2]
     assert a is not None and b is not None
@@ -362,4 +323,8 @@ FOLDED: dict[str, Callable[[float, float], float]] = {
     "^": math.pow, "<": operator.lt, ">": operator.gt, "<=": operator.le, ">=": operator.ge, "==": operator.eq,
     "!=": operator.ne, "and": lambda a, b: bool(a) and bool(b), "or": lambda a, b: bool(a) or bool(b),
     "not": lambda a, _: not a,
+}
+CALLS: dict[str, Callable[..., float]] = {
+    **{n: getattr(math, n) for n in ("sin", "cos", "tan", "tanh", "exp", "log", "sqrt", "asin", "acos", "atan", "floor")},
+    "abs": abs, "min": min, "max": max, "sign": lambda x: (x > 0) - (x < 0),
 }

@@ -304,6 +304,12 @@ class Reader:
                 self.to_semicolon()
         return found
 
+    def _annotation(self) -> None:
+        """Skip the rest of `(min=0, range=<-1,1>)`."""
+        depth = 1
+        while depth and self.now.kind != "end" and self.now.text != ";":
+            depth += {"(": 1, ")": -1}.get(self.take().text, 0)
+
     def _declared(self) -> list[Declared]:
         kind, words, found = self.take().word, [], []
         while self.now.word in WORDS:
@@ -317,7 +323,7 @@ class Reader:
             unit = ""
             while True:
                 if self.skip("("):
-                    self._list(")")
+                    self._annotation()
                 elif self.skip("["):
                     size = self._list("]")
                 elif self.skip("="):

@@ -102,6 +102,10 @@ class _Writer:
                     self.result.untranslated.append(Untranslated(path, made.line, why))
                 givers.setdefault(label, f"{path}.{own}")
         units: dict[str, str] = {}
+        used = {label for _, made in self.translator.components for label in made.shared.values()}
+        for label, (value, unit) in self.translator.values.items():
+            if label in used and label not in givers:
+                self.globals[label], units[label] = (value, unit), unit
         for _, made in self.translator.components:
             for own, label in made.shared.items():
                 item = made.items[own]

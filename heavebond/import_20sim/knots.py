@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from heavebond.import_20sim import formula_text as f
 from heavebond.import_20sim.declarations import Symbols
-from heavebond.import_20sim.evaluate import Matrix
+from heavebond.import_20sim.matrices import Matrix
 from heavebond.import_20sim.sidops_tree import Assign, Expr
 
 

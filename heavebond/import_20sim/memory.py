@@ -102,8 +102,6 @@ class Memory:
         """An event as a condition that is true at its instant only."""
         if not args:
             raise Unreadable(line, f"`{kind}` needs an argument")
-        if kind == "frequencyevent":
-            self.made.omitted.append((line, "`frequencyevent` is read as (frequency in Hz, first time in s)"))
         return Expr("event", tuple(args), {"timeevent": "time", "eventup": "up", "eventdown": "down", "event": "both",
                                            "frequencyevent": "every"}[kind])
 
@@ -114,7 +112,7 @@ class Memory:
             return [("in_time", {"condition": f.text(Expr(">=", (f.name("time"), first)))})]
         if event.name == "every":
             start = {"from": self._time(event.args[1], "first_time")} if len(event.args) > 1 else {}
-            return [("every", {"every": self._time(Expr("/", (f.number(1), first)), "period"), **start})]
+            return [("every", {"every": self._time(first, "period"), **start})]
         up = ("up", {"condition": f.text(Expr(">", (first, f.number(0))))})
         down = ("down", {"condition": f.text(Expr("<", (first, f.number(0))))})
         return {"up": [up], "down": [down], "both": [up, down]}[event.name]
@@ -123,7 +121,7 @@ class Memory:
         """A parameter in s with this value, as a time of `every:` must be."""
         known = fold(value, {n: item.value for n, item in self.made.items.items() if item.value is not None})
         if known is None:
-            raise Unreadable(0, "`frequencyevent` needs a frequency and a first time that are known")
+            raise Unreadable(0, "`frequencyevent` needs a period and a first time that are known")
         own = next((n for n, item in self.made.items.items() if item.doc.startswith("of `frequencyevent`")
                     and item.value == known), None) or self.made.fresh(name)
         self.made.items[own] = Item(own, "parameter", "s", "of `frequencyevent`", known)

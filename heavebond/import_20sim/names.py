@@ -2,29 +2,46 @@
 
 from __future__ import annotations
 
+import keyword
 import re
+import unicodedata
 
-RESERVED = {"in", "is", "at", "each", "for", "and", "or", "not", "time", "pi", "der", "repeat", "set", "start", "solve",
-            "sum",
-            "sqrt", "exp", "log", "sin", "cos", "tan", "tanh", "asin", "acos", "atan", "abs", "sign", "min", "max", "floor",
-            "if_else", "smooth_sign", "signed_sqrt", "uniform", "on", "off", "yes", "no", "true", "false", "null", "if",
-            "else", "lambda", "class", "def", "return", "import", "from", "as", "with", "while", "try", "del", "None",
-            "True",
-            "False", "global", "pass", "break", "continue", "yield", "raise", "except", "finally", "assert", "nonlocal",
-            "async", "await", "elif"}
+from heavebond.text.expression import FUNCTIONS, KEYWORDS
+
+GERMAN = {"\u00e4": "ae", "\u00f6": "oe", "\u00fc": "ue", "\u00df": "ss", "\u00c4": "Ae", "\u00d6": "Oe", "\u00dc": "Ue"}
+YAML_WORDS = {"on", "off", "yes", "no", "true", "false", "null"}
+RESERVED = {*KEYWORDS, *FUNCTIONS, *keyword.kwlist, "time", "pi", "set", "start", "solve", "each", "repeat", "at",
+            "prev"}
 
 
 def identifier(text: str) -> str:
     """`Submodel-Equation 1` as `Submodel_Equation_1`."""
-    plain = re.sub(r"\W+", "_", text, flags=re.ASCII).strip("_") or "unnamed"
+    plain = re.sub(r"\W+", "_", ascii_text(text), flags=re.ASCII).strip("_") or "unnamed"
     if plain[0].isdigit():
         plain = f"n_{plain}"
-    return f"{plain}_" if plain in RESERVED else plain
+    return f"{plain}_" if plain in RESERVED or plain.lower() in YAML_WORDS else plain
+
+
+def ascii_text(text: str) -> str:
+    """Letters without accents, Greek letters by their names: `Verst\u00e4rker` as `Verstaerker`, `\u03b8_1` as `theta_1`."""
+    if text.isascii():
+        return text
+    found = []
+    for c in text:
+        name = unicodedata.name(c, "")
+        if c in GERMAN:
+            found.append(GERMAN[c])
+        elif name.startswith("GREEK"):
+            letter = name.split(" LETTER ")[-1].split()[0].lower()
+            found.append(letter.capitalize() if "CAPITAL" in name else letter)
+        else:
+            found.append(unicodedata.normalize("NFKD", c).encode("ascii", "ignore").decode() or "_")
+    return "".join(found)
 
 
 def camel(text: str) -> str:
     """`WaveGenerator-VariableTimeSquare` as `WaveGeneratorVariableTimeSquare`."""
-    words = [w for w in re.split(r"[^A-Za-z0-9]+", text) if w]
+    words = [w for w in re.split(r"[^A-Za-z0-9]+", ascii_text(text)) if w]
     plain = "".join(w[0].upper() + w[1:] for w in words) or "Unnamed"
     return plain if plain[0].isalpha() else f"N{plain}"
 

@@ -13,8 +13,8 @@ TOKENS = re.compile(r"""
   | (?P<string>'[^']*'|"[^"]*")
   | (?P<number>[0-9]+\.?[0-9]*(?:[eE][+-]?[0-9]+)?|\.[0-9]+(?:[eE][+-]?[0-9]+)?)
   | (?P<unit>\{[^{}\n]*\})
-  | (?P<name>[A-Za-z_]\w*(?:[.\\][A-Za-z_]\w*)*)
-  | (?P<sign><=|>=|<>|==|!=|->|<-|=>|<>|\.\*|\./|\.\^|[-+*/^=<>()\[\],;:'|&%#@!~?$.\\])
+  | (?P<name>[^\W\d]\w*(?:[.\\][^\W\d]\w*)*)
+  | (?P<sign>\|(?:=>|<=|->|<-)|(?:=>|<=|->|<-)\||<=|>=|<>|==|!=|->|<-|=>|\.\*|\./|\.\^|.)
 """, re.VERBOSE | re.DOTALL)
 MOST_TOKENS = 2_000_000
 
@@ -48,9 +48,7 @@ def tokenise(text: str, file: str, first_line: int) -> Lexed:
     position, line = 0, first_line
     while position < len(text):
         found = TOKENS.match(text, position)
-        if found is None:
-            raise ModelError([Problem("emx-text", f"the character {text[position]!r} has no meaning in SIDOPS",
-                                      Place(file, line))])
+        assert found is not None  # any character is a sign at least
         kind, word = found.lastgroup or "", found.group()
         if kind == "comment":
             comments[line] = " ".join(word.strip("/*").split())

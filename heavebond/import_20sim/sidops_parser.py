@@ -2,19 +2,28 @@
 
 from __future__ import annotations
 
+import html
+import re
+
 from heavebond.core.errors import ModelError, Place, Problem
 from heavebond.import_20sim.expressions_parser import Reader, Unreadable
 from heavebond.import_20sim.sidops_lexer import tokenise
 from heavebond.import_20sim.sidops_tree import Connection, Equations, Port, Submodel
 
 DIRECTIONS = {"in", "out", "none"}
+RELATIONS = re.compile(r"<GlobalRelations>(.*?)</GlobalRelations>", re.DOTALL)
 PORT_WORDS = {"knot", "duplicatable", "psi", "boolean", "integer", "real", "interesting", "hidden", "global", "string"}
 
 
 def parse_sidops(text: str, file: str, first_line: int = 1) -> Submodel:
-    """The main model of a SIDOPS text; raises ModelError where its structure cannot be read."""
+    """The main model of a SIDOPS text, or the submodel that a file of a library holds as the only part of a main model;
+    raises ModelError where its structure cannot be read."""
     reader = Reader(tokenise(text, file, first_line), file)
     try:
+        name, following = reader.now, reader.tokens[min(1, len(reader.tokens) - 1)]
+        if name.kind in ("name", "string") and name.word != "model" and following.kind == "number":
+            reader.take()
+            return Submodel("model", name.line, submodels=[_submodel(reader, name.text.strip("'"))])
         reader.need("model")
         return _submodel(reader, "model")
     except Unreadable as problem:
@@ -53,6 +62,7 @@ def _specifications(reader: Reader, found: Submodel) -> None:
         chosen = reader.take().text == active
         inner = Submodel(found.name, reader.now.line, found.x, found.y)
         _body(reader, inner)
+        _placement(reader)
         reader.need("specification_end")
         reader.skip(";")
         if chosen:
@@ -61,8 +71,14 @@ def _specifications(reader: Reader, found: Submodel) -> None:
     reader.skip(";")
 
 
+def _placement(reader: Reader) -> None:
+    """Skip what a specification may have after its implementation: texts and the place and size of its icon."""
+    while reader.now.kind in ("string", "number") or reader.now.text in ("-", ";"):
+        reader.take()
+
+
 def _body(reader: Reader, found: Submodel) -> None:
-    _description(reader)
+    _description(reader, found)
     found.knot = reader.now.word == "knot"
     if not reader.skip("type", "knot"):
         raise Unreadable(reader.now.line, f"'type' is missing before '{reader.now.text[:30]}'")
@@ -86,7 +102,7 @@ def _body(reader: Reader, found: Submodel) -> None:
         if reader.now.word == "icon":
             _drawing(reader)
         else:
-            _description(reader)
+            _description(reader, found)
     if not reader.skip("implementation"):
         return
     kind = reader.take().word
@@ -100,12 +116,22 @@ def _body(reader: Reader, found: Submodel) -> None:
             reader.take()
     reader.need("implementation_end")
     reader.skip(";")
+    # some elements of the library have their last equations behind `implementation_end`
+    while found.equations and reader.now.kind == "name" and reader.tokens[reader.at + 1].text in ("=", "["):
+        found.equations.equations += reader.statements("specification", "end")
 
 
-def _description(reader: Reader) -> None:
+def _description(reader: Reader, found: Submodel) -> None:
+    """Skip descriptions, but for the global relations in them."""
     while reader.skip("description", "help"):
         while reader.now.kind == "string":
-            reader.take()
+            token = reader.take()
+            for relations in RELATIONS.finditer(token.text):
+                line = token.line + token.text.count("\n", 0, relations.start(1))
+                text = html.unescape(relations.group(1))
+                inner = Reader(tokenise(text, reader.file, line), reader.file)
+                found.comments.update(inner.comments)
+                found.relations = _equations(inner)
         reader.skip(";")
 
 
@@ -179,7 +205,7 @@ def _graph(reader: Reader, found: Submodel) -> None:
             reader.need("end")
             reader.skip(";")
         elif reader.skip("connections"):
-            while reader.now.kind == "name" and reader.now.word != "end":
+            while reader.now.kind in ("name", "string") and reader.now.word != "end":
                 found.connections.append(_connection(reader))
             reader.need("end")
             reader.skip(";")
@@ -198,12 +224,19 @@ def _part(reader: Reader, found: Submodel) -> None:
     found.submodels.append(_submodel(reader, token.text.strip("'")))
 
 
+def _end(reader: Reader) -> str:
+    """One end of a connection: names, in quotes where they hold spaces, with `\\` between them."""
+    found = reader.take().text.strip("'")
+    while reader.now.text == "\\" or (reader.now.kind in ("name", "string") and found.endswith("\\")):
+        found += reader.take().text.strip("'")
+    return found
+
+
 def _connection(reader: Reader) -> Connection:
-    line, start = reader.now.line, reader.take().text
-    sign = reader.take().text
-    if sign == "<" or sign == "=":  # pragma: no cover - written apart
-        sign += reader.take().text
-    stop = reader.take().text
+    """`a -> b` for a signal, `a => b` for a bond; a bar marks the causal stroke of a bond."""
+    line, start = reader.now.line, _end(reader)
+    sign = reader.take().text.strip("|")
+    stop = _end(reader)
     reader.to_semicolon()
     if sign in ("->", "=>"):
         return Connection(start, stop, sign == "=>", line)

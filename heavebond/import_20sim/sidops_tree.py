@@ -141,4 +141,6 @@ class Submodel:
     equations: Equations | None = None
     submodels: list[Submodel] = field(default_factory=list)
     connections: list[Connection] = field(default_factory=list)
+    relations: Equations | None = None  # global relations: quantities of all submodels within
+    comments: dict[int, str] = field(default_factory=dict)  # of the relations, by line
     problems: list[tuple[int, str]] = field(default_factory=list)

@@ -8,7 +8,11 @@ from heavebond.core.units import UnitProblem, declared_unit, dimension_text, rea
 
 
 def unit_text(text: str) -> tuple[str, float, str]:
-    """The base unit for a declaration, the factor to it, and the text of a unit that is not known (for `doc:`)."""
+    """The base unit for a declaration, the factor to it, and the text of a unit that is not known (for `doc:`).
+
+    A quantity may stand before the unit: `length, mm`.
+    """
+    text = text.rpartition(",")[2]
     plain = re.sub(r"(?<=[A-Za-z])([0-9])", r"**\1", text.strip().replace(".", "*").replace("^", "**").replace(" ", "*"))
     if plain in ("", "1", "none"):
         return "", 1.0, ""
