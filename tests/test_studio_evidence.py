@@ -158,6 +158,17 @@ def test_columns_are_recognised_by_words_and_units(rig: Path) -> None:
         ("output", "shaker.a.f", "N", True, "")]
 
 
+def test_the_columns_of_the_bundled_records_are_recognised() -> None:
+    """As the experiments on them say."""
+    for name in ("passive_rig/friction", "cylinder_rig/leakage", "receiver_rig/choked", "cascaded_tanks/tanks"):
+        experiment = load_experiment(name)
+        record = next(iter(experiment.records.values()))
+        found = propose(read_table(record.file), assemble(experiment.model))
+        wanted = {experiment.time_column: ("time", ""), **{g.column: ("input", n) for n, g in experiment.inputs.items()},
+                  **{o.column: ("output", o.shown.text) for o in experiment.outputs.values()}}
+        assert {c.name: (c.role, c.target) for c in found.columns if c.role} == wanted, name
+
+
 def test_what_the_names_leave_open_follows_from_units_or_stays_open(rig: Path, tmp_path: Path) -> None:
     """A logger's own names: only the pull is the one force there is; of three lengths none can be told, and units that the
     file does not give are marked."""
@@ -204,9 +215,10 @@ def test_the_experiment_that_a_form_describes_is_read_before_it_is_written(rig: 
 def test_a_further_record_changes_one_line() -> None:
     text, names = with_records(EXPERIMENT, ["data/monday.csv", "data/wed-1.csv"])
     assert names == ["wed_1"]
-    added = [line for line in text.splitlines() if line not in EXPERIMENT.splitlines()]
-    assert "".join(added).split() and "data/wed-1.csv" in "".join(added)
-    assert [line for line in EXPERIMENT.splitlines() if line not in text.splitlines()] == []
+    before = "  tuesday: {file: data/tuesday.csv, use: validate}\n"
+    assert text == EXPERIMENT.replace(before, before + "  wed_1:   {file: data/wed-1.csv, use: validate}\n")
+    flow = with_records("experiment: a\nrecords: {one: {file: 1.csv, use: fit}}  # days\n", ["2.csv"])[0]
+    assert flow.startswith("experiment: a\nrecords: {one: {file: 1.csv, use: fit}, ") and flow.endswith("}  # days\n")
 
 
 # -- figures ---------------------------------------------------------------------------------------------------------------

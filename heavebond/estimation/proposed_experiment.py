@@ -26,6 +26,7 @@ from heavebond.text.expression import names
 
 TIMES = frozenset({"t", "time", "times", "zeit", "tid", "temps", "seconds", "sec", "timestamp", "clock", "date", "datetime"})
 SKETCHED = 160  # points of a column in the sketch of its course
+LETTER = 0.1  # what a single letter counts that two names share
 SHORT = 3  # letters of a word that may stand for a longer one: `pos` for `position`
 _RANGE = re.compile(r"[\w.][\w.+\-*/ %]*")  # needs no quotes
 SMOOTH = frozenset({"m", "rad"})  # measured positions, whose derivatives are used: their course between samples is smooth
@@ -86,7 +87,10 @@ def propose(table: Table, assembly: Assembly) -> Proposal:
         role, target = ("time", None) if name == time else \
             (chosen[name].role, chosen[name]) if name in chosen else ("", None)
         columns.append(_column(table, name, units[name], role, target))
-    if inputs and not any(c.role == "input" for c in columns):
+    if not inputs:
+        remarks.append("no input of this diagram can be driven by a record: that needs a signal input that is given a value "
+                       "and has no wire")
+    elif not any(c.role == "input" for c in columns):
         remarks.append("no column was recognised that drives the diagram: choose one where an input was measured")
     return Proposal(tuple(columns), {t.name: (t.unit.text, t.doc) for t in inputs},
                     {t.name: (t.unit.text, t.doc) for t in (*outputs, *signals)}, tuple(remarks))
@@ -173,14 +177,14 @@ def _matched(columns: Sequence[str], units: Mapping[str, tuple[str, Unit, bool] 
         return given is None or given[1].dimension == target.unit.dimension
 
     pairs = [(score, target.driving, -k, column, target) for column in columns for k, target in enumerate(targets)
-             if fits(column, target) and (score := _likeness(_words(column), target.words)) > 0]
+             if fits(column, target) and (score := _likeness(column, units[column], target)) > 0]
     found: dict[str, _Target] = {}
     for _, _, _, column, target in sorted(pairs, key=lambda p: p[:3], reverse=True):
         if column not in found and target not in found.values():
             found[column] = target
     for driving in (True, False):
         for target in targets:
-            left = [c for c in columns if c not in found and units[c] is not None and fits(c, target)]
+            left = [c for c in columns if c not in found and (driving or units[c] is not None) and fits(c, target)]
             rivals = [t for t in targets if t.driving == driving and t not in found.values() and t.role == target.role
                       and t.unit.dimension == target.unit.dimension]
             if target.driving == driving and (driving or target.role == "output") and target not in found.values() \
@@ -195,12 +199,21 @@ def _words(text: str) -> set[str]:
     return {word for word in re.split(r"[\W_0-9]+", parted.lower()) if word}
 
 
-def _likeness(column: set[str], target: frozenset[str]) -> float:
-    """How many words two names share; one that begins another counts half."""
-    same = len(column & target)
-    short = sum(0.5 for a in column for b in target if a != b and min(len(a), len(b)) >= SHORT
+def _spelt(text: str) -> str:
+    """A name without what parts its words: `p_A` and `pA` are the same."""
+    return re.sub(r"[\W_]+", "", text).lower()
+
+
+def _likeness(name: str, unit: tuple[str, Unit, bool] | None, target: _Target) -> float:
+    """How many words two names share; one that begins another counts half, the same name one more. Single letters, which
+    mean something else in every file, count nothing by themselves but decide between names that are alike."""
+    column = _words(name)
+    same = sum(1.0 if len(word) > 1 else LETTER for word in column & target.words)
+    bare = re.sub(rf"[\[(_ ]+{re.escape(unit[0])}[\])]*$", "", name) if unit is not None else name
+    same += _spelt(bare) in (_spelt(target.name), _spelt(target.doc))
+    short = sum(0.5 for a in column for b in target.words if a != b and min(len(a), len(b)) >= SHORT
                 and (a.startswith(b) or b.startswith(a)))
-    return same + short
+    return same + short if same + short >= 0.5 else 0.0
 
 
 # -- the experiment ------------------------------------------------------------------------------------------------------

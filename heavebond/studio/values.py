@@ -28,8 +28,7 @@ def with_records(text: str, files: Sequence[str]) -> tuple[str, list[str]]:
             continue
         stem = re.sub(r"\W+", "_", PurePosixPath(file).stem).strip("_") or "record"
         name = next(n for k in range(1, 10_000) if (n := stem if k == 1 else f"{stem}_{k}") not in known)
-        text = set_entry(text, ("records", name, "file"), file)
-        text = set_entry(text, ("records", name, "use"), "validate")
+        text = set_entry(text, ("records", name), {"file": file, "use": "validate"})
         names.append(name)
     return text, names
 

@@ -58,7 +58,7 @@ export function timeChart(place, given) {
   };
   const value = (/** @type {any} */ _, /** @type {number} */ v) => v === null || v === undefined ? "—" : number(v);
   const bands = given.band ? [{ series: given.band, fill: fade(given.lines[given.band[0] - 1].colour) }] : [];
-  return new uPlot({
+  return new (/** @type {any} */ (uPlot))({
     width: Math.max(200, place.clientWidth - 26), height: given.height, cursor: { sync: { key: given.sync }, drag: { x: true, y: false } }, scales: { x: { time: false } },
     legend: { markers: { width: 2 } }, hooks: { drawClear: [shade] }, bands,
     axes: [{ ...axis, size: 30, values: (/** @type {any} */ _, /** @type {number[]} */ ticks) => ticks.map((t) => `${number(t)} s`) }, y],
@@ -110,7 +110,7 @@ export function cloud(place, given) {
     }
     ctx.restore();
   };
-  const chart = new uPlot({
+  const chart = new (/** @type {any} */ (uPlot))({
     width: Math.max(200, place.clientWidth - 26), height: given.height, cursor: { drag: { x: true, y: true } }, legend: { show: false },
     scales: { x: { time: false } }, hooks: { draw: [draw] },
     axes: [{ ...axis, size: 44, label: unitLabel(given.xLabel), labelSize: 18, values: (/** @type {any} */ _, /** @type {number[]} */ ticks) => ticks.map((t) => number(t)) }, y],

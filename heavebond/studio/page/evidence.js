@@ -9,6 +9,21 @@ import { problemList, resultItems } from "./results.js";
 const TABS = { records: "Records", residual: "Residual", fit: "Estimate", where: "Locate", diagnose: "Diagnose" };
 
 export class Evidence {
+  active = false; // whether the document is an experiment
+  tab = "records";
+  /** @type {any} */ told = null;
+  /** @type {any} */ failed = null;
+  /** @type {any} */ chosen = {};
+  /** @type {Map<string, any>} */ fetched = new Map();
+  /** @type {any[]} */ charts = [];
+  note = ""; // on how this experiment came about
+  serial = 0;
+  turn = 0;
+  comparing = false;
+  waiting = false;
+  following = false;
+  /** @type {string|null} */ text = null; // that was compared
+
   /** @param {any} studio */
   constructor(studio) {
     this.studio = studio;
@@ -21,14 +36,9 @@ export class Evidence {
 
   /** As for a document that was just opened. */
   clear() {
-    this.active = false;
-    this.tab = "records";
-    /** @type {any} */ this.told = null;
-    /** @type {any} */ this.failed = null;
-    /** @type {any} */ this.chosen = { record: "", channel: "", signal: "", place: -1 };
-    /** @type {Map<string, any>} */ this.fetched = new Map();
-    this.note = ""; // on how this experiment came about
-    this.serial = 0;
+    Object.assign(this, { active: false, tab: "records", told: null, failed: null, fetched: new Map(), note: "", text: null, comparing: false, waiting: false,
+      chosen: { record: "", channel: "", signal: "", place: -1 } });
+    this.serial++; // a comparison that is under way is of another document
     this.jobs.clear();
     this.destroy();
     this.layout();
@@ -47,7 +57,7 @@ export class Evidence {
     const text = this.studio.editor.text;
     if (!this.active || !view.experiment) { this.show(); return; }
     if (view.problems.length) this.show();
-    else if (!this.told || this.text !== text || view.changed) void this.compare();
+    else if (!this.told || this.text !== text) void this.compare();
     else this.show();
   }
 
@@ -87,7 +97,6 @@ export class Evidence {
       clearInterval(clock);
       if (asked === this.serial) {
         this.comparing = false;
-        this.studio.marks?.();
         byId("stop").hidden = !this.studio.runs.busy;
       }
     }
@@ -115,8 +124,8 @@ export class Evidence {
 
   // -- what is shown -------------------------------------------------------------------------------------------------
   destroy() {
-    for (const chart of this.charts ?? []) chart.destroy();
-    /** @type {any[]} */ this.charts = [];
+    for (const chart of this.charts) chart.destroy();
+    this.charts = [];
   }
 
   fit() {
@@ -133,7 +142,7 @@ export class Evidence {
   show() {
     if (this.place.hidden) return;
     this.bar();
-    const turn = this.turn = (this.turn ?? 0) + 1, here = () => turn === this.turn && !this.place.hidden;
+    const turn = ++this.turn, here = () => turn === this.turn && !this.place.hidden;
     const scroll = this.place.scrollTop, held = document.activeElement?.id;
     void this.content(here).then((made) => {
       if (!here() || !made) return;

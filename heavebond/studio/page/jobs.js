@@ -15,6 +15,13 @@ const KINDS = {
 };
 
 export class Jobs {
+  /** @type {Map<string, any>} */ known = new Map(); // computations of this document by their kind
+  /** @type {Map<string, Promise<any>>} */ arrays = new Map();
+  tuning = false; // whether the form for tuning is open
+  options = { classes: "", seconds: "600" };
+  /** @type {any} */ refused = null;
+  /** @type {number|undefined} */ clock = undefined;
+
   /** @param {any} studio @param {any} evidence */
   constructor(studio, evidence) {
     this.studio = studio;
@@ -23,11 +30,7 @@ export class Jobs {
   }
 
   clear() {
-    /** @type {Map<string, any>} */ this.known = new Map();
-    /** @type {Map<string, Promise<any>>} */ this.arrays = new Map();
-    this.tuning = false;
-    this.options = { classes: "", seconds: "600" };
-    /** @type {any} */ this.refused = null;
+    Object.assign(this, { known: new Map(), arrays: new Map(), tuning: false, options: { classes: "", seconds: "600" }, refused: null });
     clearInterval(this.clock);
   }
 

@@ -2,7 +2,7 @@
 
 import { el } from "./dom.js";
 
-/** @param {any[]} items */
+/** @param {any[]} items @returns {any[]} */
 export function resultItems(items) {
   return items.map((item) => item.rows ? table(item) : item.notes ? notes(item.notes) : item.line ? el("p", { class: item.warning ? "verdict" : "said" }, item.line) : null).filter(Boolean);
 }
