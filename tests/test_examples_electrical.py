@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import test_library_drives as drives
+import test_library_motors as motors
 from examples import Array, Case, check, without_example
 
 PI = np.pi
@@ -69,4 +70,4 @@ def test_the_example_shows_the_law(case: Case) -> None:
 
 
 def test_every_component_has_an_example() -> None:
-    assert without_example(["electrical", "bond_graph"], [*CASES, *drives.ELECTRICAL]) == []
+    assert without_example(["electrical", "bond_graph"], [*CASES, *drives.ELECTRICAL, *motors.ELECTRICAL]) == []

@@ -11,6 +11,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 import test_library_drives as drives
+import test_library_motors as motors
 from examples import FOLDER, Array, Case, check, without_example
 from pneumatics_reference import C_P, C_V, KAPPA, P_0, RHO_0, RT, T_0, R, integrated, iso
 from scipy.optimize import brentq
@@ -216,7 +217,7 @@ def test_examples(case: Case) -> None:
 
 def test_every_component_has_one() -> None:
     shown = [*CASES, Case("gas_temperature_sensor", "thermometer.y", np.zeros_like, "see below")]
-    assert not without_example(["pneumatic"], [*shown, *drives.PNEUMATIC])
+    assert not without_example(["pneumatic"], [*shown, *drives.PNEUMATIC, *motors.PNEUMATIC])
 
 
 def test_gas_let_into_a_vacuum_becomes_kappa_times_as_hot() -> None:
