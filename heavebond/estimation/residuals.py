@@ -119,10 +119,14 @@ class Run:
         return self._wrong(values, self.counts if self.record.use != "fit" else self.checking)
 
     def _wrong(self, values: Mapping[str, float], which: NDArray[np.bool_], most: float = np.inf) -> tuple[Array, Array]:
-        def watch(signals: Array) -> None:
-            n = signals.shape[1]
-            wrong = ((signals - self.measured[:, :n]) / self.noise[:, None])[which[:, :n]]
-            if wrong @ wrong > most:
+        total = 0.0
+
+        def watch(seen: int, signals: Array) -> None:
+            nonlocal total
+            at = slice(seen, seen + signals.shape[1])
+            wrong = ((signals - self.measured[:, at]) / self.noise[:, None])[which[:, at]]
+            total += float(wrong @ wrong)
+            if total > most:
                 raise Exceeded
 
         if isinstance(self.simulator, Unexplained):

@@ -46,7 +46,7 @@ EQUATION_FLAGS = ("-O1", *FLAGS[1:])
 VERSIONS = ("3.7", "3.8")  # of CasADi, whose CVODES is that of SUNDIALS 2 with double precision
 MOST_STATES = 60  # of the model: its Jacobian is dense here
 CHUNK = 50  # stops between two looks whether the run is still wanted
-Watch = Callable[[Array], None]
+Watch = Callable[[int, Array], None]  # of the number of stops seen before, and the signals (k, n_signals) at those since
 
 
 @dataclass(frozen=True)
@@ -222,7 +222,7 @@ class CompiledCvodes:
             ) -> Integrated:
         """From x0 (n (1 + m),), the states and then their sensitivities along each column of `directions` (n_p, m), with z
         near z0 (n_z,); RuntimeError where CVODES fails. Without `states` only the signals are kept. `watch` is called
-        every `CHUNK` stops with the signals so far (k, n_signals); what it raises ends the run."""
+        every `CHUNK` stops with the signals at these; what it raises ends the run."""
         equations, problem, stops = self.equations, self._problem, self._stops
         x0, z0 = np.ascontiguousarray(x0, float), np.ascontiguousarray(z0, float)
         hoisted, = equations.hoist(p).values()
@@ -238,7 +238,7 @@ class CompiledCvodes:
         self._renew()
         library, at, began = self._program.library, ctypes.byref(problem), clock.thread_time()
         answer = library.begin(at, stops[0], _address(x0), _address(z0), _address(hoisted), *found)
-        reached, first = ctypes.c_double(float(stops[0])), 0
+        reached, first, seen = ctypes.c_double(float(stops[0])), 0, 0
         here, counts = _address(stops) or 0, _address(self._counts)
         try:
             while not answer and first < N - 1:
@@ -248,7 +248,8 @@ class CompiledCvodes:
                 first += number
                 check()
                 if watch is not None and not answer:
-                    watch(signals[:first + 1, :equations.n_signals])
+                    watch(seen, signals[seen:first + 1, :equations.n_signals])
+                    seen = first + 1
         finally:
             equations.spent(clock.thread_time() - began)
         if answer:

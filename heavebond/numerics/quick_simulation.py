@@ -67,6 +67,9 @@ class SearchRunConstants:
 
 
 SEARCH_RUNS = SearchRunConstants()
+# Inputs that need no new start of the integration at their samples: at a kink of the input the error control shortens a step
+# or two, and the runs are as exact as over splines in half of the time.
+CONTINUOUS = ("spline", "linear")
 
 
 class Unexplained(Simulator):
@@ -90,7 +93,7 @@ class Unexplained(Simulator):
         """Whether inputs are looked up in the equations."""
         inputs = self.assembly.flat.inputs
         return self._may_look_up and bool(inputs) and self.factors is None and \
-            all(k.source.interpolation == "spline" for k in inputs)
+            all(k.source.interpolation in CONTINUOUS for k in inputs)
 
     @property
     def _may_look_up(self) -> bool:
@@ -141,7 +144,8 @@ class Unexplained(Simulator):
 
     def measured(self, parameters: Mapping[str, float], watch: Watch | None = None) -> tuple[Array, Array]:
         """The signals of the probe (k, N) along a run and their derivatives by the sensitivities (m, k, N). The compiled
-        program calls `watch` now and then with the signals at the first output times (k, n); what it raises ends the run."""
+        program calls `watch` now and then with the number of output times seen before and the signals (k, n) at those
+        since; what it raises ends the run."""
         assert self.probe is not None
         check()
         with self._turn:
@@ -173,9 +177,10 @@ class Unexplained(Simulator):
         compiled program; None where that does not serve."""
         if self.driver is None:
             return None
-        def at_outputs(signals: Array) -> None:
+        def at_outputs(seen: int, signals: Array) -> None:
             assert watch is not None
-            watch(signals[self._keep[:np.searchsorted(self._keep, len(signals))]].T)
+            begin, end = np.searchsorted(self._keep, (seen, seen + len(signals)))
+            watch(int(begin), signals[self._keep[begin:end] - seen].T)
 
         try:
             found = self._compiled(self.driver, first, moved, False, watch and at_outputs).signals[self._keep]
