@@ -14,11 +14,13 @@ import heavebond as hb
 from heavebond.cli import main
 from heavebond.core.errors import Place
 from heavebond.core.units import parse_range
+from heavebond.estimation import fitting
 from heavebond.estimation.comparison import compare
 from heavebond.estimation.diagram_files import fitted_diagram, write
+from heavebond.estimation.excerpts import EXCERPTS
 from heavebond.estimation.experiment import Experiment, Free, load_experiment
 from heavebond.estimation.fitting import Fit, fit, profile
-from heavebond.estimation.residuals import condensed
+from heavebond.estimation.residuals import Residuals, condensed
 from heavebond.reports.result_tables import own_words
 
 DRIVE = Path(__file__).parents[2] / "shared" / "data" / "real" / "emps"
@@ -238,3 +240,16 @@ def test_an_unknown_that_no_residual_feels_is_held() -> None:
     assert (slopes.T @ slopes)[np.ix_(felt, felt)] == pytest.approx((J.T @ J)[np.ix_(felt, felt)])
     assert np.linalg.matrix_rank(slopes) == 4
     assert np.linalg.lstsq(slopes, -short, rcond=None)[0][2] == 0.0
+
+
+def test_a_fit_to_long_records_begins_on_their_beginnings(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It ends where a fit to the whole of them from the start ends."""
+    experiment = hb.load_experiment("passive_rig/nothing")
+    whole = Residuals(experiment)
+    plain = whole.minimise(whole.start, False, lambda text: None)
+    monkeypatch.setattr(fitting, "EXCERPTS", replace(EXCERPTS, long=900, excerpt=200))
+    said: list[str] = []
+    found = fit(experiment, progress=said.append)
+    assert any(text.startswith("beginning of the records") for text in said)
+    assert found.cost[0] == pytest.approx(2 * plain.cost, rel=1e-6)
+    assert found.evaluations < whole.evaluations

@@ -30,6 +30,7 @@ from heavebond.core.quantities import si_range
 from heavebond.core.reporting import reporting
 from heavebond.core.threads import single_threaded
 from heavebond.estimation.comparison import Comparison, RecordComparison, compare_record
+from heavebond.estimation.excerpts import EXCERPTS
 from heavebond.estimation.experiment import Experiment, Free, Record, load_experiment
 from heavebond.estimation.identifiability import Identifiability, identifiability
 from heavebond.estimation.multiple_shooting import Shooting
@@ -183,7 +184,8 @@ def fit(experiment: Experiment | str | Path, *, starts: int = 1, segments: int =
     runs, costs = [], []
     for number, start in enumerate(problem.starting_points(starts, seed), 1):
         tell = numbered(say, "start", number, starts)
-        run = problem.minimise(_shot(problem, start, segments, tell), robust, tell, partial=partial)
+        start = _from_excerpt(problem, _shot(problem, start, segments, tell), robust, tell)
+        run = problem.minimise(start, robust, tell, partial=partial)
         runs.append(run)
         costs.append(2 * run.cost)
         if run.message == ENDED_EARLY:
@@ -221,6 +223,23 @@ def _filled_by_compare(problem: Residuals) -> str:
 
 def _shot(problem: Residuals, start: Array, segments: int, progress: Progress) -> Array:
     return Shooting(problem, segments).solve(start, progress) if segments > 1 else start
+
+
+def _from_excerpt(problem: Residuals, start: Array, robust: bool, progress: Progress) -> Array:
+    """Of long records: where a fit of their beginnings ends, or the start where that leaves less on the whole of them; from
+    near the optimum the fit takes half of the runs."""
+    points = sum(len(run.found.grid) for run in problem.runs)
+    if points <= EXCERPTS.long:
+        return start
+    each = EXCERPTS.max_extension * EXCERPTS.excerpt // len(problem.runs)
+    begun = [replace(run.record, end=float(run.found.grid[min(each, len(run.found.grid)) - 1])) for run in problem.runs]
+    try:
+        part = Residuals(problem.experiment, begun)
+        found = part.minimise(start, robust, lambda text: progress(f"beginning of the records: {text}"), tolerance=1e-6).x
+    except HeavebondError:  # one of them has no samples of a channel there
+        return start
+    left = [float(np.square(problem.evaluate(x)[0]).sum() + np.square(problem.priors(x)[0]).sum()) for x in (start, found)]
+    return found if left[1] < left[0] else start
 
 
 def _finished(problem: Residuals, best: Descent, costs: list[float]) -> Fit:
