@@ -47,7 +47,7 @@ export class Evidence {
   /** Whether the document is an experiment; after a check. @param {any} view */
   recognise(view) {
     const was = this.active;
-    this.active = Boolean(view?.evidence);
+    this.active = view?.evidence ?? (was && view.problems.length > 0); // a text that cannot be read is what it was
     this.layout();
     if (this.active && !was) void this.jobs.load();
   }
@@ -62,12 +62,14 @@ export class Evidence {
   }
 
   layout() {
-    const records = this.active || this.jobs.tuning;
+    const records = this.active || this.jobs.tuning, changed = this.place.hidden === records;
     for (const id of ["runs", "plots"]) byId(id).hidden = records;
     byId("evidence-bar").hidden = this.place.hidden = !records;
     for (const id of ["run", "derive"]) byId(id).hidden = this.active;
     byId("compare").hidden = !this.active;
     byId("tune").hidden = this.active || !this.studio.view?.parts;
+    byId("toggle-palette").hidden = this.active; // parts are placed on the diagram, not on an experiment
+    if (changed && this.studio.view?.svg) this.studio.diagram.fit();
   }
 
   // -- comparison ----------------------------------------------------------------------------------------------------
