@@ -121,6 +121,9 @@ CASES = [
     Case("dead_band", "part.y", lambda t: u(t) - np.clip(u(t), -0.5, 0.5), LAW),
     Case("rate_limit", "part.y", lambda t: 3*t, "the limit; 1e-5 for what the smoothing takes near the end", 1e-5),
     # sin reaches 1/2 at 1/12 s, and falls through -1/4 after half a period
+    Case("sequencer", "1*part.y",
+         lambda t: np.array([0, 5, -10])[np.searchsorted([0.2, 1.4, 2, 2.2, 3.4, 4], t + 1e-9) % 3],
+         "timing diagram", 1e-9),
     Case("relay", "part.y", lambda t: 24*within(t, 1/12, 0.5 + np.arcsin(0.25)/(2*PI)), LAW),
     Case("comparator", "part.y", lambda t: within(t, 1/12, 5/12), LAW),
     Case("switch", "part.y", lambda t: np.where(within(t + 0.3/(2*PI), 0, 0.5) == 1, 3, -t), LAW),

@@ -318,3 +318,21 @@ simulate: {until: 1 s, every: 50 ms}
     result = hb.simulate(model)
     _seen.add("Record")
     agree(result["part.y"], np.interp(result.time, [0, 0.5, 1], [1e-3, 3e-3, -2e-3]), size=1e-3)
+
+
+@checks("Sequencer")
+def test_sequencer_by_a_timing_diagram() -> None:
+    """A step ends when its time is over and the release is up; it is up in the first half of each second."""
+    values = [2.0, 5.0, -10.0]
+    law = part("Sequencer", n=3, T="[0.2 s, 1.2 s, 0.3 s]", y_s="[2 V, 5 V, -10 V]", u=0)
+    agree(law({"step": np.array([1.0, 2, 3]), "t_0": 0.0})["y"], values)
+    agree(law({"step": np.array([1.0, 2, 3]), "t_0": 0.0})["t_m"], [0.2, 1.2, 0.3])
+    events = run("""
+model: one
+components:
+  release: {is: SquareWave, high: 1, T: 1 s}
+  part:    {is: Sequencer, n: 3, T: [0.2 s, 1.2 s, 0.3 s], y_s: [2 V, 5 V, -10 V]}
+nodes: {release: [release.y, part.u], command: [part.y]}
+simulate: {until: 3.9 s, every: 10 ms}
+""").events
+    agree([time for time, name in events if name == "part.next"], [0.2, 1.4, 2.0, 2.2, 3.4], 1e-9)
