@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -249,3 +250,31 @@ def test_without_the_extra_the_command_says_what_to_type(monkeypatch: pytest.Mon
     run = CliRunner().invoke(main, ["studio"])
     assert run.exit_code == 2
     assert "pip install 'heavebond[studio]'" in run.output
+
+
+# -- colours ---------------------------------------------------------------------------------------------------------------
+TEXTS = (("ink", "paper"), ("ink", "soft"), ("quiet", "paper"), ("quiet", "soft"), ("accent", "paper"), ("accent", "soft"),
+         ("on-accent", "accent"), ("warn", "paper"), ("warn", "soft"), ("warn", "warn-soft"), ("quiet", "warn-soft"),
+         ("ink", "warn-soft"), ("ink", "pick"), ("quiet", "pick"))
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_colours_of_the_page_have_the_contrast_of_wcag_aa(dark: bool) -> None:
+    """4.5 to 1 for text, 3 to 1 for the focus (WCAG 2.1, 1.4.3 and 1.4.11), in the light and the dark scheme."""
+    style = (ROOT / "heavebond" / "studio" / "page" / "studio.css").read_text(encoding="utf-8")
+    light, dark_part = re.findall(r":root \{(.*?)\}", style, re.DOTALL)[:2]
+    colours = dict(re.findall(r"--([\w-]+): (#[0-9a-f]{6})", light))
+    if dark:
+        colours |= dict(re.findall(r"--([\w-]+): (#[0-9a-f]{6})", dark_part))
+
+    def luminance(name: str) -> float:
+        parts = [int(colours[name][k:k + 2], 16) / 255 for k in (1, 3, 5)]
+        r, g, b = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in parts]
+        return 0.2126 * r + 0.7152 * g + 0.0722 * b
+
+    def contrast(one: str, two: str) -> float:
+        low, high = sorted((luminance(one), luminance(two)))
+        return (high + 0.05) / (low + 0.05)
+
+    wanted = {**dict.fromkeys(TEXTS, 4.5), ("focus", "paper"): 3.0, ("focus", "soft"): 3.0}
+    assert {pair: round(contrast(*pair), 2) for pair, least in wanted.items() if contrast(*pair) < least} == {}

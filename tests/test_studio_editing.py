@@ -113,6 +113,7 @@ simulate: {until: 5 s, every: 5 ms}
 """
 
 
+@pytest.mark.long
 def test_a_quarter_car_is_built_from_nothing(tab: browser.Tab, server: Server) -> None:
     """Parts from the library, values, names, wires; then it is run and saved, and its text is what a person would write."""
     _new(tab, server, "built")
@@ -209,4 +210,26 @@ def test_a_part_is_dragged_and_what_does_not_fit_is_told(tab: browser.Tab, serve
     _true(tab, "!document.getElementById('reason').hidden")
     assert "a hydraulic port" in tab.run("document.getElementById('reason').innerText")
     assert tab.run("studio.editor.text") == before
+    assert tab.complaints == []
+
+
+def test_the_text_is_completed_from_the_library_and_the_diagram(tab: browser.Tab, server: Server) -> None:
+    _open(tab, server)
+
+    def offered(before: str, typed: str) -> list[str]:
+        """What is offered behind a text, once the cursor stands there and something is typed."""
+        tab.run(f"""(() => {{ const v = studio.editor.view, at = v.state.doc.toString().indexOf({before!r}) + {len(before)};
+            v.focus(); v.dispatch({{selection: {{anchor: at}}}}); }})()""")
+        tab.write(typed)
+        _true(tab, "document.querySelector('.cm-tooltip-autocomplete li')", 60)
+        found: list[str] = tab.run("[...document.querySelectorAll('.cm-tooltip-autocomplete .cm-completionLabel')]"
+                                   ".map(e => e.textContent)")
+        tab.run("studio.editor.undo()")
+        tab.key("Escape", code=27)
+        return found
+
+    assert "Spring" in offered("spring:      {is: ", "Spr")
+    assert "g" in offered("{is: Weight, m: =body.m, ", "g")
+    assert "tyre.a" in offered("road:  [", "ty")
+    assert "wheel.x" in offered("body:       {is: ", "whe")
     assert tab.complaints == []

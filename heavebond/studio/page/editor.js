@@ -18,8 +18,8 @@ const theme = cm.EditorView.theme({
   ".cm-diagnostic": { whiteSpace: "pre-wrap", maxWidth: "60ch" }});
 
 export class Editor {
-  /** @param {HTMLElement} parent @param {string} nonce @param {() => void} onchange @param {(line: number) => void} online */
-  constructor(parent, nonce, onchange, online) {
+  /** @param {HTMLElement} parent @param {string} nonce @param {() => void} onchange @param {(line: number) => void} online @param {(context: any) => any} propose */
+  constructor(parent, nonce, onchange, online, propose) {
     this.writable = new cm.Compartment();
     this.quiet = false;
     this.extensions = [
@@ -27,7 +27,8 @@ export class Editor {
       cm.highlightActiveLineGutter(), cm.highlightSpecialChars(), cm.drawSelection(), cm.history({ minDepth: 1e9 }), cm.indentUnit.of("  "),
       cm.bracketMatching(), cm.closeBrackets(), cm.search(), cm.highlightSelectionMatches(), cm.lintGutter(), cm.yaml(),
       cm.syntaxHighlighting(look), theme, cm.EditorView.contentAttributes.of({ "aria-label": "Text of the diagram" }),
-      cm.keymap.of([...cm.closeBracketsKeymap, ...cm.searchKeymap, ...cm.historyKeymap, ...cm.lintKeymap,
+      cm.autocompletion({ override: [propose] }),
+      cm.keymap.of([...cm.completionKeymap, ...cm.closeBracketsKeymap, ...cm.searchKeymap, ...cm.historyKeymap, ...cm.lintKeymap,
         ...cm.defaultKeymap.filter((/** @type {any} */ k) => k.key !== "Mod-Enter")]),
       cm.EditorView.updateListener.of((/** @type {any} */ update) => {
         if (update.docChanged && !this.quiet) onchange();

@@ -1,5 +1,6 @@
 // The studio: what is open, what is run, and who is told of it.
 
+import { Completion } from "./completion.js";
 import { askName, byId, el } from "./dom.js";
 import { Diagram } from "./diagram.js";
 import { Edits } from "./edits.js";
@@ -24,7 +25,8 @@ class Studio {
     /** @type {any} */ this.picked = null;
     this.folder = "";
     this.file = new DiagramFile(this);
-    this.editor = new Editor(byId("editor"), nonce, () => this.file.changed(), (line) => this.atLine(line));
+    this.editor = new Editor(byId("editor"), nonce, () => this.file.changed(), (line) => this.atLine(line), (context) => this.completion.propose(context));
+    this.completion = new Completion(this);
     this.edits = new Edits(this);
     this.wiring = new Wiring(this);
     this.handling = new Handling(this);

@@ -12,6 +12,8 @@ export class Palette {
     /** @type {any[]} */ this.groups = [];
     this.wanted = "";
     this.loaded = "";
+    /** @type {{name: string, done: Promise<any>}|null} */ this.loading = null;
+    /** @type {Map<string, any>|null} */ this.components = null;
     /** @type {Set<string>} */ this.closed = new Set();
   }
 
@@ -21,18 +23,27 @@ export class Palette {
     this.place.hidden = !on;
     byId("diagram").classList.toggle("with-palette", on);
     byId("toggle-palette").setAttribute("aria-pressed", String(on));
-    if (on) void this.load().then(() => document.getElementById("palette-search")?.focus());
+    if (on) void Promise.resolve(this.load()).then(() => document.getElementById("palette-search")?.focus());
   }
 
   /** As for a diagram that was just opened, whose folder may have components of its own. */
   clear() {
     this.loaded = "";
+    this.components = null;
     if (this.shown) this.toggle(false);
   }
 
-  async load() {
+  load() {
     const name = this.studio.document.name;
-    if (this.loaded === name) return;
+    if (this.loaded === name) return undefined;
+    if (this.loading?.name === name) return this.loading.done;
+    const done = this.fetch(name).finally(() => { this.loading = null; });
+    this.loading = { name, done };
+    return done;
+  }
+
+  /** @param {string} name of the document */
+  async fetch(name) {
     this.place.replaceChildren(el("p", { class: "empty" }, "Reading the library…"));
     const told = await this.studio.link.ask("palette", { name });
     if (told.kind !== "done" || this.studio.document?.name !== name) return;

@@ -43,7 +43,7 @@ export class Panel {
   about(kind) {
     const { palette } = this.studio;
     if (!palette.shown) palette.toggle(true);
-    void palette.load().then(() => palette.tell(kind));
+    void Promise.resolve(palette.load()).then(() => palette.tell(kind));
   }
 
   /** The ports on a node, each to be taken off. @param {any} node */
