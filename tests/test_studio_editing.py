@@ -233,3 +233,44 @@ def test_the_text_is_completed_from_the_library_and_the_diagram(tab: browser.Tab
     assert "tyre.a" in offered("road:  [", "ty")
     assert "wheel.x" in offered("body:       {is: ", "whe")
     assert tab.complaints == []
+
+
+def _chain(parts: int, columns: int = 25) -> str:
+    """Masses with springs and dampers between them, in rows to and fro."""
+    lines, nodes, before = ["model: many", "components:", "  wall: {is: Fixed, at: [0, 0]}"], ["nodes:"], "wall.a"
+    for k in range(parts - 1):
+        row, column = divmod(k, columns)
+        at = f"[{column + 1 if row % 2 == 0 else columns - column}, {row}]"
+        kind = "Mass, m: 1 kg" if k % 2 else "SpringDamper, c: 1 kN/m, d: 10 N*s/m"
+        lines.append(f"  p{k}: {{is: {kind}, at: {at}}}")
+        if k % 2 == 0:
+            after = f"p{k}.b, p{k + 1}.a" if k + 2 < parts else f"p{k}.b"
+            nodes.append(f"  n{k}: [{before}, p{k}.a]" if before == "wall.a" else f"  n{k}: [{before}p{k}.a]")
+            before = f"{after}, "
+    return "\n".join([*lines, *nodes, f"  last: [{before.removesuffix(', ')}]", "initial: {start: rest}",
+                      "simulate: {until: 1 s}"]) + "\n"
+
+
+@pytest.mark.slow
+def test_500_parts_are_moved_at_30_frames_a_second(tab: browser.Tab, server: Server) -> None:
+    """The sheet follows the mouse, and what is typed is not held up by the layout, which is made by a worker."""
+    (server.folder / "many.yaml").write_text(_chain(500), encoding="utf-8")
+    tab.go("about:blank")
+    tab.go(f"{server.address}#many.yaml")
+    _true(tab, "window.studio?.view?.svg && studio.document?.name === 'many.yaml'", 120)
+    assert tab.run("document.querySelectorAll('g.part').length") == 500
+    tab.run("window.frames = []; (function next(t) { window.frames.push(t); requestAnimationFrame(next); })(0)")
+    tab.mouse("Pressed", 900, 300, button="middle", clickCount=1)
+    tab.run("window.frames.length = 0")
+    for k in range(100):
+        tab.mouse("Moved", 900 + k % 60, 300 + k % 40, button="middle")
+    frames = tab.run("window.frames")
+    tab.mouse("Released", 900, 300, button="middle", clickCount=1)
+    assert (len(frames) - 1) / (frames[-1] - frames[0]) * 1000 >= 30
+    tab.run("window.held = []; new PerformanceObserver(list => window.held.push(...list.getEntries().map(e => e.duration)))"
+            ".observe({entryTypes: ['longtask']}); (() => { const v = studio.editor.view; v.focus(); "
+            "v.dispatch({selection: {anchor: v.state.doc.length}}); })()")
+    for letter in "# as fast as one types":
+        tab.write(letter)
+    _settled(tab, "studio.editor.text.endsWith('types')")
+    assert max(tab.run("window.held") or [0]) < 500  # ms; the layout takes seconds

@@ -26,6 +26,7 @@ def contents(expanded: Expanded, network: Network, assembly: Assembly | None, te
              drawn: Drawn | None) -> Entry:
     """Parts and nodes by their paths, the diagram's own parameters, and its outputs; signals where it is assembled."""
     ports = port_entries(expanded, network, drawn) if drawn is not None else {}
+    joined = {end.name for junction in expanded.junctions.values() for end in junction.ends if end.sign > 0}
     names = _signals(assembly) if assembly is not None else {}
     owned = _by_owner(names, [*expanded.leaves, *expanded.junctions])
     free = set(assembly.parameter_names) if assembly is not None else set()
@@ -37,7 +38,7 @@ def contents(expanded: Expanded, network: Network, assembly: Assembly | None, te
         given.setdefault(owner, []).append(_parameter(path, name, bound, parameter, path in free))
     parts = {path: {"kind": leaf.component.name, "summary": leaf.component.summary, "block": leaf.component.composite,
                     "line": leaf.place.line if leaf.place.file == text_name else None,
-                    "parameters": [*given.get(path, ()), *_inputs(leaf, free), *_missing(leaf)],
+                    "parameters": [*given.get(path, ()), *_inputs(leaf, free), *_missing(leaf, joined)],
                     "signals": owned.get(path, []), "ports": ports.get(path, [])}
              for path, leaf in expanded.leaves.items()}
     nodes = {path: {"domain": _domain(network, path), "line": j.place.line if j.place.file == text_name else None,
@@ -101,11 +102,12 @@ def _inputs(leaf: Leaf, free: set[str]) -> list[Entry]:
             for name, bound in leaf.inputs.items()]
 
 
-def _missing(leaf: Leaf) -> list[Entry]:
-    """Parameters that need a value, and inputs that may be given one, without any so far."""
+def _missing(leaf: Leaf, joined: set[str]) -> list[Entry]:
+    """Parameters that need a value, and inputs on no node that may be given one, without any so far."""
     needed: list[Parameter | SignalPort] = [
         p for name, p in leaf.component.parameters.items() if name not in leaf.parameters and not p.medium]
-    needed += [s for name, s in leaf.component.signals.items() if s.direction == "in" and name not in leaf.inputs]
+    needed += [s for name, s in leaf.component.signals.items() if s.direction == "in" and name not in leaf.inputs
+               and f"{leaf.path}.{name}" not in joined]
     return [{"path": f"{leaf.path}.{p.name}", "name": p.name, "text": "", "doc": p.doc, "unit": p.unit.text,
              "needed": isinstance(p, Parameter)} for p in needed]
 

@@ -53,6 +53,30 @@ def pictures(tab: browser.Tab, address: str, folder: Path) -> None:
     take("mistake")
 
 
+def editing(tab: browser.Tab, folder: Path) -> None:
+    """A part placed from the library, and a wire on its way to a port."""
+    tab.run("studio.document.text = studio.editor.text; studio.open('rig.yaml')")
+    tab.wait("studio.document.name === 'rig.yaml' && Boolean(studio.view?.parts) && !studio.unsaved")
+    tab.click("#toggle-palette")
+    tab.wait("document.querySelector('#palette-search') !== null", PATIENCE)
+    tab.run("studio.edits.act({act: 'place', kind: 'EndStop', column: 1, row: -1}).then(() => studio.diagram.fit())")
+    tab.wait("Boolean(studio.view.parts.end_stop)")
+    tab.run("document.getElementById('palette-search').focus()")
+    tab.write("stop")
+    time.sleep(SETTLED)
+    (x, y), (x1, y1) = tab.middle("[data-port='end_stop.b']"), tab.middle("[data-port='load.a']")
+    tab.mouse("Moved", x, y)
+    tab.mouse("Pressed", x, y, button="left", clickCount=1)
+    for share in (0.3, 0.6, 1.0):
+        tab.mouse("Moved", x + share * (x1 - x), y + share * (y1 - y), button="left")
+    time.sleep(SETTLED)
+    (folder / "editing.png").write_bytes(tab.screenshot())
+    print(f"wrote {folder / 'editing.png'}")
+    tab.mouse("Released", x1, y1, button="left", clickCount=1)
+    tab.wait("studio.editor.text.includes('end_stop.b')")
+    tab.run("studio.document.text = studio.editor.text; studio.file.keepDraft()")
+
+
 def records(tab: browser.Tab, opened: Path, folder: Path) -> None:
     """The records of a rig dropped on its diagram, compared, located and diagnosed."""
     def take(name: str) -> None:
@@ -103,6 +127,7 @@ def main(folder: Path) -> None:
             tab = browser.Tab(Path(place) / "profile", 1440, 960)
             try:
                 pictures(tab, address, folder)
+                editing(tab, folder)
                 records(tab, opened, folder)
             finally:
                 tab.close()

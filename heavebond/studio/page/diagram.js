@@ -20,6 +20,8 @@ export class Diagram {
     this.frame = 0;
     /** @type {{kind: string, path: string}|null} */
     this.picked = null;
+    this.fitted = false; // shows all, as long as nobody moves or scales it
+    new ResizeObserver(() => { if (this.fitted) this.fit(); }).observe(this.sheet);
     this.listen();
   }
 
@@ -117,6 +119,7 @@ export class Diagram {
     this.scale = Math.min(1.6, Math.max(LEAST, Math.min((width - rim) / w, (height - rim) / h)));
     this.x = (width - w * this.scale) / 2;
     this.y = (height - h * this.scale) / 2;
+    this.fitted = true;
     this.place();
   }
 
@@ -126,6 +129,7 @@ export class Diagram {
     this.x = x - (x - this.x) * real;
     this.y = y - (y - this.y) * real;
     this.scale = scale;
+    this.fitted = false;
     this.place();
   }
 
@@ -133,6 +137,7 @@ export class Diagram {
   move(dx, dy) {
     this.x += dx;
     this.y += dy;
+    this.fitted = false;
     this.place();
   }
 

@@ -74,11 +74,13 @@ export class Runs {
     this.previewing = true;
     /** @type {number[]} */
     const done = [];
-    while (this.waitingPreview) {
+    const name = this.studio.document?.name;
+    while (this.waitingPreview && this.studio.document?.name === name) {
       this.waitingPreview = false;
       const values = this.values, asked = performance.now();
       try {
         const told = await this.studio.link.ask("preview", this.question(values));
+        if (this.studio.document?.name !== name) break; // the page shows another diagram by now
         if (told.kind === "done" && !this.busy) {
           this.live = this.made(told, values);
           this.live.preview = true;
