@@ -23,7 +23,7 @@ export class Edits {
   /** @param {Record<string, any>} action */
   async perform(action) {
     const { studio } = this, before = studio.editor.text, name = studio.document?.name;
-    if (!this.possible) { this.refuse("This diagram is read only. Copy or extend it to change it."); return false; }
+    if (!this.possible) { this.refuse(studio.view?.evidence ? "An experiment shows the diagram of another file. Open that diagram to change it." : "This diagram is read only. Copy or extend it to change it."); return false; }
     try {
       const told = await studio.link.ask("edit", { name, text: before, action: { grid: studio.view?.grid, ...action } });
       if (told.kind !== "done" || studio.document?.name !== name) return false;
