@@ -19,6 +19,8 @@ WEISBACH = 0.131 + 1.847*(20/60)**3.5
 
 CASES = [
     Case("height_difference", "orifice.q", 20*LPM*np.sqrt(3 - 870*9.81*10/BAR), 1e-3),   # transition at 0.1 bar
+    # both ways lose the same: 0.1 of the run against 1.2 of the branch
+    Case("tee", "two.a.q", 60*LPM/(1 + np.sqrt(12)), 1e-4),
     Case("bend", "part.q", PI/4*0.02**2*np.sqrt(2*0.2*BAR/(WEISBACH*870)), 1e-3),   # the laminar transition at Re_t
     # affinity laws: half the speed, half the flow, a quarter of the torque
     Case("centrifugal_pump", "part.q", 150*LPM),
@@ -187,3 +189,20 @@ def test_a_charged_accumulator_cools_down() -> None:
     empty = law({"a.p": 20*BAR, "T": 293.15})
     agree(empty["V_g"], 0.01, rtol=1e-4)
 
+
+@checks("Tee")
+def test_a_tee_by_its_loss_coefficients() -> None:
+    """Bernoulli with losses along each way: half of the run and the branch, dividing and combining."""
+    area, branch = PI/4*0.016**2, PI/4*0.010**2
+
+    def head(q: float, size: float) -> float:
+        return 870/2*(q/size)**2
+    law = part("Tee", d="16 mm", d_c="10 mm", zeta_r=0.3, zeta_o=1.2, zeta_i=0.8, dp_t="1e-3 Pa", rho="870 kg/m**3")
+    for straight, into in ((5e-4, 2e-4), (5e-4, -2e-4)):      # from a to b, and what leaves (enters) by the branch
+        middle = 20*BAR
+        p_a, p_b = middle + 0.15*head(straight, area), middle - 0.15*head(straight - into, area)
+        p_c = middle - np.sign(into)*((1.2 if into > 0 else 0.8) - 0.15)*head(into, branch)
+        found = law({"a.p": p_a, "b.p": p_b, "c.p": p_c, "p": middle})
+        agree(found["a.q"], straight, rtol=1e-7)
+        agree(found["b.q"], into - straight, rtol=1e-7)
+        agree(found["c.q"], -into, rtol=1e-7)
