@@ -303,6 +303,79 @@ def test_a_file_of_a_library_is_a_part_of_a_diagram(tmp_path: Path) -> None:
     assert [run[f"{part}.y_{k}"][-1] for k in (1, 2, 3)] == [0.0005, 0, 3]
 
 
+def _element(name: str, kind: str, ports: str, equations: str, knot: bool = False) -> str:
+    return f"""   {name} 0 0
+    {"knot" if knot else "type"} {kind}
+     ports
+      {ports}
+    end;
+    implementation eq
+{equations}
+implementation_end;
+"""
+
+
+def _whole(parts: str, connections: str) -> str:
+    return f"""<?xml version="1.0"?><Document><Model version="4.5"><Sidops><![CDATA[model 0 0
+ type Mainmodel
+ end;
+ implementation bg
+  submodels
+{parts}  end;
+  connections
+{connections}
+  end;
+ implementation_end;
+]]></Sidops></Model></Document>"""
+
+
+@pytest.mark.parametrize("turned", [False, True], ids=["arrow_in", "arrow_out"])
+def test_elements_with_two_terminals(tmp_path: Path, turned: bool) -> None:
+    """A capacitor charged through a resistor, and a mass on a spring and a damper to the ground that is pulled by a force:
+    the elements have ports with a high and a low terminal, whichever way the arrows of the connections point."""
+    parts = "".join([
+        _element("Battery", "Battery", "electric delta out p;", "equations\n	p.u = 10;"),
+        _element("Resistor", "Resistor", "electric delta in p;", "equations\n	p.u = 100 * p.i;"),
+        _element("Capacitor", "Capacitor", "electric delta in p; signal out u;",
+                 "equations\n	p.u = int (p.i) / 0.001;\n	u = p.u;"),
+        _element("Ground", "Ground", "electric knot duplicatable none p [1];",
+                 "equations\n	collect (p.u) = 0;", knot=True),
+        _element("Mass", "Mass", "translation knot duplicatable none p [1]; signal out x;",
+                 "equations\n	collect (p.v) = int (sum (direct (p.F)) / 2);\n	x = int (first (p.v));", knot=True),
+        _element("Spring", "Spring", "translation delta in p;", "equations\n	p.F = 50 * int (p.v);"),
+        _element("Damper", "Damper", "translation delta in p;", "equations\n	p.F = 3 * p.v;"),
+        _element("Fixed", "Fixed", "translation knot duplicatable none p [1];",
+                 "equations\n	collect (p.v) = 0;", knot=True),
+        _element("Pull", "Pull", "translation out p;", "equations\n	p.F = 4;")])
+    side = "Fixed\\p => {0}\\p_low;" if turned else "{0}\\p_low => Fixed\\p;"
+    made = import_emx(_file(tmp_path, _whole(parts, "\n".join([
+        "   Battery\\p_high => Resistor\\p_high;", "   Resistor\\p_low => Capacitor\\p_high;",
+        "   Ground\\p => Battery\\p_low;", "   Capacitor\\p_low => Ground\\p;", "   Pull\\p => Mass\\p;",
+        *(f"   Mass\\p => {e}\\p_high;\n   {side.format(e)}" for e in ("Spring", "Damper"))]))))
+    assert not made.untranslated
+    made.write(tmp_path / "out")
+    run = hb.simulate(hb.load(str(tmp_path / "out" / "cart.yaml")), until=1)
+    charged = abs(run.time - 0.1).argmin()
+    assert run["Capacitor.u"][charged] == pytest.approx(10 * (1 - math.exp(-run.time[charged] / 0.1)), rel=1e-5)
+    decay, omega = 3 / 4, math.sqrt(25 - (3 / 4)**2)
+    t = run.time[-1]
+    shape = math.exp(-decay * t) * (math.cos(omega * t) + decay / omega * math.sin(omega * t))
+    assert run["Mass.x"][-1] == pytest.approx(4 / 50 * (1 - shape), rel=1e-5)
+
+
+def test_what_no_equation_assigns_is_zero_and_listed(tmp_path: Path) -> None:
+    run = run_part(tmp_path, one_part("""variables
+  real lost, kept;
+initialequations
+  kept = 1;
+equations
+  y = 2 * lost + time;
+code
+  if time == 0 then kept = 3; end;
+  z = kept;""", "y z"), untranslated=1)
+    assert at(run, "y", 1) == [1] and at(run, "z", 1) == [3]
+
+
 def test_functions_of_transforms_and_twists(tmp_path: Path) -> None:
     """Compared with the matrices of screw theory, rotation first; whole numbers and bits are known beforehand."""
     run = run_part(tmp_path, one_part("""constants

@@ -11,7 +11,7 @@ from heavebond.import_20sim.equations import Builder
 from heavebond.import_20sim.evaluate import fold
 from heavebond.import_20sim.expressions_parser import Unreadable
 from heavebond.import_20sim.names import camel, identifier
-from heavebond.import_20sim.sidops_tree import Connection, Do, Port, Submodel
+from heavebond.import_20sim.sidops_tree import Assign, Connection, Do, Expr, Port, Submodel
 
 GENERIC = {"Submodel", "SubmodelEquation", "SubmodelGraphical", "Mainmodel", "SubmodelTryout"}
 Made = "Component | Block"
@@ -41,6 +41,7 @@ class Block:
     equations: list[tuple[str, str]] = field(default_factory=list)
     elements: dict[str, list[str]] = field(default_factory=dict)
     untranslated: list[tuple[int, str]] = field(default_factory=list)
+    line: int = 0
 
 
 def title(submodel: Submodel, library: frozenset[str] = frozenset()) -> str:
@@ -180,10 +181,15 @@ class Translator:
 
     def block(self, submodel: Submodel, old: str, new: str) -> Block:
         """The parts of a submodel and their nodes."""
-        made = Block(title(submodel, self.library), "")
+        made = Block(title(submodel, self.library), "", line=submodel.line)
         made.untranslated += submodel.problems
         computed = self._relations(submodel, old, new)
         for port in submodel.ports:
+            if port.terminals:  # of a block: its parts are connected to each terminal
+                for label in (f"{port.name}_high", f"{port.name}_low"):
+                    made.elements[label] = [identifier(label)]
+                    made.items[identifier(label)] = Item(identifier(label), "bond", "", port.domain)
+                continue
             made.elements[port.name] = elements_of(port, self._known())
             for name in made.elements[port.name]:
                 kind = port.direction if port.domain == "signal" else "bond"
@@ -205,9 +211,9 @@ class Translator:
             inner = self.submodel(part, f"{old}\\{part.name}" if old else part.name, f"{new}.{name}" if new else name,
                                   ends.get(part.name, []))
             placed = Part(name, inner, part.x, part.y)
-            placed.elements = {**inner.elements, **{label: inner.elements[identifier(label)]
-                                                    for _, label, _ in ends.get(part.name, [])
-                                                    if identifier(label) in inner.elements}}
+            placed.elements = {**inner.elements, **{
+                label: inner.elements[identifier(label)] for _, label, _ in ends.get(part.name, [])
+                if identifier(label) in inner.elements}}
             made.parts[part.name] = placed
         self._nodes(made, nets)
         self.scopes.pop()
@@ -231,7 +237,9 @@ class Translator:
                     own.append((port, label, way))
                     pair.append(f"{name}\\{label}")
                 else:
-                    if part is not None and part.knot and declared is not None:
+                    side = port.removesuffix("_high").removesuffix("_low")
+                    if part is not None and ((part.knot and declared is not None) or
+                                             any(p.terminals and p.name == side for p in part.ports)):
                         ends.setdefault(name, []).append((port, port, way))
                     pair.append(end)
             labelled.append((pair[0], pair[1]))
@@ -249,12 +257,17 @@ class Translator:
             own = [e for e in group if e in made.elements]
             widths = {len(p.elements.get(port, [port])) for p, port in inner} | {len(made.elements[e]) for e in own}
             if len(widths) > 1:
-                made.untranslated.append((0, f"the ends of {', '.join(group)} have different sizes"))
+                made.untranslated.append((made.line, f"the ends of {', '.join(group)} have different sizes"))
             for k in range(min(widths, default=0)):
                 self._node(made, [(p, p.elements.get(port, [port])[k]) for p, port in inner],
                            [made.elements[e][k] for e in own])
         for part in made.parts.values():
             self._free(made, part)
+        driven = {end for ends in made.nodes.values() for end in ends} | {left for left, _ in made.equations}
+        for item in made.items.values():
+            if item.kind == "out" and item.name not in driven:
+                made.equations.append((item.name, "0"))
+                made.untranslated.append((made.line, f"the output '{item.name}' is connected to nothing; it is 0"))
 
     def _node(self, made: Block, inner: list[tuple[Part, str]], own: list[str]) -> None:
         inner = [(p, e) for p, e in inner if e in p.what.items]
@@ -284,6 +297,10 @@ class Translator:
                 continue
             if item.kind == "bond":
                 made.nodes[f"{part.name}_{item.name}"] = [f"{part.name}.{item.name}"]
+                if isinstance(part.what, Component) and part.what.untranslated:  # nothing flows: its effort is 0
+                    part.what.equations = [(Expr(left.op, left.args, f"{item.name}.e"), right, comment)
+                                           if left.name == f"{item.name}.f" else (left, right, comment)
+                                           for left, right, comment in part.what.equations]
             elif item.kind == "in" and item.name not in getattr(part.what, "shared", {}):
                 part.inputs[item.name] = "0"
 
@@ -293,7 +310,9 @@ def _alias(part: Submodel, ends: list[tuple[str, str, str]]) -> bool:
     if not part.knot or part.equations is None:
         return False
     lines = part.equations.equations
-    if all(not isinstance(s, Do) and getattr(getattr(s, "left", None), "name", "").lower() == "collect" for s in lines):
+    ports = {p.name for p in part.ports}
+    if all(isinstance(s, Assign) and s.left.name.lower() == "collect" and s.right.op == "name" and s.right.name in ports
+           for s in lines):
         return bool(lines)
     if any(port != "p" for port, *_ in ends) or any(p.domain in ("translation", "rotation") for p in part.ports):
         return False

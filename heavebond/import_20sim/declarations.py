@@ -85,6 +85,9 @@ class Symbols:
         return [[f"{base}_{i + 1}_{k + 1}" for k in range(columns)] for i in range(rows)]
 
     def _port(self, port: Port) -> None:
+        if port.terminals:
+            self._terminals(port)
+            return
         if not port.many:
             self._end(port, port.name, self._elements(port.name, port.size, taken=False), port.direction == "out")
             return
@@ -107,6 +110,31 @@ class Symbols:
             self.made.items[name] = Item(name, "bond", "", "" if port.domain == "power" else port.domain)
         effort = [[f.name(f"{e}.e") for e in row] for row in group]
         flow = [[f.negative(f.name(f"{e}.f")) if out else f.name(f"{e}.f") for e in row] for row in group]
+        self._members(port, label, effort, flow)
+
+    def _terminals(self, port: Port) -> None:
+        """A port with two terminals: the across quantity is the difference between them, the through quantity passes."""
+        high, low = (identifier(f"{port.name}_{side}") for side in ("high", "low"))
+        for name in (high, low):
+            self.made.items[name] = Item(name, "bond", "", port.domain)
+            self.made.elements[name] = [name]
+        out = port.direction == "out"
+        if port.domain not in ACROSS_IS_FLOW:
+            effort = Expr("-", (f.name(f"{high}.e"), f.name(f"{low}.e")))
+            flow = f.name(f"{high}.f")
+            self.made.equations.append((f.name(f"{low}.f"), f.negative(flow), "what enters at one end leaves at the other"))
+            self._members(port, port.name, [[effort]], [[f.negative(flow) if out else flow]])
+            return
+        ways = {name: way for _, name, way in self.ends}
+        speeds = [f.negative(f.name(f"{n}.f")) if ways.get(n) == "out" else f.name(f"{n}.f") for n in (high, low)]
+        force = f.name(f"{high}.e")
+        same = (ways.get(high) == "out") != (ways.get(low) == "out")  # the arrows pass through the element
+        self.made.equations.append((f.name(f"{low}.e"), force if same else f.negative(force), "the force passes through"))
+        reverse = (ways.get(high) == "out") != out
+        self._members(port, port.name, [[f.negative(force) if reverse else force]], [[Expr("-", (speeds[0], speeds[1]))]])
+
+    def _members(self, port: Port, label: str, effort: Matrix, flow: Matrix) -> None:
+        """The names by which equations call the quantities of a port."""
         a, b = MEMBERS.get(port.domain, ("e", "f"))
         across, through = (flow, effort) if port.domain in ACROSS_IS_FLOW else (effort, flow)
         self.names.update({f"{label}.e": effort, f"{label}.f": flow, f"{label}.{a}": effort, f"{label}.{b}": flow,

@@ -22,7 +22,7 @@ from heavebond.import_20sim.component import Component, Item
 from heavebond.import_20sim.declarations import Symbols
 from heavebond.import_20sim.evaluate import fold
 from heavebond.import_20sim.expressions_parser import Unreadable
-from heavebond.import_20sim.knots import collected, knot_equations
+from heavebond.import_20sim.knots import collected, knot_equations, knot_value
 from heavebond.import_20sim.matrices import Matrix
 from heavebond.import_20sim.memory import Memory
 from heavebond.import_20sim.names import camel
@@ -44,6 +44,7 @@ class Builder:
         self.memory = Memory(self.made)
         self.symbols = Symbols(submodel, self.made, self.memory, ends, known)
         self.source, self.evaluate, self.numbers = self.symbols.source, self.symbols.evaluate, self.symbols.numbers
+        self.evaluate.knots = partial(knot_value, self.symbols)
         self.targets: dict[str, Expr] = {}  # what a statement assigns, by its text
         self.triggers: Env = {}  # variables that are events
         self.turns = 0
@@ -108,6 +109,16 @@ class Builder:
                 self.made.shared[name] = self.made.gives.pop(name)
             elif name not in used:
                 del self.made.items[name]
+        self._undetermined()
+
+    def _undetermined(self) -> None:
+        """Variables that no equation assigns are 0, as in 20-sim, where there are fewer equations than unknowns."""
+        unknown = self.made.of_kind("variable", "out", "bond")
+        assigned = {left.args[0].name if left.op == "call" and left.args else left.name for left, *_ in self.made.equations}
+        missing = len(unknown) - len(self.made.equations)
+        for item in [i for i in unknown if i.kind != "bond" and i.name not in assigned][:max(missing, 0)]:
+            self.made.equations.append((f.name(item.name), f.number(0), "no equation assigns it"))
+            self.made.omitted.append((self.submodel.line, f"no equation assigns '{item.name}'; it is 0"))
 
     def _trigger(self, statement: Statement) -> None:
         """`b = event (x)`: a variable that is true at an instant only stands for that event where it is used."""
@@ -361,7 +372,8 @@ class Builder:
         self.made.items[held] = Item(held, "held", item.unit, item.doc, 0.0)
         self.made.first[held] = first
         value = renamed(value, name, f.name(held))
-        if (begun := at_start(value)) != f.name(held):
+        begun = simplified(renamed(at_start(value), "time", f.number(0)))
+        if begun != f.name(held):
             self.made.on("at_start", {"at": "0"}, {held: begun})
         for trigger in triggers(value):
             for ending, when in self.memory.instants(trigger):

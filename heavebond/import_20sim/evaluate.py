@@ -47,6 +47,7 @@ class Evaluator:
     numbers: dict[str, float]
     make: Calculus
     values: dict[str, Expr] = field(default_factory=dict)  # elements that have been assigned before
+    knots: Callable[[Expr], Matrix | None] = lambda _: None  # the value of `sum (direct (p.f))` or `first (p.e)` at a knot
 
     def scalar(self, expr: Expr) -> Expr:
         found = self(expr)
@@ -97,6 +98,9 @@ class Evaluator:
         if op in ("mod", "div"):
             count = self.make.truncated(Expr("/", (a, b)))
             return count if op == "div" else Expr("-", (a, f.multiply(b, count)))
+        if op == "==" and f.name("time") in (a, b):  # an instant
+            instant = b if a == f.name("time") else a
+            return Expr("event", (instant,), "time")
         if op == "xor":
             return Expr("!=", (_number(a), _number(b)))
         if op == "+":
@@ -148,6 +152,8 @@ class Evaluator:
 
     def _call(self, expr: Expr) -> Matrix:
         name = expr.name.lower()
+        if name in ("sum", "first") and (at_knot := self.knots(expr)) is not None:
+            return at_knot
         if name in EXTERNAL:
             raise Unreadable(expr.line, f"`{expr.name}`: {EXTERNAL[name]}")
         if name in ("int", "ddt"):

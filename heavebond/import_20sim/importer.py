@@ -17,6 +17,7 @@ from heavebond.import_20sim.memory import SAMPLE_TIME
 from heavebond.import_20sim.names import identifier, snake
 from heavebond.import_20sim.sidops_lexer import tokenise
 from heavebond.import_20sim.sidops_parser import parse_sidops
+from heavebond.import_20sim.sidops_tree import Submodel
 from heavebond.import_20sim.write import (
     block_text,
     component_text,
@@ -59,6 +60,9 @@ def import_emx(path: Path, library: frozenset[str] = frozenset()) -> Imported:
     """Translate a file; `library` holds the names of components that the result must not take. Raises ModelError."""
     emx = read_emx(path)
     root = parse_sidops(emx.sidops, path.name, emx.first_line)
+    if root.ports:  # the inputs and outputs of the whole model: they belong to a part
+        root.name = path.stem
+        root = Submodel("model", root.line, submodels=[root])
     translator = Translator(emx, tokenise(emx.sidops, path.name, emx.first_line).comments, library)
     top = translator.block(root, "", "")
     return _Writer(emx, translator, top, library).imported()
@@ -131,6 +135,14 @@ class _Writer:
                                                                      "value; 0 is used"))
                     missing.add(base)
                     item.kind, item.value = "parameter", 0.0
+
+        given = {path for path, _ in self.set}
+        for path, made in self.translator.components:
+            for item in made.of_kind("parameter"):
+                if item.value is None and f"{path}.{item.name}" not in given:
+                    item.value = 0.0
+                    why = f"the parameter '{item.name}' has no value; 0 is used"
+                    self.result.untranslated.append(Untranslated(path, made.line, why))
 
     def _sample_time(self) -> None:
         """The sample time of the discrete parts, where there are any."""

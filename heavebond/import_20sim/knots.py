@@ -22,9 +22,9 @@ def collected(symbols: Symbols, call: Expr) -> list[tuple[bool, Matrix]]:
 def knot_value(symbols: Symbols, expr: Expr) -> Matrix | None:
     """`sum (direct (p.f))`, `first (p.e)` and sums of these, for knots; None where it is nothing of the kind."""
     name = expr.name.lower() if expr.op == "call" else ""
-    if name == "sum" and expr.args[0].op == "call" and expr.args[0].name.lower() in ("direct", "collect"):
+    if name == "sum" and expr.args and expr.args[0].op == "call" and expr.args[0].name.lower() in ("direct", "collect"):
         return _total(collected(symbols, expr.args[0]), expr.args[0].name.lower() == "direct")
-    if name == "first" and expr.args[0].name.partition(".")[0] in symbols.many:
+    if name == "first" and expr.args and expr.args[0].name.partition(".")[0] in symbols.many:
         found = collected(symbols, expr)
         return found[0][1] if found else [[f.number(0)]]
     if expr.op in ("+", "-") and (left := knot_value(symbols, expr.args[0])) is not None:

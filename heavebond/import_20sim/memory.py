@@ -108,6 +108,8 @@ class Memory:
     def instants(self, event: Expr) -> list[tuple[str, dict[str, str]]]:
         """Endings of names and instants of an event: two for `event`, which is met in both directions."""
         first = event.args[0]
+        if event.name == "time" and first.op == "number" and first.value <= 0:
+            return []  # at the start
         if event.name == "time":
             return [("in_time", {"condition": f.text(Expr(">=", (f.name("time"), first)))})]
         if event.name == "every":

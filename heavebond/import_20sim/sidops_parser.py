@@ -12,7 +12,8 @@ from heavebond.import_20sim.sidops_tree import Connection, Equations, Port, Subm
 
 DIRECTIONS = {"in", "out", "none"}
 RELATIONS = re.compile(r"<GlobalRelations>(.*?)</GlobalRelations>", re.DOTALL)
-PORT_WORDS = {"knot", "duplicatable", "psi", "boolean", "integer", "real", "interesting", "hidden", "global", "string"}
+PORT_WORDS = {"knot", "duplicatable", "psi", "boolean", "integer", "real", "interesting", "hidden", "global", "string",
+              "delta"}
 
 
 def parse_sidops(text: str, file: str, first_line: int = 1) -> Submodel:
@@ -175,7 +176,7 @@ def _port(reader: Reader) -> Port:
     if not name:
         raise Unreadable(line, "a port has no name")
     direction = next((w for w in words if w in DIRECTIONS), "none")
-    return Port(name, domain, direction, line, "duplicatable" in words, tuple(size), unit)
+    return Port(name, domain, direction, line, "duplicatable" in words, tuple(size), unit, "delta" in words)
 
 
 def _equations(reader: Reader) -> Equations:

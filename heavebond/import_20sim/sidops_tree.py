@@ -99,6 +99,7 @@ class Port:
     many: bool = False  # of a knot: one port for each connection
     size: tuple[Expr, ...] = ()
     unit: str = ""
+    terminals: bool = False  # two terminals, `p_high` and `p_low`, of an element of a circuit
 
 
 @dataclass(frozen=True)
