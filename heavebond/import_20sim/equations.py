@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from functools import partial
 from types import MappingProxyType
 
 from heavebond.import_20sim import formula_text as f
+from heavebond.import_20sim.assignments import EVENTS, assigned, assigned_again, calls, has_event, make_placeholder
 from heavebond.import_20sim.choices import (
     at_event,
     at_start,
@@ -61,7 +63,7 @@ class Builder:
         except RecursionError:
             made.untranslated.append((self.submodel.line, "an expression is nested too deeply"))
         if made.untranslated:
-            _make_placeholder(made)
+            make_placeholder(made)
         return made
 
     # -- statements --------------------------------------------------------------------------------------------------
@@ -69,13 +71,13 @@ class Builder:
         start: Env = {}
         self._run(self.source.initial, start)
         written: set[str] = set()
-        several = _assigned_again(self.source.equations)
+        several = assigned_again(self.source.equations)
         for statement in self.source.equations:
             self.symbols.guard(partial(self._trigger, statement), statement.line)
         again: Env = dict(self.triggers)
         for statement in self.source.equations:
             self.evaluate.values = self.triggers
-            if several & set(_assigned(statement)):
+            if several & set(assigned(statement)):
                 self._run([statement], again)
             else:
                 self.symbols.guard(partial(self._top, statement, written, start), statement.line)
@@ -113,17 +115,20 @@ class Builder:
 
     def _undetermined(self) -> None:
         """Variables that no equation assigns are 0, as in 20-sim, where there are fewer equations than unknowns."""
+        if self.made.untranslated:
+            return
         unknown = self.made.of_kind("variable", "out", "bond")
         assigned = {left.args[0].name if left.op == "call" and left.args else left.name for left, *_ in self.made.equations}
         missing = len(unknown) - len(self.made.equations)
         for item in [i for i in unknown if i.kind != "bond" and i.name not in assigned][:max(missing, 0)]:
             self.made.equations.append((f.name(item.name), f.number(0), "no equation assigns it"))
-            self.made.omitted.append((self.submodel.line, f"no equation assigns '{item.name}'; it is 0"))
+            base = re.sub(r"(_[0-9]+)+$", "", item.name)
+            self.memory.note(self.submodel.line, f"no equation assigns '{base}'; it is 0")
 
     def _trigger(self, statement: Statement) -> None:
         """`b = event (x)`: a variable that is true at an instant only stands for that event where it is used."""
-        if not isinstance(statement, Assign) or not _has_event(statement.right) or \
-                {n.lower() for n in _calls(statement.right)} - EVENTS:
+        if not isinstance(statement, Assign) or not has_event(statement.right) or \
+                {n.lower() for n in calls(statement.right)} - EVENTS:
             return
         target = self.evaluate(statement.left)
         if len(target) == len(target[0]) == 1 and target[0][0].op == "name" and "." not in target[0][0].name:
@@ -381,55 +386,3 @@ class Builder:
         for condition, leaf in leaves(at_event(value, None), f.name(held)):
             passed = f.text(self._passed(condition))
             self.made.on(f"{held}_event", {"condition": passed}, {held: leaf})
-
-
-EVENTS = {"event", "eventup", "eventdown", "timeevent", "frequencyevent"}
-
-
-def _calls(expr: Expr) -> list[str]:
-    return [*([expr.name] if expr.op == "call" else []), *(n for e in expr.args for n in _calls(e))]
-
-
-def _has_event(expr: Expr) -> bool:
-    return any(n.lower() in EVENTS for n in _calls(expr))
-
-
-def _make_placeholder(made: Component) -> None:
-    """Constant outputs and free ports in place of equations that are not translated."""
-    made.equations, made.events, made.initial, made.first, made.gives = [], {}, {}, {}, {}
-    made.items = {n: item for n, item in made.items.items() if item.kind not in ("variable", "held")}
-    for item in list(made.items.values()):
-        if item.kind == "out":
-            value, doc = made.fresh(f"{item.name}_value"), f"value of the output {item.name}, which is not computed"
-            made.items[value] = Item(value, "parameter", "", doc, 0.0)
-            made.equations.append((f.name(item.name), f.name(value), "not translated"))
-        elif item.kind == "bond":
-            made.equations.append((f.name(f"{item.name}.f"), f.number(0), "not translated"))
-
-
-def _assigned(statement: Statement) -> list[str]:
-    """The names of the quantities that a statement assigns."""
-    if isinstance(statement, Assign):
-        left = statement.left
-        return [left.args[0].name if left.op == "index" else left.name] if left.op in ("name", "index") else []
-    if isinstance(statement, If):
-        return [n for s in (*statement.then, *statement.otherwise) for n in _assigned(s)]
-    return [n for s in statement.body for n in _assigned(s)] if isinstance(statement, (For, While)) else []
-
-
-def _assigned_again(statements: Iterable[Statement]) -> set[str]:
-    """The quantities that several statements assign, one at least as a whole or in a branch."""
-    seen: set[str] = set()
-    again: set[str] = set()
-    for statement in statements:
-        if isinstance(statement, Assign) and statement.left.op == "index":
-            key = {repr(_plain(statement.left))}
-        else:
-            key = set(_assigned(statement))
-        again |= {k.partition("[")[0] for k in seen & key}
-        seen |= key
-    return again
-
-
-def _plain(expr: Expr) -> object:
-    return (expr.op, expr.name, expr.value, tuple(_plain(e) for e in expr.args))

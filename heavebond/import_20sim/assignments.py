@@ -1,0 +1,63 @@
+"""What the statements of a submodel call and assign, and the placeholder for one that is not translated."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from heavebond.import_20sim import formula_text as f
+from heavebond.import_20sim.component import Component, Item
+from heavebond.import_20sim.sidops_tree import Assign, Expr, For, If, Statement, While
+
+EVENTS = {"event", "eventup", "eventdown", "timeevent", "frequencyevent"}
+
+
+def calls(expr: Expr) -> list[str]:
+    """The names of the functions in an expression."""
+    return [*([expr.name] if expr.op == "call" else []), *(n for e in expr.args for n in calls(e))]
+
+
+def has_event(expr: Expr) -> bool:
+    """Whether an expression holds an event."""
+    return any(n.lower() in EVENTS for n in calls(expr))
+
+
+def make_placeholder(made: Component) -> None:
+    """Constant outputs and free ports in place of equations that are not translated."""
+    made.equations, made.events, made.initial, made.first, made.gives = [], {}, {}, {}, {}
+    made.items = {n: item for n, item in made.items.items() if item.kind not in ("variable", "held")}
+    for item in list(made.items.values()):
+        if item.kind == "out":
+            value, doc = made.fresh(f"{item.name}_value"), f"value of the output {item.name}, which is not computed"
+            made.items[value] = Item(value, "parameter", "", doc, 0.0)
+            made.equations.append((f.name(item.name), f.name(value), "not translated"))
+        elif item.kind == "bond":
+            made.equations.append((f.name(f"{item.name}.f"), f.number(0), "not translated"))
+
+
+def assigned(statement: Statement) -> list[str]:
+    """The names of the quantities that a statement assigns."""
+    if isinstance(statement, Assign):
+        left = statement.left
+        return [left.args[0].name if left.op == "index" else left.name] if left.op in ("name", "index") else []
+    if isinstance(statement, If):
+        return [n for s in (*statement.then, *statement.otherwise) for n in assigned(s)]
+    return [n for s in statement.body for n in assigned(s)] if isinstance(statement, (For, While)) else []
+
+
+def assigned_again(statements: Iterable[Statement]) -> set[str]:
+    """The quantities that several statements assign, one at least as a whole or in a branch."""
+    seen: set[str] = set()
+    again: set[str] = set()
+    for statement in statements:
+        if isinstance(statement, Assign) and statement.left.op == "index":
+            key = {repr(plain(statement.left))}
+        else:
+            key = set(assigned(statement))
+        again |= {k.partition("[")[0] for k in seen & key}
+        seen |= key
+    return again
+
+
+def plain(expr: Expr) -> object:
+    """An expression without its lines, to be compared."""
+    return (expr.op, expr.name, expr.value, tuple(plain(e) for e in expr.args))
