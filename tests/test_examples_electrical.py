@@ -29,6 +29,8 @@ def swing(t: Array) -> Array:
     return 6/own*np.exp(-t)*np.sin(own*t)
 
 
+SWING = "closed form; 1e-5 for the integration over several swings"
+T, LOAD = np.array([[1, 2], [3, 4]]), np.diag([4, 5])
 CASES = [
     Case("resistor", "load.i", lambda t: 3 + 0*t, LAW),
     Case("electrical_ground", "middle.v", lambda t: 9 + 0*t, LAW),
@@ -61,6 +63,12 @@ CASES = [
     Case("junction0", "first.a.f", lambda t: 4 + 0*t, LAW),
     Case("junction0", "second.a.f", lambda t: 2 + 0*t, LAW),
     Case("junction1", "one.f", swing, RUN),
+    # eigenvalues 4 and 6 of the stiffness, 3 and 1 of the masses; the eigenvectors are (1, 1) and (1, -1)
+    Case("c_field", "first", lambda t: (np.cos(2*t) + np.cos(np.sqrt(6)*t))/2, SWING, 1e-5),
+    Case("i_field", "second", lambda t: (np.exp(-t/3) - np.exp(-t))/2, RUN),
+    Case("r_field", "first", lambda t: 2/(2*2 + 1)*6 + 0*t, LAW),
+    Case("tf_field", "part.a[1].f", lambda t: np.linalg.solve(T.T @ LOAD @ T, [6, 1])[0] + 0*t, LAW),
+    Case("gy_field", "part.a[2].f", lambda t: np.linalg.solve(T.T @ np.linalg.inv(LOAD) @ T, [6, 1])[1] + 0*t, LAW),
 ]
 
 

@@ -282,7 +282,7 @@ simulate: {until: 1 s, every: 0.5 s}
 @pytest.mark.parametrize(("old", "new", "code", "words"), [
     ("", "", "port-unconnected", r"'star.p\[3\]' is on no node"),
     ("star.p[2]", "star.p[4]", "port-index", r"ports p\[1\] to p\[3\]"),
-    ("star.p[2]", "star.p", "port-index", r"'p' is none of these"),
+    ("star.p[2]", "star.p", "array-length", r"'star.p' is an array of 3, 'r2.b' is one port"),
 ])
 def test_arrays_of_ports_are_joined_one_by_one(folder: Path, old: str, new: str, code: str, words: str) -> None:
     with pytest.raises(hb.ModelError, match=words) as caught:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from library_check import agree, checks, part, run
+
+import heavebond as hb
 
 E, F = np.array([-3.0, 0.0, 0.5, 7.0]), np.array([2.0, 1.0, -4.0, 0.3])
 
@@ -115,3 +118,82 @@ simulate: {until: 1 s, every: 10 ms}
     agree(result["hose.p"], 1e7*t, rtol=1e-6, size=1e7)
     agree(result["clamp.v"], 20.0)
     agree(result["coil.a.i"], 3*np.exp(-2*t), rtol=1e-6, size=3.0)          # L i' = -R i around the loop
+
+
+MATRIX = np.array([[2.0, 0.5], [-1.5, 3.0]])
+ROWS = "[2{0}, 0.5{0}, -1.5{0}, 3{0}]"
+
+
+@checks("TFField")
+def test_transformer_of_a_multi_bond() -> None:
+    """f_2 = T f_1 with f_2 counted out of it, e_1 = T' e_2; three bonds in, two out."""
+    law = part("TFField", n=3, m=2, T="[1, 2, 3, 4, 5, 6]")
+    matrix = np.array([[1, 2, 3], [4, 5, 6]])
+    found = law({"a[1].f": F, "a[2].f": 2*F, "a[3].f": 1.0, "b[1].e": E, "b[2].e": 3.0})
+    flows, efforts = matrix @ [F, 2*F, 0*F + 1], matrix.T @ [E, 0*E + 3]
+    for k in range(2):
+        agree(-found[f"b[{k + 1}].f"], flows[k])
+    for k in range(3):
+        agree(found[f"a[{k + 1}].e"], efforts[k])
+
+
+@checks("GYField")
+def test_gyrator_of_a_multi_bond() -> None:
+    """e_2 = G f_1, e_1 = G' f_2 with f_2 counted out of it."""
+    law = part("GYField", n=3, m=2, G="[1 W, 2 W, 3 W, 4 W, 5 W, 6 W]")
+    matrix = np.array([[1, 2, 3], [4, 5, 6]])
+    found = law({"a[1].f": F, "a[2].f": 2*F, "a[3].f": 1.0, "b[1].f": -E, "b[2].f": -3.0})
+    out, back = matrix @ [F, 2*F, 0*F + 1], matrix.T @ [E, 0*E + 3]
+    for k in range(2):
+        agree(found[f"b[{k + 1}].e"], out[k])
+    for k in range(3):
+        agree(found[f"a[{k + 1}].e"], back[k])
+
+
+@checks("RField", "CField", "IField")
+def test_fields() -> None:
+    efforts = MATRIX @ [F, 3*F]
+    found = part("RField", n=2, R=ROWS.format(" W"))({"a[1].f": F, "a[2].f": 3*F})
+    agree(found["a[2].e"], efforts[1])
+    symmetric = np.array([[2.0, -1], [-1, 3]])
+    stored = part("CField", n=2, K="[2 W/s, -1 W/s, -1 W/s, 3 W/s]")({"q[1]": F, "q[2]": 3*F, "a[1].f": E, "a[2].f": 1.0})
+    agree(stored["a[2].e"], (symmetric @ [F, 3*F])[1])
+    agree(stored["der(q[1])"], E)
+    moving = part("IField", n=2, M="[2 W*s, -1 W*s, -1 W*s, 3 W*s]")(
+        {"p[1]": (symmetric @ [F, 3*F])[0], "p[2]": (symmetric @ [F, 3*F])[1], "a[1].e": E, "a[2].e": 1.0})
+    agree(moving["a[1].f"], F)
+    agree(moving["der(p[2])"], 1.0)
+
+
+@pytest.mark.parametrize(("kind", "values", "rule"), [
+    ("CField", "K: [1 W/s, 2 W/s, 0 W/s, 1 W/s]", "symmetric(K)"),
+    ("CField", "K: [1 W/s, 2 W/s, 2 W/s, 1 W/s]", "semidefinite(K)"),
+    ("IField", "M: [1 W*s, 1 W*s, 1 W*s, 1 W*s]", "definite(M)"),
+    ("RField", "R: [1 W, 9 W, -3 W, 1 W]", "semidefinite(R)"),
+])
+def test_a_matrix_that_would_make_energy_is_refused(kind: str, values: str, rule: str) -> None:
+    with pytest.raises(hb.ModelError) as caught:
+        hb.assemble(hb.loads(f"""
+model: refused
+components:
+  field: {{is: {kind}, n: 2, {values}}}
+  loss:  {{is: RField, n: 2, R: [1 W, 5 W, -5 W, 0 W]}}
+nodes: {{bonds: [field.a, loss.a]}}
+"""))
+    text = str(caught.value)
+    assert rule in text
+    assert "field" in text
+    assert "loss" not in text.splitlines()[0]
+
+
+def test_a_singular_stiffness_is_allowed() -> None:
+    found = run("""
+model: held_apart
+components:
+  field: {is: CField, n: 2, K: [3 W/s, -3 W/s, -3 W/s, 3 W/s]}
+  brake: {is: RField, n: 2, R: [1 W, 5 W, -5 W, 0 W]}
+nodes: {bonds: [field.a, brake.a]}
+initial: {"field.q[1]": 1 s}
+simulate: {until: 1 s}
+""")
+    agree(found["bonds[1].e"], -found["bonds[2].e"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -14,6 +15,8 @@ from heavebond.language.component_file import parse_component
 from heavebond.language.laws import check
 from heavebond.language.library import library
 from heavebond.language.power_law import check_power
+from heavebond.language.symbols import Context, evaluate
+from heavebond.text.expression import parse_formula
 from heavebond.text.yaml_source import parse
 
 TOP = """\
@@ -208,3 +211,84 @@ simulate: {until: 2 s}
     single = run(tmp_path / "each", star.replace("p[2..n].p = p[1..n - 1].p", "each i in 2..n: p[i].p = p[i - 1].p"), text)
     assert (result.si["inlet.p"] == single.si["inlet.p"]).all()
     assert result.si["fine.q"][-1] == pytest.approx(4e-3/60, rel=1e-4)  # 12 L/min, shared as 10 to 20
+
+
+# -- wires between whole arrays of ports ---------------------------------------------------------------------------------
+FIELDS = """
+model: fields
+components:
+  masses:  {is: IField, n: 2, M: [2 W*s, 1 W*s, 1 W*s, 2 W*s]}
+  springs: {is: CField, n: 2, K: [5 W/s, -1 W/s, -1 W/s, 5 W/s]}
+nodes:
+  bonds: [masses.a, springs.a]
+initial: {"springs.q[1]": 1 s}
+simulate: {until: 5 s, every: 10 ms}
+"""
+
+
+def test_a_node_of_whole_arrays_is_an_array_of_nodes() -> None:
+    found = hb.simulate(hb.loads(FIELDS), rtol=1e-10)
+    # M p'' = -K q: on (1, 1) 3 and 4, on (1, -1) 1 and 6
+    q = [(np.cos(np.sqrt(4/3)*found.time) + sign*np.cos(np.sqrt(6)*found.time))/2 for sign in (1, -1)]
+    assert found["springs.q[1]"] == pytest.approx(q[0], abs=1e-7)
+    assert found["bonds[2].e"] == pytest.approx(5*q[1] - q[0], abs=1e-6)
+    apart = hb.loads(FIELDS.replace("bonds: [masses.a, springs.a]",
+                                    'one: ["masses.a[1]", "springs.a[1]"]\n  two: ["masses.a[2]", "springs.a[2]"]'))
+    assert hb.simulate(apart, rtol=1e-10)["springs.q[2]"] == pytest.approx(q[1], abs=1e-7)
+
+
+def test_whole_arrays_are_one_wire_in_a_drawing() -> None:
+    picture = hb.draw(hb.loads(FIELDS))
+    assert ">bonds<" in picture
+    assert "bonds[2]" not in picture
+    assert hb.draw(hb.loads(FIELDS), highlight={"node bonds[2]": "here"}) != picture
+
+
+@pytest.mark.parametrize(("old", "new", "said"), [
+    ("springs.a]", '"springs.a[1]"]', "'springs.a[1]' is one port"),
+    ("n: 2, K: [5 W/s, -1 W/s, -1 W/s, 5 W/s]", "n: 1, K: [5 W/s]",
+     "'masses.a' is an array of 2, 'springs.a' is an array of 1"),
+])
+def test_arrays_that_do_not_fit_each_other(old: str, new: str, said: str) -> None:
+    with pytest.raises(hb.ModelError, match="array-length") as caught:
+        hb.assemble(hb.loads(FIELDS.replace(old, new)))
+    assert said in str(caught.value)
+
+
+@pytest.mark.parametrize(("matrix", "symmetric", "definite", "semidefinite"), [
+    ([2, 1, 1, 2], 1, 1, 1), ([2, 1, -1, 2], 0, 1, 1), ([1, 1, 1, 1], 1, 0, 1), ([1, 2, 2, 1], 1, 0, 0),
+    ([0, 0, 0, 0], 1, 0, 1),
+    ([0, 1, 1, 0], 1, 0, 0), ([-1], 1, 0, 0), ([4, 2, 0, 2, 2, 1, 0, 1, 1], 1, 0, 1), ([0, 5, -5, 0], 0, 0, 1)])
+def test_properties_of_matrices_by_their_eigenvalues(matrix: list[float], symmetric: int, definite: int, semidefinite: int
+                                                     ) -> None:
+    n = round(len(matrix)**0.5)
+    whole = np.reshape(matrix, (n, n))
+    eigenvalues = np.linalg.eigvalsh((whole + whole.T)/2)
+    assert (int(np.array_equal(whole, whole.T)), int(eigenvalues.min() > 1e-12), int(eigenvalues.min() > -1e-12)) == (
+        symmetric, definite, semidefinite)
+    context = Context(lambda text, name: ca.SX(ca.DM(matrix)), lambda x: x)
+    found = [int(float(evaluate(parse_formula(f"{name}(K)"), context)))
+             for name in ("symmetric", "definite", "semidefinite")]
+    assert found == [symmetric, definite, semidefinite]
+
+
+def test_a_block_passes_a_whole_array_on(tmp_path: Path) -> None:
+    (tmp_path / "lossy.yaml").write_text("""
+component: Lossy
+summary: A field with losses.
+ports: {p: {domain: bond, count: n}}
+parameters:
+  n: {integer, min: 2, default: 2, doc: bonds}
+components:
+  field: {is: CField, n: =n, K: [5 W/s, -1 W/s, -1 W/s, 5 W/s]}
+  loss:  {is: RField, n: =n, R: [0 W, 1 W, -1 W, 0 W]}
+nodes:
+  inner: [p, field.a, loss.a]
+""", encoding="utf-8")
+    text = FIELDS.replace("is: CField, n: 2, K: [5 W/s, -1 W/s, -1 W/s, 5 W/s]", "is: Lossy").replace(
+        "springs.a]", "springs.p]")
+    found = hb.simulate(hb.loads(text.replace("springs.q[1]", "springs.field.q[1]"), tmp_path))
+    flat = hb.simulate(hb.loads(FIELDS.replace("springs.a]", "springs.a, loss.a]").replace(
+        "nodes:", "  loss: {is: RField, n: 2, R: [0 W, 1 W, -1 W, 0 W]}\nnodes:")))
+    assert found["bonds[2].e"] == pytest.approx(flat["bonds[2].e"], abs=1e-6)
+    assert found["springs.inner[2].e"] == pytest.approx(found["bonds[2].e"])

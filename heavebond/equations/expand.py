@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from heavebond.core.errors import HeavebondError, ModelError, Place, Problems, listing, nearest, suggest
 from heavebond.core.limits import OF_A_KIND
@@ -418,12 +418,13 @@ class _Opener:
                                   hint=f"Join it to an output on a node, or give it in place: `{name}: 0{unit}`.")
 
     def arrays(self) -> None:
-        """Every element of an array of ports is on a node, and no other."""
+        """Every element of an array of ports is on a node, and no other. A node of whole arrays is one for each element."""
+        self.junctions = {one.path: one for junction in self.junctions.values() for one in self._elements(junction)}
         joined = {end.name: end for junction in self.junctions.values() for end in junction.ends if end.sign > 0}
         for path, leaf in self.leaves.items():
             for port in leaf.component.ports.values():
                 count = None if port.count is None else whole_number(port.count, leaf.integers)
-                if count is None:
+                if count is None or f"{path}.{port.name}" in self.meant:
                     continue
                 wanted = [f"{path}.{port.name}[{k}]" for k in range(1, count + 1)]
                 for name, end in joined.items():
@@ -436,6 +437,30 @@ class _Opener:
                     self.problems.add("port-unconnected", f"{listing([repr(m) for m in missing], 4)} "
                                       f"{'is' if len(missing) == 1 else 'are'} on no node", leaf.place,
                                       hint="Join each to a node (in quotes inside a list), or lower the number of ports.")
+
+    def _elements(self, junction: Junction) -> list[Junction]:
+        """The junctions `path[1]`, `path[2]` that a node of whole arrays of ports is; any other as it is."""
+        sizes = {end.name: size for end in junction.ends if (size := self._size(end)) is not None}
+        if not sizes:
+            return [junction]
+        single = next((end for end in junction.ends if end.name not in sizes), None)
+        if single is not None or len(set(sizes.values())) > 1:
+            name, size = next(iter(sizes.items()))
+            other = f"'{single.name}' is one port" if single is not None else next(
+                f"'{n}' is an array of {s}" for n, s in sizes.items() if s != size)
+            self.meant |= {*sizes}
+            self.problems.add("array-length", f"node '{junction.path}' joins whole arrays of ports: '{name}' is an array of "
+                              f"{size}, {other}", junction.place,
+                              hint=f'Join arrays of one length, or single elements, such as `"{name}[1]"`, in quotes.')
+            return []
+        return [Junction(f"{junction.path}[{k}]", tuple(replace(end, port=f"{end.port}[{k}]") for end in junction.ends),
+                         junction.place) for k in range(1, next(iter(sizes.values())) + 1)]
+
+    def _size(self, end: PortEnd) -> int | None:
+        """How many ports an end means that names a whole array; None for one port."""
+        leaf = self.leaves.get(end.leaf)
+        port = leaf.component.ports.get(end.port) if leaf is not None else None
+        return None if leaf is None or port is None or port.count is None else whole_number(port.count, leaf.integers)
 
     def _top_integers(self) -> dict[str, int]:
         found: dict[str, int] = {}

@@ -31,6 +31,7 @@ from heavebond.equations.resolver import NOTHING_KNOWN, Bond, PlausibleRange, Re
 from heavebond.equations.time_conditions import check_steps, timed
 from heavebond.language.definition import Domain, FileInput, Member, Value
 from heavebond.language.incidence import Interval, classify
+from heavebond.language.lists import whole_number
 from heavebond.language.model import Model
 from heavebond.language.symbols import nonsmooth, split, stack
 from heavebond.language.template import LEVELS, Template, template
@@ -306,10 +307,9 @@ class _Builder:
                           [f"{alias}.{name}" for alias in group.aliases])
 
     def _through_unknowns(self, path: str, port: str, domain: Domain, leaf: Leaf) -> None:
-        made = self.templates.get(path)
-        array = leaf.component.ports[port].count is not None and made is not None
-        copies = sorted({s.rpartition(".")[0] for s in made.slots if s.startswith(f"{port}[")},
-                        key=lambda s: int(s[len(port) + 1:-1])) if array and made else [port]
+        count = leaf.component.ports[port].count
+        copies = [port] if count is None else [
+            f"{port}[{k + 1}]" for k in range(whole_number(count, leaf.integers) or 0)]
         for copy in copies:
             for name in domain.through:
                 member = domain.members[name]

@@ -26,7 +26,7 @@ from heavebond.language.lists import written_out
 from heavebond.language.symbols import split, stack
 from heavebond.language.template import LEVELS, Template, template
 from heavebond.text.dimensions import SECOND
-from heavebond.text.expression import constant
+from heavebond.text.expression import Call, Name, constant
 
 Array = NDArray[np.float64]
 
@@ -165,6 +165,7 @@ class _Trial:
                         for port, name in bound.items() for role, member in (
                             ("effort", domains[name].effort), ("flow", domains[name].flow)) if member}
         self.made: Template = template(component, domains, bound, integers)
+        self.matrices = self._matrices()
         self.ports = self._ports()
         self.size = np.array([self._size(slot) for slot in self.made.slots])
         self.low, self.high = np.array([self._slot_bounds(slot) for slot in self.made.slots]).T
@@ -180,6 +181,15 @@ class _Trial:
             if member and port:
                 found[port] = self.domains[self.bound[port.partition("[")[0]]]
         return found
+
+    def _matrices(self) -> list[tuple[list[int], bool]]:
+        """The elements among the parameters of each matrix that `requires:` wants positive, and whether symmetric too."""
+        wanted: dict[str, set[str]] = {}
+        for formula in self.component.requires:
+            if isinstance(formula.tree, Call) and isinstance(formula.tree.args[0], Name):
+                wanted.setdefault(formula.tree.args[0].text, set()).add(formula.tree.function)
+        return [([k for k, n in enumerate(self.made.parameters) if n.startswith(f"{name}[")], "symmetric" in kinds)
+                for name, kinds in wanted.items()]
 
     def _functions(self) -> tuple[ca.Function, ca.Function]:
         """Residuals (m,) with their Jacobian, and the powers, of a jet y = (slots, d slots, d2 slots)."""
@@ -280,6 +290,8 @@ class _Trial:
         """Values for all parameters that meet `requires:`, None where thirty draws did not; then for what is held."""
         for _ in range(30):
             p = np.array([self._parameter(self.component.parameters[n]) for n in self.made.parameters])
+            for elements, symmetric in self.matrices:
+                p[elements] = _positive(p[elements], symmetric)
             if not self.component.requires or np.all(np.array(self.made.requirements(p))):
                 held = [self.component.held[n] for n in self.made.held]
                 sizes = np.array([max(self._usual(v.unit), abs(v.held or 0.0)) for v in held])
@@ -392,6 +404,15 @@ class _Trial:
 def _weights(jacobian: Array) -> Array:
     gradient = np.abs(jacobian).max(axis=1, initial=0.0)
     return np.asarray(1 / np.where(gradient > 0, gradient, 1.0))
+
+
+def _positive(rows: Array, symmetric: bool) -> Array:
+    """A random positive definite matrix of about the size of a random one (n*n,), its rows one after the other."""
+    n = round(sqrt(len(rows)))
+    matrix = rows.reshape(n, n)
+    size = float(np.abs(matrix).max()) or 1.0
+    found = matrix @ matrix.T / size + 1e-3 * size * np.eye(n)
+    return np.ravel(found if symmetric else found + matrix - matrix.T)
 
 
 def _whole(parameter: Parameter) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Container, Iterable, Mapping
 from dataclasses import dataclass, field
+from math import isqrt
 from typing import cast
 
 import casadi as ca
@@ -30,6 +31,8 @@ from heavebond.text.expression import (
 )
 
 NONSMOOTH = {"min", "max", "abs", "sign", "floor", "if_else"}
+# of the largest element of a matrix: what rounding leaves of a symmetric or a singular one that was computed
+MATRIX_ROUNDING, TINY = 1e-9, 1e-300
 # operations of CasADi that jump or turn at a point, though their second derivative is zero everywhere else
 CORNERS = {ca.OP_FMIN, ca.OP_FMAX, ca.OP_FABS, ca.OP_FMOD, ca.OP_REMAINDER, ca.OP_COPYSIGN, ca.OP_SIGN, ca.OP_FLOOR,
            ca.OP_CEIL, ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_IF_ELSE_ZERO}
@@ -113,8 +116,9 @@ def indicator(expr: Expr, context: Context) -> ca.SX:
     if isinstance(expr, Logic):
         both = indicator(expr.left, context), indicator(expr.right, context)
         return ca.fmin(*both) if expr.op == "and" else ca.fmax(*both)
-    assert isinstance(expr, Not)
-    return -indicator(expr.operand, context)
+    if isinstance(expr, Not):
+        return -indicator(expr.operand, context)
+    return 2 * evaluate(expr, context) - 1  # a property of a matrix
 
 
 def _name(expr: Name, context: Context) -> ca.SX:
@@ -176,6 +180,8 @@ def _call(expr: Call, context: Context) -> ca.SX:
         return ca.dot(args[0], args[1])
     if name == "cross":
         return ca.cross(args[0], args[1])
+    if name in ("symmetric", "definite", "semidefinite"):
+        return _matrix_property(name, args[0], expr)
     if name in ("min", "max"):
         result = args[0]
         for arg in args[1:]:
@@ -187,6 +193,28 @@ def _call(expr: Call, context: Context) -> ca.SX:
         return ca.tanh(args[0] / args[1])
     assert name == "signed_sqrt"
     return args[0] / ca.sqrt(ca.sqrt(args[0] ** 2 + args[1] ** 2))
+
+
+def _matrix_property(name: str, rows: ca.SX, expr: Call) -> ca.SX:
+    """Whether a square matrix, its rows in one column (n*n,), is symmetric, or its symmetric part positive (semi-)definite:
+    the pivots of its elimination are above zero, of a semi-definite one when MATRIX_ROUNDING of its largest element is added
+    to its diagonal."""
+    n = isqrt(rows.numel())
+    if n * n != rows.numel():
+        raise ExpressionProblem("list-length", f"{name} takes a square matrix; {rows.numel()} elements are none",
+                                expr.column, hint="Declare it with `count: n*n`.")
+    matrix = ca.reshape(rows, n, n).T
+    largest = ca.mmax(ca.fabs(rows))
+    if name == "symmetric":
+        return ca.mmax(ca.fabs(matrix - matrix.T)) <= MATRIX_ROUNDING * largest
+    left = (matrix + matrix.T) / 2
+    if name == "semidefinite":
+        left += (MATRIX_ROUNDING * largest + TINY) * ca.SX.eye(n)
+    truth = ca.SX(1)
+    for k in range(n):
+        truth = ca.logic_and(truth, left[k, k] > 0)
+        left -= ca.mtimes(left[:, k], left[k, :]) / left[k, k]
+    return truth
 
 
 def _function_call(expr: FunctionCall, context: Context) -> ca.SX:

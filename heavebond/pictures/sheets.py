@@ -84,6 +84,8 @@ def marked_places(expanded: Expanded, names: Mapping[str, str]) -> dict[str, str
 
 def _marked_place(expanded: Expanded, name: str) -> str:
     node = name.removeprefix(NODE)
+    if _is_further(node):
+        node = f"{node.rpartition('[')[0]}[1]"
     if node in expanded.junctions and (node != name or node not in expanded.leaves):
         return NODE + node
     ports = [*expanded.ports, *expanded.signals]
@@ -109,6 +111,11 @@ def _around(path: str) -> list[str]:
     return [".".join(words[:k]) for k in range(1, len(words))]
 
 
+def _is_further(node: str) -> bool:
+    """Whether a node is that of the second or a later element of whole arrays: `bonds[2]`."""
+    return node.endswith("]") and not node.endswith("[1]")
+
+
 def _owner(path: str) -> str:
     return path.rpartition(".")[0]
 
@@ -120,7 +127,9 @@ class _Reader:
         self.opened = opened
         self.extra: dict[str, dict[str, str]] = {}  # ports that blocks get from nodes which reach out of them
         self.nets: dict[str, list[Net]] = {}
-        for path in expanded.junctions:
+        # a node of whole arrays is one wire, that of its first elements
+        self.drawn = {path: junction for path, junction in expanded.junctions.items() if not _is_further(path)}
+        for path in self.drawn:
             self._net(path)
 
     def _net(self, path: str) -> None:
@@ -133,7 +142,7 @@ class _Reader:
             home = _owner(end.leaf) if end.sign > 0 else end.leaf
             ends = own if home == scope else outside.setdefault(home, [])
             ends.append((end.leaf.rpartition(".")[2], end.port) if end.sign > 0 else ("", end.port))
-        name = path.rpartition(".")[2]
+        name = path.rpartition(".")[2].partition("[")[0]
         self._outwards(path, domain, outside)
         if outside:
             own.append(("", f":{name}"))
@@ -196,7 +205,7 @@ class _Reader:
         domains = self.network.domains.get(path, {})
         for port in leaf.component.ports.values():
             elements = [port.name] if port.count is None else [
-                end.port for junction in self.expanded.junctions.values() for end in junction.ends
+                end.port for junction in self.drawn.values() for end in junction.ends
                 if end.leaf == path and end.sign > 0 and end.port.partition("[")[0] == port.name]
             if port.count is not None and (count := whole_number(port.count, leaf.integers)) is not None:
                 elements += [f"{port.name}[{k}]" for k in range(1, count + 1)]  # those that nothing joins yet

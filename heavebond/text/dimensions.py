@@ -125,6 +125,8 @@ def _call(expr: Call, lookup: Lookup) -> Dimension | None:
         return ANY if first is ANY else times(ONE, first, Fraction(1, 2))
     if name in ("abs", "sum"):
         return first
+    if name in ("symmetric", "definite", "semidefinite"):
+        return TRUTH
     if name == "sign":
         return ONE
     if name in ("dot", "cross"):

@@ -102,6 +102,11 @@ class Lengths:
                 raise ExpressionProblem("sum-form", "sum is written `sum(... for i in 1..n)`, or over a list or an array of "
                                         "ports", _start(expr.args[0]))
             return None
+        if name in ("symmetric", "definite", "semidefinite"):
+            if lengths[0] is None:
+                raise ExpressionProblem("list-number", f"{name} takes a square matrix, its rows one after the other in a "
+                                        "list", _start(expr.args[0]), hint="Declare it with `count: n*n`.")
+            return None
         if name in ("dot", "cross"):
             for arg, length in zip(expr.args, lengths, strict=True):
                 if length is None or (name == "cross" and self.exact and length != 3):
