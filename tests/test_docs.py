@@ -73,7 +73,7 @@ def test_every_page_is_reached_from_the_index() -> None:
 def test_pictures_can_be_drawn_anew(tmp_path: Path) -> None:
     drawing = runpy.run_path(str(ROOT / "docs" / "pictures" / "draw.py"))
     for draw in drawing["DRAWN"]:
-        draw(tmp_path, **({"points": 2} if draw.__name__ in ("tuning", "changeover", "accumulator") else {}))
+        draw(tmp_path, **({"points": 2} if draw.__name__ in ("tuning", "changeover", "accumulator", "sea_states") else {}))
     there = {path.name for path in (ROOT / "docs" / "pictures").iterdir() if path.suffix in (".png", ".svg", ".gif")}
     there -= {"icon.svg"}
     assert {path.name for path in tmp_path.iterdir()} == there

@@ -140,6 +140,15 @@ def accumulator(folder: Path, points: int | None = None) -> Path:
     return _of_study("accumulator", folder, points=points)
 
 
+def sea_states(folder: Path, points: int | None = None) -> Path:
+    """Weight on bit and stroke over the significant height; `points` heights and seeds, one level of the other axes."""
+    study = load_study("cmc_ahc/studies/sea_states")
+    if points is not None:
+        study = replace(study, axes=tuple(replace(
+            axis, levels=axis.levels[:1 if axis.unit is None and axis.sampling is None else points]) for axis in study.axes))
+    return plot.save(plot_study(hb.run_study(study), study.pictures[0]), folder / "sea_states.png")
+
+
 def bode(folder: Path) -> Path:
     """Crown and string force of the passive rig over the motion of the platform."""
     system = hb.state_space(hb.load("passive_rig"), ["vessel.u"], ["crown.x", "string_force"])
@@ -250,6 +259,7 @@ DRAWN = (
     mru_failure,
     changeover,
     accumulator,
+    sea_states,
     bode,
     locus,
     flow,
