@@ -115,6 +115,7 @@ class Flat:
     events: tuple[FlatEvent, ...] = ()
     bonds: dict[str, Bond] = field(default_factory=dict)        # of the components
     block_bonds: dict[str, Bond] = field(default_factory=dict)  # of the blocks that they are in
+    domains: dict[str, Domain] = field(default_factory=dict)    # by the path of a node or port
 
     @property
     def constant_hashes(self) -> set[int]:
@@ -205,7 +206,8 @@ class _Builder:
                     self.parameters.independent, self.parameters.p, self.time, self.rate, tuple(self.inputs),
                     tuple(self.equations), tuple(self.residuals), tuple(self.entries), self.names, self.constants,
                     self.parameters.units, tuple(self.energetics), bounds, self.held, tuple(self.events), self.bonds,
-                    self.block_bonds)
+                    self.block_bonds, {path: self.domains[group.domain] for group in self.network.groups
+                                       if group.domain in self.domains for path in group.aliases})
 
     def _clocks(self) -> None:
         """What equations ask of the time becomes what is held between events."""

@@ -13,7 +13,7 @@ import casadi as ca
 
 from heavebond.equations.flatten import Flat
 from heavebond.equations.matching import components_of
-from heavebond.equations.structural_messages import bookkeeping, domain_at
+from heavebond.equations.structural_messages import bookkeeping
 from heavebond.language.definition import Domain
 from heavebond.language.symbols import split, stack
 
@@ -45,7 +45,6 @@ class _Finder:
         for i, e in enumerate(flat.equations):
             if not bookkeeping(e):  # a node may have the name of a component
                 self.equations.setdefault(e.owner, []).append(i)
-        self.domains: dict[str, Domain | None] = {}
         self.ports: dict[str, list[str]] = {}
         arrays: dict[str, dict[str, None]] = {}
         for name in flat.names:
@@ -77,9 +76,7 @@ class _Finder:
 
     def _across(self, domain: Domain, path: str) -> int | None:
         """The unknown that is the (first) across variable of a node or port; None where it is of another domain."""
-        if path not in self.domains:
-            self.domains[path] = domain_at(self.flat, path)
-        return self.flat.names[f"{path}.{domain.across[0]}"] if self.domains[path] is domain else None
+        return self.flat.names[f"{path}.{domain.across[0]}"] if self.flat.domains.get(path) is domain else None
 
     def _levels(self, domain: Domain, nodes: Sequence[int]) -> list[ca.SX]:
         """The across variables of nodes, and their positions."""

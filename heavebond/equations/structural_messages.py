@@ -251,19 +251,8 @@ def _noun(doc: str) -> str:
 def _domain(flat: Flat, unknown: Unknown) -> Domain | None:
     """The domain to whose node an across variable or a position belongs."""
     node, _, member = unknown.name.rpartition(".")
-    domain = domain_at(flat, node)
+    domain = flat.domains.get(node)
     return domain if domain is not None and member in (*domain.across, *domain.positions) else None
-
-
-def domain_at(flat: Flat, path: str) -> Domain | None:
-    """The domain of a node or port: the one of which it has the most across variables, all of them and in their units."""
-    def has(domain: Domain) -> bool:
-        found = [flat.names.get(f"{path}.{member}") for member in domain.across]
-        return all(j is not None and flat.unknowns[j].unit.dimension == domain.members[member].unit.dimension
-                   for j, member in zip(found, domain.across, strict=True))
-
-    fitting = [domain for domain in flat.expanded.model.library.domains.values() if has(domain)]
-    return max(fitting, key=lambda domain: len(domain.across), default=None)
 
 
 def _domains(flat: Flat, unknowns: Iterable[Unknown]) -> list[Domain]:

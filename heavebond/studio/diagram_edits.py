@@ -217,7 +217,7 @@ def _free_name(first: str, taken: Iterable[str]) -> str:
 def copy_part(diagram: Diagram, job: Job, action: Entry) -> Entry:
     """The same part once more with another name, one row below, joined to nothing."""
     name, grid = diagram.own(str(action["part"])), Grid.read(action)
-    fresh = _free_name(re.sub(r"\d+$", "", name) or name, diagram.taken)
+    fresh = _free_name(re.sub(r"[0-9]+$", "", name) or name, diagram.taken)
     part = diagram.section("components")[name]
     if not isinstance(part, dict):
         raise UsageError([Problem("edit-refused", f"'{name}' cannot be copied")])
