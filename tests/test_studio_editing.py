@@ -7,18 +7,12 @@ from collections.abc import Iterator
 
 import browser
 import pytest
-from test_studio_page import CAR, Server, _open, server
+from studio_pages import Server, server, tab
+from test_studio_page import CAR, _open
 
 import heavebond as hb
 
-__all__ = ["server"]
-
-
-@pytest.fixture(scope="module")
-def tab(server: Server, tmp_path_factory: pytest.TempPathFactory) -> Iterator[browser.Tab]:
-    found = browser.Tab(tmp_path_factory.mktemp("browser") / "profile", 1500, 1000)
-    yield found
-    found.close()
+__all__ = ["server", "tab"]
 
 
 @pytest.fixture(autouse=True)

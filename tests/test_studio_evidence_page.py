@@ -6,39 +6,22 @@ from __future__ import annotations
 import difflib
 import json
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import browser
 import pytest
+from studio_pages import Server, server, tab
 from test_studio_evidence import EXPERIMENT, RIG, records
-from test_studio_page import Server
 
 from heavebond.diagnosis.ladder import ladder
 from heavebond.estimation.experiment import load_experiment
+
+__all__ = ["server", "tab"]
 
 
 @pytest.fixture(scope="module")
 def texts(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     return records(tmp_path_factory.mktemp("made"))
-
-
-@pytest.fixture(scope="module")
-def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
-    pytest.importorskip("starlette", reason="the studio needs its extra")
-    if browser.browser() is None:
-        pytest.skip("no browser is installed")
-    found = Server(tmp_path_factory.mktemp("folder"))
-    yield found
-    if found.process.poll() is None:
-        assert found.end() == 0
-
-
-@pytest.fixture(scope="module")
-def tab(server: Server, tmp_path_factory: pytest.TempPathFactory) -> Iterator[browser.Tab]:
-    found = browser.Tab(tmp_path_factory.mktemp("browser") / "profile", 1500, 1000)
-    yield found
-    found.close()
 
 
 def _opened(tab: browser.Tab, server: Server, name: str) -> None:
@@ -118,10 +101,10 @@ def test_two_tabs_see_one_computation_and_either_stops_it(tab: browser.Tab, serv
         _opened(other, server, "measured.yaml")     # before the computation, which takes some seconds only
         tab.click("#tab-diagnose")
         tab.click("#begin-diagnose")
-        other.wait("studio.evidence.jobs.state('diagnose')?.text.includes('step 1')", 60)
+        other.wait("studio.evidence.jobs.state('diagnose')?.text.includes('scoring')", 60)
         other.run("document.querySelector('#tab-diagnose').click()")
         # by its element: words that come below the button may move it between finding and pressing its place
-        other.wait("document.querySelector('#progress-text')?.textContent.includes('step 1') && "
+        other.wait("document.querySelector('#progress-text')?.textContent.includes('scoring') && "
                    "(document.querySelector('#end').click(), true)")
         tab.wait("studio.evidence.jobs.state('diagnose').state === 'done'", 30)
         assert tab.run("studio.evidence.jobs.state('diagnose').result.partial")
