@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 import json
 import re
+import shutil
+import subprocess
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -278,3 +280,16 @@ def test_colours_of_the_page_have_the_contrast_of_wcag_aa(dark: bool) -> None:
 
     wanted = {**dict.fromkeys(TEXTS, 4.5), ("focus", "paper"): 3.0, ("focus", "soft"): 3.0}
     assert {pair: round(contrast(*pair), 2) for pair, least in wanted.items() if contrast(*pair) < least} == {}
+
+
+def test_the_scripts_of_the_page_are_typed() -> None:
+    """By the compiler of TypeScript, which checks types that stand in comments; vendored files are as they came."""
+    compiler = shutil.which("tsc")
+    if compiler is None:
+        pytest.skip("the compiler of TypeScript is not installed")
+    page = Path(hb.__file__).parent / "studio" / "page"
+    flags = ["--allowJs", "--checkJs", "--noEmit", "--strict", "--target", "esnext", "--module", "esnext",
+             "--moduleResolution", "bundler", "--lib", "esnext,dom,dom.iterable", "--skipLibCheck"]
+    found = subprocess.run([compiler, *flags, "main.js"], cwd=page, capture_output=True, text=True, check=False)
+    said = [line for line in found.stdout.splitlines() if line and not line.startswith(("vendor/", " "))]
+    assert said == []

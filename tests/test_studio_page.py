@@ -47,9 +47,31 @@ def test_a_diagram_is_run_and_its_signals_are_found_by_clicking(tab: browser.Tab
     tab.wait("studio.runs.live.series.has('damper.F')")
     assert tab.run("Math.max(...studio.runs.live.series.get('damper.F'))") == result.si["damper.F"].max()
     assert tab.run("studio.runs.plots.charts.some(c => c.series.some(s => s.label === 'damper.F'))")
+    _shown_on_the_drawing(tab)
     assert tab.complaints == []
     hosts = {address.split("/")[2] for address in tab.requested() if address.startswith("http")}
     assert hosts == {f"127.0.0.1:{server.port}"}
+
+
+def _shown_on_the_drawing(tab: browser.Tab) -> None:
+    """The run is played on the drawing: wires have colours and values, and the charts point at the same instant."""
+    wire = "getComputedStyle(document.querySelector('path.wire[data-node=body]'))"
+    plain = tab.run(f"{wire}.stroke")
+    tab.click("#play")
+    tab.wait("studio.animation.data && studio.animation.time > 0.5")
+    tab.click("#play")
+    assert tab.run(f"{wire}.stroke") != plain and "m/s" in tab.run("document.querySelector('text.node').textContent")
+    tab.run("studio.animation.at(1); 1")
+    assert tab.run("studio.runs.plots.charts.every(c => Math.abs(c.data[0][c.cursor.idx] - 1) < 0.01)")
+    x, y = tab.run("(() => { const b = document.querySelector('.u-over').getBoundingClientRect(); "
+                   "return [b.x + b.width / 2, b.y + b.height / 2]; })()")
+    tab.mouse("Moved", x, y)
+    tab.wait("Math.abs(studio.animation.time - 2) < 0.05")  # the middle of 4 s
+    tab.run("studio.animation.choose('modes')")
+    tab.wait("document.querySelectorAll('#mode option').length === 2")
+    assert "%" in tab.run("document.querySelector('g[data-part=body] > text.part').textContent")
+    tab.run("studio.animation.choose('')")
+    assert tab.run(f"{wire}.stroke") == plain and tab.run("document.querySelector('text.node').textContent") == "body"
 
 
 def test_a_slider_runs_while_it_moves_and_runs_are_laid_over_each_other(tab: browser.Tab, server: Server) -> None:

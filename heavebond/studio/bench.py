@@ -26,6 +26,7 @@ from heavebond.numerics.result import Probe, Result
 from heavebond.numerics.simulation import changes_of, simulate
 from heavebond.numerics.simulator import grid
 from heavebond.pictures.drawing import draw_expanded
+from heavebond.studio.animation import animation, modes
 from heavebond.studio.contents import Entry, contents, part_lines, problem_entry
 from heavebond.studio.diagram_edits import edited
 from heavebond.studio.evidence import Evidence, assembled, experiment_entry, files_of, proposal, written_experiment
@@ -197,6 +198,14 @@ class Bench:
                        "units": {name: result.unit(name) for name in names}}
         return told, np.vstack([result.time, *(self._probe[1].values(result) if names else [])])
 
+    def animation(self, job: Job) -> tuple[Entry, Array]:
+        """What moves on the drawing along a run."""
+        return animation(self._result(job))
+
+    def modes(self, job: Job) -> tuple[Entry, None]:
+        """The modes at the start with the values of the sliders."""
+        return modes(self._assembly(job)[1], job.values), None
+
     def signals(self, job: Job, names: Sequence[str]) -> tuple[Entry, Array]:
         """Further signals of a run; one that is no longer kept is made again."""
         return _with_series({}, self._result(job), names)
@@ -228,7 +237,8 @@ def tasks() -> dict[str, Callable[..., tuple[Entry, Array | None]]]:
     """What a worker does, by the name of the task."""
     bench, evidence = Bench(), Evidence()
     return {"view": lambda job, opened: (view(job, opened), None), "run": bench.run, "prepare": bench.prepare,
-            "preview": bench.preview, "signals": bench.signals, "compare": evidence.compare, "channel": evidence.channel,
+            "preview": bench.preview, "signals": bench.signals, "animation": bench.animation, "modes": bench.modes,
+            "compare": evidence.compare, "channel": evidence.channel,
             "against": evidence.against, "propose": proposal, "experiment": written_experiment,
             "edit": lambda job, action: (edited(job, action), None),
             "palette": lambda job: (palette(Path(job.path).parent), None),

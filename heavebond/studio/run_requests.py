@@ -34,7 +34,7 @@ async def _component(tab: Tab, message: dict[str, Any]) -> Answer:
 
 async def _run(tab: Tab, message: dict[str, Any]) -> Answer:
     job, task = tab.job(message), str(message["do"])
-    given = () if task == "prepare" else ([str(name) for name in message.get("names", ())],)
+    given = () if task in ("prepare", "animation", "modes") else ([str(name) for name in message.get("names", ())],)
     ask = tab.runner.ask_newest if task in ("run", "preview") else tab.runner.ask
     return await ask(task, job, *given)
 
@@ -44,6 +44,6 @@ async def _stop(tab: Tab, _: dict[str, Any]) -> Answer:
     return "done", {}, None
 
 
-HANDLERS: dict[str, Handler] = {"view": _view, "edit": _edit, "palette": _palette,
-                                "component": _component, "run": _run, "prepare": _run, "preview": _run, "signals": _run,
-                                "stop": _stop}
+HANDLERS: dict[str, Handler] = {
+    "view": _view, "edit": _edit, "palette": _palette, "component": _component, "stop": _stop,
+    **dict.fromkeys(("run", "prepare", "preview", "signals", "animation", "modes"), _run)}

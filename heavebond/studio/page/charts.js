@@ -1,7 +1,7 @@
 // Charts of records and residuals by uPlot: courses over time with bands, and clouds of one signal over another.
 
 import uPlot from "./vendor/uPlot.js";
-import { el, number } from "./dom.js";
+import { el, number, unitLabel } from "./dom.js";
 import { BRIGHT, COLOURS } from "./plots.js";
 
 const DARK = matchMedia("(prefers-color-scheme: dark)");
@@ -22,9 +22,6 @@ function axes(c, label) {
   const axis = { stroke: c.ink, grid: { stroke: c.line, width: 1 }, ticks: { stroke: c.line, width: 1 }, font: "12px system-ui, sans-serif", labelFont: "12px system-ui, sans-serif" };
   return { axis, y: { ...axis, size: 66, space: 24, label: unitLabel(label), labelSize: 18, values: (/** @type {any} */ _, /** @type {number[]} */ ticks) => ticks.map((t) => number(t)) } };
 }
-
-/** A text with units as they are printed: m/s² for m/s**2. @param {string} text */
-export function unitLabel(text) { return text.replace(/\*\*(-?\d)/g, (_, n) => [...n].map((c) => c === "-" ? "⁻" : "⁰¹²³⁴⁵⁶⁷⁸⁹"[Number(c)]).join("")).replace(/(?<=[\w²³])\*(?=\w)/g, "·"); }
 
 /** Courses over time. A line is {label, values, colour, width, dash, points}; `band` shades stretches of time, `levels` are dashed lines.
  * @param {HTMLElement} place @param {{time: any, lines: any[], unit: string, height: number, sync: string, shaded?: [number, number][], levels?: number[], describe: string, band?: any}} given */

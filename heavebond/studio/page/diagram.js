@@ -3,7 +3,7 @@
 import { byId } from "./dom.js";
 
 const SVG = "http://www.w3.org/2000/svg";
-const LEAST = 0.05, MOST = 6, STEP = 40, RIM = 70; // px; the rim is where new columns and rows begin
+const LEAST = 0.05, MOST = 6, STEP = 40, RIM = [130, 80]; // px; the rim on both sides is where new columns and rows begin
 
 export class Diagram {
   /** @param {any} studio */
@@ -30,7 +30,7 @@ export class Diagram {
     const held = document.activeElement?.closest?.("[data-part], .reach"), focus = held && this.sheet.contains(held) ?
       [held.getAttribute("data-part"), held.getAttribute("data-node")] : null;
     const svg = /** @type {any} */ (document.importNode(new DOMParser().parseFromString(text, "image/svg+xml").documentElement, true));
-    const before = this.svg?.viewBox.baseVal;
+    const before = this.svg?.viewBox.baseVal, whole = this.whole;
     this.sheet.replaceChildren(svg);
     this.svg = svg;
     if (before && !fit) { // what stands where it stood stays on the screen where it is
@@ -46,11 +46,11 @@ export class Diagram {
       wire.after(reach);
     }
     this.studio.wiring.draw(svg, parts);
-    if (fit) this.fit();
+    if (fit || (whole && !this.whole)) this.fit(); // what was in view as a whole stays so
     else this.place();
     if (this.picked) this.pick(this.picked.kind, this.picked.path);
-    if (focus) [...this.sheet.querySelectorAll("g.part, .reach")].find((found) => focus[0] ?
-      found.getAttribute("data-part") === focus[0] : found.getAttribute("data-node") === focus[1] && found.classList.contains("reach"))?.focus();
+    if (focus) /** @type {any} */ ([...this.sheet.querySelectorAll("g.part, .reach")].find((found) => focus[0] ?
+      found.getAttribute("data-part") === focus[0] : found.getAttribute("data-node") === focus[1] && found.classList.contains("reach")))?.focus();
   }
 
   /** A frame around a part, which takes clicks and shows what is selected. @param {any} group @param {Record<string, any>} parts */
@@ -87,6 +87,13 @@ export class Diagram {
     return a === 1 ? 0 : b === 1 ? 90 : a === -1 ? 180 : 270;
   }
 
+  /** Whether all of the drawing is in view. */
+  get whole() {
+    if (!this.svg) return false;
+    const w = Number(this.svg.getAttribute("width")) * this.scale, h = Number(this.svg.getAttribute("height")) * this.scale;
+    return this.x >= 0 && this.y >= 0 && this.x + w <= this.sheet.clientWidth && this.y + h <= this.sheet.clientHeight;
+  }
+
   /** Show all where what is selected lies outside of what is seen. */
   reveal() {
     const box = this.picked?.kind === "part" && this.group(this.picked.path)?.getBoundingClientRect(), seen = this.sheet.getBoundingClientRect();
@@ -109,14 +116,15 @@ export class Diagram {
       const own = found.getAttribute(kind === "node" ? "data-node" : "data-part");
       found.classList.toggle("picked", Boolean(kind) && own === path && (kind === "node") === found.classList.contains("reach"));
     }
+    for (const name of this.sheet.querySelectorAll(".port-name")) name.classList.toggle("shown", kind === "part" && name.getAttribute("data-of") === path);
   }
 
   fit() {
     if (!this.svg) return;
     const { clientWidth: width, clientHeight: height } = this.sheet;
     const w = Number(this.svg.getAttribute("width")), h = Number(this.svg.getAttribute("height"));
-    const rim = this.studio.edits.possible ? RIM : 0;
-    this.scale = Math.min(1.6, Math.max(LEAST, Math.min((width - rim) / w, (height - rim) / h)));
+    const [across, along] = this.studio.edits.possible ? RIM : [0, 0];
+    this.scale = Math.min(1.6, Math.max(LEAST, Math.min((width - across) / w, (height - along) / h)));
     this.x = (width - w * this.scale) / 2;
     this.y = (height - h * this.scale) / 2;
     this.fitted = true;

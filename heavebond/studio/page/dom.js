@@ -2,7 +2,7 @@
 
 /** @param {string} tag @param {Record<string, any>} [given] @param {...(Node|string|null|undefined|false)} children */
 export function el(tag, given = {}, ...children) {
-  const made = document.createElement(tag);
+  const made = /** @type {any} */ (document.createElement(tag));
   for (const [name, value] of Object.entries(given)) {
     if (value === null || value === undefined || value === false) continue;
     if (name.startsWith("on")) made.addEventListener(name.slice(2), value);
@@ -23,6 +23,12 @@ export function number(value, digits = 5) {
   const plain = Number(value.toPrecision(digits)), size = Math.abs(plain);
   return size >= 1e-4 && size < 1e7 ? String(plain) : plain.toExponential();
 }
+
+/** A text with units as they are printed: m/s² for m/s**2. @param {string} text */
+export function unitLabel(text) { return text.replace(/\*\*(-?[0-9])/g, (_, n) => [...n].map((c) => c === "-" ? "⁻" : "⁰¹²³⁴⁵⁶⁷⁸⁹"[Number(c)]).join("")).replace(/(?<=[\w²³])\*(?=\w)/g, "·"); }
+
+/** A message with what stands between backticks as code. @param {string} text @returns {(Node|string)[]} */
+export function message(text) { return text.split("`").map((piece, k) => k % 2 ? el("code", {}, piece) : piece); }
 
 /** Hand a file to the browser's downloads. @param {string} name @param {Blob} blob */
 export function download(name, blob) {

@@ -1,6 +1,6 @@
 // Edits of the drawing: each is a change of the text, so that undo and redo go over both alike.
 
-import { byId, el } from "./dom.js";
+import { byId, el, message } from "./dom.js";
 
 const TOLD = 7000; // ms for which a reason is shown
 
@@ -44,7 +44,7 @@ export class Edits {
   /** @param {string} words */
   refuse(words) {
     const place = byId("reason");
-    place.replaceChildren(words);
+    place.replaceChildren(...message(words));
     place.hidden = false;
     clearTimeout(this.hiding);
     this.hiding = setTimeout(() => { place.hidden = true; }, TOLD);

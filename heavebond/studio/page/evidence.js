@@ -64,6 +64,7 @@ export class Evidence {
   layout() {
     const records = this.active || this.jobs.tuning, changed = this.place.hidden === records;
     for (const id of ["runs", "plots"]) byId(id).hidden = records;
+    this.studio.animation?.show();
     byId("evidence-bar").hidden = this.place.hidden = !records;
     for (const id of ["run", "derive"]) byId(id).hidden = this.active;
     byId("compare").hidden = !this.active;
@@ -217,7 +218,7 @@ export class Evidence {
     const { records, channels } = this.names(), record = this.chosen.record;
     const numbers = await Promise.all(channels.map((channel) => this.numbers("channel", { record, channel }))).catch((error) => error);
     if (!here()) return null;
-    if (numbers instanceof Error || numbers.some((n) => n.kind !== "done")) return null;
+    if (numbers instanceof Error || numbers.some((/** @type {any} */ n) => n.kind !== "done")) return null;
     return (/** @type {HTMLElement} */ place) => {
       const use = this.told.records[record].use;
       place.append(el("div", { class: "choices" }, this.select("choose-record", "Record", records.map((r) => [r, `${r} (${this.told.records[r].use})`]), "record"),
@@ -285,7 +286,7 @@ export class Evidence {
     const show = (/** @type {number} */ k) => { this.chosen.place = k; this.choose("where"); };
     if (!where?.result) return [el("h3", {}, "What is missing here?"), el("p", {}, "The force or flow that would have to act here for the model to follow its records."),
       el("button", { id: "locate-here", onclick: () => { this.choose("where"); void this.jobs.begin("where"); } }, "Locate the error")];
-    return [el("h3", {}, "What is missing here?"), ...(found.length ? found.slice(0, 3).map(({ k, place }) => el("div", { class: "implied" }, el("p", {}, place.words),
+    return [el("h3", {}, "What is missing here?"), ...(found.length ? found.slice(0, 3).map((/** @type {any} */ { k, place }) => el("div", { class: "implied" }, el("p", {}, place.words),
       el("button", { id: `implied-${k}`, onclick: () => show(k) }, `Show the ${place.what}`))) : [el("p", {}, "Nothing that acts here would explain the records better.")])];
   }
 

@@ -102,7 +102,7 @@ export class DiagramFile {
 
   /** @param {boolean} open */
   linked(open) {
-    if (open && this.studio.document) void this.studio.link.ask("open", { name: this.studio.document.name }).then((told) => {
+    if (open && this.studio.document) void this.studio.link.ask("open", { name: this.studio.document.name }).then((/** @type {any} */ told) => {
       this.studio.banner([]);
       this.pushed({ push: "disk", ...told });
       void this.studio.check(false);

@@ -74,7 +74,8 @@ export class Handling {
   /** A component from the library. @param {PointerEvent} event @param {any} component @param {() => void} onclick */
   bring(event, component, onclick) {
     const { diagram, edits, view } = this.studio;
-    /** @type {any} */ let ghost = null, guides = null;
+    /** @type {any} */ let ghost = null;
+    /** @type {any} */ let guides = null;
     /** @type {any} */ let cell = null;
     const end = () => { guides?.end(); ghost?.remove(); this.sheet.classList.remove("dragging"); };
     this.follow(event, (move) => {
@@ -93,7 +94,7 @@ export class Handling {
     }, () => {
       end();
       if (!ghost) onclick();
-      else if (cell) void edits.act({ act: "place", kind: component.name, column: cell.column, row: cell.row }).then((done) => { if (done) this.studio.panel.ask(); });
+      else if (cell) void edits.act({ act: "place", kind: component.name, column: cell.column, row: cell.row }).then((/** @type {any} */ done) => { if (done) this.studio.panel.ask(); });
     }, end);
   }
 

@@ -28,7 +28,7 @@ export function showHome(studio, told) {
 function machine(studio, open, name, all) {
   const main = all.find((m) => m.name === `bundled:${name}`), rest = all.filter((m) => m !== main);
   const list = el("ul", {}, ...rest.map((m) => el("li", { title: m.summary }, open(m.name, m.name.split("/").at(-1)), m.kind === "experiment" ? el("span", { class: "hint" }, " experiment with records") : null)));
-  if (!main) return el("li", {}, el("b", {}, name), el("details", { open: true }, el("summary", {}, `${rest.length} diagrams`), list));
+  if (!main) return el("li", {}, el("b", {}, name), el("p", {}, "A collection of small diagrams."), el("details", {}, el("summary", {}, `${rest.length} diagrams`), list));
   return el("li", {}, el("b", {}, open(main.name, name)), el("p", {}, main.summary),
     rest.length ? el("details", {}, el("summary", {}, `${rest.length} ${rest.length > 1 ? "variants" : "variant"}`), list) : null);
 }

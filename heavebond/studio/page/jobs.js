@@ -90,7 +90,7 @@ export class Jobs {
   /** @param {any} job @param {string} key */
   array(job, key) {
     const name = `${job.number}/${key}`;
-    if (!this.arrays.has(name)) this.arrays.set(name, this.studio.link.ask("array", { number: job.number, key }).then((told) => told.series));
+    if (!this.arrays.has(name)) this.arrays.set(name, this.studio.link.ask("array", { number: job.number, key }).then((/** @type {any} */ told) => told.series));
     return this.arrays.get(name);
   }
 
@@ -229,9 +229,9 @@ export class Jobs {
   placesAt(kind, path) {
     const places = this.state("where")?.result?.places ?? [];
     const all = places.map((/** @type {any} */ place, /** @type {number} */ k) => ({ k, place })), nodes = this.nodesOf(path);
-    if (kind === "node") return all.filter(({ place }) => place.nodes.includes(path));
-    const beside = all.filter(({ place }) => place.nodes.length === 2 && place.components.includes(path)); // else at one of its nodes
-    return beside.length ? beside : all.filter(({ place }) => place.nodes.length === 1 && nodes.includes(place.nodes[0]));
+    if (kind === "node") return all.filter((/** @type {any} */ { place }) => place.nodes.includes(path));
+    const beside = all.filter((/** @type {any} */ { place }) => place.nodes.length === 2 && place.components.includes(path)); // else at one of its nodes
+    return beside.length ? beside : all.filter((/** @type {any} */ { place }) => place.nodes.length === 1 && nodes.includes(place.nodes[0]));
   }
 
   /** @param {string} part */

@@ -1,7 +1,8 @@
 // The studio: what is open, what is run, and who is told of it.
 
 import { Completion } from "./completion.js";
-import { askName, byId, el } from "./dom.js";
+import { Animation } from "./animation.js";
+import { askName, byId, el, message } from "./dom.js";
 import { Diagram } from "./diagram.js";
 import { Edits } from "./edits.js";
 import { Editor } from "./editor.js";
@@ -15,6 +16,8 @@ import { Panel } from "./panel.js";
 import { RecordFiles } from "./records.js";
 import { Runs } from "./runs.js";
 import { Wiring } from "./wiring.js";
+
+const FEW = 2; // problems of one kind that are listed one by one
 
 class Studio {
   constructor() {
@@ -34,6 +37,8 @@ class Studio {
     this.palette = new Palette(this);
     this.panel = new Panel(this);
     this.runs = new Runs(this);
+    this.animation = new Animation(this);
+    this.runs.plots.onpoint = (time) => this.animation.pointed(time);
     this.evidence = new Evidence(this);
     this.records = new RecordFiles(this);
     this.link = new Link((message) => this.pushed(message), (open) => this.file.linked(open));
@@ -62,6 +67,10 @@ class Studio {
     byId("redo").onclick = () => this.editor.redo();
     byId("toggle-palette").onclick = () => this.palette.toggle();
     byId("toggle-text").onclick = () => this.toggleText();
+    byId("to-problems").onclick = () => {
+      if (byId("model").classList.contains("no-text")) this.toggleText();
+      byId("problems").focus();
+    };
     addEventListener("hashchange", () => {
       const name = decodeURIComponent(location.hash.slice(1));
       if (name !== (this.document?.name ?? "")) void (name ? this.open(name).catch((e) => this.home(e)) : this.home());
@@ -113,7 +122,7 @@ class Studio {
     this.folder = told.folder;
     location.hash = "";
     document.title = byId("title").textContent = "heavebond studio";
-    byId("model").hidden = byId("tools").hidden = byId("go-home").hidden = true;
+    byId("model").hidden = byId("tools").hidden = byId("go-home").hidden = byId("foot").hidden = true;
     byId("unsaved").hidden = true;
     byId("home").hidden = false;
     this.banner(error instanceof Error ? [error.message] : []);
@@ -129,6 +138,7 @@ class Studio {
     Object.assign(this, { view: null, opened: [], picked: null });
     this.diagram.picked = null;
     this.runs.clear();
+    this.animation.clear();
     this.evidence.clear();
     this.palette.clear();
     this.diagram.clear();
@@ -136,13 +146,14 @@ class Studio {
     document.title = `${name} - heavebond studio`;
     byId("title").textContent = name.replace(/^bundled:/, "") + (told.name.startsWith("bundled:") ? " (bundled, read only)" : told.writable ? "" : " (read only)");
     byId("home").hidden = true;
-    byId("model").hidden = byId("tools").hidden = byId("go-home").hidden = false;
+    byId("model").hidden = byId("tools").hidden = byId("go-home").hidden = byId("foot").hidden = false;
     this.banner([]);
     this.say("");
     this.editor.open(told.text, told.writable);
     this.file.marks();
     this.file.offerDraft();
     await this.check(true);
+    if (this.edits.possible && this.view?.parts && !this.view.svg) this.palette.toggle(true);
   }
 
   /** @param {(string|Node)[]} parts */
@@ -164,6 +175,7 @@ class Studio {
   toggleText() {
     const hidden = byId("model").classList.toggle("no-text");
     byId("toggle-text").setAttribute("aria-pressed", String(!hidden));
+    if (!hidden && this.palette.instead) this.palette.toggle(false);
   }
 
   // -- drawing -------------------------------------------------------------------------------------------------------
@@ -171,6 +183,7 @@ class Studio {
   async check(fit) {
     const name = this.document?.name, text = this.editor.text;
     clearTimeout(this.file.checking);
+    /** @type {any} */
     const told = await this.link.ask("view", { name, text, opened: this.opened }).catch((error) => ({ kind: "failed", error }));
     if (told.kind !== "done" || this.document?.name !== name) {
       if (told.kind === "failed" && this.document?.name === name) this.say(told.error.message);
@@ -181,7 +194,7 @@ class Studio {
     const drawn = Boolean(told.svg && told.parts && (told.whole || first)) || empty;
     this.view = drawn ? told : { ...told, ...this.view, problems: told.problems, evidence: told.evidence, experiment: told.experiment ?? this.view?.experiment };
     if (empty) this.diagram.clear();
-    else if (drawn) this.diagram.draw(told.svg, told.parts, fit || first);
+    else if (drawn) { this.diagram.draw(told.svg, told.parts, fit || first); this.animation.draw(); }
     this.hint(empty);
     byId("diagram").classList.toggle("stale", !drawn && Boolean(this.view.svg));
     byId("stale").hidden = drawn || !this.view.svg;
@@ -198,8 +211,10 @@ class Studio {
   /** What to do with an empty sheet. @param {boolean} empty */
   hint(empty) {
     byId("nothing").hidden = !empty;
-    if (empty) byId("nothing").replaceChildren("This diagram has no parts yet. Open the ", el("button", { id: "open-library", onclick: () => this.palette.toggle(true) }, "Library"),
-      " (Alt+L), drag a component onto the sheet or select it and press Enter, then draw wires from port to port. Or write `components:` in the text.");
+    if (empty) byId("nothing").replaceChildren(el("h2", {}, "An empty sheet"), el("ol", {},
+      el("li", {}, "Open the ", el("button", { id: "open-library", onclick: () => this.palette.toggle(true) }, "Library"), " and drag a component here, or select it and press Enter."),
+      el("li", {}, "Draw wires from port to port: a port that is not connected is an orange circle."),
+      el("li", {}, "Press Run, then click parts and wires to plot their signals.")), el("p", {}, "Or write ", el("code", {}, "components:"), " and ", el("code", {}, "nodes:"), " in the text."));
   }
 
   /** Forget what the diagram no longer has. */
@@ -212,12 +227,17 @@ class Studio {
 
   /** @param {any[]} problems */
   showProblems(problems) {
-    const list = problems.map((p) => el("li", {}, el("button", { class: "problem", onclick: () => {
+    const loose = problems.filter((p) => /^(port|input)-unconnected$/.test(p.code)), many = loose.length > FEW ? loose : [];
+    const item = (/** @type {any} */ p) => el("li", {}, el("button", { class: "problem", onclick: () => {
       if (p.line) this.editor.show(p.line, true);
       if (p.part) this.pick("part", p.part);
-    } }, el("b", {}, p.line ? `line ${p.line}: ` : p.file ? `${p.file}, line ${p.other_line}: ` : ""), p.message,
-    el("span", { class: "hint" }, [...p.notes, p.hint].filter(Boolean).join("\n")))));
-    byId("problems").replaceChildren(problems.length ? el("ul", {}, ...list) : el("p", { class: "fine" }, "No problems found."));
+    } }, el("b", {}, p.line ? `line ${p.line}: ` : p.file ? `${p.file}, line ${p.other_line}: ` : ""), ...message(p.message),
+    el("span", { class: "hint" }, ...message([...p.notes, p.hint].filter(Boolean).join("\n")))));
+    byId("problems").replaceChildren(problems.length ? el("ul", {}, ...problems.filter((p) => !many.includes(p)).map(item),
+      many.length ? el("li", {}, el("details", {}, el("summary", {}, `${many.length} ports and inputs are not connected yet`), el("ul", {}, ...many.map(item)))) : null) : el("p", { class: "fine" }, "No problems found."));
+    const count = byId("to-problems");
+    count.textContent = problems.length ? `${problems.length} ${problems.length > 1 ? "problems" : "problem"}` : "No problems";
+    count.classList.toggle("wrong", problems.length > 0);
   }
 
   /** @param {string} kind @param {string} path */

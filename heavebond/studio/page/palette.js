@@ -4,6 +4,11 @@ import { byId, el, number } from "./dom.js";
 import { freeCell } from "./grid.js";
 import { symbolOf } from "./handling.js";
 
+const BOTH = 1900; // px of the page from which on the library stands beside the text
+/** Other words for what the library has. @type {Record<string, string>} */
+const MEANT = { wall: "fixed", ground: "fixed", frame: "fixed", anchor: "fixed", support: "fixed", dashpot: "damper", weight: "mass", load: "mass",
+  flywheel: "inertia", gearbox: "gear", reservoir: "tank", restriction: "orifice", throttle: "orifice", hose: "line", pipe: "line", battery: "voltage", coil: "inductor" };
+
 export class Palette {
   /** @param {any} studio */
   constructor(studio) {
@@ -23,6 +28,9 @@ export class Palette {
     this.place.hidden = !on;
     byId("diagram").classList.toggle("with-palette", on);
     byId("toggle-palette").setAttribute("aria-pressed", String(on));
+    const text = !byId("model").classList.contains("no-text");
+    if (on && text && innerWidth < BOTH) { this.instead = true; this.studio.toggleText(); } // the drawing keeps its room
+    if (!on && this.instead) { this.instead = false; if (!text) this.studio.toggleText(); }
     if (on) void Promise.resolve(this.load()).then(() => document.getElementById("palette-search")?.focus());
   }
 
@@ -36,7 +44,7 @@ export class Palette {
   load() {
     const name = this.studio.document.name;
     if (this.loaded === name) return undefined;
-    if (this.loading?.name === name) return this.loading.done;
+    if (this.loading?.name === name) return this.loading?.done;
     const done = this.fetch(name).finally(() => { this.loading = null; });
     this.loading = { name, done };
     return done;
@@ -49,7 +57,6 @@ export class Palette {
     if (told.kind !== "done" || this.studio.document?.name !== name) return;
     this.loaded = name;
     this.groups = told.groups;
-    /** @type {Map<string, any>} */
     this.components = new Map(told.groups.flatMap((/** @type {any} */ g) => g.components.map((/** @type {any} */ c) => [c.name, c])));
     this.closed = new Set(told.groups.map((/** @type {any} */ g) => g.name).filter((/** @type {string} */ n) => n !== "this folder"));
     this.build();
@@ -75,7 +82,8 @@ export class Palette {
   /** Components whose name or summary has all words that are searched for; names first. */
   list() {
     const words = this.wanted.toLowerCase().split(/\s+/).filter(Boolean);
-    const rank = (/** @type {any} */ c) => words.every((w) => c.name.toLowerCase().includes(w)) ? (c.name.toLowerCase().startsWith(words[0] ?? "") ? 0 : 1) :
+    const meant = words.map((w) => MEANT[w]);
+    const rank = (/** @type {any} */ c) => words.every((w, k) => meant[k] && c.name.toLowerCase().includes(meant[k])) ? 0 : words.every((w) => c.name.toLowerCase().includes(w)) ? (c.name.toLowerCase().startsWith(words[0] ?? "") ? 0 : 1) :
       words.every((w) => `${c.name} ${c.summary} ${Object.values(c.ports).join(" ")}`.toLowerCase().includes(w)) ? 2 : 3;
     if (words.length) {
       const found = this.groups.flatMap((g) => g.components).map((c) => ({ c, r: rank(c) })).filter(({ r }) => r < 3).sort((a, b) => a.r - b.r || a.c.name.length - b.c.name.length);

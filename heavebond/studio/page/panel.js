@@ -1,6 +1,6 @@
 // What is known of the selected part, wire or diagram: its parameters with sliders, its signals.
 
-import { byId, el, number } from "./dom.js";
+import { byId, el, number, unitLabel } from "./dom.js";
 
 const TICKS = 1000;
 
@@ -27,7 +27,7 @@ export class Panel {
     if (part) return this.part(picked.path, part, view);
     if (node) return [...this.studio.edits.tools(picked.path), el("p", {}, `Node (${node.domain}). It joins:`), this.ends(node), ...this.lines(node), ...this.studio.evidence.about("node", picked.path), ...this.signals("Signals", node.signals)];
     return [el("h2", {}, view.name), el("p", {}, view.summary), ...this.changed(), ...this.studio.evidence.summary(), ...this.parameters(view.parameters),
-      ...this.signals("Outputs", view.outputs), view.outputs.length || this.studio.evidence.active ? null : el("p", {}, "The diagram names no outputs under show:."),
+      ...this.signals("Outputs", view.outputs), view.outputs.length || this.studio.evidence.active ? null : el("p", {}, "The diagram names no outputs yet."),
       el("h3", {}, "More"), el("p", {}, "Click a part or a wire of the drawing, or go there by Tab and press Enter: its parameters and signals appear here.")].filter(Boolean);
   }
 
@@ -84,7 +84,7 @@ export class Panel {
     const id = `p-${p.path}`, given = this.studio.runs.values[p.path], s = p.slider;
     const unit = s ? s.unit : "";
     const now = s ? (given !== undefined ? parseFloat(given) : s.value) : 0;
-    const limits = p.limits?.some((/** @type {any} */ v) => v !== null) ? ` (${p.limits[0] === null ? "" : `at least ${number(p.limits[0])}`}${p.limits.every((/** @type {any} */ v) => v !== null) ? ", " : ""}${p.limits[1] === null ? "" : `at most ${number(p.limits[1])}`}${p.unit && p.unit !== "1" ? ` ${p.unit}` : ""})` : "";
+    const limits = p.limits?.some((/** @type {any} */ v) => v !== null) ? ` (${p.limits[0] === null ? "" : `at least ${number(p.limits[0])}`}${p.limits.every((/** @type {any} */ v) => v !== null) ? ", " : ""}${p.limits[1] === null ? "" : `at most ${number(p.limits[1])}`}${p.unit && p.unit !== "1" ? ` ${unitLabel(p.unit)}` : ""})` : "";
     const wrong = el("div", { class: "wrong", role: "alert" });
     const written = this.studio.edits.possible && p.path.split(".").length <= 2; // of the diagram itself, not inside a block
     const field = s && !written && el("input", { id, value: number(now, 6), inputmode: "decimal", "aria-describedby": `${id}-doc`,
@@ -93,7 +93,7 @@ export class Panel {
       title: "Enter writes the value into the text", onchange: (/** @type {any} */ event) => this.write(p, event.target.value) });
     return el("div", { class: `parameter${given !== undefined ? " changed" : ""}${p.needed ? " missing" : ""}`, "data-parameter": p.path },
       el("div", { class: "head" }, el("label", { for: s || written ? id : null, title: p.path }, p.name),
-        el("span", { class: "value" }, text || (s ? field : el("code", {}, p.text))), el("span", { class: "unit" }, s && !written ? unit : "")),
+        el("span", { class: "value" }, text || (s ? field : el("code", {}, p.text))), s && !written ? el("span", { class: "unit" }, unitLabel(unit)) : null),
       ...(s ? this.slider(p, now) : []), wrong, el("div", { class: "doc", id: `${id}-doc` }, `${p.doc}${limits}`,
         given !== undefined && el("button", { class: "plain", id: `${id}-reset`, onclick: () => this.studio.runs.setValue(p.path, undefined) }, ` back to ${p.text}`)));
   }
@@ -157,6 +157,6 @@ export class Panel {
     return [el("h3", {}, `${title} to plot`), el("ul", { class: "signals" }, ...signals.map((s) => el("li", {}, el("label", { title: s.name },
       el("input", { type: "checkbox", id: `y-${s.name}`, checked: this.studio.runs.plotted.includes(s.name),
         onchange: (/** @type {any} */ event) => this.studio.runs.plot(s.name, event.target.checked) }),
-      el("span", {}, el("span", { class: "mono" }, s.name), s.unit && s.unit !== "1" ? ` [${s.unit}]` : "", " ", el("span", { class: "doc" }, s.doc)))))) ];
+      el("span", {}, el("span", { class: "mono" }, s.name), s.unit && s.unit !== "1" ? ` [${unitLabel(s.unit)}]` : "", " ", el("span", { class: "doc" }, s.doc)))))) ];
   }
 }

@@ -1,7 +1,7 @@
 // Signals over time by uPlot: one chart for each unit, linked in time; runs laid over each other.
 
 import uPlot from "./vendor/uPlot.js";
-import { byId, download, el, number } from "./dom.js";
+import { byId, download, el, number, unitLabel } from "./dom.js";
 
 // for every kind of colour vision (after Okabe and Ito), and brighter ones on a dark ground
 export const COLOURS = ["#0072b2", "#c44e00", "#00785a", "#a1478a", "#8a6d00", "#1d2733"];
@@ -20,6 +20,7 @@ export class Plots {
     this.dark.addEventListener("change", () => { this.shape = ""; this.again?.(); });
     new ResizeObserver(() => this.fit()).observe(this.place);
     this.limits = null;
+    /** @type {((time: number) => void)|undefined} */ this.onpoint = undefined;
   }
 
   /** @param {any[]} runs the visible ones, each with `series` by name @param {string[]} plotted @param {HTMLElement[]} below what stands under the charts */
@@ -27,18 +28,18 @@ export class Plots {
     this.place.classList.remove("bare");
     this.again = () => this.show(runs, plotted, below);
     const groups = grouped(runs, plotted);
-    const shape = JSON.stringify([groups.map((g) => [g.unit, g.lines.map((l) => [l.name, l.run.id, l.run.label])])]);
+    const shape = JSON.stringify([groups.map((g) => [g.unit, g.lines.map((/** @type {any} */ l) => [l.name, l.run.id, l.run.label])])]);
     if (shape !== this.shape) this.build(groups, shape);
     groups.forEach((group, k) => this.charts[k].setData(data(group), !this.limits));
     if (this.limits) for (const chart of this.charts) chart.setScale("x", this.limits);
-    this.tail.replaceChildren(...below);
+    this.tail?.replaceChildren(...below);
   }
 
-  /** @param {string} words */
-  empty(words) {
+  /** @param {...(Node|string)} words */
+  empty(...words) {
     this.clear();
     this.place.classList.add("bare");
-    this.place.replaceChildren(el("p", { class: "empty" }, words));
+    this.place.replaceChildren(el("div", { class: "empty" }, ...words));
   }
 
   clear() {
@@ -55,7 +56,7 @@ export class Plots {
     const places = groups.map((group) => el("div", { class: "chart", role: "img",
       "aria-label": `${group.lines.map((/** @type {any} */ l) => l.name).join(", ")} over time` }));
     this.place.replaceChildren(...places, this.tail);
-    this.charts = groups.map((group, k) => new uPlot(this.options(group), data(group), places[k]));
+    this.charts = groups.map((group, k) => new (/** @type {any} */ (uPlot))(this.options(group), data(group), places[k]));
   }
 
   /** @param {any} group */
@@ -67,9 +68,10 @@ export class Plots {
       width: this.place.clientWidth - 26, height: HEIGHT, cursor: { sync: { key: "time" }, drag: { x: true, y: false } },
       scales: { x: { time: false } },
       legend: { markers: { width: 2, dash: (/** @type {any} */ chart, /** @type {number} */ k) => chart.series[k].dash?.length ? "dashed" : "solid" } },
-      hooks: { setScale: [(/** @type {any} */ chart, /** @type {string} */ key) => key === "x" && this.linked(chart)] },
+      hooks: { setScale: [(/** @type {any} */ chart, /** @type {string} */ key) => key === "x" && this.linked(chart)],
+        setCursor: [(/** @type {any} */ chart) => { const { left } = chart.cursor; if (!this.pointing && left >= 0) this.onpoint?.(chart.posToVal(left, "x")); }] },
       axes: [{ ...axis, size: 30, values: (/** @type {any} */ _, /** @type {number[]} */ ticks) => ticks.map((t) => `${number(t)} s`) },
-        { ...axis, size: 66, label: group.unit === "1" ? "" : group.unit, labelSize: 18, values: (/** @type {any} */ _, /** @type {number[]} */ ticks) => ticks.map((t) => number(t)) }],
+        { ...axis, size: 66, label: group.unit === "1" ? "" : unitLabel(group.unit), labelSize: 18, values: (/** @type {any} */ _, /** @type {number[]} */ ticks) => ticks.map((t) => number(t)) }],
       series: [{ label: "time", value: (/** @type {any} */ _, /** @type {number} */ v) => v === null || v === undefined ? "—" : `${number(v)} s` },
         ...group.lines.map((/** @type {any} */ l) => ({
           label: l.run.label ? `${l.name} (${l.run.label})` : l.name, stroke: palette[names.indexOf(l.name) % palette.length], width: l.run.live ? 1.6 : 1.3,
@@ -87,6 +89,16 @@ export class Plots {
     this.linking = true;
     for (const other of this.charts) if (other !== chart) other.setScale("x", { min, max });
     this.linking = false;
+  }
+
+  /** The cursor of all charts at a time. @param {number} time */
+  pointAt(time) {
+    this.pointing = true;
+    for (const chart of this.charts) {
+      const { min, max } = chart.scales.x;
+      chart.setCursor({ left: time >= min && time <= max ? chart.valToPos(time, "x") : -10, top: -1e4 }, false);
+    }
+    this.pointing = false;
   }
 
   fit() {

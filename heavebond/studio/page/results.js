@@ -1,6 +1,6 @@
 // Tables and lines of a result, as the command line prints them.
 
-import { el } from "./dom.js";
+import { el, message } from "./dom.js";
 
 /** @param {any[]} items @returns {any[]} */
 export function resultItems(items) {
@@ -28,5 +28,5 @@ function notes(rows) {
 
 /** What went wrong, in the words of the command line. @param {any[]} problems */
 export function problemList(problems) {
-  return problems.map((p) => el("div", { class: "verdict" }, el("b", {}, p.message), ...[...(p.notes ?? []), p.hint].filter(Boolean).map((t) => el("div", { class: "hint" }, t))));
+  return problems.map((p) => el("div", { class: "verdict" }, el("b", {}, ...message(p.message)), ...[...(p.notes ?? []), p.hint].filter(Boolean).map((t) => el("div", { class: "hint" }, ...message(t)))));
 }

@@ -2,13 +2,14 @@
 
 import { byId, el } from "./dom.js";
 import { DASHES, Plots } from "./plots.js";
+import { problemList } from "./results.js";
 
 export class Runs {
   /** @param {any} studio */
   constructor(studio) {
     this.studio = studio;
     this.plots = new Plots();
-    this.busy = 0;
+    this.busy = this.serial = 0;
     this.clear();
   }
 
@@ -128,7 +129,7 @@ export class Runs {
     } catch (error) {
       if (!here()) return;
       this.studio.say("the run failed");
-      this.plots.empty(error instanceof Error ? error.message : String(error));
+      this.plots.empty(...problemList(/** @type {any} */ (error).problems ?? [{ message: String(/** @type {any} */ (error).message ?? error) }]));
       this.live = null;
     } finally {
       clearInterval(clock);
@@ -197,11 +198,14 @@ export class Runs {
     const name = (this.studio.view?.name ?? "run").replace(/\W+/g, "_");
     byId("runs").replaceChildren(...(this.live || kept.length ? [el("button", { id: "keep", disabled: !this.live, title: "Keep this run to compare others with it", onclick: () => this.keep() }, "Keep this run"), ...kept,
       el("span", { class: "grow" }), el("button", { id: "png", onclick: () => this.plots.png(name) }, "PNG"),
-      el("button", { id: "csv", onclick: () => this.plots.csv(name, this.visible, this.plotted) }, "CSV")] : [el("span", {}, "No run yet.")]));
+      el("button", { id: "csv", onclick: () => this.plots.csv(name, this.visible, this.plotted) }, "CSV")] : []));
+    this.studio.animation?.follow();
+    byId("runs").classList.toggle("bare", !this.live && !kept.length);
   }
 
   showPlots() {
     const runs = this.visible;
+    this.studio.animation?.follow();
     if (!runs.length) return;
     if (!this.plotted.length) { this.plots.empty("No signal is chosen. Tick signals in the panel on the right."); return; }
     this.plots.show(runs, this.plotted, this.below());

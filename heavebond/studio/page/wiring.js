@@ -2,6 +2,8 @@
 
 const SVG = "http://www.w3.org/2000/svg";
 const NEAR = 16; // px around a port that count as on it
+/** @type {Record<string, [number, number, string]>} */
+const BESIDE = { left: [-9, -5, "end"], right: [9, -5, "start"], top: [8, -6, "start"], bottom: [8, 14, "start"] }; // where the name of a port stands
 
 /** Whether two ports may be joined, as far as the page can tell. @param {any} one @param {any} two */
 export function fits(one, two) {
@@ -30,7 +32,7 @@ export class Wiring {
       for (const port of part.includes(".") ? [] : ports ?? []) {
         this.ports.set(port.path, port);
         port.marks = port.at.map((/** @type {any[]} */ [x, y]) => this.mark(port, x, y));
-        this.layer.append(...port.marks);
+        this.layer.append(...port.marks, ...port.at.map((/** @type {any[]} */ [x, y, side]) => this.label(part, port.name, x, y, side)));
       }
     }
     this.line = document.createElementNS(SVG, "path");
@@ -50,6 +52,14 @@ export class Wiring {
     title.textContent = words;
     circle.append(title);
     return circle;
+  }
+
+  /** The name of a port, which is shown while its part is selected. @param {string} part @param {string} name @param {number} x @param {number} y @param {string} side */
+  label(part, name, x, y, side) {
+    const text = document.createElementNS(SVG, "text"), [dx, dy, anchor] = BESIDE[side] ?? BESIDE.right;
+    for (const [key, value] of [["x", x + dx], ["y", y + dy], ["text-anchor", anchor], ["class", "port-name"], ["data-of", part], ["aria-hidden", "true"]]) text.setAttribute(String(key), String(value));
+    text.textContent = name;
+    return text;
   }
 
   /** From a part by keyboard: from its only port, else from the one that is chosen. @param {string} part */
@@ -111,6 +121,7 @@ export class Wiring {
   join(path) {
     const from = this.from;
     this.end();
+    this.studio.say("");
     if (from) void this.studio.edits.act({ act: "join", from: from.path, to: path });
   }
 

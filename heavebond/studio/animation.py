@@ -1,0 +1,120 @@
+"""What moves on the drawing along a run: effort, flow and power of the wires, energy and losses of the parts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from heavebond.core.presentation import converted, readable_unit
+from heavebond.equations.flatten import Flat
+from heavebond.equations.resolver import Bond
+from heavebond.language.symbols import stack
+from heavebond.linear.linearisation import ModesAtStart, start_point
+from heavebond.linear.modal_energy import energy_shares
+from heavebond.numerics.dae import Array, Assembly
+from heavebond.numerics.result import Result
+from heavebond.studio.contents import Entry
+
+FRAMES = 400  # instants at most; the page shows one after the other
+SIGNAL = "signal"
+
+
+def animation(result: Result) -> tuple[Entry, Array]:
+    """For each node `effort`, `flow` and `power`, for each part `energy` and `loss`: the row of its course, its unit and
+    its largest size; and the courses, (1 + rows, F), the first of them the time in s.
+
+    What the ports of a node share stands with its sign, what they share out by the size of the largest; the power through
+    a node is half the sum of the sizes of the powers over its ports. `loss` is the power that a part dissipates.
+    """
+    flat = result.assembly.flat
+    wanted = [*_of_nodes(flat), *_of_parts(flat)]
+    chosen = _instants(result.time)
+    values = result.evaluate(stack([expr for *_, expr in wanted]))[:, chosen] if wanted else np.zeros((0, len(chosen)))
+    told: dict[str, dict[str, Entry]] = {"nodes": {}, "parts": {}}
+    rows = [result.time[chosen]]
+    for (kind, path, quantity, unit, domain, _), row in zip(wanted, values, strict=True):
+        size = float(np.abs(row).max(initial=0.0))
+        if not np.isfinite(size) or (size == 0.0 and kind == "parts"):
+            continue
+        shown = readable_unit(unit, size)
+        told[kind].setdefault(path, {"domain": domain})[quantity] = [len(rows), "" if shown == "1" else shown]
+        rows.append(converted(row, unit, shown))
+    return dict(told), np.vstack(rows)
+
+
+def _instants(time: Array) -> NDArray[np.intp]:
+    """The numbers of output points that are about evenly spread over the time."""
+    if len(time) <= FRAMES:
+        return np.arange(len(time))
+    return np.unique(np.searchsorted(time, np.linspace(time[0], time[-1], FRAMES)))
+
+
+Wanted = tuple[str, str, str, str, str, ca.SX]  # nodes or parts, path, quantity, unit, domain, expression
+
+
+def _of_nodes(flat: Flat) -> Iterable[Wanted]:
+    values, bonds = flat.levels[0], {**flat.bonds, **flat.block_bonds}
+    for path, junction in flat.expanded.junctions.items():
+        domain = flat.domains.get(path)
+        ends = [f"{end.leaf}.{end.port}" for end in junction.ends if end.sign > 0]
+        if domain is None:
+            if (k := next((flat.names[end] for end in ends if end in flat.names), None)) is not None:
+                for quantity in ("effort", "flow"):
+                    yield "nodes", path, quantity, flat.unknowns[k].unit.text, SIGNAL, values[k]
+            continue
+        found = [bonds[end] for end in ends if end in bonds]
+        if not found:
+            continue
+        yield "nodes", path, "power", "W", domain.name, 0.5 * sum((ca.fabs(bond.power(values)) for bond in found), ca.SX(0))
+        if domain.effort is None or domain.flow is None:  # several pairs, or one power
+            continue
+        for quantity, name, number in (("effort", domain.effort, _effort), ("flow", domain.flow, _flow)):
+            numbers = [number(bond) for bond in found]
+            shared = name not in domain.through
+            value = values[numbers[0]] if shared else _largest([values[k] for k in numbers])
+            yield "nodes", path, quantity, flat.unknowns[numbers[0]].unit.text, domain.name, value
+
+
+def _effort(bond: Bond) -> int:
+    return bond.efforts[0]
+
+
+def _flow(bond: Bond) -> int:
+    return bond.flows[0]
+
+
+def _largest(values: list[ca.SX]) -> ca.SX:
+    found = ca.fabs(values[0])
+    for value in values[1:]:
+        found = ca.fmax(found, ca.fabs(value))
+    return found
+
+
+def _of_parts(flat: Flat) -> Iterable[Wanted]:
+    """The energy stored in each part and its loss, those of a block summed over what is in it."""
+    for path in flat.expanded.leaves:
+        own = [e for e in flat.energetics if e.owner == path or e.owner.startswith(f"{path}.")]
+        for quantity, unit, terms in (("energy", "J", [e.energy for e in own]), ("loss", "W", [e.dissipated for e in own])):
+            total = sum(terms, ca.SX(0))
+            if not total.is_zero():
+                yield "parts", path, quantity, unit, "", total
+
+
+def modes(assembly: Assembly, settings: Mapping[str, float | str]) -> Entry:
+    """The modes at the start with the shares of the parts in their energy, as `heavebond modes` lists them."""
+    at_start = ModesAtStart(assembly)
+    first, found = at_start.at(settings)
+    shares = energy_shares(assembly, start_point(first, at_start.u), found)
+    return {"modes": [{"frequency": mode.frequency, "damping": mode.damping, "swings": mode.swings,
+                       "energy": _with_blocks(assembly.flat, share.energy)}
+                      for mode, share in zip(found, shares, strict=True)]}
+
+
+def _with_blocks(flat: Flat, shares: Mapping[str, float]) -> dict[str, float]:
+    """The shares, with those of a block summed over what is in it."""
+    sums = {path: sum(share for owner, share in shares.items() if owner == path or owner.startswith(f"{path}."))
+            for path in flat.expanded.leaves}
+    return {path: share for path, share in sums.items() if share > 0}
