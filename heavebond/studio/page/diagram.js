@@ -116,7 +116,7 @@ export class Diagram {
       const own = found.getAttribute(kind === "node" ? "data-node" : "data-part");
       found.classList.toggle("picked", Boolean(kind) && own === path && (kind === "node") === found.classList.contains("reach"));
     }
-    for (const name of this.sheet.querySelectorAll(".port-name")) name.classList.toggle("shown", kind === "part" && name.getAttribute("data-of") === path);
+    this.studio.wiring.names(kind === "part" ? [path] : []);
   }
 
   fit() {

@@ -32,7 +32,7 @@ export class Wiring {
       for (const port of part.includes(".") ? [] : ports ?? []) {
         this.ports.set(port.path, port);
         port.marks = port.at.map((/** @type {any[]} */ [x, y]) => this.mark(port, x, y));
-        this.layer.append(...port.marks, ...port.at.map((/** @type {any[]} */ [x, y, side]) => this.label(part, port.name, x, y, side)));
+        this.layer.append(...port.marks);
       }
     }
     this.line = document.createElementNS(SVG, "path");
@@ -54,10 +54,18 @@ export class Wiring {
     return circle;
   }
 
-  /** The name of a port, which is shown while its part is selected. @param {string} part @param {string} name @param {number} x @param {number} y @param {string} side */
-  label(part, name, x, y, side) {
+  /** The names of the ports of the parts that are selected. @param {string[]} parts */
+  names(parts) {
+    for (const found of this.layer?.querySelectorAll(".port-name") ?? []) found.remove();
+    for (const port of parts.length ? this.ports.values() : []) {
+      if (parts.includes(port.path.split(".")[0])) this.layer?.append(...port.at.map((/** @type {any[]} */ [x, y, side]) => this.label(port.name, x, y, side)));
+    }
+  }
+
+  /** @param {string} name @param {number} x @param {number} y @param {string} side */
+  label(name, x, y, side) {
     const text = document.createElementNS(SVG, "text"), [dx, dy, anchor] = BESIDE[side] ?? BESIDE.right;
-    for (const [key, value] of [["x", x + dx], ["y", y + dy], ["text-anchor", anchor], ["class", "port-name"], ["data-of", part], ["aria-hidden", "true"]]) text.setAttribute(String(key), String(value));
+    for (const [key, value] of [["x", x + dx], ["y", y + dy], ["text-anchor", anchor], ["class", "port-name"], ["aria-hidden", "true"]]) text.setAttribute(String(key), String(value));
     text.textContent = name;
     return text;
   }
