@@ -142,9 +142,9 @@ def test_a_law_that_could_bend_further_but_does_not_is_no_rival(tmp_path: Path) 
     # another end that leaves more elsewhere, yet no more than noise, stays; one that leaves more does not
     best, other = made.cluster
     noise = 1 + residual_tests.SIGMAS * (2 / best.samples_held_out) ** 0.5
-    for left, alike in ((noise - 1e-3, True), (noise + 0.1, False)):
+    for left, near in ((noise - 1e-3, True), (noise + 0.1, False)):
         again = stage.choosing(replace(made, trials=(best, replace(other, chi2_held_out=left, slack=0.0))), best)
-        assert (len(again.cluster) == 2) is alike
+        assert (len(again.cluster) == 2) is near
     # where neither law reaches the noise, one that leaves more by a material share of the misfit is excluded
     assert made.errors is not None
     misfit = made.errors.mean(*identity.ALL) - 1
@@ -155,11 +155,17 @@ def test_a_law_that_could_bend_further_but_does_not_is_no_rival(tmp_path: Path) 
         errors = replace(trial.errors, sums=left * trial.errors.counts * varied)
         return replace(trial, cost=left * trial.samples, chi2_fit=left, chi2_held_out=left, slack=0.0, errors=errors)
 
-    near = inexact(best, 4.0)
-    for share, alike in ((0.8, True), (1.2, False)):
-        left = 4 + share * DECISION.material * misfit
-        again = stage.choosing(replace(made, trials=(near, inexact(other, left))), near)
-        assert (len(again.cluster) == 2) is alike
+    def alike(left: float, other_left: float) -> bool:
+        near = inexact(best, 1 + left)
+        return len(stage.choosing(replace(made, trials=(near, inexact(other, 1 + other_left))), near).cluster) == 2
+
+    large, small = 0.1 * misfit, 0.005 * misfit
+    assert small > DECISION.near - 1
+    assert alike(large, large + 0.8 * DECISION.material * misfit)
+    assert not alike(large, large + 1.2 * DECISION.material * misfit)
+    # or by several times what the better one leaves; near the noise, of what is called near
+    assert alike(small, 0.9 * DECISION.times * small) and not alike(small, 1.1 * DECISION.times * small)
+    assert alike(0.4, 0.9 * DECISION.times * 0.5) and not alike(0.4, 1.1 * DECISION.times * 0.5)
     stiffness = fit(stage.following(made)).parameters[-1]  # 1e6 N/m, sought from 1e4 to 1e10: near neither end
     assert stiffness.name == "series_compliance.c" and not stiffness.at_bound
 

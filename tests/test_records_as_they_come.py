@@ -454,3 +454,28 @@ def test_a_sensor_that_counts(tmp_path: Path) -> None:
     fine = record()
     fine["x"] = np.round(fine["x"] / 5e-5) * 5e-5  # a quarter of the noise
     assert compare(estimated(tmp_path, fine)).records["one"].channels["load.x"].step == 0
+
+
+# -- the start -----------------------------------------------------------------------------------------------------
+def test_a_state_that_begins_elsewhere_is_told_with_what_to_write(tmp_path: Path) -> None:
+    assert "begins at" not in notes(compare(experiment(tmp_path, record())))
+    columns = {name: values[60:] for name, values in record().items()}  # from 1.2 s on, moving
+    columns["t"] = columns["t"] - columns["t"][0]
+    said = notes(compare(experiment(tmp_path, columns)))
+    first = f"{1e3 * columns['x'][0]:.1f}"
+    written = float(first) / 1e3
+    assert f"load.x begins at {written:g} m in the record, at 0 m in the model: if the machine was in another state" in said
+    assert f"write `initial: {{load.x: {written:g} m}}` at this record" in said
+    assert "spring.F begins" not in said  # it depends on the input, and on a stiffness that may be wrong
+    words = hb.diagnose(tmp_path / "rig_beside.yaml", classes=["dry friction"], steps=1, number=1).words
+    assert any(w.startswith("one: load.x begins at") for w in words)
+    told = compare(experiment(tmp_path, columns, record=f"initial: {{load.x: {written:g} m, load.v: 0 m/s}}"))
+    assert "begins at" not in notes(told)
+
+
+def test_a_first_sample_that_is_dropped_is_no_start(tmp_path: Path) -> None:
+    columns = record()
+    columns["x"][0] = 0.05
+    assert "load.x begins at 0.05 m in the record" in notes(compare(experiment(tmp_path, columns)))
+    dropped = notes(compare(experiment(tmp_path, columns, x="outliers: drop")))
+    assert "left out of all figures" in dropped and "begins at" not in dropped

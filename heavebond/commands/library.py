@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,7 +25,10 @@ OWN = "this folder"
               help="Write a page (Markdown, SVG) about each component and function of the library into FOLDER.")
 @json_option
 def library(name: str | None, pages: Path | None) -> dict[str, object]:
-    """List the components by domain, those of the current folder first, and the functions; with NAME describe one."""
+    """List the components by domain, those of the current folder first, and the functions.
+
+    With NAME describe one; any other word (rope, "check valve") lists those with it in their name or summary.
+    """
     from heavebond.language.library import library as load_library
 
     if pages is not None:
@@ -35,8 +39,7 @@ def library(name: str | None, pages: Path | None) -> dict[str, object]:
     if name in known.functions and name not in known.files:
         return _show_function(known.functions[name])
     if name not in known.files:
-        raise UsageError([Problem("component-unknown", f"there is no component '{name}'", None, suggest(
-            name, [*known.files, *known.functions]) or "`heavebond library` lists every component.")])
+        return _list(known, name)
     return _show(known.component(name))
 
 
@@ -52,7 +55,8 @@ def _pages(folder: Path) -> dict[str, object]:
     return {"folder": str(folder), "components": written}
 
 
-def _list(known: Library) -> dict[str, object]:
+def _list(known: Library, wanted: str = "") -> dict[str, object]:
+    """Print all, or those whose name or summary contains every word of `wanted`; UsageError where there is none."""
     from heavebond.commands.terminal import output
     from heavebond.core.presentation import columns
     from heavebond.language.library import bundled
@@ -77,8 +81,16 @@ def _list(known: Library) -> dict[str, object]:
             problems.extend(error)
         except ExpressionProblem as problem:
             problems.add(problem.code, problem.message, hint=problem.hint)
+    words = wanted.lower().split()
+    folders = {folder: part for folder, found in folders.items() if (part := _with_words(found, words))}
+    functions = _with_words(functions, words)
+    if wanted and not folders and not functions:
+        said = f"there is no component '{wanted}', and none with this in its summary"
+        raise UsageError([Problem("component-unknown", said, None,
+                                  suggest(wanted, [*known.files, *known.functions]) or
+                                  "`heavebond library` lists every component.")])
     console = output()
-    for folder, summaries in [*folders.items(), ("functions", functions)]:
+    for folder, summaries in [*folders.items(), *([("functions", functions)] if functions else [])]:
         console.print(folder, style="bold")
         for line in columns(sorted(summaries.items()), console.width):
             console.print(line, soft_wrap=True)
@@ -86,6 +98,15 @@ def _list(known: Library) -> dict[str, object]:
     console.print("`heavebond library NAME` tells all about one.", soft_wrap=True)
     problems.raise_as(ModelError)
     return {"components": folders, "functions": functions}
+
+
+def _with_words(summaries: dict[str, str], words: list[str]) -> dict[str, str]:
+    """Those of the summaries by name in which each of the words (small letters) begins a word of the name or the summary."""
+    def found(name: str) -> bool:
+        text = " ".join([re.sub("(?<=[a-z])(?=[A-Z])", " ", name), name, summaries[name]]).lower()
+        return all(re.search(f"(?<![a-z]){re.escape(word)}", text) for word in words)
+
+    return {name: summary for name, summary in summaries.items() if found(name)}
 
 
 def _show_function(function: Function) -> dict[str, object]:

@@ -195,6 +195,7 @@ def diagnose(experiment: Experiment | str | Path, *, steps: int = MOST, number: 
             *acting_as_values(come.findings, come.steps, [t.candidate.name for t in come.values]),
             *(apart.words if apart is not None else ()),
             *_lost(come.steps),
+            *(f"{name}: {said}." for name, record in rungs[-1].comparison.records.items() for said in record.starts),
             *([SHORT] if short else []),
             *_limits(classes, cut(part, experiment)))
     return Diagnosis(experiment, said, told, rungs, tuple(come.findings), tuple(come.steps), shape, base,

@@ -2,8 +2,8 @@
 
 Where the best one leaves no more than noise, the noise is the yardstick: another one is excluded where its likelihood is
 smaller by strong evidence. Elsewhere no law is exact, and their predictive errors are compared with each other: a candidate
-is excluded where it is outside the model confidence set, and besides leaves more by a material share of the misfit. Both
-on all samples, each predicted by parameters that were not fitted to it.
+is excluded where it is outside the model confidence set, and besides leaves more by a material share of the misfit or by a
+multiple of what the best leaves. Both on all samples, each predicted by parameters that were not fitted to it.
 """
 
 from __future__ import annotations
@@ -72,14 +72,17 @@ def compared(best: Refit, trials: Sequence[Refit], before: PredictiveErrors) -> 
 
 
 def _material(best: Refit, other: Refit, misfit: float) -> bool:
-    """Whether another candidate leaves more by a material share of the misfit, also where what it leaves because its own
-    numbers are uncertain is not counted."""
+    """Whether another candidate leaves more by a material share of the misfit, or several times what the best leaves above
+    the noise; also where what it leaves because its own numbers are uncertain is not counted."""
     def left(trial: Refit, joint: bool) -> float:
         assert trial.errors is not None
         total = trial.errors.samples(*ALL)
-        return trial.errors.mean(*ALL) - joint * trial.slack / max(total, 1)
+        return trial.errors.mean(*ALL) - 1.0 - joint * trial.slack / max(total, 1)
 
-    return all(left(other, joint) - left(best, joint) > DECISION.material * misfit for joint in (False, True))
+    def differ(least: float, more: float) -> bool:
+        return more - least > DECISION.material * misfit or more > DECISION.times * max(least, DECISION.near - 1.0)
+
+    return all(differ(left(best, joint), left(other, joint)) for joint in (False, True))
 
 
 def _set(best: Refit, others: Sequence[Refit]) -> ConfidenceSet | None:

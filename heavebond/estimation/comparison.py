@@ -7,8 +7,10 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from string import ascii_letters, digits
 from typing import TYPE_CHECKING
 
+import casadi as ca
 import numpy as np
 
 from heavebond.core import facade
@@ -51,6 +53,9 @@ _SOONER = 0.15
 # Integration errors far below the noise of a record; tighter tolerances only cost time.
 TOLERANCES = Tolerances(1e-7, 1e-9)
 MANY = 10_000  # samples from which on the compiled program compares
+# Deviations of the noise by which the first sample of a state must differ from the start of the model: by chance once in a
+# million records.
+_ELSEWHERE = 5.0
 
 
 @dataclass(frozen=True)
@@ -101,7 +106,8 @@ class Channel:
 class RecordComparison:
     """All channels of one record. `validate` is the held-out part of the record, where the experiment has no validation
     record, else None; `notes` are remarks on the interpretation of the values; `doubtful` are channels whose unit, sign or
-    time seems to differ from that in the experiment."""
+    time seems to differ from that in the experiment; `starts` are those of the notes that tell of a state which begins
+    elsewhere in the record."""
 
     name: str
     use: str
@@ -111,6 +117,7 @@ class RecordComparison:
     validate: RecordComparison | None = None
     notes: tuple[str, ...] = ()
     doubtful: frozenset[str] = frozenset()
+    starts: tuple[str, ...] = ()
 
     @property
     def normalised(self) -> float:
@@ -235,9 +242,38 @@ def compare_record(experiment: Experiment, record: Record,
     held_inputs = [name for name, given in experiment.inputs_for(record).items() if given.interpolation == "hold"]
     slips = {} if measured.time_suspect else {
         c.name: _slips(c, measured.channels[c.name].output, measured.declared.get(c.name)) for c in fitted.values()}
-    notes = (*_notes(measured, fitted, slips, held_inputs), *changes_of(result, states=False))
+    starts = _starts(measured, [fitted[name] for name in _states(result.assembly, experiment) if not slips.get(name)])
+    notes = (*_notes(measured, fitted, slips, held_inputs), *starts, *changes_of(result, states=False))
     doubtful = frozenset(fitted) - {name for name, told in slips.items() if not told and name not in measured.declared}
-    return RecordComparison(record.name, record.use, record.file, fitted, result, held_out, notes, doubtful)
+    return RecordComparison(record.name, record.use, record.file, fitted, result, held_out, notes, doubtful, starts)
+
+
+def _states(assembly: Assembly, experiment: Experiment) -> list[str]:
+    """The outputs that are states of the model, or formulas of states alone."""
+    t, x, z, p, u, _ = assembly.arguments
+    shown = {name: assembly.expression(output.shown.expr) for name, output in experiment.outputs.items()}
+    return [name for name, formula in shown.items()
+            if ca.depends_on(formula, x) and not ca.depends_on(formula, ca.veccat(t, z, p, u))]
+
+
+def _starts(measured: Measured, states: Sequence[Channel]) -> tuple[str, ...]:
+    """A note for each of the channels that at the first instant of the record is not what it is in the model."""
+    if measured.time_suspect:
+        return ()
+    return tuple(_start_note(c, measured.channels[c.name].output) for c in states
+                 if c.time[0] <= measured.grid[0] and c.name not in measured.declared
+                 and not (c.outlier[0] and measured.channels[c.name].output.drop_outliers)
+                 and not (c.late is not None and c.late.noticeable and c.late.explains(c.noise))
+                 and abs(c.measured[0] - c.model[0]) > _ELSEWHERE * max(c.noise, c.step))
+
+
+def _start_note(channel: Channel, output: Output) -> str:
+    unit, formula = "" if channel.unit == "1" else f" {channel.unit}", output.shown.text
+    places = -math.floor(math.log10(max(channel.noise, channel.step)))
+    first, start = (f"{number(round(float(values[0]), places), 12)}{unit}" for values in (channel.measured, channel.model))
+    name = formula if set(formula) <= {*ascii_letters, *digits, "_", "."} else f'"{formula}"'
+    return (f"{channel.name} begins at {first} in the record, at {start} in the model: if the machine was in another state "
+            f"then, write `initial: {{{name}: {first}}}` at this record")
 
 
 def _notes(measured: Measured, channels: Mapping[str, Channel], slips: Mapping[str, Sequence[str]],

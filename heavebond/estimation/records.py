@@ -348,9 +348,10 @@ def _remarks(channel: Samples) -> list[str]:
         said.append(f"its readings go in steps of {readable(channel.step, unit, 3)}; rounding alone is an error of "
                     f"{readable(rounding, unit, 2)}, {what}")
     if channel.outlier.any():
-        said.append(f"{count(int(channel.outlier.sum()), 'sample stands', 'samples stand')} far from their neighbours, at "
-                    f"{moments(t[channel.outlier])}: " + ("left out of all figures" if channel.output.drop_outliers else
-                       "counted in all figures (`outliers: drop` leaves them out)"))
+        far = count(int(channel.outlier.sum()), "sample stands far from its", "samples stand far from their")
+        said.append(f"{far} neighbours, at {moments(t[channel.outlier])}: " + (
+            "left out of all figures" if channel.output.drop_outliers else
+            "counted in all figures (`outliers: drop` leaves them out)"))
     return said
 
 
