@@ -13,7 +13,8 @@ from heavebond.core.errors import UsageError
 from heavebond.language.library import bundled
 from heavebond.pictures.drawing import draw_expanded
 from heavebond.studio.bench import view
-from heavebond.studio.diagram_edits import edited, read_diagram
+from heavebond.studio.diagram_edits import read_diagram
+from heavebond.studio.edit_actions import edited
 from heavebond.studio.grid import grid_of
 from heavebond.studio.job import Job
 from heavebond.studio.palette import palette
@@ -199,3 +200,24 @@ def test_the_palette_has_every_component(tmp_path: Path) -> None:
     assert groups[0]["name"] == "this folder" and [c["name"] for c in groups[0]["components"]] == ["Own"]
     names = {c["name"] for group in groups for c in group["components"]}
     assert {"Mass", "Cylinder", "PID"} <= names or {"Mass", "Cylinder"} <= names
+
+
+def test_parts_are_moved_together_and_keep_their_distances() -> None:
+    grid = _grid(CAR)
+    moved = _edit(CAR, "move_parts", grid=grid, parts=["wheel", "tyre", "road"], part="tyre", column=3, row=3)
+    went, came = _lines(CAR, moved)
+    assert [line.split(":")[0].strip() for line in came] == ["wheel", "tyre", "road"] and len(went) == 3
+    assert "at: [3, 2]" in came[0] and "at: [3, 3]" in came[1] and "at: [3, 4]" in came[2]
+    assert _refused(CAR, "move_parts", grid=grid, parts=["wheel", "tyre"], part="tyre", column=1, row=4) == \
+        "'tyre' would stand where 'road' is"
+
+
+def test_parts_are_copied_with_the_wires_between_them() -> None:
+    """The copy below is joined as the original is, its weight is that of its own body, and nothing else changes."""
+    copied = _edit(CAR, "copy_parts", grid=_grid(CAR), parts=["body", "body_weight", "spring"], part="body")
+    went, came = _lines(CAR, copied)
+    assert went == [] and [" ".join(line.split()) for line in came] == [
+        "body2: {is: Mass, m: 320 kg, at: [1, 5]}", "body_weight2: {is: Weight, m: =body2.m, at: [0, 5]}",
+        "spring2: {is: Spring, c: 22 kN/m, l0: 0.5 m, at: [1, 6]}", "body2: [body2.a, body_weight2.a, spring2.b]"]
+    grown = _edit(copied, "delete", parts=["body2", "body_weight2", "spring2"])
+    assert grown == CAR

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import json
 from collections.abc import Iterator
 
 import browser
@@ -204,6 +205,38 @@ def test_a_part_is_dragged_and_what_does_not_fit_is_told(tab: browser.Tab, serve
     _true(tab, "!document.getElementById('reason').hidden")
     assert "a hydraulic port" in tab.run("document.getElementById('reason').innerText")
     assert tab.run("studio.editor.text") == before
+    assert tab.complaints == []
+
+
+def test_parts_are_selected_together_and_moved_copied_and_deleted(tab: browser.Tab, server: Server) -> None:
+    _open(tab, server)
+    left, top, right, bottom = tab.run("""(() => { const box = p => document.querySelector(`g.part[data-part=${p}] .frame`)
+        .getBoundingClientRect(), [a, b, c] = ["wheel_weight", "wheel", "tyre"].map(box);
+        return [a.left, b.top, b.right, c.bottom]; })()""")
+    start, end = (left - 5, top - 5), (right + 5, bottom + 5)  # a rectangle by Shift and the mouse
+    tab.mouse("Pressed", *start, button="left", clickCount=1, modifiers=8)
+    tab.mouse("Moved", *end, button="left", modifiers=8)
+    tab.mouse("Released", *end, button="left", clickCount=1, modifiers=8)
+    assert sorted(tab.run("studio.chosen")) == ["tyre", "wheel", "wheel_weight"]
+    x, y = tab.middle("g.part[data-part='wheel_weight'] .frame")
+    tab.mouse("Pressed", x, y, button="left", clickCount=1, modifiers=8)  # Shift and a click takes one away
+    tab.mouse("Released", x, y, button="left", clickCount=1, modifiers=8)
+    assert sorted(tab.run("studio.chosen")) == ["tyre", "wheel"]
+    tab.run("document.getElementById('sheet').focus()")
+    tab.key("d", ctrl=True)
+    _settled(tab, "studio.chosen.includes('tyre2') && studio.chosen.includes('wheel2')")
+    assert "wheel2: [wheel2.a, tyre2.b]" in tab.run("studio.editor.text")
+    where = "JSON.stringify(studio.chosen.map(p => studio.view.grid.cells[p]))"
+    before = tab.run(where)
+    _drag(tab, tab.middle("g.part[data-part='tyre2'] .frame"), _cell(tab, 2, 6))
+    _settled(tab, f"studio.chosen.length === 2 && {where} !== {before!r}")
+    assert {tuple(cell) for cell in json.loads(tab.run(where))} == {(2, 5), (2, 6)}
+    tab.run("document.getElementById('sheet').focus()")
+    tab.key("Delete", code=46)
+    _settled(tab, "!studio.view.parts.wheel2 && !studio.view.parts.tyre2")
+    assert tab.run("studio.editor.text") == CAR
+    tab.key("z", ctrl=True)
+    _settled(tab, "Boolean(studio.view.parts.wheel2)")
     assert tab.complaints == []
 
 

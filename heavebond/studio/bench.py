@@ -28,7 +28,7 @@ from heavebond.numerics.simulator import grid
 from heavebond.pictures.drawing import draw_expanded
 from heavebond.studio.animation import animation, modes
 from heavebond.studio.contents import Entry, contents, part_lines, problem_entry
-from heavebond.studio.diagram_edits import edited
+from heavebond.studio.edit_actions import edited
 from heavebond.studio.evidence import Evidence, assembled, experiment_entry, files_of, proposal, written_experiment
 from heavebond.studio.grid import grid_of
 from heavebond.studio.job import Job

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -85,19 +85,13 @@ def read_diagram(text: str, job: Job) -> Diagram:
     return Diagram(text, said, model, expanded, network)
 
 
-def edited(job: Job, action: Entry) -> Entry:
-    """The text after an action, and what is selected then. UsageError with the reason where it cannot be done."""
-    act = ACTIONS[str(action["act"])]
-    return act(read_diagram(job.text, job), job, action)
-
-
 # -- parts -----------------------------------------------------------------------------------------------------------------
 def place_part(diagram: Diagram, job: Job, action: Entry) -> Entry:
     """A new part of a kind at a place, with the values that its component cannot do without, from its example."""
     kind = str(action["kind"])
     component = diagram.model.library.component(kind)
     words = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", kind.removesuffix(".fmu"))
-    name = _free_name(re.sub(r"\W+", "_", words).lower(), diagram.taken)
+    name = free_name(re.sub(r"\W+", "_", words).lower(), diagram.taken)
     needed = [n for n, p in component.parameters.items() if p.default is None and p.neutral is None and not p.medium]
     shown = _example_values(component, kind)
     given: dict[str, Tree] = {n: shown[n] for n in needed if n in shown}
@@ -122,16 +116,21 @@ def move_part(diagram: Diagram, job: Job, action: Entry) -> Entry:
     written too: the drawing stays as it was but for the part that is moved."""
     name, grid = diagram.own(str(action["part"])), Grid.read(action)
     text, at = _at(diagram, grid, action)
-    turn = _position(diagram, name)[2:]
+    turn = position(diagram, name)[2:]
     written: list[Tree] = [*at, *turn]
     text = set_entry(text, ("components", name, "at"), written)
-    before = {k: cell for k, cell in grid.cells.items() if k != name}
+    return {"text": others_stay(text, diagram, job, grid, {name}), "part": name}
+
+
+def others_stay(text: str, diagram: Diagram, job: Job, grid: Grid, moved: set[str]) -> str:
+    """The text with places written for the parts that have none, where they would stand elsewhere after others moved."""
+    before = {k: cell for k, cell in grid.cells.items() if k not in moved}
     after = {k: cell for k, cell in cells_of(read_diagram(text, job).expanded).items() if k in before}
     if _order(before) != _order(after):
-        for other, cell in grid.cells.items():
-            if other != name and other in diagram.section("components") and not _position(diagram, other):
+        for other, cell in before.items():
+            if other in diagram.section("components") and not position(diagram, other):
                 text = set_entry(text, ("components", other, "at"), list(grid.place(*cell)))
-    return {"text": text, "part": name}
+    return text
 
 
 def _order(cells: dict[str, tuple[float, float]]) -> dict[str, tuple[int, int]]:
@@ -140,7 +139,8 @@ def _order(cells: dict[str, tuple[float, float]]) -> dict[str, tuple[int, int]]:
     return {name: (columns.index(c), rows.index(r)) for name, (c, r) in cells.items()}
 
 
-def _position(diagram: Diagram, name: str) -> list[Tree]:
+def position(diagram: Diagram, name: str) -> list[Tree]:
+    """What stands under `at:` of a part; nothing where it has no place of its own."""
     part = diagram.section("components").get(name)
     at = part.get("at") if isinstance(part, dict) else None
     return at if isinstance(at, list) else []
@@ -156,7 +156,7 @@ def _at(diagram: Diagram, grid: Grid, action: Entry) -> tuple[str, list[Tree]]:
     text = diagram.text
     for name, cell in grid.cells.items():
         if name in diagram.section("components"):
-            written = [renumbered(cell[0], column), renumbered(cell[1], row), *_position(diagram, name)[2:]]
+            written = [renumbered(cell[0], column), renumbered(cell[1], row), *position(diagram, name)[2:]]
             text = set_entry(text, ("components", name, "at"), written)
     return text, [renumbered(column, column), renumbered(row, row)]
 
@@ -164,7 +164,7 @@ def _at(diagram: Diagram, grid: Grid, action: Entry) -> tuple[str, list[Tree]]:
 def turn_part(diagram: Diagram, job: Job, action: Entry) -> Entry:
     """A part turned clockwise from how it stands (`turn`, degrees), as far as its symbol may be turned."""
     name, grid = diagram.own(str(action["part"])), Grid.read(action)
-    at = _position(diagram, name) or grid.place(*grid.cells[name])
+    at = position(diagram, name) or grid.place(*grid.cells[name])
     allowed, now = facings(sheet(diagram.expanded, diagram.network, frozenset()).parts[name]), int(action["turn"])
     if len(allowed) < 2:
         raise UsageError([Problem("part-upright", f"the symbol of '{name}' is never turned")])
@@ -207,7 +207,7 @@ def _check_name(name: str, diagram: Diagram, allowed: Iterable[str] = ()) -> Non
         raise UsageError([Problem("name-twice", f"there is already a part, a node or a parameter '{name}'")])
 
 
-def _free_name(first: str, taken: Iterable[str]) -> str:
+def free_name(first: str, taken: Iterable[str]) -> str:
     """`first`, or `first2`, `first3`, ... where that is taken or no name."""
     known = {*taken, *reading.RESERVED}
     stem = first if first[:1].isalpha() else f"part_{first}"
@@ -217,13 +217,13 @@ def _free_name(first: str, taken: Iterable[str]) -> str:
 def copy_part(diagram: Diagram, job: Job, action: Entry) -> Entry:
     """The same part once more with another name, one row below, joined to nothing."""
     name, grid = diagram.own(str(action["part"])), Grid.read(action)
-    fresh = _free_name(re.sub(r"[0-9]+$", "", name) or name, diagram.taken)
+    fresh = free_name(re.sub(r"[0-9]+$", "", name) or name, diagram.taken)
     part = diagram.section("components")[name]
     if not isinstance(part, dict):
         raise UsageError([Problem("edit-refused", f"'{name}' cannot be copied")])
     cell = grid.cells.get(name, (0.0, 0.0))
     text, at = _at(diagram, grid, {"column": cell[0], "row": cell[1] + 0.5})
-    turn = _position(diagram, name)[2:]
+    turn = position(diagram, name)[2:]
     return {"text": set_entry(text, ("components", fresh), {**part, "at": [*at, *turn]}, after=name), "part": fresh}
 
 
@@ -269,7 +269,7 @@ def join_ports(diagram: Diagram, job: Job, action: Entry) -> Entry:
         raise UsageError([Problem("ports-unfit", reason)])
     first, second = diagram.node_of(one), diagram.node_of(two)
     if not first and not second:
-        name = _node_name(diagram, (one, two))
+        name = node_name(diagram, (one, two))
         return {"text": _with_entry(diagram.text, "nodes", name, [one, two]), "node": name}
     if first and second:
         return {"text": _merged(diagram, first, second), "node": first}
@@ -277,7 +277,7 @@ def join_ports(diagram: Diagram, job: Job, action: Entry) -> Entry:
     return {"text": _added(diagram, node, port), "node": node}
 
 
-def _node_name(diagram: Diagram, ports: tuple[str, str]) -> str:
+def node_name(diagram: Diagram, ports: tuple[str, str]) -> str:
     """A name for a new node: that of a part with one port of power, a mass or a source, whose variables have other names
     than those of the node; else the names of both parts."""
     parts = list(dict.fromkeys(port.partition(".")[0] for port in ports))
@@ -288,7 +288,7 @@ def _node_name(diagram: Diagram, ports: tuple[str, str]) -> str:
             single = len(diagram.expanded.leaves[part].component.ports) == 1
             if single and part not in diagram.model.body.wires and not own & diagram.named(part).members:
                 return part
-    return _free_name("_".join(parts), diagram.taken)
+    return free_name("_".join(parts), diagram.taken)
 
 
 def _added(diagram: Diagram, node: str, port: str) -> str:
@@ -403,8 +403,3 @@ def _section_before(text: str, section: str) -> str:
         return ""
     earlier = MODEL_KEYS[:MODEL_KEYS.index(section)]
     return next((key for key in reversed(present) if key in earlier), "")
-
-
-ACTIONS: dict[str, Callable[[Diagram, Job, Entry], Entry]] = {
-    "place": place_part, "move": move_part, "turn": turn_part, "rename": rename_part, "rename_node": rename_node,
-    "copy": copy_part, "delete": delete, "join": join_ports, "leave": leave_node, "set": set_value}

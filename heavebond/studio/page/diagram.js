@@ -114,9 +114,9 @@ export class Diagram {
     this.picked = kind ? { kind, path } : null;
     for (const found of this.sheet.querySelectorAll("g.part, .reach")) {
       const own = found.getAttribute(kind === "node" ? "data-node" : "data-part");
-      found.classList.toggle("picked", Boolean(kind) && own === path && (kind === "node") === found.classList.contains("reach"));
+      found.classList.toggle("picked", Boolean(kind) && (own === path || (kind === "part" && this.studio.chosen.includes(own))) && (kind === "node") === found.classList.contains("reach"));
     }
-    this.studio.wiring.names(kind === "part" ? [path] : []);
+    this.studio.wiring.names(kind === "part" && !this.studio.chosen.length ? [path] : []);
   }
 
   fit() {
@@ -164,6 +164,7 @@ export class Diagram {
     sheet.addEventListener("pointerdown", (event) => {
       if (event.button > 1) return;
       if (event.button === 0 && this.studio.handling.begin(event)) return;
+      if (event.button === 0 && event.shiftKey && this.studio.edits.possible) { this.studio.handling.band(event); return; }
       held = { x: event.clientX, y: event.clientY, moved: false, target: event.target };
       sheet.setPointerCapture(event.pointerId);
     });

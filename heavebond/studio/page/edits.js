@@ -31,8 +31,10 @@ export class Edits {
       byId("reason").hidden = true;
       studio.editor.replace(told.text);
       studio.picked = told.part ? { kind: "part", path: told.part } : told.node ? { kind: "node", path: told.node } : null;
+      studio.chosen = [];
       await studio.check(false);
-      if (studio.picked) studio.pick(studio.picked.kind, studio.picked.path);
+      if (told.parts?.length > 1) studio.chooseParts([...told.parts.filter((/** @type {string} */ part) => part !== told.part), told.part]);
+      else if (studio.picked) studio.pick(studio.picked.kind, studio.picked.path);
       studio.diagram.reveal();
       return true;
     } catch (error) {
@@ -57,11 +59,16 @@ export class Edits {
   }
 
   remove() {
-    const picked = this.selected;
+    const picked = this.selected, { chosen } = this.studio;
+    if (chosen.length) { void this.act({ act: "delete", parts: chosen }); return; }
     if (picked) void this.act(picked.kind === "part" ? { act: "delete", parts: [picked.path] } : { act: "delete", nodes: [picked.path] });
   }
 
-  copy() { if (this.selected?.kind === "part") void this.act({ act: "copy", part: this.selected.path }); }
+  copy() {
+    const { chosen } = this.studio;
+    if (chosen.length) void this.act({ act: "copy_parts", parts: chosen, part: chosen[chosen.length - 1] });
+    else if (this.selected?.kind === "part") void this.act({ act: "copy", part: this.selected.path });
+  }
 
   rotate() {
     if (this.selected?.kind !== "part") return;
@@ -87,7 +94,8 @@ export class Edits {
   step(dx, dy) {
     const picked = this.selected, grid = this.studio.view?.grid;
     if (picked?.kind !== "part" || !grid?.cells[picked.path]) return;
-    const [c, r] = grid.cells[picked.path], taken = new Set(Object.values(grid.cells).map(String));
+    const [c, r] = grid.cells[picked.path], { chosen } = this.studio, taken = new Set(Object.values(grid.cells).map(String));
+    if (chosen.length) { void this.act({ act: "move_parts", parts: chosen, part: picked.path, column: Math.max(-1, Math.min(grid.xs.length, c + dx)), row: Math.max(-1, Math.min(grid.ys.length, r + dy)) }); return; }
     const beyond = taken.has(String([c + dx, r + dy])) ? 1.5 : 1;
     const limit = (/** @type {number} */ value, /** @type {number} */ count) => Math.max(-1, Math.min(count, value));
     void this.act({ act: "move", part: picked.path, column: limit(c + beyond * dx, grid.xs.length), row: limit(r + beyond * dy, grid.ys.length) });
@@ -107,6 +115,14 @@ export class Edits {
       el("button", { id: "item-delete", title: "Delete (Del)", onclick: () => this.remove() }, part ? "Delete" : "Delete the wire"))];
   }
 
+  /** What can be done with several parts, for the panel. @param {string[]} parts */
+  several(parts) {
+    return [el("h2", {}, `${parts.length} parts`), el("div", { class: "tools" }, el("button", { id: "item-copy", title: "Copy with the wires between them (Ctrl+D)", onclick: () => this.copy() }, "Copy"),
+      el("button", { id: "item-delete", title: "Delete (Del)", onclick: () => this.remove() }, "Delete")),
+    el("p", {}, "Drag one of them, or press Shift and arrow keys, to move all. Shift and a click adds or takes away a part."),
+    el("ul", { class: "ports" }, ...parts.map((part) => el("li", {}, el("button", { class: "plain", onclick: () => this.studio.pick("part", part) }, part), el("span", { class: "doc" }, ` ${this.studio.view.parts[part]?.kind ?? ""}`))))];
+  }
+
   /** The ports of a part with what they are joined to. @param {any} part */
   ports(part) {
     if (!part.ports?.length) return [];
@@ -120,6 +136,7 @@ export class Edits {
   /** Keys that act on what is selected; whether this was one of them. @param {KeyboardEvent} event */
   key(event) {
     const mod = event.ctrlKey || event.metaKey, { key } = event;
+    if (mod && key === "a") { event.preventDefault(); this.studio.chooseParts(Object.keys(this.studio.view?.grid?.cells ?? {})); return true; }
     /** @type {Record<string, () => void>} */
     const keys = mod ? { d: () => this.copy() } : event.altKey ? {} : event.shiftKey ?
       { ArrowLeft: () => this.step(-1, 0), ArrowRight: () => this.step(1, 0), ArrowUp: () => this.step(0, -1), ArrowDown: () => this.step(0, 1) } :

@@ -19,7 +19,11 @@ export class Handling {
     const port = target.closest("[data-port]"), part = target.closest("g.part")?.getAttribute("data-part") ?? "";
     if (this.studio.wiring.from && !this.studio.wiring.pressed) { this.finish(event); return true; } // begun by the keyboard
     if (port) { this.wire(event, port); return true; }
-    if (part && !part.includes(".") && this.studio.view?.grid?.cells[part]) { this.drag(event, part); return true; }
+    if (part && !part.includes(".") && this.studio.view?.grid?.cells[part]) {
+      if (event.shiftKey) { event.preventDefault(); this.studio.chooseToo(part); return true; }
+      this.drag(event, part);
+      return true;
+    }
     return false;
   }
 
@@ -49,8 +53,49 @@ export class Handling {
     else { wiring.end(); this.studio.say(""); }
   }
 
+  /** A rectangle drawn with Shift: the parts in it are selected together. @param {PointerEvent} event */
+  band(event) {
+    const box = this.sheet.getBoundingClientRect(), frame = el("div", { class: "band" });
+    /** @type {[number, number, number, number]} */ let edges = [event.clientX, event.clientY, event.clientX, event.clientY];
+    this.sheet.append(frame);
+    this.follow(event, (move) => {
+      edges = [Math.min(event.clientX, move.clientX), Math.min(event.clientY, move.clientY), Math.max(event.clientX, move.clientX), Math.max(event.clientY, move.clientY)];
+      Object.assign(frame.style, { left: `${edges[0] - box.left}px`, top: `${edges[1] - box.top}px`, width: `${edges[2] - edges[0]}px`, height: `${edges[3] - edges[1]}px` });
+    }, () => {
+      frame.remove();
+      const inside = Object.keys(this.studio.view?.grid?.cells ?? {}).filter((part) => {
+        const found = this.studio.diagram.group(part)?.querySelector(".frame")?.getBoundingClientRect();
+        return found && found.left >= edges[0] && found.top >= edges[1] && found.right <= edges[2] && found.bottom <= edges[3];
+      });
+      this.studio.chooseParts([...new Set([...this.studio.chosen, ...inside])]);
+    }, () => frame.remove());
+  }
+
+  /** Several parts, led by one of them. @param {PointerEvent} event @param {string} part */
+  dragAll(event, part) {
+    const { diagram, edits, view, chosen } = this.studio, start = diagram.point(event), { grid } = view;
+    const groups = chosen.map((/** @type {string} */ name) => ({ group: diagram.group(name), x: grid.xs[grid.cells[name][0]], y: grid.ys[grid.cells[name][1]], was: diagram.group(name).getAttribute("transform") }));
+    const [x0, y0] = [grid.xs[grid.cells[part][0]], grid.ys[grid.cells[part][1]]];
+    /** @type {any} */ let guides = null;
+    /** @type {any} */ let cell = null;
+    const end = () => { guides?.end(); for (const { group, was } of groups) { group.setAttribute("transform", was); group.classList.remove("dragged"); } this.sheet.classList.remove("dragging"); };
+    this.follow(event, (move) => {
+      if (!guides && Math.hypot(move.clientX - event.clientX, move.clientY - event.clientY) < SLACK) return;
+      if (!guides) { guides = new Guides(diagram.svg); for (const { group } of groups) group.classList.add("dragged"); this.sheet.classList.add("dragging"); }
+      const { x, y } = diagram.point(move), dx = x - start.x, dy = y - start.y;
+      for (const g of groups) g.group.setAttribute("transform", `translate(${g.x + dx} ${g.y + dy})`);
+      cell = cellAt({ ...grid, cells: { [part]: grid.cells[part] } }, x0 + dx, y0 + dy, part);
+      guides.show(cell);
+    }, () => {
+      end();
+      if (!cell) diagram.choose(diagram.group(part));
+      else if (!cell.same) void edits.act({ act: "move_parts", parts: chosen, part, column: cell.column, row: cell.row });
+    }, end);
+  }
+
   /** @param {PointerEvent} event @param {string} part */
   drag(event, part) {
+    if (this.studio.chosen.includes(part)) { this.dragAll(event, part); return; }
     const { diagram, edits, view } = this.studio, group = diagram.group(part);
     const start = diagram.point(event), [x0, y0] = [view.grid.xs[view.grid.cells[part][0]], view.grid.ys[view.grid.cells[part][1]]];
     const was = group.getAttribute("transform");

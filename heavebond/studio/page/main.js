@@ -25,7 +25,8 @@ class Studio {
     /** @type {any} */ this.document = null;
     /** @type {any} */ this.view = null;
     /** @type {string[]} */ this.opened = [];
-    /** @type {any} */ this.picked = null;
+    /** @type {any} */ this.picked = null; // the part or node in the panel
+    /** @type {string[]} */ this.chosen = []; // the parts that are moved, copied and deleted together, the picked one among them
     this.folder = "";
     this.file = new DiagramFile(this);
     this.editor = new Editor(byId("editor"), nonce, () => this.file.changed(), (line) => this.atLine(line), (context) => this.completion.propose(context));
@@ -135,7 +136,7 @@ class Studio {
     this.file.keepDraft();
     const told = await this.link.ask("open", { name });
     this.document = told;
-    Object.assign(this, { view: null, opened: [], picked: null });
+    Object.assign(this, { view: null, opened: [], picked: null, chosen: [] });
     this.diagram.picked = null;
     this.runs.clear();
     this.animation.clear();
@@ -221,6 +222,7 @@ class Studio {
   tidy() {
     const known = new Set([...this.view.parameters, ...Object.values(this.view.parts).flatMap((p) => p.parameters)].filter((p) => p.slider).map((p) => p.path));
     if (this.picked && !this.view[this.picked.kind === "part" ? "parts" : "nodes"]?.[this.picked.path]) this.picked = this.diagram.picked = null;
+    if (!this.picked || this.chosen.some((part) => !this.view.parts[part])) this.chosen = [];
     this.runs.values = Object.fromEntries(Object.entries(this.runs.values).filter(([path]) => known.has(path)));
     if (!this.runs.plotted.length && !this.runs.live) this.runs.plotted = this.view.outputs.slice(0, 4).map((/** @type {any} */ o) => o.name);
   }
@@ -240,9 +242,27 @@ class Studio {
     count.classList.toggle("wrong", problems.length > 0);
   }
 
+  /** Parts of the outermost sheet together; the last of them is the one that leads. @param {string[]} parts */
+  chooseParts(parts) {
+    if (parts.length < 2) { this.pick(parts.length ? "part" : "", parts[0] ?? ""); return; }
+    this.picked = { kind: "part", path: parts[parts.length - 1] };
+    this.chosen = parts;
+    this.diagram.pick("part", this.picked.path);
+    this.panel.show();
+    byId("panel").scrollTop = 0;
+    this.say(`${parts.length} parts selected`);
+  }
+
+  /** One part more, or one less. @param {string} path */
+  chooseToo(path) {
+    const now = this.chosen.length ? this.chosen : this.picked?.kind === "part" && !this.picked.path.includes(".") ? [this.picked.path] : [];
+    this.chooseParts(now.includes(path) ? now.filter((p) => p !== path) : [...now, path]);
+  }
+
   /** @param {string} kind @param {string} path */
   pick(kind, path) {
     this.picked = kind ? { kind, path } : null;
+    this.chosen = [];
     this.diagram.pick(kind, path);
     this.panel.show();
     byId("panel").scrollTop = 0;

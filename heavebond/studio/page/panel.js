@@ -24,6 +24,7 @@ export class Panel {
   /** @param {any} view @param {any} picked */
   content(view, picked) {
     const part = picked?.kind === "part" ? view.parts[picked.path] : null, node = picked?.kind === "node" ? view.nodes[picked.path] : null;
+    if (this.studio.chosen.length) return this.studio.edits.several(this.studio.chosen);
     if (part) return this.part(picked.path, part, view);
     if (node) return [...this.studio.edits.tools(picked.path), el("p", {}, `Node (${node.domain}). It joins:`), this.ends(node), ...this.lines(node), ...this.studio.evidence.about("node", picked.path), ...this.signals("Signals", node.signals)];
     return [el("h2", {}, view.name), el("p", {}, view.summary), ...this.changed(), ...this.studio.evidence.summary(), ...this.parameters(view.parameters),

@@ -1,0 +1,21 @@
+"""The edits of a drawing by their names, as the page asks for them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from heavebond.studio import diagram_edits as one
+from heavebond.studio import group_edits as group
+from heavebond.studio.diagram_edits import Diagram, Entry, read_diagram
+from heavebond.studio.job import Job
+
+ACTIONS: dict[str, Callable[[Diagram, Job, Entry], Entry]] = {
+    "place": one.place_part, "move": one.move_part, "turn": one.turn_part, "rename": one.rename_part,
+    "rename_node": one.rename_node, "copy": one.copy_part, "delete": one.delete, "join": one.join_ports,
+    "leave": one.leave_node, "set": one.set_value, "move_parts": group.move_parts, "copy_parts": group.copy_parts}
+
+
+def edited(job: Job, action: Entry) -> Entry:
+    """The text after an action, and what is selected then. UsageError with the reason where it cannot be done."""
+    act = ACTIONS[str(action["act"])]
+    return act(read_diagram(job.text, job), job, action)
