@@ -70,6 +70,20 @@ def _unused(base: str, taken: Collection[str]) -> str:
     return found
 
 
+def _known_values(made: Component, builder: Builder, values: Mapping[str, float]) -> dict[str, float]:
+    """The values that are known before the run: numbers, parameters (0 where the file states none), and what the initial
+    equations and the equations compute of these."""
+    known = {item.name: 0.0 for item in made.of_kind("parameter")} | dict(builder.numbers) | dict(values)
+    formulas = {**{left.name: right for left, right, _ in made.equations if left.op == "name"}, **builder.start}
+    found = True
+    while found:
+        new = {name: value for name, right in formulas.items() if name not in known
+               and (value := fold(right, known)) is not None}
+        known.update(new)
+        found = bool(new)
+    return known
+
+
 class Nets:
     """Ends of connections that are one node."""
 
@@ -167,16 +181,19 @@ class Translator:
             if shared in self.emx.parameters:
                 values[own] = self.emx.parameters[shared]
                 made.items[own].value = values[own]
+        known = _known_values(made, builder, values)
         for held, first in made.first.items():
-            value = fold(first, {**builder.numbers, **values})
+            value = fold(first, known)
             if value is None:
-                made.untranslated.append((builder.submodel.line, f"the first value of '{held}' is not a number"))
+                why = f"the first value of '{held}' depends on the run; 0 is used"
+                made.omitted.append((builder.submodel.line, why))
             made.items[held].value = value or 0.0
         for variable, first in list(made.initial.items()):
             stated = self.emx.initials.get(f"{prefix}{variable}_initial")
-            value = fold(first, {**builder.numbers, **values}) if stated is None else stated
+            value = fold(first, known) if stated is None else stated
             if value is None:
-                made.untranslated.append((builder.submodel.line, f"the initial value of '{variable}' is not a number"))
+                why = f"the initial value of '{variable}' depends on the run; 0 is used"
+                made.omitted.append((builder.submodel.line, why))
             made.initial[variable] = first.__class__("number", value=value or 0.0)
 
     def block(self, submodel: Submodel, old: str, new: str) -> Block:

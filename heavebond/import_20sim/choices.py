@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 
 from heavebond.import_20sim import formula_text as f
 from heavebond.import_20sim.sidops_tree import Expr
@@ -16,14 +17,18 @@ def rebuilt(expr: Expr, change: Callable[[Expr], Expr]) -> Expr:
     return Expr(expr.op, tuple(change(e) for e in expr.args), expr.name, expr.value, expr.line, expr.columns)
 
 
+@lru_cache(maxsize=100_000)
 def simplified(expr: Expr) -> Expr:
     """The same value with the choices and conditions decided that known numbers decide."""
+    if not expr.args:
+        return expr
     expr = rebuilt(expr, simplified)
     if expr.op == "if":
         return _choice(expr)
     if expr.op in ("and", "or"):
-        return _joined(expr)
+        return _joined(rebuilt(expr, _condition))
     if expr.op == "not":
+        expr = rebuilt(expr, _condition)
         inner = expr.args[0]
         if inner.op == "number":
             return FALSE if inner.value else TRUE
@@ -36,10 +41,31 @@ def simplified(expr: Expr) -> Expr:
 
 
 def _choice(expr: Expr) -> Expr:
-    condition, then, otherwise = expr.args
+    condition, then, otherwise = _condition(expr.args[0]), *expr.args[1:]
     if condition.op == "number":
         return then if condition.value else otherwise
-    return then if then == otherwise else expr
+    then, otherwise = decided(then, condition, True), decided(otherwise, condition, False)
+    return then if then == otherwise else Expr("if", (condition, then, otherwise), line=expr.line)
+
+
+def _condition(expr: Expr) -> Expr:
+    """A flag that is 1 where a condition is true, as that condition."""
+    if expr.op == "if" and expr.args[1:] == (TRUE, FALSE):
+        return expr.args[0]
+    return simplified(Expr("not", (expr.args[0],))) if expr.op == "if" and expr.args[1:] == (FALSE, TRUE) else expr
+
+
+def decided(expr: Expr, condition: Expr, value: bool) -> Expr:
+    """An expression where a condition is true or false: its own choices by that condition, or by a part of it, are made."""
+    if condition.op == ("and" if value else "or"):
+        return decided(decided(expr, condition.args[0], value), condition.args[1], value)
+    while expr.op == "if":
+        same = expr.args[0] == condition
+        if not same and expr.args[0] != (Expr(OPPOSITE[condition.op], condition.args) if condition.op in OPPOSITE else
+                                         Expr("not", (condition,))):
+            break
+        expr = expr.args[1 if same == value else 2]
+    return expr
 
 
 def _joined(expr: Expr) -> Expr:
@@ -90,22 +116,27 @@ def _compared(expr: Expr) -> Expr:
     return expr
 
 
-def triggers(expr: Expr) -> list[Expr]:
+@lru_cache(maxsize=100_000)
+def triggers(expr: Expr) -> tuple[Expr, ...]:
     """The events in an expression, each once."""
     found = [expr] if expr.op == "event" else []
-    return list(dict.fromkeys([*found, *(e for arg in expr.args for e in triggers(arg))]))
+    return tuple(dict.fromkeys([*found, *(e for arg in expr.args for e in triggers(arg))]))
 
 
+@lru_cache(maxsize=100_000)
 def at_event(expr: Expr, event: Expr | None) -> Expr:
     """The expression at the instant of an event, or between events: the others are false."""
-    def change(e: Expr) -> Expr:
-        if e.op == "event":
-            return TRUE if e == event else FALSE
-        return rebuilt(e, change)
-
-    return simplified(change(expr))
+    return simplified(_replaced(expr, event)) if triggers(expr) else simplified(expr)
 
 
+@lru_cache(maxsize=100_000)
+def _replaced(expr: Expr, event: Expr | None) -> Expr:
+    if expr.op == "event":
+        return TRUE if expr == event else FALSE
+    return rebuilt(expr, lambda e: _replaced(e, event)) if expr.args else expr
+
+
+@lru_cache(maxsize=100_000)
 def at_start(expr: Expr) -> Expr:
     """The expression at the initial time, where an instant that has passed counts as an event."""
     def change(e: Expr) -> Expr:
@@ -121,22 +152,25 @@ def names(expr: Expr) -> list[str]:
     return [expr.name] if expr.op in ("name", "prev") else [n for e in expr.args for n in names(e)]
 
 
+@lru_cache(maxsize=100_000)
 def keeps(expr: Expr, name: str) -> bool:
     """Whether a value depends on the value that the variable had before."""
     return (expr.op in ("prev", "name") and expr.name == name) or any(keeps(e, name) for e in expr.args)
 
 
+@lru_cache(maxsize=100_000)
 def renamed(expr: Expr, old: str, new: Expr) -> Expr:
     """An expression with `new` in place of a variable or its former value."""
     if expr.op in ("name", "prev") and expr.name == old:
         return new
-    return rebuilt(expr, lambda e: renamed(e, old, new))
+    return rebuilt(expr, lambda e: renamed(e, old, new)) if expr.args else expr
 
 
-def leaves(expr: Expr, held: Expr) -> list[tuple[Expr, Expr]]:
+@lru_cache(maxsize=100_000)
+def leaves(expr: Expr, held: Expr) -> tuple[tuple[Expr, Expr], ...]:
     """The conditions and values of a nested choice, without the branches that keep the value."""
     if expr.op != "if":
-        return []
+        return ()
     condition, then, otherwise = expr.args
     condition = f.truth(condition)
     found = []
@@ -145,4 +179,4 @@ def leaves(expr: Expr, held: Expr) -> list[tuple[Expr, Expr]]:
             continue
         inner = leaves(branch, held)
         found += [(Expr("and", (guard, c)), v) for c, v in inner] if branch.op == "if" else [(guard, branch)]
-    return [(simplified(c), v) for c, v in found]
+    return tuple((simplified(c), v) for c, v in found)

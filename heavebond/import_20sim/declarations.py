@@ -12,7 +12,7 @@ from heavebond.import_20sim.expressions_parser import Unreadable
 from heavebond.import_20sim.matrices import Matrix
 from heavebond.import_20sim.names import identifier
 from heavebond.import_20sim.sidops_tree import Declared, Equations, Expr, Port, Submodel
-from heavebond.import_20sim.units import unit_text
+from heavebond.import_20sim.units import unit_of
 
 ACROSS_IS_FLOW = {"translation", "rotation", "mechanical"}
 
@@ -96,6 +96,8 @@ class Symbols:
         for label, out in self.many[port.name]:
             group = [[label]] if rows * columns == 1 else [[f"{label}_{i + 1}"] for i in range(rows * columns)]
             self._end(port, label, group, out)
+        if not self.submodel.knot and port.domain != "signal":
+            self._common(port)
 
     def _end(self, port: Port, label: str, group: list[list[str]], out: bool) -> None:
         """One port of the component with its elements."""
@@ -111,6 +113,27 @@ class Symbols:
         effort = [[f.name(f"{e}.e") for e in row] for row in group]
         flow = [[f.negative(f.name(f"{e}.f")) if out else f.name(f"{e}.f") for e in row] for row in group]
         self._members(port, label, effort, flow)
+
+    def _common(self, port: Port) -> None:
+        """A port of an element that may have several connections: its ends share the across quantity, and the through
+        quantities add up."""
+        if not self.many[port.name]:
+            self._end(port, port.name, [[identifier(port.name)]], port.direction == "out")
+            return
+        (first, _), *others = self.many[port.name]
+        across = self.names[f"{first}.a"]
+        through = None
+        for name, out in self.many[port.name]:
+            own = self.names[f"{name}.t"]
+            signed = [[f.negative(e) if out != (port.direction == "out") else e for e in row] for row in own]
+            through = signed if through is None else [[f.add(a, b) for a, b in zip(r, s, strict=True)]
+                                                      for r, s in zip(through, signed, strict=True)]
+        for name, _ in others:
+            for mine, other in zip(across, self.names[f"{name}.a"], strict=True):
+                self.made.equations += [(b, a, "") for a, b in zip(mine, other, strict=True)]
+        assert through is not None
+        effort, flow = (through, across) if port.domain in ACROSS_IS_FLOW else (across, through)
+        self._members(port, port.name, effort, flow)
 
     def _terminals(self, port: Port) -> None:
         """A port with two terminals: the across quantity is the difference between them, the through quantity passes."""
@@ -144,7 +167,7 @@ class Symbols:
         if item.kind == "string":
             return
         names = self._elements(item.name, item.size)
-        unit, factor, doc = unit_text(item.unit)
+        unit = unit_of(item.unit)
         values: list[Expr] = []
         if item.value is not None:
             values = [e for row in self.evaluate(item.value) for e in row]
@@ -157,8 +180,8 @@ class Symbols:
             value = fold(values[k], {**values_known, **self.numbers}) if values else None
             if values and value is None:
                 self.made.omitted.append((item.line, f"the value of the parameter '{item.name}' is not a known number"))
-            self.made.items[name] = Item(name, "parameter", unit, " ".join(filter(None, (item.doc, doc))),
-                                         None if value is None else value * factor)
+            self.made.items[name] = Item(name, "parameter", unit.base, " ".join(filter(None, (item.doc, unit.doc))),
+                                         None if value is None else unit.si(value))
             if item.is_global:
                 self.made.shared[name] = f"{item.name}{name[len(identifier(item.name)):]}"
         self.names[item.name] = [[f.name(e) for e in row] for row in names]
@@ -167,10 +190,10 @@ class Symbols:
         if item.kind == "string" or item.name in self.names:
             return
         names = self._elements(item.name, item.size)
-        unit, _, doc = unit_text(item.unit)
+        unit = unit_of(item.unit)
         for name in (e for row in names for e in row):
             kind = "in" if "import" in item.words else "variable"
-            self.made.items[name] = Item(name, kind, unit, " ".join(filter(None, (item.doc, doc))))
+            self.made.items[name] = Item(name, kind, unit.base, " ".join(filter(None, (item.doc, unit.doc))))
             if item.is_global and kind == "variable":
                 self.made.gives[name] = item.name if len(names) == 1 else f"{item.name}{name[len(identifier(item.name)):]}"
         self.names[item.name] = [[f.name(e) for e in row] for row in names]

@@ -22,34 +22,33 @@ from heavebond.import_20sim.choices import (
 )
 from heavebond.import_20sim.component import Component, Item
 from heavebond.import_20sim.declarations import Symbols
-from heavebond.import_20sim.evaluate import fold
+from heavebond.import_20sim.execution import Env, Execution
 from heavebond.import_20sim.expressions_parser import Unreadable
 from heavebond.import_20sim.knots import collected, knot_equations, knot_value
 from heavebond.import_20sim.matrices import Matrix
 from heavebond.import_20sim.memory import Memory
 from heavebond.import_20sim.names import camel
-from heavebond.import_20sim.sidops_tree import Assign, Do, Expr, For, If, Statement, Submodel, While
+from heavebond.import_20sim.sidops_tree import Assign, Do, Expr, Statement, Submodel
+from heavebond.import_20sim.splitting import split_deep
 
-Env = dict[str, Expr]
-MOST_TURNS = 500
 NO_EFFECT = {"warning", "stopsimulation", "effortincausality", "flowincausality", "seed"}  # on the solution of the equations
 
 
-class Builder:
+class Builder(Execution):
     """The component of one submodel; `comments` by line, `ends` the connections of a knot's ports (name, direction), `known`
     the values of global quantities."""
 
     def __init__(self, submodel: Submodel, comments: Mapping[int, str], ends: Iterable[tuple[str, str, str]] = (),
                  known: Mapping[str, float] = MappingProxyType({})):
+        super().__init__()
         self.submodel, self.comments = submodel, comments
         self.made = Component(camel(submodel.type or submodel.name), "")
         self.memory = Memory(self.made)
         self.symbols = Symbols(submodel, self.made, self.memory, ends, known)
         self.source, self.evaluate, self.numbers = self.symbols.source, self.symbols.evaluate, self.symbols.numbers
         self.evaluate.knots = partial(knot_value, self.symbols)
-        self.targets: dict[str, Expr] = {}  # what a statement assigns, by its text
         self.triggers: Env = {}  # variables that are events
-        self.turns = 0
+        self.start: Env = {}  # what the initial equations assign
 
     def build(self) -> Component:
         """The component; what cannot be translated is listed in it."""
@@ -64,11 +63,13 @@ class Builder:
             made.untranslated.append((self.submodel.line, "an expression is nested too deeply"))
         if made.untranslated:
             make_placeholder(made)
+        else:
+            split_deep(made)
         return made
 
     # -- statements --------------------------------------------------------------------------------------------------
     def _equations(self) -> None:
-        start: Env = {}
+        start = self.start
         self._run(self.source.initial, start)
         written: set[str] = set()
         several = assigned_again(self.source.equations)
@@ -82,11 +83,32 @@ class Builder:
             else:
                 self.symbols.guard(partial(self._top, statement, written, start), statement.line)
         self._results(again, start, written)
-        code: Env = dict(self.triggers)
-        self._run(self.source.code, code)
+        code = self._code()
         self.evaluate.values = {}
         self._results(code, start, written)
         self._unwritten(start, written)
+
+    def _code(self) -> Env:
+        """What the statements of `code` assign, executed one after the other. After its last assignment, a variable stands
+        for its value: an equation of its own, as it was written."""
+        env: Env = dict(self.triggers)
+        final: Env = {}
+        statements = self.source.code
+        later: list[set[str]] = [set()]
+        for statement in reversed(statements):
+            later.append(later[-1] | set(assigned(statement)))
+        for statement, others in zip(statements, reversed(later[:-1]), strict=True):
+            self._run([statement], env)
+            for base in dict.fromkeys(assigned(statement)):
+                if base in others:
+                    continue
+                for key in (f.text(e) for row in self.symbols.names.get(base, []) for e in row):
+                    item, value = self.made.items.get(key), env.get(key)
+                    if value is None or item is None or item.kind not in ("variable", "out") or value.op == "number" or \
+                            triggers(value):
+                        continue
+                    final[key], env[key] = value, f.name(key)
+        return {**env, **final}
 
     def _used(self) -> set[str]:
         return {n for left, right, _ in self.made.equations for n in (*names(left), *names(right))} \
@@ -176,6 +198,10 @@ class Builder:
             self._rate(left, right, comment, written)
             return
         target = self.evaluate(left)
+        if right.op == "call" and right.name.lower() == "constraint" and len(right.args) == 1:
+            zero = self.evaluate(right.args[0])  # the left side is what keeps it at 0
+            self._pairs(zero, [[f.number(0)]], comment or f"kept at 0 by {f.text(target[0][0])}")
+            return
         self.memory.target = f.text(target[0][0]) if left.op in ("name", "index") else ""
         if right.op == "call" and right.name.lower() == "int" and self.memory.target and \
                 all(e.op == "name" and "." not in e.name for row in target for e in row):
@@ -219,93 +245,6 @@ class Builder:
         elements = [e for row in target for e in row]
         for e, value in zip(elements, flat if len(flat) == len(elements) else flat * len(elements), strict=False):
             self.made.initial[f.text(e)] = value
-
-    # -- statements one after the other ------------------------------------------------------------------------------
-    def _run(self, statements: Iterable[Statement], env: Env) -> None:
-        """Execute assignments one after the other with symbols; `env` holds what they assign."""
-        outer, self.evaluate.values = self.evaluate.values, env
-        for statement in statements:
-            try:
-                self._statement(statement, env)
-            except Unreadable as problem:
-                self.made.untranslated.append((problem.line or statement.line, problem.reason))
-        self.evaluate.values = outer
-
-    def _statement(self, statement: Statement, env: Env) -> None:
-        outer, self.evaluate.values = self.evaluate.values, env
-        try:
-            if isinstance(statement, Assign):
-                self._assign(statement, env)
-            elif isinstance(statement, If):
-                self._branches(statement, env)
-            elif isinstance(statement, For):
-                self._for(statement, env)
-            elif isinstance(statement, While):
-                self._while(statement, env)
-            else:
-                self._do(statement)
-        finally:
-            self.evaluate.values = outer
-
-    def _assign(self, statement: Assign, env: Env) -> None:
-        self.memory.target = statement.left.name if statement.left.op == "name" else ""
-        value = self.evaluate(statement.right)
-        self.evaluate.values = {}
-        target = self.evaluate(statement.left)
-        flat, elements = [e for row in value for e in row], [e for row in target for e in row]
-        for e, v in zip(elements, flat if len(flat) == len(elements) else flat * len(elements), strict=False):
-            env[f.text(e)] = simplified(v)
-            self.targets[f.text(e)] = e
-
-    def _branches(self, statement: If, env: Env) -> None:
-        condition = simplified(self.evaluate.scalar(statement.condition))
-        decided = fold(condition, self.numbers)
-        if decided is not None:
-            for inner in statement.then if decided else statement.otherwise:
-                self._statement(inner, env)
-            return
-        then, otherwise = dict(env), dict(env)
-        for body, own in ((statement.then, then), (statement.otherwise, otherwise)):
-            for inner in body:
-                self._statement(inner, own)
-        for name in dict.fromkeys([*then, *otherwise]):
-            a, b = (side.get(name, env.get(name, Expr("prev", name=name))) for side in (then, otherwise))
-            env[name] = a if a == b else simplified(Expr("if", (condition, a, b)))
-
-    def _turn(self, line: int) -> None:
-        self.turns += 1
-        if self.turns > MOST_TURNS * 20:
-            raise Unreadable(line, f"the loops have more than {MOST_TURNS * 20} turns")
-
-    def _for(self, statement: For, env: Env) -> None:
-        first, last = self.evaluate.whole(statement.first), self.evaluate.whole(statement.last)
-        step = 1 if statement.step is None else self.evaluate.whole(statement.step)
-        if step == 0 or abs(last - first) > MOST_TURNS * abs(step):
-            raise Unreadable(statement.line, f"a loop of more than {MOST_TURNS} turns is not translated")
-        shadowed = self.numbers.get(statement.name)
-        for k in range(first, last + (1 if step > 0 else -1), step):
-            self._turn(statement.line)
-            self.numbers[statement.name] = float(k)
-            for inner in statement.body:
-                self._statement(inner, env)
-        self.numbers.pop(statement.name, None)
-        if shadowed is not None:
-            self.numbers[statement.name] = shadowed
-
-    def _while(self, statement: While, env: Env) -> None:
-        """`while c do ... end`, or `repeat ... until c` (`after`), whose condition is known beforehand."""
-        for turn in range(MOST_TURNS + 1):
-            self.evaluate.values = env
-            decided = 1.0 if statement.after and turn == 0 else \
-                fold(simplified(self.evaluate.scalar(statement.condition)), self.numbers)
-            if decided is None:
-                raise Unreadable(statement.line, "a loop whose number of turns is not known beforehand is not translated")
-            if (turn or not statement.after) and bool(decided) == statement.after:
-                return
-            self._turn(statement.line)
-            for inner in statement.body:
-                self._statement(inner, env)
-        raise Unreadable(statement.line, f"a loop of more than {MOST_TURNS} turns is not translated")
 
     # -- results -----------------------------------------------------------------------------------------------------
     def _moves(self, expr: Expr) -> bool:
@@ -355,7 +294,7 @@ class Builder:
                                       "only at the instants at which the conditions of its branches become true"))
         self._held(name, item, value, start.get(name, f.number(0)))
 
-    def _follows(self, name: str, item: Item, value: Expr, found: list[tuple[Expr, Expr]], first: Expr) -> None:
+    def _follows(self, name: str, item: Item, value: Expr, found: Iterable[tuple[Expr, Expr]], first: Expr) -> None:
         """A variable that follows an expression while a branch assigns it, and keeps its last value where none does."""
         kept = self.made.hold(f"{name}_kept", item.unit, f"last value of {name}", first)
         self.made.equations.append((f.name(name), renamed(value, name, f.name(kept)), ""))

@@ -10,7 +10,7 @@ from typing import Protocol
 
 from heavebond.import_20sim import formula_text as f
 from heavebond.import_20sim.expressions_parser import Unreadable
-from heavebond.import_20sim.matrices import MATRICES, Matrix, extreme, product, total
+from heavebond.import_20sim.matrices import MATRICES, Matrix, extreme, multiplied, product, total
 from heavebond.import_20sim.sidops_tree import Expr
 
 SAME = {"sin": "sin", "cos": "cos", "tan": "tan", "tanh": "tanh", "exp": "exp", "ln": "log", "log": "log", "sqrt": "sqrt",
@@ -152,7 +152,7 @@ class Evaluator:
 
     def _call(self, expr: Expr) -> Matrix:
         name = expr.name.lower()
-        if name in ("sum", "first") and (at_knot := self.knots(expr)) is not None:
+        if name in ("sum", "mul", "first") and (at_knot := self.knots(expr)) is not None:
             return at_knot
         if name in EXTERNAL:
             raise Unreadable(expr.line, f"`{expr.name}`: {EXTERNAL[name]}")
@@ -175,9 +175,9 @@ class Evaluator:
             if not 1 <= n * n <= MOST_ELEMENTS:
                 raise Unreadable(expr.line, f"`{expr.name}` cannot have {n} rows")
             return [[f.number(float(i == k)) for k in range(n)] for i in range(n)]
-        if name in ("sum", "msum", "min", "max"):
+        if name in ("sum", "msum", "mul", "min", "max"):
             flat = [e for arg in expr.args for row in self(arg) for e in row]
-            return [[total(flat) if name in ("sum", "msum") else extreme(name, flat)]]
+            return [[multiplied(flat) if name == "mul" else total(flat) if name in ("sum", "msum") else extreme(name, flat)]]
         if name in SAME and len(expr.args) == 1:
             return [[f.call(SAME[name], e) for e in row] for row in self(expr.args[0])]
         args = [self.scalar(a) for a in expr.args if a.op != "text"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from heavebond.core.errors import ModelError, Place, Problem
 from heavebond.import_20sim.sidops_lexer import Lexed, Token
 from heavebond.import_20sim.sidops_tree import Assign, Declared, Do, Expr, For, If, Statement, While
+from heavebond.import_20sim.units import unit_factor
 
 DEEPEST = 60
 LARGEST = 1e100
@@ -122,6 +123,8 @@ class Reader:
         token = self.take()
         if token.kind == "number" and float(token.text) > LARGEST:
             raise Unreadable(token.line, f"the number {token.text[:30]} is too large")
+        if token.kind == "number" and self.now.kind == "unit":
+            return Expr("number", value=float(token.text) * unit_factor(self.take().text[1:-1]), line=token.line)
         if token.kind == "number":
             return Expr("number", value=float(token.text), line=token.line)
         if token.kind == "string":

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 from heavebond.import_20sim.expressions_parser import Unreadable
 from heavebond.import_20sim.sidops_tree import Expr
 
 ADD, MULTIPLY, SIGN, POWER, ATOM = 4, 5, 6, 7, 8
+LARGEST = 20_000  # nodes of an expression: a text that nobody reads, and that the formula language refuses
 LEVEL = {"or": 0, "and": 1, "not": 2, "==": 3, "!=": 3, "<": 3, ">": 3, "<=": 3, ">=": 3, "+": ADD, "-": ADD,
          "*": MULTIPLY, "/": MULTIPLY, "negative": SIGN, "^": POWER}
 TRUTHS = {"or", "and", "not", "==", "!=", "<", ">", "<=", ">="}
@@ -50,6 +53,7 @@ def multiply(left: Expr, right: Expr) -> Expr:
     return left if right == number(1) else Expr("*", (left, right))
 
 
+@lru_cache(maxsize=20_000)
 def truth(expr: Expr) -> Expr:
     """An expression where a condition is needed: a number is true where it is not zero."""
     if expr.op in ("or", "and", "not"):
@@ -78,8 +82,11 @@ def _number(value: float) -> str:
     return f"{value:.0f}" if value == int(value) and abs(value) < 1e6 else f"{value!r}"
 
 
+@lru_cache(maxsize=20_000)
 def _text(expr: Expr) -> tuple[str, int]:
     op = expr.op
+    if expr.size > LARGEST:
+        raise Unreadable(expr.line, "an expression is too long")
     if op == "number":
         return (_number(expr.value), ATOM) if expr.value >= 0 else (_number(expr.value), SIGN)
     if op in ("name", "prev"):

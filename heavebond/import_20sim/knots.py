@@ -24,6 +24,8 @@ def knot_value(symbols: Symbols, expr: Expr) -> Matrix | None:
     name = expr.name.lower() if expr.op == "call" else ""
     if name == "sum" and expr.args and expr.args[0].op == "call" and expr.args[0].name.lower() in ("direct", "collect"):
         return _total(collected(symbols, expr.args[0]), expr.args[0].name.lower() == "direct")
+    if name == "mul" and expr.args and expr.args[0].op == "call" and expr.args[0].name.lower() == "collect":
+        return _product([matrix for _, matrix in collected(symbols, expr.args[0])])
     if name == "first" and expr.args and expr.args[0].name.partition(".")[0] in symbols.many:
         found = collected(symbols, expr)
         return found[0][1] if found else [[f.number(0)]]
@@ -42,6 +44,14 @@ def _total(ends: list[tuple[bool, Matrix]], directed: bool) -> Matrix:
         total = signed if total is None else [[f.add(a, b) for a, b in zip(r, s, strict=True)]
                                               for r, s in zip(total, signed, strict=True)]
     return total or [[f.number(0)]]
+
+
+def _product(ends: list[Matrix]) -> Matrix:
+    found: Matrix | None = None
+    for matrix in ends:
+        found = matrix if found is None else [[f.multiply(a, b) for a, b in zip(r, s, strict=True)]
+                                              for r, s in zip(found, matrix, strict=True)]
+    return found or [[f.number(1)]]
 
 
 def knot_equations(symbols: Symbols, statement: Assign) -> Iterator[tuple[Matrix, Matrix]]:

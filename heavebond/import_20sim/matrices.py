@@ -22,6 +22,14 @@ def total(elements: list[Expr]) -> Expr:
     return found
 
 
+def multiplied(elements: list[Expr]) -> Expr:
+    """The product of elements."""
+    found = f.number(1)
+    for e in elements:
+        found = f.multiply(found, e)
+    return found
+
+
 def extreme(name: str, elements: list[Expr]) -> Expr:
     """The least (`min`) or largest (`max`) of elements."""
     found = elements[0]

@@ -5,9 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, slots=True)
 class Expr:
-    """A node of an expression. `op` is number, name, text, call, index, matrix, range, if, or the sign of an operation."""
+    """A node of an expression. `op` is number, name, text, call, index, matrix, range, if, or the sign of an operation.
+
+    Nodes are equal where they say the same, wherever they stand. Branches share their parts, so a node keeps its hash:
+    without it, a comparison would visit a part as often as it is used.
+    """
 
     op: str
     args: tuple[Expr, ...] = ()
@@ -15,6 +19,21 @@ class Expr:
     value: float = 0.0
     line: int = 0
     columns: int = 0  # of a matrix: how many elements a row has
+    key: int = field(init=False, repr=False)
+    size: int = field(init=False, repr=False)  # how many nodes it has when it is written out
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "key", hash((self.op, self.args, self.name, self.value, self.columns)))
+        object.__setattr__(self, "size", 1 + sum(e.size for e in self.args))
+
+    def __hash__(self) -> int:
+        return self.key
+
+    def __eq__(self, other: object) -> bool:
+        if self is other:
+            return True
+        return isinstance(other, Expr) and self.key == other.key and self.op == other.op and self.name == other.name and \
+            self.value == other.value and self.columns == other.columns and self.args == other.args
 
 
 @dataclass(frozen=True)

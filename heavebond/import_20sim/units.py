@@ -3,26 +3,67 @@
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 
 from heavebond.core.units import UnitProblem, declared_unit, dimension_text, read_unit
 
+SPELLINGS = {"sec": "s", "Nm": "N*m", "Nms": "N*m*s", "Ns": "N*s", "Ohm": "ohm", "kOhm": "kohm", "MOhm": "Mohm", "Ah": "A*h",
+             "mAh": "mA*h", "Ws": "W*s", "Wh": "W*h", "cc": "cm**3", "kmh": "km/h", "mph": "mile/h"}
+NAMED = ("m", "s", "kg", "K", "A", "mol", "N", "Pa", "W", "V", "ohm", "F", "H", "C", "T", "Wb")  # bases of one token
+TURNS = {"deg": "rad", "rev": "rad", "rad": "rad", "rpm": "rad/s"}
 
-def unit_text(text: str) -> tuple[str, float, str]:
-    """The base unit for a declaration, the factor to it, and the text of a unit that is not known (for `doc:`).
 
-    A quantity may stand before the unit: `length, mm`.
-    """
-    text = text.rpartition(",")[2]
-    plain = re.sub(r"(?<=[A-Za-z])([0-9])", r"**\1", text.strip().replace(".", "*").replace("^", "**").replace(" ", "*"))
-    if plain in ("", "1", "none"):
-        return "", 1.0, ""
+@dataclass(frozen=True)
+class ReadUnit:
+    """A unit with the base unit for a declaration; a value x of it is `factor * x + offset` in the base. `doc` is the text
+    of a unit that is not known, whose values are left as they are."""
+
+    base: str = ""
+    factor: float = 1.0
+    offset: float = 0.0
+    doc: str = ""
+
+    def si(self, value: float) -> float:
+        return self.factor * value + self.offset
+
+
+def unit_of(text: str) -> ReadUnit:
+    """A unit as 20-sim writes it: `kg.m2`, `N.s/m`, `m.s-1`, `length, mm`; 20-sim computes in SI units, and so do we."""
+    text = text.rpartition(",")[2].strip()
+    spelt = re.sub(r"[A-Za-z]+", lambda m: SPELLINGS.get(m.group(), m.group()), text)
+    plain = re.sub(r"(?<=[A-Za-z])(-?[0-9]+)", r"**\1", spelt.replace(".", "*").replace("^", "**").replace(" ", "*"))
+    plain = plain.replace("****", "**")
+    if plain in ("", "1", "none", "-"):
+        return ReadUnit()
     try:
         found = read_unit(plain)
-        if found.scale == 1 and not found.offset:
-            declared_unit(plain)
-            return plain, 1.0, ""
-        base = dimension_text(found.dimension)
+        base = plain if found.scale == 1 and not found.offset else _base(plain, found.dimension)
         declared_unit(base)
-    except (UnitProblem, ValueError):
-        return "", 1.0, f"[{text.strip()}]"
-    return (base, found.scale, "") if not found.offset else ("", 1.0, f"[{text.strip()}]")
+    except (UnitProblem, ValueError, OverflowError):
+        return ReadUnit(doc=f"[{text}]")
+    return ReadUnit("" if base == "1" else base, found.scale, found.offset)
+
+
+def _base(plain: str, dimension: object) -> str:
+    """The unit of scale 1 for `mm`, `km/h`, `uF` ...: each of its tokens in its base where that is the same quantity."""
+    def token(match: re.Match[str]) -> str:
+        word = match.group()
+        if word in TURNS:
+            return f"({TURNS[word]})" if "/" in TURNS[word] else TURNS[word]
+        own = read_unit(word).dimension
+        return next((name for name in NAMED if read_unit(name).dimension == own), f"({dimension_text(own)})")
+
+    try:
+        found = re.sub(r"[A-Za-z]+", token, plain)
+        found = found[1:-1] if found.startswith("(") and found.endswith(")") and found.count("(") == 1 else found
+        read = read_unit(found)
+        if read.scale == 1 and not read.offset and read.dimension == dimension:
+            return found
+    except (UnitProblem, ValueError, OverflowError):
+        pass
+    return dimension_text(dimension)  # type: ignore[arg-type]
+
+
+def unit_factor(text: str) -> float:
+    """The factor of a number with a unit in an equation, such as `1 {hr}`."""
+    return unit_of(text).factor
