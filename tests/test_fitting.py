@@ -14,7 +14,7 @@ import heavebond as hb
 from heavebond.cli import main
 from heavebond.core.errors import Place
 from heavebond.core.units import parse_range
-from heavebond.estimation import fitting
+from heavebond.estimation import starts
 from heavebond.estimation.comparison import compare
 from heavebond.estimation.diagram_files import fitted_diagram, write
 from heavebond.estimation.excerpts import EXCERPTS
@@ -247,7 +247,7 @@ def test_a_fit_to_long_records_begins_on_their_beginnings(monkeypatch: pytest.Mo
     experiment = hb.load_experiment("passive_rig/nothing")
     whole = Residuals(experiment)
     plain = whole.minimise(whole.start, False, lambda text: None)
-    monkeypatch.setattr(fitting, "EXCERPTS", replace(EXCERPTS, long=900, excerpt=200))
+    monkeypatch.setattr(starts, "EXCERPTS", replace(EXCERPTS, long=900, excerpt=200))
     said: list[str] = []
     found = fit(experiment, progress=said.append)
     assert any(text.startswith("beginning of the records") for text in said)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from heavebond.commands.arguments import Number, Whole, check_writable, json_option
+from heavebond.commands.arguments import Number, Whole, check_writable, json_option, scheduler_option
 
 if TYPE_CHECKING:
     from heavebond.diagnosis.diagnosis import Diagnosis
@@ -31,9 +31,11 @@ if TYPE_CHECKING:
 @click.option("--resume", is_flag=True, help="Go on from the refits of the same search, which was ended early.")
 @click.option("--report", "report_file", metavar="FILE", type=click.Path(path_type=Path),
               help="The report [default: NAME_report.html in the folder].")
+@scheduler_option
 @json_option
 def diagnose(experiment: str, steps: int, classes: tuple[str, ...], seconds: float, processes: int | None,
-             samples: int | None, folder: Path | None, resume: bool, report_file: Path | None) -> dict[str, object]:
+             samples: int | None, folder: Path | None, resume: bool, report_file: Path | None,
+             scheduler: str | None) -> dict[str, object]:
     """Identify the physical effect that is missing in the model of EXPERIMENT, its place, and the confidence of the result.
 
     Writes a diagram that extends the model with the effect, the experiment on it (NAME_2.yaml) and a report
@@ -44,10 +46,12 @@ def diagnose(experiment: str, steps: int, classes: tuple[str, ...], seconds: flo
     began = clock.perf_counter()
     from heavebond.commands import terminal
     from heavebond.core.cancellation import finishing
+    from heavebond.core.cluster import connected
+    from heavebond.core.kept_lines import KeptLines
     from heavebond.core.writable import write_text
     from heavebond.diagnosis.diagnosis import diagnose as diagnosed
     from heavebond.diagnosis.diagnosis_files import Targets, write_findings, write_proposal
-    from heavebond.diagnosis.kept_refits import KeptRefits, keeping
+    from heavebond.diagnosis.kept_refits import keeping
     from heavebond.estimation.experiment import load_experiment
     from heavebond.reports.report import report
     from heavebond.reports.result_tables import diagnosis_items
@@ -57,12 +61,12 @@ def diagnose(experiment: str, steps: int, classes: tuple[str, ...], seconds: flo
     targets = Targets.beside(given, folder)
     page = report_file or targets.report
     check_writable(page, (".html",))
-    kept = KeptRefits.begin(targets.kept, resume)
+    kept = KeptLines.begin(targets.kept, resume)
     if resume and not kept.known:
         terminal.warn(f"there is no refit to go on from in {targets.kept}: the search begins anew")
     try:
-        with terminal.working("diagnosing") as progress, keeping(kept):
-            found = diagnosed(given, steps=steps, number=processes, seconds=seconds, classes=classes,
+        with connected(scheduler) as cluster, terminal.working("diagnosing") as progress, keeping(kept):
+            found = diagnosed(given, steps=steps, number=processes, executor=cluster, seconds=seconds, classes=classes,
                               samples=samples, progress=progress)
     except KeyboardInterrupt:
         click.echo("ended before the first candidate was scored: there is nothing to report yet", err=True)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from heavebond.commands.arguments import Whole, check_new, check_picture, json_option, picture_option
+from heavebond.commands.arguments import Whole, check_new, check_picture, json_option, picture_option, scheduler_option
 from heavebond.core.cancellation import ENDED_EARLY, Interrupted, last_heard
 
 if TYPE_CHECKING:
@@ -28,16 +28,21 @@ if TYPE_CHECKING:
               help="Interval of a parameter by profile likelihood. May be repeated.")
 @click.option("--write", "written", metavar="DIAGRAM", type=click.Path(path_type=Path),
               help="Write a diagram that extends the model with the fitted values (.yaml, must be new).")
+@click.option("--resume", is_flag=True, help="Go on from the starts of the same fit, which was ended early.")
 @picture_option("Draw records, fitted model and residual")
+@scheduler_option
 @json_option
 def fit(experiment: str, starts: int, segments: int, robust: bool, profiled: tuple[str, ...], written: Path | None,
-        output: Path | None) -> dict[str, object]:
+        resume: bool, output: Path | None, scheduler: str | None) -> dict[str, object]:
     """Estimate the parameters under `free:` of EXPERIMENT by least squares.
 
     Records with `use: fit` are fitted; the others are held out as validation data. Without other records every third section
-    of the records is held out.
+    of the records is held out. Of several starts NAME_starts.jsonl, in the current folder, holds those that are done until
+    the fit ends: also after a crash, --resume goes on from there.
     """
     from heavebond.commands import terminal
+    from heavebond.core.cluster import connected
+    from heavebond.core.kept_lines import KeptLines
     from heavebond.estimation.diagram_files import fitted_diagram, quantity, write
     from heavebond.estimation.experiment import load_experiment
     from heavebond.estimation.fitting import fit as fitted
@@ -47,10 +52,14 @@ def fit(experiment: str, starts: int, segments: int, robust: bool, profiled: tup
     check_picture(output)
     if written is not None:
         check_new(written, (".yaml",))
-    with terminal.working("fitting") as progress:
+    with connected(scheduler) as cluster, terminal.working("fitting") as progress:
         given = load_experiment(experiment)
         _check_free(given, profiled)
-        found = fitted(given, starts=starts, segments=segments, robust=robust, progress=progress, partial=True)
+        kept = KeptLines.begin(Path(f"{given.path.stem}_starts.jsonl"), resume) if starts > 1 else None
+        if resume and (kept is None or not kept.known):
+            terminal.warn("there is no start to go on from: the fit begins anew")
+        found = fitted(given, starts=starts, segments=segments, robust=robust, executor=cluster, kept=kept,
+                       progress=progress, partial=True)
         early = found.message == ENDED_EARLY
         profiles = {} if early else {name: profile(found, name, progress=progress) for name in profiled}
     terminal.show(fit_items(found))
@@ -72,8 +81,11 @@ def fit(experiment: str, starts: int, segments: int, robust: bool, profiled: tup
         console.print(f"wrote {path}", soft_wrap=True)
     figures = {"experiment": found.experiment.name, **found.as_dict(),
                "profiles": {name: list(p.told) for name, p in told.items()}, "files": list(map(str, files))}
+    if kept is not None and not early:
+        kept.remove()
     if early:
-        console.print("ended early: these are the best values so far", soft_wrap=True)
+        again = "; the same command with --resume goes on" if kept is not None and kept.known else ""
+        console.print(f"ended early: these are the best values so far{again}", soft_wrap=True)
         raise Interrupted(last_heard(), figures)
     return figures
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -44,13 +43,11 @@ def study(file: str, output: Path | None, processes: int | None, fresh: bool, sc
 def work_out(asked: Study, folder: Path, processes: int | None, fresh: bool, scheduler: str | None) -> dict[str, object]:
     """Work a study out, tell it and write its files; the figures for JSON."""
     from heavebond.commands import terminal
-    from heavebond.core.cluster import Cluster
+    from heavebond.core.cluster import connected
     from heavebond.studies.campaign import run_study
     from heavebond.studies.tables import as_dict, write_files
 
-    with ExitStack() as stack:
-        cluster = stack.enter_context(Cluster(scheduler)) if scheduler is not None else None
-        progress = stack.enter_context(terminal.working("study"))
+    with connected(scheduler) as cluster, terminal.working("study") as progress:
         result = run_study(asked, folder=folder, processes=processes, executor=cluster, fresh=fresh, progress=progress)
     _tell(result)
     files = [*write_files(result, folder), *_diagram(result, folder), *_pictures(result, folder)]

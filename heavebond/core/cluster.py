@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import logging
 import time as clock
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future
+from contextlib import contextmanager
 from threading import Lock
 from typing import Any, TypeVar
 
@@ -13,7 +15,9 @@ from heavebond.core.errors import Problem, UsageError
 from heavebond.core.parallel import Workers
 
 T = TypeVar("T")
+AHEAD = 2  # tasks that a worker has at a time, so that it need not wait for the next one
 PATIENCE = 20.0  # seconds for a scheduler, for the first answer of a worker, and for workers that were lost to come back
+AGAIN = "give the same command again, or without `--scheduler`: what was done is kept (`diagnose` takes it with `--resume`)."
 _one = Lock()
 
 
@@ -22,7 +26,7 @@ class Cluster(Workers):
     and gives a task up with which several died.
 
     UsageError where dask is not installed, where nobody answers, or where the workers have another version of this program;
-    later where all workers are lost and none comes back.
+    later where the scheduler is lost, or all workers are and none comes back.
     """
 
     together = False
@@ -35,6 +39,9 @@ class Cluster(Workers):
             raise UsageError([Problem("dask-missing", "a scheduler needs dask.distributed", None,
                                       "pip install 'heavebond[cluster]'")]) from None
         self.died = (KilledWorker,)
+        # what it logs of a scheduler that is lost is told by `listen`
+        for name in ("distributed", "distributed.client"):
+            logging.getLogger(name).setLevel(logging.CRITICAL)
         try:
             connect: Any = distributed.Client
             self.client = connect(address, timeout=PATIENCE, set_as_default=False)
@@ -49,6 +56,11 @@ class Cluster(Workers):
         except BaseException:
             self.shutdown()
             raise
+
+    @property
+    def ahead(self) -> int:
+        """How many tasks are handed over at a time."""
+        return AHEAD * self.number
 
     def _checked(self, address: str) -> int:
         """How many tasks the workers take at a time."""
@@ -72,17 +84,29 @@ class Cluster(Workers):
         return found
 
     def listen(self) -> None:
+        if self.client.status != "running":
+            raise UsageError([Problem("scheduler-lost", f"the scheduler at '{self.address}' does not answer any more", None,
+                                      f"Start one again, and {AGAIN}")])
         if self.client.nthreads():
             self._missed = None
         elif self._missed is None:
             self._missed = clock.monotonic()
         elif clock.monotonic() - self._missed > PATIENCE:
             raise UsageError([Problem("workers-lost", f"the scheduler at '{self.address}' has lost all of its workers", None,
-                                      f"Start some (`dask worker {self.address} --nthreads 1`) and give the same command "
-                                      "again: what was done is kept.")])
+                                      f"Start some (`dask worker {self.address} --nthreads 1`), and {AGAIN}")])
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         self.client.close()
+
+
+@contextmanager
+def connected(address: str | None) -> Iterator[Cluster | None]:
+    """The cluster at an address, where one is given."""
+    if address is None:
+        yield None
+        return
+    with Cluster(address) as cluster:
+        yield cluster
 
 
 def _version() -> str:

@@ -63,7 +63,8 @@ class Workers(Executor):
         """New workers, where those that died are not replaced by themselves."""
 
     def listen(self) -> None:
-        """Called where nothing was done for a while; raises where no worker is left that could do it."""
+        """Called where nothing was done for a while, and where a job was given up; raises where no worker is left that could
+        do it."""
 
 
 class Processes(Workers):
@@ -190,6 +191,8 @@ def as_done(executor: Executor, function: Callable[..., T], jobs: Iterable[tuple
             heard = clock.monotonic()
         for done in ended:
             job = running.pop(done)
+            if isinstance(executor, Workers) and done.cancelled():
+                executor.listen()
             if workers is not None and isinstance(error := done.exception(), workers.died):
                 lost.append((job, error))
             else:

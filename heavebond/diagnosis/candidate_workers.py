@@ -1,16 +1,24 @@
-"""Candidates scored and refitted side by side: each worker process assembles the base model once and then takes one
-candidate after the other."""
+"""Candidates scored and refitted side by side: each worker assembles the base model once and then takes one candidate after
+the other. Workers are processes of this computer, or those of a scheduler, which are sent the experiment and the point with
+each task and keep what they have made of it."""
 
 from __future__ import annotations
 
+import pickle
 import time as clock
+import zlib
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from functools import cached_property, lru_cache
 from typing import Any, TypeVar
 
+from heavebond.core.cluster import Cluster
+from heavebond.core.kept_lines import Kept
 from heavebond.core.parallel import Processes, as_done, check_cancelled, forks, processors
 from heavebond.core.progress import Progress
 from heavebond.diagnosis.catalogue import Candidate
-from heavebond.diagnosis.kept_refits import Kept, digest, digest_of, is_broken, kept_here, restored
+from heavebond.diagnosis.kept_refits import digest, digest_of, entry, is_broken, kept_here, restored
 from heavebond.diagnosis.refit import Refit, begun, followed, polished
 from heavebond.diagnosis.scoring import Base, Score, scored, searched
 from heavebond.estimation.experiment import Experiment
@@ -19,25 +27,46 @@ from heavebond.numerics.simulator import Tolerances
 
 T = TypeVar("T")
 R = TypeVar("R", bound="Refit | None")
+Given = tuple[Experiment, Array, Tolerances]  # what the base model is made of
 _base: Base | None = None  # of this worker process
+_cluster: ContextVar[Cluster | None] = ContextVar("cluster of searches", default=None)
+
+
+@contextmanager
+def working_on(cluster: Cluster | None) -> Iterator[None]:
+    """Within it searches work on the workers of a cluster, where there is one, instead of processes of this computer."""
+    before = _cluster.set(cluster)
+    try:
+        yield
+    finally:
+        _cluster.reset(before)
 
 
 class Workers:
-    """The base model at a point, in `number` processes (in this one where it is 1)."""
+    """The base model at a point, in `number` processes (in this one where it is 1), or on the workers of the cluster of the
+    `working_on` block around."""
 
     def __init__(self, base: Base, number: int | None = None):
         self.base, self.kept = base, kept_here()
         self.digest = digest_of(base) if self.kept is not None else ""
+        self.cluster = _cluster.get()
         self.number = number or processors()
         self.processes: Processes | None = None
         self.lost: list[str] = []  # candidates whose process died
 
+    @property
+    def _given(self) -> Given:
+        return self.base.problem.experiment, self.base.inner, self.base.problem.runs[0].simulator.tolerances
+
+    @cached_property
+    def _packed(self) -> bytes:
+        return zlib.compress(pickle.dumps(self._given))
+
     def __enter__(self) -> Workers:
-        if self.number > 1:
+        if self.cluster is None and self.number > 1:
             # forked workers have the base model already; where there is no fork they make it
-            self.processes = Processes(self.number, _kept, (self.base,)) if forks() else \
-                Processes(self.number, _made, (self.base.problem.experiment, self.base.inner,
-                                              self.base.problem.runs[0].simulator.tolerances))
+            self.processes = Processes(self.number, _keep, (self.base,)) if forks() else \
+                Processes(self.number, _make, self._given)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -46,101 +75,109 @@ class Workers:
 
     def score(self, candidates: Sequence[Candidate], until: float = float("inf")) -> Iterator[tuple[Candidate, list[Score]]]:
         """The scores of each candidate, in the order in which they are done; those not begun at `until` are left out."""
-        return self._each(_score, scored, [(c,) for c in candidates], candidates, until, [[] for _ in candidates])
+        return self._each(_scored, [(c,) for c in candidates], candidates, until, [[] for _ in candidates])
 
     def begin(self, jobs: Sequence[tuple[Candidate, Sequence[Score]]], least: float = 0.0, until: float = float("inf")
               ) -> Iterator[tuple[Candidate, Refit | None]]:
         """The first steps of each refit, in the order in which they are done; those not begun at `until` are left out.
         `least` as in `begun`."""
-        return self._refits(_begin, _begun, [(c, guesses, least) for c, guesses in jobs], [c for c, _ in jobs], until,
+        return self._refits("begin", begun, [(c, guesses, least) for c, guesses in jobs], [c for c, _ in jobs], until,
                             [None] * len(jobs))
 
     def follow(self, jobs: Sequence[tuple[Refit, Sequence[Score]]], until: float = float("inf")
                ) -> Iterator[tuple[Candidate, Refit]]:
         """Each refit that was begun followed, in the same way."""
-        return self._refits(_follow, _followed, jobs, [t.candidate for t, _ in jobs], until, [t for t, _ in jobs])
+        return self._refits("follow", followed, jobs, [t.candidate for t, _ in jobs], until, [t for t, _ in jobs])
 
     def polish(self, jobs: Sequence[tuple[Refit, Sequence[Score], Refit | None]]) -> Iterator[tuple[Candidate, Refit]]:
         """Each trial followed to the end of its valley, or of that to which another one leads."""
-        return self._refits(_polish, _polished, jobs, [job[0].candidate for job in jobs], float("inf"),
+        return self._refits("polish", polished, jobs, [job[0].candidate for job in jobs], float("inf"),
                             [trial for trial, _, _ in jobs])
 
-    def _refits(self, remote: Callable[..., R], here: Callable[..., R], jobs: Sequence[tuple[Any, ...]],
-                candidates: Sequence[Candidate], until: float, instead: Sequence[R]) -> Iterator[tuple[Candidate, R]]:
+    def _refits(self, what: str, work: Callable[..., R], jobs: Sequence[tuple[Any, ...]], candidates: Sequence[Candidate],
+                until: float, instead: Sequence[R]) -> Iterator[tuple[Candidate, R]]:
         """As `_each`, each job with what is kept of it."""
         kept = self.kept
         if kept is None:
-            yield from self._each(remote, here, [(*job, None) for job in jobs], candidates, until, instead)
+            yield from self._each(_refitted, [(work, job, None) for job in jobs], candidates, until, instead)
             return
         files = self.base.problem.experiment.model.library.files
-        digests = {c.label: digest(self.digest, remote.__name__, c, files.get(c.component), job)
+        digests = {c.label: digest(self.digest, what, c, files.get(c.component), job)
                    for c, job in zip(candidates, jobs, strict=True)}
-        given = [(*job, kept.get(digests[c.label])) for c, job in zip(candidates, jobs, strict=True)]
-        for candidate, found in self._each(remote, here, given, candidates, until, instead):
+        given = [(work, job, kept.get(digests[c.label])) for c, job in zip(candidates, jobs, strict=True)]
+        for candidate, found in self._each(_refitted, given, candidates, until, instead):
             if candidate.label not in self.lost:
-                kept.add(digests[candidate.label], candidate, found)
+                kept.add(digests[candidate.label], entry(candidate, found))
             yield candidate, found
 
-    def _each(self, remote: Callable[..., T], here: Callable[..., T], jobs: Sequence[tuple[Any, ...]],
-              keys: Sequence[Candidate], until: float, instead: Sequence[T]) -> Iterator[tuple[Candidate, T]]:
+    def _each(self, function: Callable[..., T], jobs: Sequence[tuple[Any, ...]], keys: Sequence[Candidate], until: float,
+              instead: Sequence[T]) -> Iterator[tuple[Candidate, T]]:
         """What comes of each job, by its candidate; of one whose process dies (killed, out of memory), also when it is tried
         again alone, the value of `instead`, and its candidate is noted in `lost`."""
-        if self.processes is None:
+        if self.cluster is None and self.processes is None:
             for key, job in zip(keys, jobs, strict=True):
                 if clock.perf_counter() > until:
                     return
-                yield key, here(self.base, *job)
+                yield key, function(self.base, *job)
             return
 
         def died(number: int, _: BaseException) -> T:
             self.lost.append(keys[number].label)
             return instead[number]
 
-        for number, found in as_done(self.processes, remote, list(enumerate(jobs)), self.number + 1, until, died):
+        coming: Iterator[tuple[int, T]]
+        if self.processes is not None:
+            coming = as_done(self.processes, _beside, [(k, (function, *job)) for k, job in enumerate(jobs)], self.number + 1,
+                             until, died)
+        else:
+            assert self.cluster is not None
+            coming = as_done(self.cluster, _elsewhere, [(k, (self._packed, function, *job)) for k, job in enumerate(jobs)],
+                             self.cluster.ahead, until, died)
+        for number, found in coming:
             yield keys[number], found
 
 
-def _kept(base: Base) -> None:
+def _keep(base: Base) -> None:
     global _base
     _base = base
 
 
-def _made(experiment: Experiment, inner: Array, tolerances: Tolerances) -> None:
-    _kept(Base.at(searched(experiment, tolerances), inner))
+def _make(*given: Any) -> None:
+    _keep(_made(given))
 
 
-def _score(candidate: Candidate) -> list[Score]:
+def _made(given: Given) -> Base:
+    experiment, inner, tolerances = given
+    return Base.at(searched(experiment, tolerances), inner)
+
+
+@lru_cache(maxsize=2)
+def _unpacked(packed: bytes) -> Base:
+    return _made(pickle.loads(zlib.decompress(packed)))
+
+
+def _beside(function: Callable[..., T], *job: Any) -> T:
+    """A job in a worker process of this computer."""
     assert _base is not None
-    return scored(_base, candidate)
+    return function(_base, *job, check_cancelled)
 
 
-def _begin(candidate: Candidate, guesses: Sequence[Score], least: float, kept: Kept | None) -> Refit | None:
-    assert _base is not None
-    return _begun(_base, candidate, guesses, least, kept, check_cancelled)
+def _elsewhere(packed: bytes, function: Callable[..., T], *job: Any) -> T:
+    """A job in a process that another one has sent everything."""
+    return function(_unpacked(packed), *job)
 
 
-def _follow(trial: Refit, guesses: Sequence[Score], kept: Kept | None) -> Refit:
-    assert _base is not None
-    return _followed(_base, trial, guesses, kept, check_cancelled)
+def _scored(base: Base, candidate: Candidate, progress: Progress | None = None) -> list[Score]:
+    return scored(base, candidate)
 
 
-def _polish(trial: Refit, guesses: Sequence[Score], lender: Refit | None, kept: Kept | None) -> Refit:
-    assert _base is not None
-    return _polished(_base, trial, guesses, lender, kept, check_cancelled)
-
-
-def _begun(base: Base, candidate: Candidate, guesses: Sequence[Score], least: float, kept: Kept | None,
-           progress: Progress | None = None) -> Refit | None:
-    if kept is not None and is_broken(kept):
-        return None
-    return (kept and restored(base, candidate, guesses, kept)) or begun(base, candidate, guesses, least, progress)
-
-
-def _followed(base: Base, trial: Refit, guesses: Sequence[Score], kept: Kept | None, progress: Progress | None = None
-              ) -> Refit:
-    return (kept and restored(base, trial.candidate, guesses, kept)) or followed(base, trial, guesses, progress)
-
-
-def _polished(base: Base, trial: Refit, guesses: Sequence[Score], lender: Refit | None, kept: Kept | None,
-              progress: Progress | None = None) -> Refit:
-    return (kept and restored(base, trial.candidate, guesses, kept)) or polished(base, trial, guesses, lender, progress)
+def _refitted(base: Base, work: Callable[..., Refit | None], job: Sequence[Any], kept: Kept | None,
+              progress: Progress | None = None) -> Any:
+    """A refit that is kept, or else what `work` makes of the job: a candidate or its refit so far, guesses, and more."""
+    if kept is not None:
+        if is_broken(kept):
+            return None
+        candidate = job[0].candidate if isinstance(job[0], Refit) else job[0]
+        if (found := restored(base, candidate, job[1], kept)) is not None:
+            return found
+    return work(base, *job, progress)

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from heavebond.core import facade
 from heavebond.core.cancellation import clear_signal, finishing, time_limit
+from heavebond.core.cluster import Cluster
 from heavebond.core.errors import HeavebondError, Problem, UsageError, listing
 from heavebond.core.presentation import brief
 from heavebond.core.presentation import number as written
@@ -24,6 +25,7 @@ from heavebond.core.reporting import reporting
 from heavebond.core.threads import single_threaded
 from heavebond.diagnosis.adequacy import Adequacy, adequacy
 from heavebond.diagnosis.alternatives import Alternative
+from heavebond.diagnosis.candidate_workers import working_on
 from heavebond.diagnosis.experiment_design import Separation, separate
 from heavebond.diagnosis.fixed_values import VALUE
 from heavebond.diagnosis.full_runs import at_fit, confirmed, first_entries, loaded
@@ -119,21 +121,29 @@ class Diagnosis:
 @reporting
 @single_threaded
 def diagnose(experiment: Experiment | str | Path, *, steps: int = MOST, number: int | None = None,
-             seconds: float | str = SECONDS, classes: Sequence[str] = (), samples: int | None = None,
-             progress: Progress | None = None,
+             executor: Cluster | None = None, seconds: float | str = SECONDS, classes: Sequence[str] = (),
+             samples: int | None = None, progress: Progress | None = None,
              growing: Callable[[list[dict[str, object]]], None] | None = None) -> Diagnosis:
     """Identify the effect that the diagram of an experiment lacks.
 
     Stepwise selection of at most `steps` effects, as long as more than the noise is left and each lowers the errors on the
     selection data beyond chance and noticeably (see `diagnosis.stepwise_selection`). `number` is the number of processes,
-    by default that of the processors; after `seconds` (s, or text with a unit) in all the search ends with its best result
-    so far; `classes` restricts the catalogue to classes of effects. The search uses `samples` samples of long records (see
-    `estimation.excerpts`), the final fit uses all. `progress` is called with a text at each step, `growing` with
-    the ladder as far as it has come (name, errors and chi-square of each model; of an effect that is not confirmed yet the
-    errors are NaN). Ctrl-C ends the search with the effects found so far.
+    by default that of the processors; with an `executor` candidates are scored and refitted on the workers of that cluster.
+    After `seconds` (s, or text with a unit) in all the search ends with its best result so far; `classes` restricts the
+    catalogue to classes of effects. The search uses `samples` samples of long records (see `estimation.excerpts`), the
+    final fit uses all. `progress` is called with a text at each step, `growing` with the ladder as far as it has come
+    (name, errors and chi-square of each model; of an effect that is not confirmed yet the errors are NaN). Ctrl-C ends the
+    search with the effects found so far.
     Raises ModelError and DataError where `experiment` is wrong, UsageError where
     no record is to be fitted.
     """
+    with working_on(executor):
+        return _diagnosed(experiment, steps, number, seconds, classes, samples, progress, growing)
+
+
+def _diagnosed(experiment: Experiment | str | Path, steps: int, number: int | None, seconds: float | str,
+               classes: Sequence[str], samples: int | None, progress: Progress | None,
+               growing: Callable[[list[dict[str, object]]], None] | None) -> Diagnosis:
     began, seconds = clock.perf_counter(), si_value(seconds, "s", "seconds")
     experiment = loaded(experiment)
     say = progress or (lambda text: None)

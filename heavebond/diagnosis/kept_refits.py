@@ -1,20 +1,19 @@
 """Refits kept in a file as they are made, so that a search that was ended goes on from them.
 
-Each line of the file is one refit as JSON: where it ended, its ranges, and a digest of all that it depends on: the residuals
-and derivatives of the base model at its optimum (to the last bit), the samples of all records, the candidate with the file
-of its component, and what the search knew when the refit was made. A line whose digest is asked for again gives the same
-refit without its descents; the figures are computed anew by one run of each record. A line that was cut short by the end of
-the process, or whose figures are not those of the run, is left out.
+Each line of the file is one refit: where it ended, its ranges, and a digest of all that it depends on: the residuals and
+derivatives of the base model at its optimum (to the last bit), the samples of all records, the candidate with the file of
+its component, and what the search knew when the refit was made. A line whose digest is asked for again gives the same refit
+without its descents; the figures are computed anew by one run of each record. A line whose figures are not those of the run
+is left out.
 """
 
 from __future__ import annotations
 
 import hashlib
-import json
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,70 +21,20 @@ import numpy as np
 
 from heavebond import __version__
 from heavebond.core.errors import HeavebondError
+from heavebond.core.kept_lines import Kept, KeptLines
 from heavebond.diagnosis.catalogue import Candidate
 from heavebond.diagnosis.refit import Refit, at_end_of
 from heavebond.diagnosis.scoring import Base, Score
 from heavebond.estimation.residuals import Descent
 
-Kept = Mapping[str, Any]
 SAME = 1e-6  # share by which the sum of squares may differ from the kept one: that of the tolerances of the runs
 
 
-@dataclass
-class KeptRefits:
-    """The refits in a file by their digests; `taken` counts those that a search has asked for."""
-
-    path: Path
-    known: dict[str, Kept] = field(default_factory=dict)
-    taken: int = 0
-
-    @classmethod
-    def read(cls, path: Path) -> KeptRefits:
-        """What a file holds; nothing where there is none."""
-        known: dict[str, Kept] = {}
-        with suppress(OSError):
-            for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
-                with suppress(ValueError):  # one that was cut short
-                    entry = json.loads(line)
-                    if isinstance(entry, dict) and isinstance(entry.get("digest"), str):
-                        known[entry["digest"]] = entry
-        return cls(path, known)
-
-    @classmethod
-    def begin(cls, path: Path, resume: bool) -> KeptRefits:
-        """What a file holds where a search is to `resume`; else an empty one in its place."""
-        if resume:
-            return cls.read(path)
-        kept = cls(path)
-        kept.remove()
-        return kept
-
-    def remove(self) -> None:
-        """Remove the file, as a search has come to its end."""
-        with suppress(OSError):
-            self.path.unlink()
-
-    def get(self, digest: str) -> Kept | None:
-        """The refit with this digest, where it is kept."""
-        found = self.known.get(digest)
-        self.taken += found is not None
-        return found
-
-    def add(self, digest: str, candidate: Candidate, refit: Refit | None) -> None:
-        """Keep a refit (None: it cannot be simulated). Where the file cannot be written the search goes on without it."""
-        if digest in self.known:
-            return
-        self.known[digest] = entry = {"digest": digest, "candidate": candidate.label, **(_entry(refit) if refit else {})}
-        with suppress(OSError), open(self.path, "a", encoding="utf-8", newline="\n") as file:
-            # a line break before, too: the last line may have been cut short
-            file.write(f"\n{json.dumps(entry)}\n")
-
-
-_here: ContextVar[KeptRefits | None] = ContextVar("kept refits", default=None)
+_here: ContextVar[KeptLines | None] = ContextVar("kept refits", default=None)
 
 
 @contextmanager
-def keeping(kept: KeptRefits) -> Iterator[None]:
+def keeping(kept: KeptLines) -> Iterator[None]:
     """Within it searches take refits from those that are kept, and keep those that they make."""
     before = _here.set(kept)
     try:
@@ -94,19 +43,21 @@ def keeping(kept: KeptRefits) -> Iterator[None]:
         _here.reset(before)
 
 
-def kept_here() -> KeptRefits | None:
+def kept_here() -> KeptLines | None:
     """What is kept in the `keeping` block around; None outside of any."""
     return _here.get()
 
 
-def _entry(refit: Refit) -> dict[str, Any]:
+def entry(candidate: Candidate, refit: Refit | None) -> dict[str, Any]:
+    """What is kept of a refit (None: it cannot be simulated)."""
+    if refit is None:
+        return {"candidate": candidate.label}
     own = {n.name for n in refit.candidate.numbers}
-    return {"inner": refit.inner.tolist(), "cost": refit.cost, "falls": refit.falls, "slack": refit.slack,
-            "evaluations": refit.evaluations,
+    return {"candidate": candidate.label, "inner": refit.inner.tolist(), "cost": refit.cost, "falls": refit.falls,
+            "slack": refit.slack, "evaluations": refit.evaluations,
             "ranges": {name: [free.range.low, free.range.high] for name, free in refit.experiment.free.items()
                        if name in own},
-            "begun": [{"x": d.x.tolist(), "cost": d.cost, "history": list(d.history), "message": d.message,
-                       "unfinished": d.unfinished} for d in refit.begun]}
+            "begun": [d.as_dict() for d in refit.begun]}
 
 
 def is_broken(kept: Kept) -> bool:
@@ -119,8 +70,7 @@ def restored(base: Base, candidate: Candidate, guesses: Sequence[Score], kept: K
     try:
         found = at_end_of(base, candidate, guesses, {n: (low, high) for n, (low, high) in kept["ranges"].items()},
                           np.array(kept["inner"], float))
-        begun = tuple(Descent(np.array(d["x"], float), d["cost"], tuple(d["history"]), d["message"], d["unfinished"])
-                      for d in kept["begun"])
+        begun = tuple(map(Descent.from_dict, kept["begun"]))
         if not abs(found.cost - kept["cost"]) <= SAME * abs(kept["cost"]):
             return None
         return replace(found, begun=begun, falls=bool(kept["falls"]), slack=float(kept["slack"]),

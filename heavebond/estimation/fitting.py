@@ -22,20 +22,21 @@ from pathlib import Path
 import numpy as np
 
 from heavebond.core import facade
-from heavebond.core.cancellation import ENDED_EARLY, finishing
+from heavebond.core.cancellation import finishing
+from heavebond.core.cluster import Cluster
 from heavebond.core.errors import HeavebondError, Place, Problem, SimulationError, UsageError, listing, suggest
+from heavebond.core.kept_lines import KeptLines
 from heavebond.core.presentation import brief
-from heavebond.core.progress import Progress, numbered
+from heavebond.core.progress import Progress
 from heavebond.core.quantities import si_range
 from heavebond.core.reporting import reporting
 from heavebond.core.threads import single_threaded
 from heavebond.estimation.comparison import Comparison, RecordComparison, compare_record
-from heavebond.estimation.excerpts import EXCERPTS
 from heavebond.estimation.experiment import Experiment, Free, Record, load_experiment
 from heavebond.estimation.identifiability import Identifiability, identifiability
-from heavebond.estimation.multiple_shooting import Shooting
 from heavebond.estimation.records import measure
 from heavebond.estimation.residuals import AT_END, BROKEN, Column, Descent, Residuals
+from heavebond.estimation.starts import Starts
 from heavebond.numerics.dae import Array
 from heavebond.numerics.run_verdict import report_verdict as hear
 from heavebond.numerics.simulation import unfilled
@@ -160,15 +161,17 @@ class Fit:
 @reporting
 @single_threaded
 def fit(experiment: Experiment | str | Path, *, starts: int = 1, segments: int = 1, seed: int = 0, robust: bool = False,
-        free: Mapping[str, Free | str] | None = None, progress: Progress | None = None, partial: bool = False) -> Fit:
+        free: Mapping[str, Free | str] | None = None, executor: Cluster | None = None, kept: KeptLines | None = None,
+        progress: Progress | None = None, partial: bool = False) -> Fit:
     """Estimate the free parameters of an experiment from its records with `use: fit`.
 
     Minimises sum ((y - f(p)) / s)**2 + sum ((p - p0) / sigma)**2 within the ranges, with exact sensitivities; see the
     module for both sums. Values of the result are in SI. `starts` is the number of starting points (the diagram's own,
     then a Latin hypercube drawn with `seed`); `segments` above 1 begins with multiple shooting, for records on which one
     run diverges; `robust` replaces squares by soft-L1 losses; `free` replaces the list of the experiment by ranges, also
-    as text (`{"gas.c": "30 .. 70 kN/m"}`). `progress` is called with a text at each step. With `partial` Ctrl-C returns
-    the best so far (`message` is "interrupted"), once a first run is through.
+    as text (`{"gas.c": "30 .. 70 kN/m"}`). With an `executor` the starts are followed on the workers of that cluster;
+    `kept` are those of an earlier call. `progress` is called with a text at each step. With `partial` Ctrl-C returns the
+    best so far (`message` is "interrupted"), once a first run is through (on a cluster, a first start).
 
     Raises UsageError where nothing is free, a name is unknown or a range has the wrong unit, ModelError or DataError
     where the experiment is wrong and SimulationError where the model cannot be simulated near the start.
@@ -181,15 +184,8 @@ def fit(experiment: Experiment | str | Path, *, starts: int = 1, segments: int =
                                   "List parameters and ranges: `free: {gas.c: 42 kN/m +- 20 %}`.")])
     problem = Residuals(experiment)
     say = progress or (lambda text: None)
-    runs, costs = [], []
-    for number, start in enumerate(problem.starting_points(starts, seed), 1):
-        tell = numbered(say, "start", number, starts)
-        start = _from_excerpt(problem, _shot(problem, start, segments, tell), robust, tell)
-        run = problem.minimise(start, robust, tell, partial=partial)
-        runs.append(run)
-        costs.append(2 * run.cost)
-        if run.message == ENDED_EARLY:
-            break
+    runs = Starts(problem.starting_points(starts, seed), segments, robust, partial).descents(problem, say, executor, kept)
+    costs = [2 * run.cost for run in runs]
     best = runs[int(np.argmin(costs))]
     if 2 * best.cost / problem.samples >= 0.5 * BROKEN**2:
         raise SimulationError([Problem("fit-broken", "the model could not be simulated anywhere near the start of the "
@@ -219,27 +215,6 @@ def _filled_by_compare(problem: Residuals) -> str:
     parts = {f"{fills[0]} on {node}" for node, domain in nodes.items() if (fills := domains[domain].fills) is not None}
     return "`run` and `compare` fill nodes that store nothing with a short bore of oil or gas, `fit` does not: add " \
         f"{listing(sorted(parts), 4)}, of the size of the real line. "
-
-
-def _shot(problem: Residuals, start: Array, segments: int, progress: Progress) -> Array:
-    return Shooting(problem, segments).solve(start, progress) if segments > 1 else start
-
-
-def _from_excerpt(problem: Residuals, start: Array, robust: bool, progress: Progress) -> Array:
-    """Of long records: where a fit of their beginnings ends, or the start where that leaves less on the whole of them; from
-    near the optimum the fit takes half of the runs."""
-    points = sum(len(run.found.grid) for run in problem.runs)
-    if points <= EXCERPTS.long:
-        return start
-    each = EXCERPTS.max_extension * EXCERPTS.excerpt // len(problem.runs)
-    begun = [replace(run.record, end=float(run.found.grid[min(each, len(run.found.grid)) - 1])) for run in problem.runs]
-    try:
-        part = Residuals(problem.experiment, begun)
-        found = part.minimise(start, robust, lambda text: progress(f"beginning of the records: {text}"), tolerance=1e-6).x
-    except HeavebondError:  # one of them has no samples of a channel there
-        return start
-    left = [float(np.square(problem.evaluate(x)[0]).sum() + np.square(problem.priors(x)[0]).sum()) for x in (start, found)]
-    return found if left[1] < left[0] else start
 
 
 def _finished(problem: Residuals, best: Descent, costs: list[float]) -> Fit:

@@ -10,7 +10,7 @@ from copy import copy
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from itertools import accumulate
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,6 +71,17 @@ class Descent:
     history: tuple[float, ...]
     message: str
     unfinished: bool = False
+
+    def as_dict(self) -> dict[str, Any]:
+        """What `from_dict` takes."""
+        return {"x": self.x.tolist(), "cost": self.cost, "history": list(self.history), "message": self.message,
+                "unfinished": self.unfinished}
+
+    @classmethod
+    def from_dict(cls, kept: Mapping[str, Any]) -> Descent:
+        """The same descent; LookupError, TypeError or ValueError where it is none."""
+        return cls(np.array(kept["x"], float), float(kept["cost"]), tuple(kept["history"]), str(kept["message"]),
+                   bool(kept["unfinished"]))
 
 
 class Run:

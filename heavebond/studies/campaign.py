@@ -33,8 +33,6 @@ from heavebond.studies.run_case import Outcome, checked, worked
 from heavebond.studies.study import Procedure, Study, load_study
 
 KEPT = "done"
-# tasks that a worker elsewhere has at a time, so that it need not wait for the next one
-AHEAD = 2
 CALIBRATION = "calibration"
 DIED = "the process that worked on this case died, also when it was tried again (killed, or out of memory)"
 
@@ -165,7 +163,7 @@ def _outcomes(study: Study, kept: CaseStore | None, fresh: bool, executor: Execu
     else:
         packed = study.packed()
         given = ((k, (packed(case), case, procedure)) for k, (case, procedure) in left)
-        ahead = AHEAD * number if isinstance(executor, Cluster) else number + 1
+        ahead = executor.ahead if isinstance(executor, Cluster) else number + 1
         done_now = as_done(executor, worked, given, ahead, instead=died)
     for k, outcome in done_now:
         if kept is not None and not outcome.problem:

@@ -1,0 +1,140 @@
+"""The descents of a fit from its starting points: one after the other, or side by side on the workers of a cluster.
+
+A worker is sent the experiment with each start and keeps the least squares problem that it has made of it. What was done may
+be kept in a file, each descent with a digest of the records, the model (its residuals and derivatives at the first start, to
+the last bit), the start and the method.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import pickle
+import zlib
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from heavebond import __version__
+from heavebond.core.cancellation import ENDED_EARLY, clear_signal
+from heavebond.core.cluster import Cluster
+from heavebond.core.errors import HeavebondError
+from heavebond.core.kept_lines import KeptLines
+from heavebond.core.parallel import as_done
+from heavebond.core.progress import Progress, numbered
+from heavebond.estimation.excerpts import EXCERPTS
+from heavebond.estimation.multiple_shooting import Shooting
+from heavebond.estimation.residuals import Descent, Residuals
+from heavebond.numerics.dae import Array
+
+
+@dataclass(frozen=True)
+class Starts:
+    """The starting points (m,) of a fit, and how each is followed."""
+
+    points: Sequence[Array]
+    segments: int = 1
+    robust: bool = False
+    partial: bool = False
+
+    def descents(self, problem: Residuals, say: Progress, cluster: Cluster | None = None, kept: KeptLines | None = None
+                 ) -> list[Descent]:
+        """Where the descents end, in the order of the starts. With `partial` an interrupt ends it with those that are there,
+        the last of them with the message ENDED_EARLY."""
+        digests = [self._digest(problem, point) for point in self.points] if kept is not None else []
+        found: dict[int, Descent] = {}
+        for k, digest in enumerate(digests):
+            with suppress(LookupError, TypeError, ValueError):
+                assert kept is not None
+                entry = kept.get(digest) or {}
+                found[k] = Descent.from_dict(entry)
+                problem.evaluations += int(entry["evaluations"])
+        left = [k for k in range(len(self.points)) if k not in found]
+        coming = self._here(problem, left, say) if cluster is None else self._elsewhere(problem, left, say, cluster)
+        try:
+            for k, descent, evaluations in coming:
+                found[k] = descent
+                if kept is not None and descent.message != ENDED_EARLY:
+                    kept.add(digests[k], {**descent.as_dict(), "evaluations": evaluations})
+        except KeyboardInterrupt:
+            if not self.partial or not found:
+                raise
+            clear_signal()
+            return self._ended(found)
+        return self._ended(found) if any(d.message == ENDED_EARLY for d in found.values()) else _in_order(found)
+
+    def _ended(self, found: dict[int, Descent]) -> list[Descent]:
+        descents = _in_order(found)
+        return [*descents[:-1], replace(descents[-1], message=ENDED_EARLY)]
+
+    def _here(self, problem: Residuals, numbers: Sequence[int], say: Progress) -> Iterator[tuple[int, Descent, int]]:
+        for k in numbers:
+            descent, evaluations = self.follow(problem, self.points[k], numbered(say, "start", k + 1, len(self.points)))
+            yield k, descent, evaluations
+            if descent.message == ENDED_EARLY:
+                return
+
+    def _elsewhere(self, problem: Residuals, numbers: Sequence[int], say: Progress, cluster: Cluster
+                   ) -> Iterator[tuple[int, Descent, int]]:
+        packed = zlib.compress(pickle.dumps(problem.experiment))
+        jobs = [(k, (packed, replace(self, points=[self.points[k]], partial=False))) for k in numbers]
+        say(f"start 1 of {len(self.points)}")
+        for done, (k, (descent, evaluations)) in enumerate(as_done(cluster, _followed, jobs, cluster.ahead), 1):
+            problem.evaluations += evaluations
+            say(f"{len(self.points) - len(numbers) + done} of {len(self.points)} starts: chi-square per sample "
+                f"{2 * descent.cost / problem.samples:.4g}")
+            yield k, descent, evaluations
+
+    def follow(self, problem: Residuals, start: Array, say: Progress) -> tuple[Descent, int]:
+        """The descent from a point, and how often it evaluated the problem."""
+        before = problem.evaluations
+        if self.segments > 1:
+            start = Shooting(problem, self.segments).solve(start, say)
+        start = self._from_excerpt(problem, start, say)
+        descent = problem.minimise(start, self.robust, say, partial=self.partial)
+        return descent, problem.evaluations - before
+
+    def _from_excerpt(self, problem: Residuals, start: Array, say: Progress) -> Array:
+        """Of long records: where a fit of their beginnings ends, or the start where that leaves less on the whole of them;
+        from near the optimum the fit takes half of the runs."""
+        points = sum(len(run.found.grid) for run in problem.runs)
+        if points <= EXCERPTS.long:
+            return start
+        each = EXCERPTS.max_extension * EXCERPTS.excerpt // len(problem.runs)
+        begun = [replace(run.record, end=float(run.found.grid[min(each, len(run.found.grid)) - 1])) for run in problem.runs]
+        try:
+            part = Residuals(problem.experiment, begun)
+            found = part.minimise(start, self.robust, lambda text: say(f"beginning of the records: {text}"),
+                                  tolerance=1e-6).x
+        except HeavebondError:  # one of them has no samples of a channel there
+            return start
+        left = [float(np.square(problem.evaluate(x)[0]).sum() + np.square(problem.priors(x)[0]).sum())
+                for x in (start, found)]
+        return found if left[1] < left[0] else start
+
+    def _digest(self, problem: Residuals, point: Array) -> str:
+        made = hashlib.sha256(repr((__version__, problem.runs[0].simulator.tolerances, problem.columns, self.segments,
+                                    self.robust)).encode())
+        for array in (*problem.evaluate(problem.start), point):
+            made.update(np.ascontiguousarray(array).tobytes())
+        for run in problem.runs:
+            made.update(run.record.name.encode())
+            for samples in (run.found.grid, run.measured, run.counts, run.noise):
+                made.update(np.ascontiguousarray(samples).tobytes())
+        return made.hexdigest()
+
+
+def _in_order(found: dict[int, Descent]) -> list[Descent]:
+    return [found[k] for k in sorted(found)]
+
+
+def _followed(packed: bytes, starts: Starts) -> tuple[Descent, int]:
+    """The descent from the only point, in a process that another one has sent everything."""
+    return starts.follow(_unpacked(packed), starts.points[0], lambda text: None)
+
+
+@lru_cache(maxsize=2)
+def _unpacked(packed: bytes) -> Residuals:
+    return Residuals(pickle.loads(zlib.decompress(packed)))
