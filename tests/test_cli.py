@@ -16,6 +16,7 @@ from matplotlib.image import imread
 
 import heavebond
 from heavebond import cli
+from heavebond.commands import terminal
 from heavebond.commands.demo import FIGURES, SEAS
 from heavebond.core.errors import SimulationError
 
@@ -407,3 +408,16 @@ def test_check_lists_every_name() -> None:
     lines = result.stdout.splitlines()
     assert any(line.split()[:2] == ["crown.x", "m"] for line in lines)
     assert any(line.split()[:4] == ["gas.c", "N/m", "42", "kN/m"] for line in lines)
+
+
+# -- tables --------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("width", [74, 100, 120])
+def test_lines_of_a_table_are_broken_between_words(width: int, monkeypatch: pytest.MonkeyPatch,
+                                                   capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setenv("COLUMNS", str(width))
+    row = ["dry friction", "RotationalDirectionalFriction", "between fast and the surroundings of the drum", "8.95"]
+    console = terminal.output()
+    console.print(terminal.table("", ("class", "effect", "place", "held out"), [row], text=3))
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= width
+    assert all(word in " ".join(lines).split() for cell in row for word in cell.split())

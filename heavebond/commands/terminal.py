@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 PIPE_CLOSED = 141  # exit code that shells report for SIGPIPE
 PLAIN_WIDTH = 120  # of tables that go to a file or a pipe
+GAP = 3  # between columns
 
 
 def output() -> Console:
@@ -60,11 +61,25 @@ def table(title: str, head: Sequence[str], rows: Sequence[Sequence[str]], *, tex
 
     made = Table(title=title or None, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False,
                  show_edge=False)
-    for k, name in enumerate(head):
-        made.add_column(name, justify="left" if k < text else "right", overflow="fold")
+    for k, (name, width) in enumerate(zip(head, _widths(head, rows, output().width), strict=True)):
+        made.add_column(name, justify="left" if k < text else "right", overflow="fold", width=width)
     for row in rows:
         made.add_row(*row)
     return made
+
+
+def _widths(head: Sequence[str], rows: Sequence[Sequence[str]], width: int) -> Sequence[int | None]:
+    """The widths of the columns where the lines of a table must be broken: between words, in the widest columns. None where
+    the table fits, and where not even its words do."""
+    cells = [[name, *(row[k] for row in rows)] for k, name in enumerate(head)]
+    words = [max((len(word) for cell in column for word in cell.split()), default=0) for column in cells]
+    found = [max(map(len, column)) for column in cells]
+    room = width - GAP * (len(head) - 1)
+    if sum(found) <= room or sum(words) > room:
+        return [None] * len(head)
+    while sum(found) > room:
+        found[max((k for k in range(len(head)) if found[k] > words[k]), key=found.__getitem__)] -= 1
+    return found
 
 
 def show(items: Sequence[Item]) -> None:
