@@ -512,6 +512,19 @@ PIECES = ["", "end;", "[", "(", "'", "=", "if", "1e999", "[0]", "knot", ")", ";"
           "floor (", "constraint (", "{hr}", "not", "mul (collect (", "x[k]"]
 
 
+def test_units_of_declarations_and_of_numbers(tmp_path: Path) -> None:
+    made = import_emx(_file(tmp_path, one_part("""parameters
+ real a = 2 {km/h}, b = 3 {Nm}, c = 20 {degC}, e = 5 {uF}, f = 7 {furlong}, g = 90 {deg};	// seven
+equations
+ y = a * b * c * e * f * g * time / 1 {ms};""", "y")))
+    text = made.files["components/own.yaml"]
+    for name, unit, value in (("a", "m/s", "0.555555555555556 m/s"), ("b", "N*m", "3 N*m"), ("c", "K", "293.15 K"),
+                              ("e", "F", "5e-06 F"), ("g", "rad", "1.5707963267949 rad")):
+        assert f"{name}: {{unit: {unit}, default: {value}" in text
+    assert 'f: {unit: 1, default: 7, doc: "seven [furlong]"}' in text
+    assert "time / 0.001" in text
+
+
 @pytest.mark.parametrize("text", [OWN, EVERYTHING], ids=["graph", "equations"])
 def test_mutated_files_end_without_a_traceback(tmp_path: Path, text: str) -> None:
     draw = random.Random(7)

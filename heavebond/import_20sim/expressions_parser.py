@@ -32,6 +32,7 @@ class Reader:
     def __init__(self, lexed: Lexed, file: str):
         self.tokens, self.comments, self.file = lexed.tokens, lexed.comments, file
         self.at, self.depth = 0, 0
+        self.declaring = False
 
     @property
     def now(self) -> Token:
@@ -123,7 +124,8 @@ class Reader:
         token = self.take()
         if token.kind == "number" and float(token.text) > LARGEST:
             raise Unreadable(token.line, f"the number {token.text[:30]} is too large")
-        if token.kind == "number" and self.now.kind == "unit":
+        if token.kind == "number" and self.now.kind == "unit" and not (
+                self.declaring and self.tokens[self.at + 1].text in (";", ",")):  # that unit is of what is declared
             return Expr("number", value=float(token.text) * unit_factor(self.take().text[1:-1]), line=token.line)
         if token.kind == "number":
             return Expr("number", value=float(token.text), line=token.line)
@@ -313,6 +315,14 @@ class Reader:
         while depth and self.now.kind != "end" and self.now.text != ";":
             depth += {"(": 1, ")": -1}.get(self.take().text, 0)
 
+    def _stated(self) -> Expr:
+        """The value of a declaration; a unit behind its end is that of the declaration."""
+        self.declaring = True
+        try:
+            return self.expression()
+        finally:
+            self.declaring = False
+
     def _declared(self) -> list[Declared]:
         kind, words, found = self.take().word, [], []
         while self.now.word in WORDS:
@@ -330,7 +340,7 @@ class Reader:
                 elif self.skip("["):
                     size = self._list("]")
                 elif self.skip("="):
-                    value = self.expression()
+                    value = self._stated()
                 elif self.now.kind == "unit":
                     unit = self.take().text[1:-1].strip()
                 elif self.now.kind == "string":

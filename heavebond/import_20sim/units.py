@@ -24,7 +24,9 @@ class ReadUnit:
     doc: str = ""
 
     def si(self, value: float) -> float:
-        return self.factor * value + self.offset
+        if self.factor == 1 and not self.offset:
+            return value
+        return float(f"{self.factor * value + self.offset:.15g}")  # 5 uF as 5e-06 F, not as 4.9999999999999996e-06 F
 
 
 def unit_of(text: str) -> ReadUnit:
