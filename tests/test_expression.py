@@ -122,9 +122,9 @@ def test_no_module_evaluates_text() -> None:
             if isinstance(node, (ast.Import, ast.ImportFrom)):
                 modules = {alias.name for alias in node.names} | {getattr(node, "module", "") or ""}
                 # a program is started by the export of FMUs alone: the C compiler, for what is written and not run here;
-                # pickled is what the cases of a study share, from one process to its workers, never to a file
+                # pickled is what the tasks of workers share, from one process to another, never to a file
                 allowed = {"fmu_export.py": {"subprocess"}, "compiled_cvodes.py": {"subprocess"},
-                           "study.py": {"pickle"}}.get(path.name, set())
+                           "packed.py": {"pickle"}}.get(path.name, set())
                 assert not modules & ({"pickle", "marshal", "shelve", "subprocess"} - allowed), path
 
 

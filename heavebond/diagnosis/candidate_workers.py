@@ -4,9 +4,7 @@ each task and keep what they have made of it."""
 
 from __future__ import annotations
 
-import pickle
 import time as clock
-import zlib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -15,6 +13,7 @@ from typing import Any, TypeVar
 
 from heavebond.core.cluster import Cluster
 from heavebond.core.kept_lines import Kept
+from heavebond.core.packed import packed, unpacked
 from heavebond.core.parallel import Processes, as_done, check_cancelled, forks, processors
 from heavebond.core.progress import Progress
 from heavebond.diagnosis.catalogue import Candidate
@@ -60,7 +59,7 @@ class Workers:
 
     @cached_property
     def _packed(self) -> bytes:
-        return zlib.compress(pickle.dumps(self._given))
+        return packed(self._given)
 
     def __enter__(self) -> Workers:
         if self.cluster is None and self.number > 1:
@@ -152,8 +151,8 @@ def _made(given: Given) -> Base:
 
 
 @lru_cache(maxsize=2)
-def _unpacked(packed: bytes) -> Base:
-    return _made(pickle.loads(zlib.decompress(packed)))
+def _base_of(given: bytes) -> Base:
+    return _made(unpacked(given))
 
 
 def _beside(function: Callable[..., T], *job: Any) -> T:
@@ -162,9 +161,9 @@ def _beside(function: Callable[..., T], *job: Any) -> T:
     return function(_base, *job, check_cancelled)
 
 
-def _elsewhere(packed: bytes, function: Callable[..., T], *job: Any) -> T:
+def _elsewhere(given: bytes, function: Callable[..., T], *job: Any) -> T:
     """A job in a process that another one has sent everything."""
-    return function(_unpacked(packed), *job)
+    return function(_base_of(given), *job)
 
 
 def _scored(base: Base, candidate: Candidate, progress: Progress | None = None) -> list[Score]:

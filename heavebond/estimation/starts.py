@@ -8,8 +8,6 @@ the last bit), the start and the method.
 from __future__ import annotations
 
 import hashlib
-import pickle
-import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -22,6 +20,7 @@ from heavebond.core.cancellation import ENDED_EARLY, clear_signal
 from heavebond.core.cluster import Cluster
 from heavebond.core.errors import HeavebondError
 from heavebond.core.kept_lines import KeptLines
+from heavebond.core.packed import packed, unpacked
 from heavebond.core.parallel import as_done
 from heavebond.core.progress import Progress, numbered
 from heavebond.estimation.excerpts import EXCERPTS
@@ -78,8 +77,8 @@ class Starts:
 
     def _elsewhere(self, problem: Residuals, numbers: Sequence[int], say: Progress, cluster: Cluster
                    ) -> Iterator[tuple[int, Descent, int]]:
-        packed = zlib.compress(pickle.dumps(problem.experiment))
-        jobs = [(k, (packed, replace(self, points=[self.points[k]], partial=False))) for k in numbers]
+        shared = packed(problem.experiment)
+        jobs = [(k, (shared, replace(self, points=[self.points[k]], partial=False))) for k in numbers]
         say(f"start 1 of {len(self.points)}")
         for done, (k, (descent, evaluations)) in enumerate(as_done(cluster, _followed, jobs, cluster.ahead), 1):
             problem.evaluations += evaluations
@@ -130,11 +129,11 @@ def _in_order(found: dict[int, Descent]) -> list[Descent]:
     return [found[k] for k in sorted(found)]
 
 
-def _followed(packed: bytes, starts: Starts) -> tuple[Descent, int]:
+def _followed(experiment: bytes, starts: Starts) -> tuple[Descent, int]:
     """The descent from the only point, in a process that another one has sent everything."""
-    return starts.follow(_unpacked(packed), starts.points[0], lambda text: None)
+    return starts.follow(_problem_of(experiment), starts.points[0], lambda text: None)
 
 
 @lru_cache(maxsize=2)
-def _unpacked(packed: bytes) -> Residuals:
-    return Residuals(pickle.loads(zlib.decompress(packed)))
+def _problem_of(experiment: bytes) -> Residuals:
+    return Residuals(unpacked(experiment))

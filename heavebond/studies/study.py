@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
-import zlib
 from collections.abc import Callable
 from collections.abc import Mapping as Dictionary
 from collections.abc import Sequence as Many
@@ -16,6 +14,7 @@ import numpy as np
 
 from heavebond.core.errors import ModelError, Place, Problem, Problems, UsageError, listing, suggest
 from heavebond.core.numerals import whole
+from heavebond.core.packed import packed, unpacked
 from heavebond.core.presentation import brief, count
 from heavebond.core.units import Range, UnitProblem, parse_quantity
 from heavebond.language import reading
@@ -139,7 +138,7 @@ class Study:
 
     def packed(self) -> Callable[[int], PackedCase]:
         """Case `number` as it is sent to a worker; what all cases share is serialised once."""
-        shared = zlib.compress(pickle.dumps(replace(self, axes=(), in_all=self.total)))
+        shared = packed(replace(self, axes=(), in_all=self.total))
 
         def one(number: int) -> PackedCase:
             levels = zip(self.axes, self._index(number), strict=True)
@@ -187,7 +186,7 @@ class PackedCase:
 
 @lru_cache(maxsize=4)
 def _unpacked(shared: bytes) -> Study:
-    found = pickle.loads(zlib.decompress(shared))
+    found = unpacked(shared)
     assert isinstance(found, Study)
     return found
 
