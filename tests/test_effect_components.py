@@ -497,15 +497,26 @@ show: {load.x: {unit: m}, rope.F: {unit: N}}
 simulate: {until: 8 s, every: 20 ms}
 """
 # domain -> diagram, nodes for `across`, node for `at`, (port, its node) for `in series`, nodes for `also`
+PLANE = """
+components:
+  ground: {is: PlanarFixed}
+  pin:    {is: RevoluteJoint}
+  bob:    {is: PlanarBody, m: 2 kg, J: 0.1 kg*m**2, l_g: 1 m}
+nodes: {ground: [ground.a, pin.a], bob: [pin.b, bob.a]}
+initial: {bob.phi: -30 deg, bob.w: 0 rad/s, bob.x: ~ 0 m}
+show: {bob.phi: {unit: rad}}
+simulate: {until: 0.5 s, every: 10 ms}
+"""
 PLACES = {
     "translational": (HANGING, ("top", "load"), "load", ("gas.a", "top")),
     "rotational": (SHAFT, ("frame", "load"), "load", ("spring.a", "frame")),
     "hydraulic": (CIRCUIT, ("high", "low"), "low", ("throttle.a", "high")),
     "pneumatic": (GAS, ("vessel", "air"), "vessel", ("outlet.a", "vessel")),
     "thermal": (HEAT, ("block", "room"), "case", ("skin.a", "case")),
+    "planar": (PLANE, ("ground", "bob"), "bob", ("pin.b", "bob")),
 }
 OLD = {"Spring": (HANGING, "gas", "c: 5 kN/m"), "SpringDamper": (HANGING, "rope", "c: 9 kN/m, d: 200 N*s/m"),
-       "TorsionSpring": (SHAFT, "spring", "c: 100 N*m/rad"),
+       "RevoluteJoint": (PLANE, "pin", "r: 0"), "TorsionSpring": (SHAFT, "spring", "c: 100 N*m/rad"),
        "TorsionSpringDamper": (SHAFT, "mount", "c: 20 N*m/rad, d: 2 N*m*s/rad"),
        "LaminarLeakage": (CIRCUIT, "throttle", "C: 4e-10 m**3/(s*Pa)"), "PressureSource": (CIRCUIT, "tank", "p_0: 2 bar"),
        "Receiver": (GAS, "vessel", "V: 10 L"), "Hose": (CIRCUIT, "more", "C: 3e-12 m**3/Pa"),
@@ -515,7 +526,8 @@ NEARLY = {"SeriesCompliance": "c: 1e8 N/m", "ShaftCompliance": "c: 1e7 N*m/rad",
           "LineVolume": "C: 1e-16 m**3/Pa", "FirstOrderLag": "T_1: 1 ms", "Delay": "T: 1 ms",
           "RateLimit": "r_max: 1e5 {}/s, T_f: 1 ms",
           "Saturation": "u_min: -1e6 {}, u_max: 1e6 {}", "Backlash": "gap: 1 um, c: 1e8 N/m, d: 1e6 N*s/m",
-          "GearBacklash": "gap: 1e-6 rad, c: 1e7 N*m/rad, d: 1e4 N*m*s/rad", "ReceiverWithHeat": "G: 1e5 W/K"}
+          "GearBacklash": "gap: 1e-6 rad, c: 1e7 N*m/rad, d: 1e4 N*m*s/rad", "ReceiverWithHeat": "G: 1e5 W/K",
+          "RevoluteJointWithPlay": "gap: 0.1 um, c: 1e7 N/m"}
 
 
 def absent(component: Component, unit: str = "") -> str:

@@ -58,7 +58,8 @@ READINGS = {
     "measured_rotation": {
         "power.y": 0.2*100**2, "torque.y": 0.2*100, "tacho.y": 100, "encoder.y": 100, "resolver.y": 100, "slip.y": 100,
         "g_rotor.y": 10/5, "g_disc.y": 10/5, "apart.y": 2*10/5*1, "n_servo.y": 2, "n_bench.y": 2},
-    "measured_plane": {"gauge.x": 1.001, "gauge.y": 1.5, "string.y": np.hypot(1.001, 1.5)},
+    "measured_plane": {"gauge.x": 1.001, "gauge.y": 1.5, "string.y": np.hypot(1.001, 1.5), "gyro.v_x": 2.0, "gyro.v_y": 3.0,
+                       "foot.x": 2.0, "cell.F_y": 98.1, "cell.M": 98.1*0.5},
     "measured_hydraulics": {
         "meter.y": 20/6e4, "gauge.y": 100e5, "drop.y": 100e5, "m_supply.y": 20/6e4, "m_droop.y": 20/6e4,
         "m_servo.y": 20/6e4, "m_tank.y": 80/6e4, "pump.a.q": -20/6e4, "supply.a.q": -20/6e4, "tank.a.q": 80/6e4},

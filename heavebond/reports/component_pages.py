@@ -153,8 +153,9 @@ def _members(port: str, domain: Domain) -> str:
 
 
 def _power_of(domain: Domain) -> str:
-    return f"${symbol_tex(domain.power)}$" if domain.power else rf"${symbol_tex(domain.effort or '')} \, " \
-        rf"{symbol_tex(domain.flow or '')}$"
+    if domain.power:
+        return f"${symbol_tex(domain.power)}$"
+    return "$" + " + ".join(rf"{symbol_tex(effort)} \, {symbol_tex(flow)}" for effort, flow in domain.pairs) + "$"
 
 
 def _parts(component: Component) -> list[str]:
