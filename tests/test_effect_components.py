@@ -496,7 +496,6 @@ nodes: {wish: [sine.y, force.u], command: [force.y, push.u], load: [push.a, load
 show: {load.x: {unit: m}, rope.F: {unit: N}}
 simulate: {until: 8 s, every: 20 ms}
 """
-# domain -> diagram, nodes for `across`, node for `at`, (port, its node) for `in series`, nodes for `also`
 PLANE = """
 components:
   ground: {is: PlanarFixed}
@@ -507,6 +506,7 @@ initial: {bob.phi: -30 deg, bob.w: 0 rad/s, bob.x: ~ 0 m}
 show: {bob.phi: {unit: rad}}
 simulate: {until: 0.5 s, every: 10 ms}
 """
+# domain -> diagram, nodes for `across`, node for `at`, (port, its node) for `in series`, nodes for `also`
 PLACES = {
     "translational": (HANGING, ("top", "load"), "load", ("gas.a", "top")),
     "rotational": (SHAFT, ("frame", "load"), "load", ("spring.a", "frame")),
