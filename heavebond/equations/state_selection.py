@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heavebond.equations.buffered import Buffered
+from heavebond.equations.constraint_projection import constraint_equations
 from heavebond.equations.flatten import Flat
 from heavebond.equations.matching import components_of
 from heavebond.equations.resolver import Resolver
@@ -22,6 +23,8 @@ Column = tuple[int, int]  # (unknown, order of its derivative)
 # initial value for is kept unless another choice is a thousand times better conditioned.
 PREFERENCE = {"position": 1e-2, "across": 1e-2, "signal": 1e-1, "own": 1e-1, "through": 1.0}
 ASKED = 1e-1
+# strain of a choice above which it does not serve; preferences alone come to 1/(1e-2 * 1e-1)
+UNSUITABLE = 1e3
 # From so many rows on LAPACK is faster; for fewer, loading SciPy would take longer than all of a usual model.
 LARGE = 100
 
@@ -78,19 +81,37 @@ def constraints(flat: Flat, order: Sequence[int], highest: Sequence[int]) -> Con
 
 
 def select_states(found: Constraints, p: Array) -> list[Column]:
-    """The states (unknown, derivative order) at the initial guess, those preferred that the user asked a value for."""
+    """The states (unknown, derivative order) at the initial guess, those preferred that the user asked a value for.
+
+    A guess of a mechanism may be far from any configuration in which it can be assembled. Where the states that the guess
+    suggests are unsuitable (`UNSUITABLE`) once the guess is projected on the constraints, they are selected there."""
     if not found.entries:
         return chosen_states(found, np.zeros(0))
-    flat = found.flat
+    flat, guess = found.flat, InitialGuess(found.flat)(p)
     symbols, known = stack(s for level in flat.levels for s in level), stack(k.symbols for k in flat.inputs)
     at = ca.Function("H", [symbols, flat.p, flat.time, flat.rate, known], [found.values])
-    numbers = np.array(at(_off_guess(flat, p, symbols.numel()), p, 0.0, 1.0, np.ones(known.numel()))).ravel()
-    return chosen_states(found, np.where(np.isfinite(numbers), numbers, 1.0), found.asked)
+
+    def numbers(values: Array) -> Array:
+        entries = np.array(at(_off(flat, values, symbols.numel()), p, 0.0, 1.0, np.ones(known.numel()))).ravel()
+        return np.where(np.isfinite(entries), entries, 1.0)
+
+    states = chosen_states(found, numbers(guess), found.asked)
+    unknown = {s.element_hash() for level in flat.levels for s in level}
+    if any(s.element_hash() in unknown for s in ca.symvar(found.values)):
+        equations = constraint_equations(flat, found.order)
+        projected = equations.projected(guess, p) if equations else None
+        if projected is not None and _strained(found, states, numbers(projected)):
+            return chosen_states(found, numbers(projected), found.asked)
+    return states
 
 
-def _off_guess(flat: Flat, p: Array, size: int) -> Array:
-    """The guess, moved a little off places where a coefficient vanishes by accident (a crank at dead centre)."""
-    values = InitialGuess(flat)(p)
+def _strained(found: Constraints, states: Sequence[Column], numbers: Array) -> bool:
+    parts = [part for part in parts_of(found, states) if len(part.columns) > len(part.rows)]
+    return any(strain(part, numbers[:, None])[0][0] > UNSUITABLE for part in parts)
+
+
+def _off(flat: Flat, values: Array, size: int) -> Array:
+    """Values moved a little off places where a coefficient vanishes by accident (a crank at dead centre)."""
     nominal = np.array([u.nominal for u in flat.unknowns])
     shift = np.array([uniform(1, j) - 0.5 for j in range(len(values))])
     point = np.zeros(size)

@@ -8,7 +8,7 @@ import numpy as np
 
 from heavebond.core.errors import StartError
 from heavebond.language.symbols import uniform
-from heavebond.numerics import start_messages
+from heavebond.numerics import mechanism_messages, start_messages
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.idas import at_rest
 from heavebond.numerics.matrices import Matrix, added, finite, least_change, null_space, scaled
@@ -51,7 +51,12 @@ def start(assembly: Assembly, t: float = 0.0, u: Array | None = None, equations:
     compiled already."""
     u = np.zeros(assembly.arguments[4].numel()) if u is None else u
     problem = _Search(equations or StartEquations(assembly), assembly, t, u)
-    return problem.finished(problem.solve())
+    try:
+        return problem.finished(problem.solve())
+    except StartError as error:
+        if wrong := mechanism_messages.unassembled(assembly):
+            raise StartError([wrong]) from error
+        raise
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from heavebond.equations.block_solver import Pivot
 from heavebond.equations.lost_rank import losses
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.matrices import dense, finite, null_space, scaled
+from heavebond.numerics.mechanism_messages import dead_centre
 from heavebond.numerics.newton import weights
 from heavebond.numerics.start_equations import INITIALISATION, Point, StartEquations, StartRow, StartSystem
 
@@ -31,7 +32,10 @@ def lost(assembly: Assembly, point: Point) -> list[Problem]:
     values = point.values()
     if not all(np.all(np.isfinite(v)) for v in values):
         return []
-    return structural_messages.lost(assembly.flat, losses(assembly.reduced.system, assembly.point(*values)), AT)
+    found = losses(assembly.reduced.system, assembly.point(*values))
+    if found and not any(loss.parameters or loss.variables for loss in found) and (problem := dead_centre(assembly)):
+        return [problem]
+    return structural_messages.lost(assembly.flat, found, AT)
 
 
 def failure(equations: StartEquations, point: Point, residual: Array, system: StartSystem, sizes: Array) -> StartError:

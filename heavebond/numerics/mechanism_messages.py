@@ -1,0 +1,131 @@
+"""Why a mechanism has no start: its links do not meet, initial conditions contradict its loops, or it begins at a dead centre."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import casadi as ca
+import numpy as np
+
+from heavebond.core.errors import Problem, listing
+from heavebond.equations.constraint_projection import ConstraintEquations, constraint_equations
+from heavebond.equations.state_selection import InitialGuess
+from heavebond.language.symbols import uniform
+from heavebond.numerics.dae import Array, Assembly
+
+# configurations from which one is sought in which the links meet, the first the guess of the diagram
+TRIALS = 6
+# largest constraint, in usual sizes, that counts as kept by a least-squares solution
+CLOSED = 1e-6
+# singular value over the largest below which constraints may depend on each other (the square root of `CLOSED` is left of an
+# angle there), and by how many times it grows beside a dead centre; at other places it is the same
+LOST, GROWS = 1e-5, 100.0
+# share of the largest residual or direction from which a part is named
+SHARE = 0.05
+MOST_NAMED = 8
+
+
+def unassembled(assembly: Assembly) -> Problem | None:
+    """Why the initial conditions of a mechanism ask for a configuration that there is not; None where there is one, or where
+    the diagram has no constraints that change with its configuration."""
+    equations = _equations(assembly)
+    if equations is None:
+        return None
+    guess = InitialGuess(assembly.flat)(assembly.p)
+    given = [j for j, fixed in equations.fixed().items() if fixed]
+    residual = _closest(equations, guess, assembly.p, given)[1]
+    if np.abs(residual).max() < CLOSED:
+        return None
+    if given and np.abs(_closest(equations, guess, assembly.p, [])[1]).max() < CLOSED:
+        return _contradiction(equations, given)
+    return _open(equations, residual)
+
+
+def dead_centre(assembly: Assembly) -> Problem | None:
+    """That the constraints of a mechanism depend on each other at its start, but not beside it; None where this is not so."""
+    equations = _equations(assembly)
+    if equations is None:
+        return None
+    guess = InitialGuess(assembly.flat)(assembly.p)
+    y, residual = _closest(equations, guess, assembly.p, [j for j, fixed in equations.fixed().items() if fixed])
+    return _dead_centre(equations, y, assembly.p) if np.abs(residual).max() < CLOSED else None
+
+
+def _equations(assembly: Assembly) -> ConstraintEquations | None:
+    found = assembly.reduced.choices.constraints
+    unknown = {s.element_hash() for level in assembly.flat.levels for s in level}
+    changing = any(s.element_hash() in unknown for s in ca.symvar(found.values))
+    return constraint_equations(assembly.flat, found.order) if changing else None
+
+
+def _closest(equations: ConstraintEquations, guess: Array, p: Array, given: Sequence[int]) -> tuple[Array, Array]:
+    """The unknowns, those given kept, at the least sum of squares of the constraints, and the residuals there; the best of
+    several searches from turned links."""
+    from scipy.optimize import least_squares
+
+    columns, nominal = list(equations.columns), equations.nominal
+    free = [k for k, j in enumerate(columns) if j not in given]
+    turning = np.array([equations.flat.unknowns[columns[k]].unit.text == "rad" for k in free])
+    begin = guess[columns]
+    best: tuple[Array, Array] | None = None
+    for trial in range(TRIALS if free else 1):
+        y = begin.copy()
+
+        def placed(z: Array, y: Array = y) -> Array:
+            y[free] = z * nominal[free]
+            return y
+
+        if not free:
+            return y, equations.at(y, p)[0]
+        turned = np.array([2 * np.pi * (uniform(trial, k) - 0.5) for k in range(len(free))]) * turning * (trial > 0)
+        solved = least_squares(lambda z, at=placed: equations.at(at(z), p)[0], (begin[free] + turned) / nominal[free],
+                               lambda z, at=placed: equations.at(at(z), p)[1][:, free])
+        residual = equations.at(placed(solved.x), p)[0]
+        if best is None or np.abs(residual).max() < np.abs(best[1]).max():
+            best = y.copy(), residual
+        if np.abs(residual).max() < CLOSED:
+            break
+    assert best is not None
+    return best
+
+
+def _parts(equations: ConstraintEquations, shares: Array) -> str:
+    """The parts whose constraints take part in a direction (m,)."""
+    owners = dict.fromkeys(equations.flat.equations[i].owner for i, share in zip(equations.rows, np.abs(shares), strict=True)
+                           if share > SHARE * np.abs(shares).max())
+    return listing(owners, MOST_NAMED)
+
+
+def _dead_centre(equations: ConstraintEquations, y: Array, p: Array) -> Problem | None:
+    def singular(at: Array) -> tuple[float, Array]:
+        left, values, _ = np.linalg.svd(equations.at(at, p)[1], full_matrices=False)
+        return (float(values[-1] / values[0]), left[:, -1]) if len(values) == len(equations.rows) else (0.0, left[:, -1])
+
+    value, direction = singular(y)
+    aside = y + equations.nominal * np.array([2 * uniform(1, k) - 1 for k in range(len(y))])
+    if value > LOST or singular(aside)[0] < GROWS * value:
+        return None
+    return Problem("rank-lost", f"the mechanism begins at a dead centre: the constraints of {_parts(equations, direction)} depend "
+                   "on each other at the start", None,
+                   "From there it could go on in two ways. Begin beside this position, change a length a little, or add what "
+                   "decides (a spring).")
+
+
+def _contradiction(equations: ConstraintEquations, given: Sequence[int]) -> Problem:
+    names = [equations.flat.unknowns[j].name for j in given]
+    conditions = equations.flat.expanded.model.initial.conditions
+    places = [c.value.place for name, c in conditions.items() if equations.flat.names.get(name) in given]
+    return Problem("start-failed", f"the links of the mechanism do not meet where {listing(names, MOST_NAMED)} "
+                   f"{'has the value' if len(names) == 1 else 'have the values'} given under `initial:`",
+                   places[-1] if places else None,
+                   "Each degree of freedom has one initial position. Make the others guesses: "
+                   f"`{names[-1]}: ~ ...`.")
+
+
+def _open(equations: ConstraintEquations, residual: Array) -> Problem:
+    worst = [k for k in np.argsort(-np.abs(residual))[:5] if abs(residual[k]) > SHARE * np.abs(residual).max()]
+    notes = [f"{e.owner}: {e.text}" for e in (equations.flat.equations[equations.rows[k]] for k in worst)]
+    leaf = equations.flat.expanded.leaves.get(equations.flat.equations[equations.rows[worst[0]]].owner)
+    return Problem("start-failed", f"the mechanism cannot be assembled: {_parts(equations, residual)} do not meet in any position "
+                   "that was tried", leaf.place if leaf else None, "Check the lengths of the links and the positions of the fixed points; these "
+                   "equations are then left over.", tuple(notes))
