@@ -29,7 +29,7 @@ def begun(name: str, initial: str, **changed: str) -> hb.Model:
 @pytest.mark.parametrize("initial", [
     "crank.phi: 60 deg, crank.w: 0 rad/s, rocker.phi: ~ 60 deg, two.phi: ~ 0 deg",  # guesses at the ports b
     "one.phi: 60 deg, one.w: 0 rad/s, rocker.phi: ~ 60 deg",
-    "crank.phi: 60 deg, crank.w: 0 rad/s",                                          # none: the links are guessed to lie level
+    "crank.phi: 60 deg, crank.w: 0 rad/s",  # none at all
 ])
 def test_a_parallelogram_starts_from_any_guess(initial: str) -> None:
     """Guesses far from any position of the loop once made the level coupler's own angle a state, which never moves."""

@@ -23,7 +23,7 @@ LARGE = 1000
 
 @dataclass(frozen=True)
 class ConstraintEquations:
-    """The differentiated equations that hold no derivative themselves: constraints between positions, and between velocities.
+    """The differentiated equations without a derivative in them: constraints between positions, and between velocities.
 
     rows, columns: the equations and the unknowns in them; nominal: the usual sizes of these
     function:      residuals (m,) and Jacobian (m, n) of the unknowns (n,), parameters, time and rate
@@ -61,8 +61,8 @@ class ConstraintEquations:
                 return None
             if np.abs(residual).max() < KEPT:
                 whole[list(self.columns)] = y
-                return whole if all(self.flat.unknowns[j].low <= whole[j] <= self.flat.unknowns[j].high for j in self.columns) \
-                    else None
+                unknowns = ((self.flat.unknowns[j], whole[j]) for j in self.columns)
+                return whole if all(u.low <= value <= u.high for u, value in unknowns) else None
             y = y + self.nominal * weight * np.linalg.lstsq(jacobian * weight, -residual, rcond=1e-10)[0]
         return None
 

@@ -1,4 +1,4 @@
-"""Why a mechanism has no start: its links do not meet, initial conditions contradict its loops, or it begins at a dead centre."""
+"""Why a mechanism has no start: its links do not meet, initial conditions contradict, or it begins at a dead centre."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ MOST_NAMED = 8
 
 
 def unassembled(assembly: Assembly) -> Problem | None:
-    """Why the initial conditions of a mechanism ask for a configuration that there is not; None where there is one, or where
-    the diagram has no constraints that change with its configuration."""
+    """Why the initial conditions of a mechanism ask for a configuration that does not exist; None where it does, or
+    where the diagram has no constraints that change with its configuration."""
     equations = _equations(assembly)
     if equations is None:
         return None
@@ -42,7 +42,7 @@ def unassembled(assembly: Assembly) -> Problem | None:
 
 
 def dead_centre(assembly: Assembly) -> Problem | None:
-    """That the constraints of a mechanism depend on each other at its start, but not beside it; None where this is not so."""
+    """That the constraints of a mechanism depend on each other at its start, but not beside it; None if they do not."""
     equations = _equations(assembly)
     if equations is None:
         return None
@@ -61,32 +61,40 @@ def _equations(assembly: Assembly) -> ConstraintEquations | None:
 def _closest(equations: ConstraintEquations, guess: Array, p: Array, given: Sequence[int]) -> tuple[Array, Array]:
     """The unknowns, those given kept, at the least sum of squares of the constraints, and the residuals there; the best of
     several searches from turned links."""
+    columns = list(equations.columns)
+    begin = guess[columns]
+    free = [k for k, j in enumerate(columns) if j not in given]
+    if not free:
+        return begin, equations.at(begin, p)[0]
+    turning = np.array([k in free and equations.flat.unknowns[j].unit.text == "rad" for k, j in enumerate(columns)])
+    found: list[tuple[Array, Array]] = []
+    for trial in range(TRIALS):
+        turned = turning * [2 * np.pi * (uniform(trial, k) - 0.5) * (trial > 0) for k in range(len(columns))]
+        y = _least(equations, begin + turned, p, free)
+        found.append((y, equations.at(y, p)[0]))
+        if np.abs(found[-1][1]).max() < CLOSED:
+            break
+    return min(found, key=lambda pair: float(np.abs(pair[1]).max()))
+
+
+def _least(equations: ConstraintEquations, begin: Array, p: Array, free: Sequence[int]) -> Array:
+    """The unknowns at the least sum of squares near `begin`, all but those `free` kept."""
     from scipy.optimize import least_squares
 
-    columns, nominal = list(equations.columns), equations.nominal
-    free = [k for k, j in enumerate(columns) if j not in given]
-    turning = np.array([equations.flat.unknowns[columns[k]].unit.text == "rad" for k in free])
-    begin = guess[columns]
-    best: tuple[Array, Array] | None = None
-    for trial in range(TRIALS if free else 1):
+    sizes = equations.nominal[free]
+
+    def placed(z: Array) -> Array:
         y = begin.copy()
+        y[free] = z * sizes
+        return y
 
-        def placed(z: Array, y: Array = y) -> Array:
-            y[free] = z * nominal[free]
-            return y
+    def residuals(z: Array) -> Array:
+        return equations.at(placed(z), p)[0]
 
-        if not free:
-            return y, equations.at(y, p)[0]
-        turned = np.array([2 * np.pi * (uniform(trial, k) - 0.5) for k in range(len(free))]) * turning * (trial > 0)
-        solved = least_squares(lambda z, at=placed: equations.at(at(z), p)[0], (begin[free] + turned) / nominal[free],
-                               lambda z, at=placed: equations.at(at(z), p)[1][:, free])
-        residual = equations.at(placed(solved.x), p)[0]
-        if best is None or np.abs(residual).max() < np.abs(best[1]).max():
-            best = y.copy(), residual
-        if np.abs(residual).max() < CLOSED:
-            break
-    assert best is not None
-    return best
+    def jacobian(z: Array) -> Array:
+        return equations.at(placed(z), p)[1][:, free]
+
+    return placed(least_squares(residuals, begin[free] / sizes, jacobian).x)
 
 
 def _parts(equations: ConstraintEquations, shares: Array) -> str:
@@ -105,10 +113,9 @@ def _dead_centre(equations: ConstraintEquations, y: Array, p: Array) -> Problem 
     aside = y + equations.nominal * np.array([2 * uniform(1, k) - 1 for k in range(len(y))])
     if value > LOST or singular(aside)[0] < GROWS * value:
         return None
-    return Problem("rank-lost", f"the mechanism begins at a dead centre: the constraints of {_parts(equations, direction)} depend "
-                   "on each other at the start", None,
-                   "From there it could go on in two ways. Begin beside this position, change a length a little, or add what "
-                   "decides (a spring).")
+    return Problem("rank-lost", f"the mechanism begins at a dead centre: the constraints of {_parts(equations, direction)} "
+                   "depend on each other at the start", None, "From there it could go on in two ways. Begin beside this "
+                   "position, change a length a little, or add what decides (a spring).")
 
 
 def _contradiction(equations: ConstraintEquations, given: Sequence[int]) -> Problem:
@@ -126,6 +133,6 @@ def _open(equations: ConstraintEquations, residual: Array) -> Problem:
     worst = [k for k in np.argsort(-np.abs(residual))[:5] if abs(residual[k]) > SHARE * np.abs(residual).max()]
     notes = [f"{e.owner}: {e.text}" for e in (equations.flat.equations[equations.rows[k]] for k in worst)]
     leaf = equations.flat.expanded.leaves.get(equations.flat.equations[equations.rows[worst[0]]].owner)
-    return Problem("start-failed", f"the mechanism cannot be assembled: {_parts(equations, residual)} do not meet in any position "
-                   "that was tried", leaf.place if leaf else None, "Check the lengths of the links and the positions of the fixed points; these "
-                   "equations are then left over.", tuple(notes))
+    return Problem("start-failed", f"the mechanism cannot be assembled: {_parts(equations, residual)} do not meet in any "
+                   "position that was tried", leaf.place if leaf else None, "Check the lengths of the links and the "
+                   "positions of the fixed points; these equations are then left over.", tuple(notes))
