@@ -159,6 +159,9 @@ CASES = [
     Case("variable_pump", "part.s.tau", 1, 0.5*D*DP + D*DP*(1/0.92 - 1), 1e-9, ROUNDING),
     Case("plunger_cylinder", "line.p", 4, (1000*9.81 + 20e3*2*LPM/50e-4)/50e-4, 1e-5, "settled to 1e-6"),
     Case("piston_accumulator", "gas.p", 20, 101*BAR*50/48, 1e-4, "the oil gives way by 1 mL of 48 L"),
+    Case("water", "vessel.p", 10, brentq(lambda p: air_compressed(p, 0.002, 2.18e9) - air_compressed(1*BAR, 0.002, 2.18e9)
+                                         - 0.6*LPM*10/0.01, 0, 500*BAR), 1e-5, STEPS),
+    Case("water", "1*inlet.p - 1*vessel.p", 10, 128*1.004e-6*998.2*20/(PI*1e-8)*0.6*LPM, 1e-3, BAND),
     Case("volume", "vessel.p", 2, brentq(lambda p: air_compressed(p, 0.02) - 6*LPM*2/0.01, 0, 500*BAR), 1e-5,
          "integration, 1e-8 of 100 bar in each step"),
 ]

@@ -48,6 +48,20 @@ def emptied(t: Array) -> Array:
     return integrated(rate, [mass, mass*C_V*T_0], t)[1]*(KAPPA - 1)/0.02
 
 
+def other_gas(r: float, kappa: float) -> Callable[[Array], Array]:
+    """A vessel of another gas with walls at 20 degC; a conductance measured with air passes sqrt(R_air/R) of its mass."""
+    c_v = r/(kappa - 1)
+
+    def rate(_: float, y: Array) -> list[float]:
+        mass, energy = y
+        temperature = energy/(mass*c_v)
+        flow = np.sqrt(R/r)*iso(0.5e-8, 0.3, mass*r*temperature/5e-3, P_0, T_1=temperature)
+        return [-flow, 2*(T_0 - temperature) - flow*kappa*c_v*temperature]
+
+    mass = 7e5*5e-3/(r*T_0)
+    return lambda t: integrated(rate, [mass, mass*c_v*T_0], t)[1]*(kappa - 1)/5e-3
+
+
 def pipe(m: Array) -> Array:
     """Inlet pressure of 10 m of smooth tube, 6 mm, for a mass flow to the air: Hagen-Poiseuille below Re = 1190, Blasius."""
     reynolds = 4*m/(np.pi*0.006*18.2e-6)
@@ -176,6 +190,8 @@ CASES = [
     Case("receiver", "1*vessel.p", lambda t: 1e5 + 2e-3*RT/0.01*t, "isothermal filling", TIGHT),
     Case("receiver_with_heat", "1*vessel.T", cooling, "first-order decay", TIGHT),
     Case("receiver_with_heat", "1*vessel.p", lambda t: 5e5*cooling(t)/380, "gas law at constant volume", TIGHT),
+    Case("gas", "1*vessel.p", other_gas(188.9, 1.29), "mass and energy of carbon dioxide, SciPy", TIGHT),
+    Case("nitrogen", "1*vessel.p", other_gas(8.314462618/28.0134e-3, 1.4), "mass and energy; R from the molar mass", 5e-5),
     Case("receiver_with_heat_port", "1*vessel.T", shared, "two bodies", TIGHT),
     Case("pneumatic_source", "1*outlet.m", lambda t: np.full_like(t, 5e-9*7e5), "choked: C*p", TIGHT),
     Case("pneumatic_valve", "1*valve.m", lambda t: np.minimum(t, 1)*5e-9*7e5, "choked: u*C*p", TIGHT),

@@ -39,12 +39,17 @@ LIFTING, WINDING = friction_angle(0.12, 15), friction_angle(0.08, 20)
 HELIX, GAMMA = np.arctan(6/(PI*27)), np.radians(4)
 SETTLED = "textbook; the elastic flank settles with its time constant of 1 ms"
 RUN = "closed form; 1e-6 for the integration"
+# Tr 40 x 7: mean diameter 36.5 mm; two screws share shaft and beam
+TR_40, TR_FRICTION = np.arctan(7/(PI*36.5)), friction_angle(0.12, 15)
+SCREW = 36.5e-3/2*np.tan(TR_40 + TR_FRICTION)      # torque per force
+PRESS = (60 - 400*9.81*SCREW)/(400*SCREW + 0.05*2*PI/7e-3)
 LAW = "the law at a prescribed motion; nothing is integrated"
 CASES = [
     Case("differential", "left.w", lambda t: 4/2*10/2*t, RUN),
     Case("differential", "right.w", lambda t: 4/2*10/4*t, RUN),
     # raising a load F takes the torque F d_2/2 tan(helix + friction angle)
     Case("power_screw", "part.a.tau", lambda t: 10e3*0.027/2*np.tan(HELIX + LIFTING) + 0*t, SETTLED, begin=0.1),
+    Case("trapezoidal_thread", "beam.x", lambda t: PRESS*t**2/2, "the rigid press; the threads yield by 8 um", 1e-3),
     # efficiency tan(gamma)/tan(gamma + friction angle)
     Case("worm_gear", "part.a.tau", lambda t: 200/40*np.tan(GAMMA + WINDING)/np.tan(GAMMA) + 0*t, SETTLED, begin=0.1),
     Case("cam", "follower.x", follower, LAW),
@@ -116,6 +121,25 @@ simulate: {{until: 0.3 s}}
         # energy: without friction the weight would turn the rotor by this much
         assert turned > -0.5*100*9.81*5e-3/(2*PI)/1e-3*0.3**2
     agree(1.0, 1.0)
+
+
+@checks("TrapezoidalThread")
+def test_a_thread_by_its_designation_has_the_dimensions_of_the_standard() -> None:
+    """ISO 2904: Tr 20 x 4 has d_2 = 18 mm, Tr 40 x 14 P7 of two starts d_2 = 36.5 mm."""
+    for d_n, pitch, starts, d_2 in ((20, 4, 1, 18), (40, 7, 2, 36.5)):
+        found = run(f"""
+model: thread
+components:
+  thread: {{is: TrapezoidalThread, d_n: {d_n} mm, P: {pitch} mm, starts: {starts}, mu: 0.1}}
+  screw:  {{is: PowerScrew, data: thread, c: 1 MN/m}}
+  rotor:  {{is: Inertia, J: 1 kg*m**2}}
+  load:   {{is: Mass, m: 1 kg}}
+nodes: {{shaft: [screw.a, rotor.a], nut: [screw.b, load.a]}}
+show: {{d_2: {{is: screw.d_2, unit: m}}, h: {{is: screw.h, unit: m}}}}
+simulate: {{until: 1 ms}}
+""")
+        agree(found["screw.d_2"], d_2*1e-3)
+        agree(found["screw.h"], starts*pitch*1e-3)
 
 
 @checks("Cam", "WinchDrum")

@@ -127,6 +127,22 @@ simulate: {until: 1 s}
     agree(1e-3*np.log(v[0]/v[1:]), LPM*filled.time[1:], 2e-3)
 
 
+@checks("Water")
+def test_water_is_a_fluid_by_the_tables_of_steam() -> None:
+    agree(part("Water")({"a.p": DROPS})["a.q"], 0, size=1e-30)
+    found = run("""model: pipe
+components: {water: {is: Water}, pump: {is: FlowSource, u: 0.3 L/min}, v: {is: Volume, V: 1 L},
+             pipe: {is: Capillary, d: 5 mm, length: 1 m}, t: {is: Tank}}
+nodes: {n: [water.a, pump.a, v.a, pipe.a], back: [pipe.b, t.a]}
+show: {n.p: {unit: Pa}}
+simulate: {until: 0.1 s}
+""")
+    # IAPWS-95 at 20 degC and 1 bar: compressibility 0.459/GPa; dynamic viscosity 1.0016 mPa*s (IAPWS 2008)
+    resistance = 128*1.0016e-3/(np.pi*5e-3**4)
+    decay = np.exp(-found.time/(resistance*1e-3*0.459e-9))
+    agree(found["n.p"][1:], resistance*0.3*LPM*(1 - decay[1:]), 2e-3)
+
+
 @checks("Hose", "LineVolume", "Cap", "Cavitation")
 def test_compliances_of_a_node() -> None:
     for name in ("Hose", "LineVolume"):

@@ -296,6 +296,24 @@ def test_single_acting_cylinder() -> None:
     agree(found["der(A.p)"], ((KAPPA - 1)*energy - 5*bar*A*v)/V, 1e-5)
 
 
+@checks("Gas", "Nitrogen")
+def test_a_gas_has_the_heat_capacities_of_its_law() -> None:
+    for name, given, r, kappa in (("Gas", "", R, KAPPA), ("Gas", ", R: 188.9 J/(kg*K), kappa: 1.29", 188.9, 1.29),
+                                  ("Nitrogen", "", 8.314462618/28.0134e-3, 1.4)):
+        agree([part(name)({"a.p": 3*bar, "a.T": 280})[through] for through in ("a.m", "a.H")], 0, size=1e-30)
+        found = run(f"""model: filled
+components: {{gas: {{is: {name}{given}}}, feed: {{is: PneumaticFlowSource, T_0: 310 K, u: 1 g/s}},
+             v: {{is: ReceiverWithHeat, V: 5 L, G: 0}}}}
+nodes: {{n: [gas.a, feed.a, v.a]}}
+initial: {{n.p: 2 bar, n.T: 293.15 K}}
+show: {{n.p: {{unit: Pa}}, n.T: {{unit: K}}}}
+simulate: {{until: 1 s}}
+""")
+        # enthalpy of the feed becomes internal energy: V dp/dt = kappa R T_0 m
+        agree(found["n.p"], 2*bar + kappa*r*310*1e-3/5e-3*found.time, 3e-4)
+        agree(found["n.T"], found["n.p"]*5e-3/(r*(2*bar*5e-3/(r*293.15) + 1e-3*found.time)), 3e-4)
+
+
 # -- sources and sensors -----------------------------------------------------------------------------------------------
 @checks("Atmosphere", "PneumaticSource", "PneumaticFlowSource", "MassFlowSensor", "GasTemperatureSensor",
         "PneumaticPressureSensor")

@@ -199,7 +199,7 @@ def _check_component(path: Path) -> dict[str, object]:
 
     known = library([path.parent, path.parent.parent])
     with calling(known.functions):
-        component = parse_component(read(path), known.domains)
+        component = parse_component(read(path), known.domains, known.base(path))
     if not component.composite:
         check_laws(component, known.domains)
     console = output()
@@ -209,7 +209,7 @@ def _check_component(path: Path) -> dict[str, object]:
     console.print(f"Component {component.name}", style="bold")
     console.print("  units and equations agree" if not component.composite else "  a block: its parts are checked with it",
                   soft_wrap=True)
-    if report.holds:
+    if report.holds and (component.ports or component.signals):
         console.print(f"  {report.verdict.partition(': ')[2]}", soft_wrap=True)
     if found:
         raise ModelError(found)

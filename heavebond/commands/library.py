@@ -145,8 +145,10 @@ def _show_function(function: Function) -> dict[str, object]:
 def _show(component: Component) -> dict[str, object]:
     from heavebond.commands.terminal import output
     from heavebond.core.presentation import columns, path_text
+    from heavebond.equations.medium import medium_of
+    from heavebond.language.library import domains
 
-    console = output()
+    console, medium = output(), medium_of(component, domains())
     console.print(component.name, style="bold")
     for line in columns([(text,) for text in (component.summary, component.restrictions) if text], console.width):
         console.print(line, soft_wrap=True)
@@ -154,7 +156,7 @@ def _show(component: Component) -> dict[str, object]:
         "Ports": [*((p.name, p.domain, p.doc) for p in component.ports.values()),
                   *((s.name, f"signal {s.direction}", f"{s.unit.text}{', ' * bool(s.doc)}{s.doc}")
                     for s in component.signals.values())],
-        "Parameters": [(p.name, "integer" if p.integer else _unit(p), _given(p), p.doc)
+        "Parameters": [(p.name, "integer" if p.integer else _unit(p), _given(p, medium), p.doc)
                        for p in component.parameters.values()],
         "Variables": [(v.name, _unit(v), v.doc if v.held is None else f"{v.doc} (held)".lstrip())
                       for v in component.variables.values()],
@@ -225,7 +227,7 @@ def _unit(item: Parameter | Variable) -> str:
     return item.unit.text if item.count is None else f"list, {item.unit.text}"
 
 
-def _given(parameter: Parameter) -> str:
+def _given(parameter: Parameter, medium: str) -> str:
     """Default and bounds: `default 0 m, at least 0`."""
     from heavebond.core.presentation import number
 
@@ -235,7 +237,7 @@ def _given(parameter: Parameter) -> str:
     if parameter.neutral is not None:
         parts.append(f"absent at {number(parameter.neutral)}")
     if parameter.medium:
-        parts.append(f"{parameter.medium} of the Fluid")
+        parts.append(f"{parameter.medium} of the {medium}")
     if parameter.low is not None:
         parts.append(f">= {number(parameter.low)}")
     if parameter.high is not None:

@@ -127,7 +127,7 @@ class Site:
         """The nodes that are held by what stands for the surroundings in the domain (`reference:`): all the same one."""
         reference = self.experiment.model.library.domains[domain].reference
         found = (self.group(f"{leaf.path}.{p}") for leaf in self.expanded.leaves.values()
-                 if leaf.component.name == reference for p in leaf.component.ports)
+                 if reference and leaf.component.is_a(reference) for p in leaf.component.ports)
         return {group.name: group for group in found}
 
     def moving(self, domain: str) -> list[Group]:
@@ -421,7 +421,7 @@ def _behind_channel(site: Site, component: Component, effect: Effect) -> Iterato
 def _replacing(site: Site, component: Component, effect: Effect) -> Iterator[Candidate]:
     check_replacing(component, effect, site.experiment.model.library.component(effect.replaces, effect.place))
     for leaf in site.expanded.leaves.values():
-        if leaf.component.name != effect.replaces or leaf.path not in site.experiment.model.body.instances:
+        if not leaf.component.is_a(effect.replaces) or leaf.path not in site.experiment.model.body.instances:
             continue
         values = {key: quantity(_evaluated(site, leaf, formula.text), component.parameters[key].unit)
                   for key, formula in effect.start.items()}

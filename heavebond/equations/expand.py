@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from heavebond.core.errors import HeavebondError, ModelError, Place, Problems, listing, nearest, suggest
 from heavebond.core.limits import OF_A_KIND
 from heavebond.core.units import is_generic
+from heavebond.equations.data_sheets import DataSheet, data_sheets, taken, whole
 from heavebond.equations.repetition import repeated
 from heavebond.language.definition import Body, Component, End, FileInput, Instance, Parameter, Port, SignalPort, Value
 from heavebond.language.lists import lengths, short, whole_number, written_out
@@ -82,7 +83,8 @@ class Medium:
 @dataclass(frozen=True)
 class Expanded:
     """The opened diagram. `ports` and `signals` tell what each port end carries, by full port path; `media` what fills
-    the circuits that have parts which ask for it."""
+    the circuits that have parts which ask for it, `sheets` which parameters follow those of a part that is their data sheet.
+    """
 
     model: Model
     leaves: dict[str, Leaf]
@@ -91,6 +93,7 @@ class Expanded:
     ports: dict[str, Port] = field(default_factory=dict)
     signals: dict[str, SignalPort] = field(default_factory=dict)
     media: tuple[Medium, ...] = ()
+    sheets: dict[str, tuple[str, ...]] = field(default_factory=dict)
 
     @property
     def blocks(self) -> list[str]:
@@ -114,7 +117,8 @@ def expand_as_far(model: Model) -> tuple[Expanded, Problems]:
     opener = _Opener(model)
     opener.top()
     opener.arrays()
-    found = Expanded(model, opener.leaves, opener.junctions, opener.parameters, opener.ports, opener.signals)
+    found = Expanded(model, opener.leaves, opener.junctions, opener.parameters, opener.ports, opener.signals,
+                     sheets={path: tuple(takers) for path, takers in opener.sheets.items()})
     return found, opener.problems
 
 
@@ -132,6 +136,7 @@ class _Opener:
         self.unused = dict(model.settings)
         self.settable: list[str] = []
         self.found: dict[str, Component] = {}
+        self.sheets: dict[str, list[str]] = {}
         # ports that a misspelt end most likely meant, and parts with such an end: not reported as unconnected as well
         self.meant: set[str] = set()
 
@@ -181,7 +186,10 @@ class _Opener:
                 known[instance.name] = component
         self._nodes(body, prefix, owner, known)
         for name, component in known.items():
-            self._instance(body.instances[name], component, prefix, integers, kinds)
+            sheets = data_sheets(body.instances[name], body, known, prefix, self.model, self.problems)
+            self._instance(body.instances[name], component, prefix, integers, kinds, sheets)
+            for sheet in sheets:
+                self.sheets.setdefault(sheet.path, []).extend(sheet.takers)
 
     def _component(self, instance: Instance, kinds: tuple[str, ...]) -> Component | None:
         try:
@@ -218,23 +226,28 @@ class _Opener:
                                       hint="Give one of them another name.")
 
     def _instance(self, instance: Instance, component: Component, prefix: str, outer: dict[str, int],
-                  kinds: tuple[str, ...]) -> None:
+                  kinds: tuple[str, ...], sheets: tuple[DataSheet, ...]) -> None:
         path = prefix + instance.name
         parameters: dict[str, Bound] = {}
         missing: list[str] = []
-        told = lengths(component, lambda name: name in instance.settings or f"{path}.{name}" in self.unused)
+        told = lengths(component, lambda name: name in instance.settings or f"{path}.{name}" in self.unused
+                       or name in component.values or any(sheet.has(name) for sheet in sheets))
         for name in (n for n, p in component.parameters.items() if p.integer):
-            bound = self._given(instance, name, prefix, path) or self._told(told, name, instance) \
-                or default(component.parameters[name], path)
+            bound = self._given(instance, name, prefix, path)
+            if bound is None and (value := whole(sheets, name, f"{path}.{name}")) is not None:
+                bound = Bound(value, "", value.place)
+            bound = bound or self._told(told, name, instance) or default(component.parameters[name], path)
             if bound is not None:
                 parameters[name] = bound
         integers = self._integers(component, parameters, outer)
         component = written_out(component, integers)
         for name, parameter in component.parameters.items():
             bound = parameters.get(name) or self._given(instance, name, prefix, path)
+            if bound is None and (value := taken(sheets, name, f"{path}.{name}", instance.place)) is not None:
+                bound = Bound(value, "", instance.place)
             if bound is None and parameter.medium:
                 continue  # its circuit decides
-            bound = bound or default(parameter, path)
+            bound = bound or self._own(component, name, path) or default(parameter, path)
             if bound is None:
                 missing.append(name)
             elif isinstance(bound.value, FileInput):
@@ -250,6 +263,12 @@ class _Opener:
         self.leaves[path] = Leaf(path, component, instance.place, parameters, inputs, integers)
         if component.composite:
             self._body(component.body, path + ".", component, integers, (*kinds, component.name))
+
+    @staticmethod
+    def _own(component: Component, name: str, path: str) -> Bound | None:
+        """What a component that extends another one gives to an element of a list."""
+        value = component.values.get(name)
+        return None if value is None else Bound(value, path + ".", value.place)
 
     def _given(self, instance: Instance, name: str, prefix: str, path: str) -> Bound | None:
         setting = self._setting(f"{path}.{name}")

@@ -32,6 +32,8 @@ def _with_medium(expanded: Expanded, domain: Domain, medium: str) -> Expanded:
     library = expanded.model.library
     open_in = {path: wanted for path, leaf in expanded.leaves.items()
                if (wanted := _open(leaf)) and _domain_of_medium(leaf.component, library.domains) is domain}
+    if not open_in and not any(leaf.component.is_a(medium) for leaf in expanded.leaves.values()):
+        return expanded
     problems = Problems()
     circuits = _circuits(expanded, domain)
     sources = _sources(expanded, medium, circuits, problems)
@@ -54,6 +56,12 @@ def _with_medium(expanded: Expanded, domain: Domain, medium: str) -> Expanded:
                          tuple(n for n in expanded.junctions if circuits.get(Terminal("node", n)) == circuit), tuple(names))
                   for circuit, names in takers.items())
     return replace(expanded, leaves=leaves, media=(*expanded.media, *media))
+
+
+def medium_of(component: Component, domains: Mapping[str, Domain]) -> str:
+    """The component that sets the medium from which parameters of a component are taken."""
+    domain = _domain_of_medium(component, domains)
+    return (domain.medium if domain is not None else None) or ""
 
 
 def _domain_of_medium(component: Component, domains: Mapping[str, Domain]) -> Domain | None:
@@ -110,7 +118,7 @@ def _sources(expanded: Expanded, kind: str, circuits: dict[Terminal, int], probl
     """The part that sets the medium of each circuit."""
     found: dict[int, str] = {}
     for path, leaf in expanded.leaves.items():
-        if leaf.component.name != kind:
+        if not leaf.component.is_a(kind):
             continue
         circuit = circuits.get(Terminal("port", f"{path}.{next(iter(leaf.component.ports))}"), -1)
         other = found.setdefault(circuit, path)

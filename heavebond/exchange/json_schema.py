@@ -164,6 +164,8 @@ def component_file(known: Library) -> Schema:
         "component": _said("its name, in CamelCase", {"type": "string"}), "summary": _said("a sentence"),
         "restrictions": _said("what it leaves out"), "source": _said("where the law is from"), "domain": TEXT,
         "symbol": _said("its picture in drawings"),
+        "extends": _said("another component, whose laws it has"),
+        "set": _each({"anyOf": [QUANTITY, *LISTS]}, "values of the parameters of the component that it extends"),
         "ports": _each({"anyOf": [domain, signal, port]}, "`a: translational`, `u: {signal: in, unit: V}`"),
         "parameters": _each(parameter), "variables": _each(variable, "own unknowns"),
         "equations": _said("one equation a line, its name behind #", {"type": "string"}),

@@ -118,4 +118,5 @@ def instance_of(component: Component) -> Schema:
 COMMON_ENTRIES: Mapping[str, Schema] = {
     "is": {}, "at": {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 3,
                      "description": "column and row in the drawing, and by how many degrees it is turned"},
-    "repeat": {"anyOf": [{"type": "integer"}, {"type": "string"}], "description": "so many of it in line"}}
+    "repeat": {"anyOf": [{"type": "integer"}, {"type": "string"}], "description": "so many of it in line"},
+    "data": {**WORDS, "description": "parts whose parameters of the same names count where none are given"}}

@@ -25,6 +25,7 @@ from heavebond.language.definition import (
 )
 from heavebond.language.effects import EffectReader, read_search_range
 from heavebond.language.equation_lines import equation_lines
+from heavebond.language.extension import extension
 from heavebond.language.renamed_keys import present
 from heavebond.language.when import when_entries
 from heavebond.text.expression import Expr, Number, constant, parse_equation, parse_formula
@@ -34,14 +35,15 @@ T = TypeVar("T")
 COMPONENT_KEYS = (
     "component", "summary", "restrictions", "source", "ports", "parameters", "variables", "equations", "when",
     "components", "nodes", "stores", "dissipates", "unbalanced", "power", "requires", "effect", "domain", "symbol",
-    "sliding", "units", "placeholder")
+    "sliding", "units", "placeholder", "extends", "set")
 _EACH = re.compile(r"each\s+([A-Za-z_]\w*)\s+in\s+(.+?)\.\.(.+?):\s*")
 
 
-def parse_component(source: Source, domains: Dictionary[str, Domain]) -> Component:
-    """A component file as a value; ModelError with all problems of form (the three laws are checked apart)."""
+def parse_component(source: Source, domains: Dictionary[str, Domain], base: Component | None = None) -> Component:
+    """A component file as a value, `base` the component that it extends; ModelError with all problems of form (the three
+    laws are checked apart)."""
     problems = Problems()
-    component = _Parser(source, domains, problems).component()
+    component = _Parser(source, domains, problems).component() if base is None else extension(source, base, problems)
     problems.raise_as(ModelError)
     return component
 
@@ -56,6 +58,11 @@ class _Parser:
         root, problems = self.source.root, self.problems
         what = f"component '{reading.text(root.items.get('component'), 'component', problems)}'"
         reading.known_keys(root, COMPONENT_KEYS, what, problems, required=("component", "summary"))
+        for key in ("extends", "set"):
+            if key in root.items:
+                problems.add("extends-missing", "`extends:` is no name of a component" if key == "extends" else
+                             "`set:` gives values to a component that this one extends; `extends:` is missing",
+                             root.keys[key].place, hint="Write `extends: Fluid`, or give each parameter its `default:`.")
         name = root.items.get("component")
         place = name.place if isinstance(name, Scalar) else root.place
         if isinstance(name, Scalar):

@@ -277,7 +277,8 @@ class EventDefinition:
 
 @dataclass(frozen=True)
 class Instance:
-    """A component standing in a diagram or a block: its kind and what was set on it."""
+    """A component standing in a diagram or a block: its kind, what was set on it, and the parts beside it, with their
+    places, from which it takes the parameters that are not."""
 
     name: str
     kind: str
@@ -286,6 +287,7 @@ class Instance:
     settings: dict[str, Value | FileInput] = field(default_factory=dict)
     at: tuple[float, ...] | None = None
     repeat: Value | None = None
+    data: tuple[tuple[str, Place], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -343,7 +345,8 @@ class Component:
 
     `sliding` is what is set where dry friction is linearised as it slides, for laws whose slope at rest is no width.
     `symbol` names the picture that stands for it in drawings; without one it is drawn as a box. `foreign` is the FMU
-    that sets its held variables.
+    that sets its held variables. `extends` names the components whose laws it has, with other values: the nearest first;
+    `values` are those of the elements of its lists.
     """
 
     name: str
@@ -371,6 +374,12 @@ class Component:
     placeholder: str = ""  # why its law is missing: it stands for something that was not translated
     units_checked: bool = True  # False: the equations are between numbers in SI, as in an imported component
     foreign: Foreign | None = None
+    extends: tuple[str, ...] = ()
+    values: dict[str, Value] = field(default_factory=dict)
+
+    def is_a(self, kind: str) -> bool:
+        """Whether it is the component of that name, or extends it."""
+        return kind == self.name or kind in self.extends
 
     @property
     def unknowns(self) -> dict[str, Variable]:

@@ -16,10 +16,12 @@ from heavebond.language.component_file import parse_component
 from heavebond.language.definition import Component, Domain, Member
 from heavebond.language.fmu_description import described
 from heavebond.language.function_file import parse_function
+from heavebond.language.lists import Same
 from heavebond.text.expression import Expr, ExpressionProblem, Function, calling, constant, functions_in, parse_formula
-from heavebond.text.yaml_source import Mapping, parse, read, read_text, short_path
+from heavebond.text.yaml_source import Mapping, Scalar, parse, read, read_text, short_path
 
 _HEAD = re.compile(r"""^(component|function):[ \t]+["']?([^"'#\n]+?)["']?[ \t]*(?:#.*)?$""", re.MULTILINE)
+_EXTENDS = re.compile(r"""^["']?extends["']?[ \t]*:""", re.MULTILINE)
 _EFFECT = re.compile(r"""^["']?effect["']?[ \t]*:""", re.MULTILINE)
 
 
@@ -120,7 +122,21 @@ class Library:
                                       "Give one of them another name.")])
         if self.files[name].suffix == ".fmu":
             return _foreign(self.files[name], place)
-        return _load_cached(*self._state(name))
+        return _load_cached(*self._state(name), self._same_base(name))
+
+    def base(self, path: Path, chain: tuple[Path, ...] = ()) -> Component | None:
+        """What the component in a file extends, if anything; ModelError where there is no such component."""
+        head = _extends(path.absolute(), _stamp(path))
+        if head is None:
+            return None
+        chain = (*chain, path.resolve())
+        following = self.files.get(head.text)
+        if following is not None and following.resolve() in chain:
+            raise ModelError([Problem("extends-circle", f"'{head.text}' extends itself" + " over others" * (len(chain) > 1),
+                                      head.place, "Extend a component that has equations of its own, or none.")])
+        if following is not None and following.suffix != ".fmu":
+            self.base(following, chain)
+        return self.component(head.text, head.place)
 
     def checked(self, name: str, place: Place | None = None) -> Component:
         """The same with its laws checked, once for each state of its file; ModelError with all that is wrong."""
@@ -128,12 +144,25 @@ class Library:
         if component.foreign is not None:
             laws.check(component, self.domains)
             return component
-        return _checked_cached(*self._state(name))
+        return _checked_cached(*self._state(name), self._same_base(name))
+
+    def _same_base(self, name: str) -> Same | None:
+        base = self.base(self.files[name])
+        return None if base is None else Same(base)
 
     def _state(self, name: str) -> tuple[Path, tuple[int, int], tuple[str, ...], Functions]:
         """What a component depends on: its file as it is now, the domains and the functions."""
         path = self.files[name].absolute()
         return path, _stamp(path), tuple(self.domains), self.functions
+
+
+@lru_cache(maxsize=1024)
+def _extends(path: Path, stamp: tuple[int, int]) -> Scalar | None:
+    """The name of the component that the one in a file extends; None where it extends none."""
+    if not _EXTENDS.search(read_text(path)):
+        return None
+    head = read(path, shown_path(path), bundled=is_bundled(path)).root.items.get("extends")
+    return head if isinstance(head, Scalar) else None
 
 
 def library_functions() -> Functions:
@@ -149,7 +178,7 @@ def library(folders: Iterable[Path] = ()) -> Library:
         for path in (*sorted(folder.glob("*.yaml")), *sorted((folder / "components").rglob("*.yaml")),
                      *sorted(folder.glob("*.fmu")), *sorted((folder / "components").rglob("*.fmu"))):
             kind, name = ("component", path.name) if path.suffix == ".fmu" else _head_of(path)
-            if name and name in files[kind]:
+            if name and name in files[kind] and files[kind][name].resolve() != path.resolve():
                 twice[kind][name] = (files[kind][name], path)
             elif name:
                 files[kind][name] = path
@@ -304,14 +333,17 @@ def _figure(entry: Mapping, key: str, problems: Problems) -> float | None:
 
 
 @lru_cache(maxsize=1024)
-def _load_cached(path: Path, stamp: tuple[int, int], names: tuple[str, ...], functions: Functions) -> Component:
+def _load_cached(path: Path, stamp: tuple[int, int], names: tuple[str, ...], functions: Functions, base: Same | None
+                 ) -> Component:
     with calling(functions):
-        return parse_component(read(path, shown_path(path), bundled=is_bundled(path)), domains())
+        return parse_component(read(path, shown_path(path), bundled=is_bundled(path)), domains(),
+                               None if base is None else base.component)
 
 
 @lru_cache(maxsize=1024)
-def _checked_cached(path: Path, stamp: tuple[int, int], names: tuple[str, ...], functions: Functions) -> Component:
-    component = _load_cached(path, stamp, names, functions)
+def _checked_cached(path: Path, stamp: tuple[int, int], names: tuple[str, ...], functions: Functions, base: Same | None
+                    ) -> Component:
+    component = _load_cached(path, stamp, names, functions, base)
     laws.check(component, domains())
     return component
 

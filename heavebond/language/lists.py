@@ -36,10 +36,10 @@ def has_lists(component: Component) -> bool:
 
 def written_out(component: Component, integers: Mapping[str, int]) -> Component:
     """The component with every list as single parameters and variables; the same object for the same numbers."""
-    return _written_out(_Same(component), tuple(sorted(integers.items()))) if has_lists(component) else component
+    return _written_out(Same(component), tuple(sorted(integers.items()))) if has_lists(component) else component
 
 
-class _Same:
+class Same:
     """A component by identity, as the key of a cache: the loader returns the same object for the same file."""
 
     def __init__(self, component: Component):
@@ -49,11 +49,11 @@ class _Same:
         return id(self.component)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Same) and other.component is self.component
+        return isinstance(other, Same) and other.component is self.component
 
 
 @lru_cache(maxsize=1024)
-def _written_out(key: _Same, integers: tuple[tuple[str, int], ...]) -> Component:
+def _written_out(key: Same, integers: tuple[tuple[str, int], ...]) -> Component:
     known = dict(integers)
     return replace(key.component, parameters=_spread(key.component.parameters, known),
                    variables=_spread(key.component.variables, known))

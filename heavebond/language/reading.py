@@ -292,6 +292,7 @@ def instance(key: Scalar, node: Node, source: Source, problems: Problems) -> Ins
     settings: dict[str, Value | FileInput] = {}
     at: tuple[float, ...] | None = None
     repeat = None
+    data: tuple[tuple[str, Place], ...] = ()
     for name, item in entry.items.items():
         if name == "is":
             continue
@@ -299,6 +300,8 @@ def instance(key: Scalar, node: Node, source: Source, problems: Problems) -> Ins
             at = _position(item, problems)
         elif name == "repeat":
             repeat = value(item, "repeat", problems)
+        elif name == "data":
+            data = tuple((word.text, word.place) for word in words(item, "data", problems))
         elif isinstance(item, Mapping) and "values" in item.items:
             settings.update(column_values(item, name, source, problems))
         elif isinstance(item, Mapping):
@@ -309,7 +312,7 @@ def instance(key: Scalar, node: Node, source: Source, problems: Problems) -> Ins
             settings.update(elements(item, name, f"{key.text}.{name}", problems))
         elif (number := value(item, f"{key.text}.{name}", problems)) is not None:
             settings[name] = number
-    return Instance(key.text, kind.text, key.place, kind.place, settings, at, repeat)
+    return Instance(key.text, kind.text, key.place, kind.place, settings, at, repeat, data)
 
 
 def elements(node: Sequence, name: str, what: str, problems: Problems) -> dict[str, Value]:

@@ -107,7 +107,7 @@ class _Builder:
         """Nodes of the ground or a tank: no power goes there, so that they and their bonds are left out."""
         references = {domain.reference for domain in self._domains().values()}
         return {self.network.group_of_port[f"{path}.{port}"] for path, leaf in self.expanded.leaves.items()
-                if leaf.component.name in references for port in leaf.component.ports}
+                if references & {leaf.component.name, *leaf.component.extends} for port in leaf.component.ports}
 
     def _element(self, path: str, leaf: Leaf) -> None:
         component = leaf.component

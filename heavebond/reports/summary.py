@@ -85,6 +85,7 @@ class Summary:
     start: tuple[StartLine, ...]
     solved: tuple[StartLine, ...]
     placeholders: tuple[str, ...] = ()
+    sheets: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, object]:
         """Everything, for machines; values in SI."""
@@ -107,6 +108,7 @@ class Summary:
                                              for path in paths)))
         rows.append(("nodes", f"{len(self.nodes)}: {listing(self.nodes, SHOWN_NAMES)}"))
         rows += [("medium", words) for words in self.media]
+        rows += [("data", words) for words in self.sheets]
         rows += [("placeholder", words) for words in self.placeholders]
         if self.inputs:
             rows.append(("measured", ", ".join(self.inputs)))
@@ -168,6 +170,8 @@ def summary(assembly: Assembly, start: Start | None) -> Summary:
         components=_by_kind(assembly, composite=False), blocks=_by_kind(assembly, composite=True),
         nodes=tuple(expanded.junctions), circuits=circuits(flat),
         media=tuple(_medium(assembly, medium) for medium in expanded.media),
+        sheets=tuple(f"{path} ({expanded.leaves[path].component.name}) gives {listing(takers, 8)}"
+                     for path, takers in expanded.sheets.items()),
         equations=len(flat.equations), unknowns=len(flat.unknowns),
         inputs=tuple(f"{k.name} ({k.source.column} in {k.source.file.name})" for k in flat.inputs),
         events=tuple(f"{event.name} ({event.text})" for event in flat.events), index=reduced.index,

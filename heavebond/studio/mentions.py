@@ -51,6 +51,8 @@ def renamed_mentions(text: str, named: Named, new: str, *, node: bool) -> str:
     pattern = named.pattern()
 
     def change(path: tuple[Key, ...], raw: str) -> str:
+        if path[0] == "components" and path[2:3] == ("data",) and raw.strip("'\"") == named.name and not node:
+            return new
         if not _formula(path, raw):
             return raw
         wires = path[0] == "nodes"

@@ -1,0 +1,106 @@
+"""Data sheets: parts from which others take the parameters that they are not given (`data: tr40`).
+
+A parameter of the part that is not given becomes the formula `=tr40.pitch` where the part `tr40` has a parameter of the same
+name: it follows that one in runs, sensitivities and fits, and one number counts for all that share it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from heavebond.core.errors import Place, Problems, listing, suggest
+from heavebond.language.definition import Body, Component, FileInput, Instance, Value
+from heavebond.language.model import Model
+from heavebond.text.expression import Expr, Name, Number
+
+
+@dataclass(frozen=True)
+class DataSheet:
+    """The part at `path` as one from which another takes parameters; `takers` are the paths of those that do."""
+
+    path: str
+    instance: Instance
+    component: Component
+    model: Model
+    takers: list[str] = field(default_factory=list, compare=False)
+
+    def has(self, name: str) -> bool:
+        """Whether it has a parameter of that name, or an element of a list that is given."""
+        parameter = self.component.parameters.get(name.partition("[")[0])
+        if parameter is None or (parameter.count is None) == ("[" in name):
+            return False
+        return parameter.count is None or self.given(name) is not None
+
+    def given(self, name: str) -> Value | None:
+        """The value that was given to its parameter, or that its component has for it."""
+        setting = self.model.settings.get(f"{self.path}.{name}")
+        value = setting.value if setting is not None else self.instance.settings.get(name, self.component.values.get(name))
+        if value is None and name in self.component.parameters:
+            value = self.component.parameters[name].default
+        return None if isinstance(value, FileInput) else value
+
+
+def data_sheets(instance: Instance, body: Body, known: Mapping[str, Component], prefix: str, model: Model,
+                problems: Problems) -> tuple[DataSheet, ...]:
+    """The data sheets of a part; `known` are the components of the parts beside it. A name that means no such part, and a
+    sheet that has nothing for the part, are noted."""
+    found: list[DataSheet] = []
+    own = known[instance.name]
+    for name, place in instance.data:
+        sheet = known.get(name)
+        if name == instance.name or name not in body.instances:
+            problems.add("data-unknown", f"'{name}' is the part itself" if name == instance.name else
+                         f"there is no part '{name}' beside '{instance.name}'", place,
+                         hint=_meant(name, instance, body, model))
+        elif sheet is not None:
+            shared = [p for p in own.parameters if p in sheet.parameters]
+            # what is given at the part itself is taken from none
+            path = f"{prefix}{instance.name}"
+            needed = [p for p in shared if p not in instance.settings and f"{path}.{p}" not in model.settings]
+            earlier = next(((other, p) for other in found for p in needed if p in other.component.parameters), None)
+            if not shared:
+                problems.add("data-nothing", f"'{name}' ({sheet.name}) has no parameter that '{instance.name}' ({own.name}) "
+                             "has", place, hint=f"{sheet.name} has {listing(sheet.parameters) or 'none'}; {own.name} has "
+                             f"{listing(own.parameters) or 'none'}.")
+            elif earlier is not None:
+                other, twice = earlier
+                problems.add("data-twice", f"'{other.instance.name}' and '{name}' both have a value of {twice} for "
+                             f"'{instance.name}'", place, hint="Leave one of them out, or write the one that counts "
+                             f"at '{instance.name}': `{twice}: ={name}.{twice}`.")
+            else:
+                found.append(DataSheet(prefix + name, body.instances[name], sheet, model))
+    return tuple(found)
+
+
+def _meant(name: str, instance: Instance, body: Body, model: Model) -> str:
+    if name != instance.name and name in model.library.files:
+        return f"Add it to the parts, `{name[0].lower() + name[1:]}: {{is: {name}}}`, and write " \
+            f"`data: {name[0].lower() + name[1:]}`."
+    others = [other for other in body.instances if other != instance.name]
+    return (suggest(name, others) if name != instance.name else "") or f"Parts: {listing(others)}."
+
+
+def taken(sheets: tuple[DataSheet, ...], name: str, path: str, place: Place) -> Value | None:
+    """The formula by which the parameter at `path` follows that of a sheet; None where no sheet has it."""
+    for sheet in sheets:
+        if sheet.has(name):
+            sheet.takers.append(path)
+            return _formula(sheet.path, name, place)
+    return None
+
+
+def whole(sheets: tuple[DataSheet, ...], name: str, path: str) -> Value | None:
+    """The value of a whole number of a sheet, which shapes a part before anything else is known."""
+    for sheet in sheets:
+        if sheet.has(name) and (value := sheet.given(name)) is not None:
+            sheet.takers.append(path)
+            return value
+    return None
+
+
+def _formula(sheet: str, name: str, place: Place) -> Value:
+    base, _, index = name.partition("[")
+    inner: tuple[Expr, ...] = (Number(float(index[:-1]), None, 0),) if index else ()
+    text = f"{sheet}.{name}"
+    return Value(Name((*sheet.split("."), base, *inner), 0, len(text)), f"= {text}", place, formula=True)

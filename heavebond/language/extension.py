@@ -1,0 +1,90 @@
+"""Component files that extend another component: its laws with other values, such as those of a data sheet.
+
+    component: Nitrogen
+    extends: Gas
+    summary: Nitrogen.
+    set: {R: 296.8 J/(kg*K), kappa: 1.4}
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping as Dictionary
+from dataclasses import replace
+
+from heavebond.core.errors import Problems, listing, suggest
+from heavebond.core.units import ONE, is_generic
+from heavebond.language import reading
+from heavebond.language.definition import Component, Parameter, Value
+from heavebond.language.values import add_formula_problem, check_bounds, check_dimension
+from heavebond.text.dimensions import number_dimension
+from heavebond.text.expression import ExpressionProblem, Name, Number
+from heavebond.text.yaml_source import Mapping, Node, Scalar, Sequence, Source
+
+EXTENDING_KEYS = ("component", "extends", "summary", "restrictions", "source", "symbol", "set")
+
+
+def extension(source: Source, base: Component, problems: Problems) -> Component:
+    """The component that a file describes which extends `base`; what is wrong is added to the problems."""
+    root = source.root
+    head = root.items["component"]
+    name, place = reading.text(head, "component", problems), head.place
+    if isinstance(head, Scalar):
+        reading.identifier(head, "a component", problems)
+    reading.known_keys(root, EXTENDING_KEYS, f"'{name}', which extends {base.name},", problems, ("component", "summary"))
+    values = _values(root.items.get("set"), base, source, problems)
+    own = {key: reading.text(root.items.get(key), key, problems) for key in EXTENDING_KEYS if key != "set"}
+    parameters = {key: replace(p, default=values.get(key, p.default)) for key, p in base.parameters.items()}
+    # a variation of a law is no law of its own: a diagnosis tries the one that it extends
+    return replace(base, name=name, place=place, path=source.path, parameters=parameters, effect=None,
+                   extends=(base.name, *base.extends),
+                   values={**base.values, **{key: value for key, value in values.items() if "[" in key}},
+                   summary=own["summary"], restrictions=own["restrictions"] or base.restrictions,
+                   source=own["source"] or base.source, symbol=own["symbol"] or base.symbol)
+
+
+def _values(node: Node | None, base: Component, source: Source, problems: Problems) -> dict[str, Value]:
+    """What `set:` gives to parameters, elements of lists under their own names, checked as far as the file tells."""
+    entries = reading.mapping(node, "set", problems, "Write `set: {R: 296.8 J/(kg*K)}`.")
+    found: dict[str, Value] = {}
+    for key, item in (entries.items if entries else {}).items():
+        parameter = base.parameters.get(key)
+        if parameter is None:
+            assert entries is not None
+            problems.add("parameter-unknown", f"{base.name} has no parameter '{key}'", entries.keys[key].place,
+                         hint=suggest(key, base.parameters) or f"It has: {listing(base.parameters)}.")
+        elif parameter.count is None:
+            if (given := reading.value(item, key, problems)) is not None:
+                found[key] = given
+                _check(key, parameter, given, base.parameters, problems)
+        elif isinstance(item, Sequence):
+            found.update(reading.elements(item, key, key, problems))
+        elif isinstance(item, Mapping):
+            found.update(reading.column_values(item, key, source, problems))
+        else:
+            problems.add("list-number", f"'{key}' of {base.name} is a list", item.place,
+                         hint=f"Write `{key}: [..., ...]`, each value with its unit.")
+    return found
+
+
+def _check(name: str, parameter: Parameter, value: Value, known: Dictionary[str, Parameter], problems: Problems) -> None:
+    """Unit and bounds of a value; in a formula also the names, which are those of the component's own parameters."""
+    if parameter.integer or is_generic(parameter.unit.dimension):
+        return
+    before = len(problems.found)
+    try:
+        dimension = None if isinstance(value.expr, Number) else number_dimension(
+            value.expr, lambda n: ONE if n.text == "pi" else _parameter(n, known).unit.dimension)
+    except ExpressionProblem as problem:
+        add_formula_problem(problem, value, problems)
+        return
+    check_dimension(name, value, dimension, parameter.unit, problems)
+    if len(problems.found) == before and isinstance(value.expr, Number):
+        check_bounds(name, parameter, value.expr.value, value, problems)
+
+
+def _parameter(name: Name, known: Dictionary[str, Parameter]) -> Parameter:
+    word = name.text.partition("[")[0]
+    if word not in known:
+        raise ExpressionProblem("name-unknown", f"there is no parameter '{name.text}'", name.column, name.length,
+                                suggest(name.text, known) or f"Parameters here: {listing(known)}.")
+    return known[word]
