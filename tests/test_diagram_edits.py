@@ -221,3 +221,22 @@ def test_parts_are_copied_with_the_wires_between_them() -> None:
         "spring2: {is: Spring, c: 22 kN/m, l0: 0.5 m, at: [1, 6]}", "body2: [body2.a, body_weight2.a, spring2.b]"]
     grown = _edit(copied, "delete", parts=["body2", "body_weight2", "spring2"])
     assert grown == CAR
+
+
+def test_outputs_initial_values_and_the_duration_are_set() -> None:
+    """One line for each, sections where the language lists them, and nothing left of a section that becomes empty."""
+    bare = "model: m\ncomponents:\n  load: {is: Mass, m: 2 kg}\nnodes:\n  load: [load.a]\nsimulate: {until: 5 s}\n"
+    shown = _edit(bare, "show", signal="load.v", unit="m/s", on=True)
+    assert _lines(bare, shown) == ([], ["show:", "  load_v: {is: load.v, unit: m/s}"])
+    assert _edit(shown, "show", signal="load.v", on=False) == bare
+    begun = _edit(shown, "initial", signal="load.v", value="3 m/s")
+    assert "initial:\n  load.v: 3 m/s\nshow:" in begun and hb.simulate(hb.loads(begun)).display["load_v"][0] == 3.0
+    assert _edit(begun, "initial", signal="load.v", value="") == shown
+    longer = _edit(begun, "setting", key="until", value="7 s")
+    assert _lines(begun, longer) == (["simulate: {until: 5 s}"], ["simulate: {until: 7 s}"])
+    rest = _edit(bare, "setting", key="start", value="rest")
+    assert hb.loads(rest).initial.mode == "rest" and _edit(rest, "setting", key="start", value="") == bare
+    mine = f"model: mine\nextends: {bundled('models') / 'quarter_car' / 'quarter_car.yaml'}\n"
+    assert "no output of this file" in _refused(mine, "show", signal="body.x", on=False)
+    again = _edit(CAR, "setting", key="start", value="")
+    assert _lines(CAR, again) == (["initial: {start: steady}"], [])

@@ -5,8 +5,10 @@ from __future__ import annotations
 import difflib
 import json
 from collections.abc import Iterator
+from pathlib import Path
 
 import browser
+import numpy as np
 import pytest
 from studio_pages import Server, server, tab
 from test_studio_page import CAR, _open
@@ -108,9 +110,67 @@ simulate: {until: 5 s, every: 5 ms}
 """
 
 
+HIDDEN = """\
+model: real
+extends: built.yaml
+components: {friction: {is: CoulombFriction, F_c: 120 N}}
+nodes: {mass: [+friction.b], wheel: [+friction.a]}
+"""
+
+
+def _measured(folder: Path) -> dict[str, str]:
+    """Two records of the car that was built, with a dry friction that it does not have and noise, as texts of CSV files."""
+    (folder / "real.yaml").write_text(HIDDEN, encoding="utf-8")
+    model, noise, found = hb.load(folder / "real.yaml"), np.random.default_rng(5), {}
+    (folder / "real.yaml").unlink()
+    for day, motion in (("monday", "25 mm*sin(2*pi*time/1.1 s) + 8 mm*sin(2*pi*time/0.37 s)"),
+                        ("tuesday", "15 mm*sin(2*pi*time/0.8 s) + 12 mm*sin(2*pi*time/2.3 s)")):
+        driven = model.with_parameters({"road.u": f"=(1 - exp(-(time/0.5 s)**2))*({motion})"})
+        run = hb.simulate(driven, "6 s", every="20 ms")
+        columns = [run.time, run.si["road.x"], *(run.si[name] + 1e-4 * noise.standard_normal(len(run.time))
+                                                 for name in ("mass.x", "wheel.x"))]
+        rows = [",".join(f"{v:.7g}" for v in row) for row in zip(*columns, strict=True)]
+        found[f"{day}.csv"] = "\n".join(["time_s,road_m,mass_m,wheel_m", *rows]) + "\n"
+    return found
+
+
+def _diagnosed(tab: browser.Tab, folder: Path) -> None:
+    """The records dropped on the car, the missing effect identified and added, and the files as they are then."""
+    tab.drop("#sheet", _measured(folder))
+    _true(tab, "document.querySelector('#record-form').open")
+    chosen = tab.run("[...document.querySelectorAll('#record-form tbody tr')].map(row => [...row.querySelectorAll("
+                     "'select, input')].filter(field => !field.hidden).map(field => field.value).join(' '))")
+    assert chosen == ["time s", "input road.u m spline", "output mass.x m", "output wheel.x m"]
+    tab.run("document.getElementById('free-damper.d').focus()")
+    tab.key(" ", code=32, text=" ")
+    tab.click("#make-experiment")
+    _true(tab, "studio.view?.evidence && studio.evidence.told")
+    name = tab.run("studio.document.name")
+    written = {p: p.read_text(encoding="utf-8") for p in folder.rglob("*.yaml")}
+    tab.click("#tab-diagnose")
+    _true(tab, "document.querySelector('#only')")
+    tab.run("document.querySelector('#only').focus()")
+    tab.write("dry friction")
+    tab.key("Enter", code=13, text="\r")
+    _true(tab, "studio.evidence.jobs.state('diagnose')?.state === 'done'", 180)
+    rungs = tab.run("studio.evidence.jobs.state('diagnose').ladder")
+    assert rungs[-1]["name"] == "+ CoulombFriction between wheel and mass"
+    assert rungs[0]["chi2_held_out"] > 20 and rungs[-1]["chi2_held_out"] < 1.3
+    tab.click("#add-0")
+    _true(tab, f"studio.document.name !== {name!r} && studio.evidence.told")
+    _true(tab, "document.querySelector('#note')?.innerText.includes('the error fell from')")
+    assert tab.run("studio.evidence.told.records.tuesday.chi2_per_sample") < 1.3
+    assert all(p.read_text(encoding="utf-8") == text for p, text in written.items())
+    added = [line[1:] for line in difflib.ndiff(BUILT.splitlines(), (folder / "built_2.yaml").read_text().splitlines())
+             if line[0] == "+"]
+    assert any("coulomb_friction: {is: CoulombFriction" in line for line in added) and len(added) < 12
+    assert any("[+coulomb_friction." in line for line in added)
+
+
 @pytest.mark.long
-def test_a_quarter_car_is_built_from_nothing(tab: browser.Tab, server: Server) -> None:
-    """Parts from the library, values, names, wires; then it is run and saved, and its text is what a person would write."""
+def test_a_quarter_car_is_built_from_nothing_run_and_diagnosed(tab: browser.Tab, server: Server) -> None:
+    """Parts from the library, values, names, wires; then it is run and saved, and its text is what a person would write.
+    A slider is moved, records are dropped, the effect that they show is identified and added, and the error falls."""
     _new(tab, server, "built")
     tab.click("#open-library")
     _true(tab, "document.getElementById('palette-search')", 60)
@@ -145,6 +205,16 @@ def test_a_quarter_car_is_built_from_nothing(tab: browser.Tab, server: Server) -
     result = hb.simulate(hb.load(server.folder / "built.yaml"))
     name = next(iter(result.assembly.state_names))
     assert tab.run(f"studio.runs.live.told.outputs[{name!r}].max") == result.display[name].max()
+    tab.click("g.part[data-part='damper'] .frame")
+    x, y = tab.middle("[id='s-damper.d']")
+    _drag(tab, (x, y), (x + 40, y))
+    _true(tab, "studio.runs.live?.values['damper.d'] && !studio.runs.live.preview && !studio.runs.busy")
+    value = tab.run("studio.runs.values['damper.d']")
+    result = hb.simulate(hb.load(server.folder / "built.yaml").with_parameters({"damper.d": value}))
+    assert tab.run(f"studio.runs.live.told.outputs[{name!r}].max") == result.display[name].max()
+    tab.click("[id='p-damper.d-reset']")
+    _true(tab, "Object.keys(studio.runs.values).length === 0 && !studio.runs.busy")
+    _diagnosed(tab, server.folder)
     assert tab.complaints == []
 
 

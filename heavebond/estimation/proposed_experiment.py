@@ -78,7 +78,9 @@ def propose(table: Table, assembly: Assembly) -> Proposal:
     table = timed(table, time)
     inputs, outputs, signals = _inputs(assembly), _outputs(assembly), _signals(assembly)
     units = {name: table.unit_of(name) for name in table.header}
-    chosen = _matched([n for n in table.header if n in table.columns and n != time], units, [*inputs, *outputs])
+    # a diagram that names no outputs may be compared by the variables of its own parts and nodes
+    likely = outputs or [t for t in signals if t.name.count(".") == 1]
+    chosen = _matched([n for n in table.header if n in table.columns and n != time], units, [*inputs, *likely])
     columns, remarks = [], []
     for name in table.header:
         if name not in table.columns:

@@ -11,6 +11,7 @@ from heavebond.equations.connect import Network
 from heavebond.equations.expand import Bound, Expanded, Leaf
 from heavebond.equations.parameters import declared
 from heavebond.language.definition import FileInput, Parameter, SignalPort, Value
+from heavebond.language.model import Model
 from heavebond.text.expression import Number
 from heavebond.text.yaml_source import Mapping, Node, Sequence
 
@@ -49,7 +50,14 @@ def contents(expanded: Expanded, network: Network, assembly: Assembly | None, te
     if not shown and assembly is not None:
         shown = [{"name": name, **names[name]} for name in assembly.state_names if name in names]
     return {"name": model.name, "summary": model.summary, "parts": parts, "nodes": nodes,
-            "parameters": given.get("", []), "outputs": shown, "until": model.until.text if model.until else ""}
+            "parameters": given.get("", []), "outputs": shown, "named": bool(model.show), "settings": _run_settings(model)}
+
+
+def _run_settings(model: Model) -> Entry:
+    """How a run begins and ends: duration, output interval, kind of start, and the values asked for at the start."""
+    return {"until": model.until.text if model.until else "", "every": model.every.text if model.every else "",
+            "start": model.initial.mode or "",
+            "initial": {name: f"{'~ ' if c.guess else ''}{c.value.text}" for name, c in model.initial.conditions.items()}}
 
 
 def port_entries(expanded: Expanded, network: Network, drawn: Drawn) -> dict[str, list[Entry]]:

@@ -388,15 +388,15 @@ def set_value(diagram: Diagram, job: Job, action: Entry) -> Entry:
             return {"text": delete_entry(diagram.text, keys), **part}
         except UsageError:
             return {"text": diagram.text, **part}
-    return {"text": set_entry(diagram.text, keys, value, after=_section_before(diagram.text, str(keys[0]))), **part}
+    return {"text": set_entry(diagram.text, keys, value, after=section_before(diagram.text, str(keys[0]))), **part}
 
 
 def _with_entry(text: str, section: str, name: str, value: Tree) -> str:
     """A new entry in a section, which comes where the language lists it if it is missing."""
-    return set_entry(text, (section, name), value, after=_section_before(text, section))
+    return set_entry(text, (section, name), value, after=section_before(text, section))
 
 
-def _section_before(text: str, section: str) -> str:
+def section_before(text: str, section: str) -> str:
     """The last of the sections that come before another one."""
     present = list(parse(text).root.items)
     if section in present:

@@ -37,13 +37,13 @@ export function download(name, blob) {
   setTimeout(() => URL.revokeObjectURL(link.getAttribute("href") ?? ""), 10_000);
 }
 
-/** Ask for a name; `act` is tried with it, and what it throws is shown. @param {string} title @param {string} words @param {string} first @param {(name: string) => Promise<void>} act */
-export function askName(title, words, first, act) {
+/** Ask for a name; `act` is tried with it, and what it throws is shown. @param {string} title @param {string} words @param {string} first @param {(name: string) => Promise<void>} act @param {string} [button] */
+export function askName(title, words, first, act, button = "Make") {
   const dialog = /** @type {HTMLDialogElement} */ (byId("ask")), form = /** @type {HTMLFormElement} */ (dialog.querySelector("form"));
   const input = el("input", { id: "ask-name", value: first, spellcheck: "false", autocomplete: "off" });
   const wrong = el("p", { class: "wrong", role: "alert" });
   form.replaceChildren(el("b", {}, title), el("br"), el("label", { for: "ask-name" }, words), input, wrong,
-    el("menu", {}, el("button", { type: "button", onclick: () => dialog.close() }, "Cancel"), el("button", { class: "main" }, "Make")));
+    el("menu", {}, el("button", { type: "button", onclick: () => dialog.close() }, "Cancel"), el("button", { class: "main" }, button)));
   form.onsubmit = async (event) => {
     event.preventDefault();
     try {

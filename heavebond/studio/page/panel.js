@@ -1,6 +1,6 @@
 // What is known of the selected part, wire or diagram: its parameters with sliders, its signals.
 
-import { byId, el, number, unitLabel } from "./dom.js";
+import { askName, byId, el, number, unitLabel } from "./dom.js";
 
 const TICKS = 1000;
 
@@ -27,8 +27,8 @@ export class Panel {
     if (this.studio.chosen.length) return this.studio.edits.several(this.studio.chosen);
     if (part) return this.part(picked.path, part, view);
     if (node) return [...this.studio.edits.tools(picked.path), el("p", {}, `Node (${node.domain}). It joins:`), this.ends(node), ...this.lines(node), ...this.studio.evidence.about("node", picked.path), ...this.signals("Signals", node.signals)];
-    return [el("h2", {}, view.name), el("p", {}, view.summary), ...this.changed(), ...this.studio.evidence.summary(), ...this.parameters(view.parameters),
-      ...this.signals("Outputs", view.outputs), view.outputs.length || this.studio.evidence.active ? null : el("p", {}, "The diagram names no outputs yet."),
+    return [el("h2", {}, view.name), el("p", {}, view.summary), ...this.changed(), ...this.studio.evidence.summary(), ...this.parameters(view.parameters), ...this.settings(view),
+      ...this.signals("Outputs", view.outputs, view.named), view.outputs.length || this.studio.evidence.active ? null : el("p", {}, "The diagram names no outputs yet."),
       el("h3", {}, "More"), el("p", {}, "Click a part or a wire of the drawing, or go there by Tab and press Enter: its parameters and signals appear here.")].filter(Boolean);
   }
 
@@ -152,12 +152,42 @@ export class Panel {
     });
   }
 
-  /** @param {string} title @param {any[]} signals */
-  signals(title, signals) {
+  /** How a run begins and ends. @param {any} view */
+  settings(view) {
+    const { edits, evidence } = this.studio, told = view.settings;
+    if (!told || evidence.active || (!edits.possible && !told.until)) return [];
+    const act = (/** @type {any} */ action) => void edits.act(action).then((/** @type {boolean} */ done) => { if (!done) this.show(); });
+    const row = (/** @type {string} */ id, /** @type {string} */ label, /** @type {any} */ field) => el("div", { class: "parameter" }, el("div", { class: "head" }, el("label", { for: id }, label), el("span", { class: "value" }, field)));
+    const field = (/** @type {string} */ key, /** @type {string} */ label, /** @type {string} */ hint) => row(`run-${key}`, label, el("input", { id: `run-${key}`, class: "mono", value: told[key], disabled: !edits.possible, placeholder: hint, spellcheck: "false", autocomplete: "off",
+      onchange: (/** @type {any} */ e) => act({ act: "setting", key, value: e.target.value }) }));
+    const start = el("select", { id: "run-start", disabled: !edits.possible, onchange: (/** @type {any} */ e) => act({ act: "setting", key: "start", value: e.target.value }) },
+      ...[["", "from initial values"], ["rest", "at rest"], ["steady", "in equilibrium"]].map(([key, words]) => el("option", { value: key, selected: key === told.start }, words)));
+    const given = Object.entries(told.initial).map(([name, value]) => row(`initial-${name}`, name, el("input", { id: `initial-${name}`, class: "mono", value, disabled: !edits.possible, spellcheck: "false", autocomplete: "off",
+      title: "Value at the start; nothing removes it", onchange: (/** @type {any} */ e) => act({ act: "initial", signal: name, value: e.target.value }) })));
+    return [el("h3", {}, "Run"), field("until", "until", "such as 5 s"), field("every", "every", "such as 5 ms"), row("run-start", "start", start), ...given];
+  }
+
+  /** What a signal may be besides being plotted: an output of the diagram, with a value at the start. @param {any} s @param {boolean} output whether it is one already */
+  more(s, output) {
+    const { edits, picked, view } = this.studio;
+    if (!edits.possible) return null;
+    const signal = output ? s.doc : s.name, back = picked ? { [picked.kind]: picked.path } : {}, given = view.settings?.initial[s.name] ?? "";
+    const shown = view.named && view.outputs.some((/** @type {any} */ o) => o.doc === signal);
+    return el("span", { class: "more" },
+      el("button", { class: "plain quiet", title: shown ? "No longer an output of the diagram" : "Make it an output of the diagram, under show:", "aria-label": shown ? `${signal} no longer an output` : `${signal} an output`,
+        onclick: () => edits.act({ act: "show", signal, unit: s.unit, on: !shown, ...back }) }, shown ? "− output" : "+ output"),
+      output ? null : el("button", { class: "plain quiet", title: "Value at the start of a run, under initial:", "aria-label": `value of ${signal} at the start`, onclick: () =>
+        askName(`${signal} at the start`, `A value${s.unit && s.unit !== "1" ? ` in ${unitLabel(s.unit)} or another unit of its kind` : ""}; nothing removes it:`, given || (s.unit && s.unit !== "1" ? `0 ${s.unit}` : "0"), async (value) => {
+          await edits.act({ act: "initial", signal, value, ...back });
+        }, "Set") }, given ? `start ${given}` : "start"));
+  }
+
+  /** @param {string} title @param {any[]} signals @param {boolean} [outputs] whether they stand under show: */
+  signals(title, signals, outputs = false) {
     if (!signals.length || this.studio.evidence.active) return [];
     return [el("h3", {}, `${title} to plot`), el("ul", { class: "signals" }, ...signals.map((s) => el("li", {}, el("label", { title: s.name },
       el("input", { type: "checkbox", id: `y-${s.name}`, checked: this.studio.runs.plotted.includes(s.name),
         onchange: (/** @type {any} */ event) => this.studio.runs.plot(s.name, event.target.checked) }),
-      el("span", {}, el("span", { class: "mono" }, s.name), s.unit && s.unit !== "1" ? ` [${unitLabel(s.unit)}]` : "", " ", el("span", { class: "doc" }, s.doc)))))) ];
+      el("span", {}, el("span", { class: "mono" }, s.name), s.unit && s.unit !== "1" ? ` [${unitLabel(s.unit)}]` : "", " ", el("span", { class: "doc" }, s.doc))), this.studio.picked || outputs ? this.more(s, outputs) : null)))];
   }
 }

@@ -9,7 +9,7 @@ export class Runs {
   constructor(studio) {
     this.studio = studio;
     this.plots = new Plots();
-    this.busy = this.serial = 0;
+    this.busy = this.begun = this.serial = 0;
     this.clear();
   }
 
@@ -78,11 +78,11 @@ export class Runs {
     const name = this.studio.document?.name;
     while (this.waitingPreview && this.studio.document?.name === name) {
       this.waitingPreview = false;
-      const values = this.values, asked = performance.now();
+      const values = this.values, asked = performance.now(), begun = this.begun;
       try {
         const told = await this.studio.link.ask("preview", this.question(values));
         if (this.studio.document?.name !== name) break; // the page shows another diagram by now
-        if (told.kind === "done" && !this.busy) {
+        if (told.kind === "done" && !this.busy && begun === this.begun) { // a run that was asked for later is exact
           this.live = this.made(told, values);
           this.live.preview = true;
           this.showPlots();
@@ -114,6 +114,8 @@ export class Runs {
     if (this.studio.evidence.active) { await this.studio.evidence.compare(); return; }
     const values = this.values, began = performance.now(), name = this.studio.document.name;
     this.busy++;
+    this.begun++;
+    this.waitingPreview = false; // this run has the newest values
     byId("stop").hidden = false;
     const here = () => this.studio.document?.name === name;  // the page may show another diagram by the end
     const clock = setInterval(() => { if (here()) this.studio.say(`running, ${((performance.now() - began) / 1000).toFixed(0)} s`); }, 500);

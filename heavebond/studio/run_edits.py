@@ -1,0 +1,66 @@
+"""Edits of what a run shows and how it begins and ends: outputs, initial conditions, duration and output interval."""
+
+from __future__ import annotations
+
+import re
+
+from heavebond.core.errors import Problem, UsageError
+from heavebond.core.presentation import readable_unit
+from heavebond.studio.diagram_edits import Diagram, Entry, free_name, section_before
+from heavebond.studio.job import Job
+from heavebond.text.yaml_edits import Key, Tree, delete_entry, set_entry
+
+STARTS = ("steady", "rest")
+
+
+def show_signal(diagram: Diagram, job: Job, action: Entry) -> Entry:
+    """A signal under `show:` with its unit, or no longer; UsageError for an output of the diagram that is extended."""
+    signal, unit, back = str(action["signal"]), str(action.get("unit", "")), _selected(action)
+    if action["on"]:
+        name = free_name(re.sub(r"\W+", "_", signal).strip("_"), diagram.model.show)
+        output: dict[str, Tree] = {"is": signal, **({"unit": readable_unit(unit, 1.0)} if unit not in ("", "1") else {})}
+        return {"text": _set(diagram.text, ("show", name), output), **back}
+    name = next((n for n, output in diagram.model.show.items() if output.text == signal), "")
+    if name not in diagram.section("show"):
+        raise UsageError([Problem("output-inherited", f"'{signal}' is no output of this file", None,
+                                  "Remove it in the diagram that this one extends." if name else "")])
+    return {"text": _without(diagram, "show", name), **back}
+
+
+def initial_value(diagram: Diagram, job: Job, action: Entry) -> Entry:
+    """The value of a variable at the start, or with nothing none."""
+    signal, value = str(action["signal"]), str(action["value"]).strip()
+    if value:
+        return {"text": _set(diagram.text, ("initial", signal), value), **_selected(action)}
+    return {"text": _without(diagram, "initial", signal), **_selected(action)}
+
+
+def run_setting(diagram: Diagram, job: Job, action: Entry) -> Entry:
+    """`until` and `every` under `simulate:`, or the kind of start under `initial:`; with nothing, the entry goes."""
+    key, value = str(action["key"]), str(action["value"]).strip()
+    if key == "start":
+        if value and value not in STARTS:
+            raise UsageError([Problem("edit-refused", f"a run starts steady or at rest, not '{value}'")])
+        section = "initial"
+    elif key in ("until", "every"):
+        section = "simulate"
+    else:
+        raise UsageError([Problem("usage", "the page asked for something unknown")])
+    return {"text": _set(diagram.text, (section, key), value) if value else _without(diagram, section, key)}
+
+
+def _selected(action: Entry) -> Entry:
+    """What was selected before stays so."""
+    return {key: str(action[key]) for key in ("part", "node") if action.get(key)}
+
+
+def _set(text: str, keys: tuple[Key, ...], value: Tree) -> str:
+    return set_entry(text, keys, value, after=section_before(text, str(keys[0])))
+
+
+def _without(diagram: Diagram, section: str, key: str) -> str:
+    """The text without an entry, and without its section where nothing else stands in it."""
+    entries = diagram.section(section)
+    if key not in entries:
+        return diagram.text
+    return delete_entry(diagram.text, (section, key) if len(entries) > 1 else (section,))
