@@ -30,7 +30,8 @@ def test_a_page_tells_restrictions_first_and_everything_that_the_file_says() -> 
     parts = ["**Restrictions.** Ideal gas", "## Ports and signs", "$H_{a}$ enthalpy flow into the component (W)",
              r"\frac{V}{\kappa - 1} \, \dot{p}_{a} &= H_{a} - Q && \text{energy balance} \\", "## Energy",
              r"\text{stored energy}\quad & \frac{p_{a} \, V}{\kappa - 1}", "heat to the walls leaves through no port",
-             "| `kappa` | $\\kappa$ | – | `1.4` | ≥ 1.01, ≤ 1.67 | ratio of heat capacities (air) |",
+             "| `kappa` | $\\kappa$ | – | `kappa` of the circuit's medium; without one `1.4` | ≥ 1.01, ≤ 1.67 | "
+             "ratio of heat capacities (air) |",
              "**heat exchange**", "`G` from 0.01 to 10000 W/K", "Baehr"]
     places = [page.index(part) for part in parts]
     assert places == sorted(places)
