@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time as clock
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +10,7 @@ import click
 from heavebond.commands.arguments import Number, Whole, check_writable, json_option, scheduler_option
 
 if TYPE_CHECKING:
+    from heavebond.core.cancellation import Budget
     from heavebond.diagnosis.diagnosis import Diagnosis
     from heavebond.estimation.experiment import Experiment
     from heavebond.localise.misfit import Localization
@@ -43,9 +43,8 @@ def diagnose(experiment: str, steps: int, classes: tuple[str, ...], seconds: flo
     search with the best result so far. NAME_refits.jsonl holds what was done until the search ends: also after a crash,
     --resume goes on from there.
     """
-    began = clock.perf_counter()
     from heavebond.commands import terminal
-    from heavebond.core.cancellation import finishing
+    from heavebond.core.cancellation import Budget, finishing
     from heavebond.core.cluster import connected
     from heavebond.core.kept_lines import KeptLines
     from heavebond.core.writable import write_text
@@ -56,6 +55,7 @@ def diagnose(experiment: str, steps: int, classes: tuple[str, ...], seconds: flo
     from heavebond.reports.report import report
     from heavebond.reports.result_tables import diagnosis_items
 
+    budget = Budget(seconds)
     given = load_experiment(experiment)
     check_classes(given, classes)
     targets = Targets.beside(given, folder)
@@ -66,10 +66,10 @@ def diagnose(experiment: str, steps: int, classes: tuple[str, ...], seconds: flo
         terminal.warn(f"there is no refit to go on from in {targets.kept}: the search begins anew")
     try:
         with connected(scheduler) as cluster, terminal.working("diagnosing") as progress, keeping(kept):
-            found = diagnosed(given, steps=steps, number=processes, executor=cluster, seconds=seconds, classes=classes,
+            found = diagnosed(given, steps=steps, number=processes, executor=cluster, seconds=budget.left(), classes=classes,
                               samples=samples, progress=progress)
     except KeyboardInterrupt:
-        click.echo("ended before the first candidate was scored: there is nothing to report yet", err=True)
+        click.echo("ended before all records were simulated: there is nothing to report yet", err=True)
         raise
     with finishing(terminal.warn):
         terminal.show(diagnosis_items(found))
@@ -77,9 +77,8 @@ def diagnose(experiment: str, steps: int, classes: tuple[str, ...], seconds: flo
         added = [*found.findings, *([found.shape] if found.shape is not None else [])]
         files = write_findings(given, added, targets)
         proposed = write_proposal(found.separation, targets.proposal) if found.separation is not None else []
-    ended_early = any(step.partial for step in found.steps)
     # who ends a search waits for its answer alone
-    places = None if ended_early else _where(found, began + seconds - clock.perf_counter())
+    places = None if found.partial else _where(found, budget)
     with finishing(terminal.warn):
         page = report_file or targets.report
         write_text(page, report(found, places, written=files))
@@ -88,13 +87,13 @@ def diagnose(experiment: str, steps: int, classes: tuple[str, ...], seconds: flo
         console.print(f"{targets.passed} exists and is kept: the new files have the next free number", soft_wrap=True)
     for path in (*files, *proposed, page):
         console.print(f"wrote {path}", soft_wrap=True)
-    if ended_early:
+    if found.partial:
         again = "with --resume goes on" if kept.known else "searches anew"
         console.print(f"the search was ended early: the same command {again}, --only CLASS narrows it, --seconds gives it "
                       "more time", soft_wrap=True)
     else:
         kept.remove()
-    if files and ended_early:
+    if files and found.partial:
         console.print(f"look at it: heavebond compare {files[-1]}", soft_wrap=True)
     elif files:
         console.print(f"next: heavebond compare {files[-1]}; heavebond diagnose {files[-1]}", soft_wrap=True)
@@ -103,20 +102,16 @@ def diagnose(experiment: str, steps: int, classes: tuple[str, ...], seconds: flo
     return {"experiment": given.name, **found.as_dict(), "files": [str(f) for f in (*files, *proposed, page)]}
 
 
-def _where(found: Diagnosis, seconds: float) -> Localization | None:
+def _where(found: Diagnosis, budget: Budget) -> Localization | None:
     """What the places of the first diagram ask for; None where that cannot be told in the time, or the user ends it."""
     from heavebond.commands import terminal
-    from heavebond.core.cancellation import clear_signal, time_limit
     from heavebond.core.errors import HeavebondError
     from heavebond.localise.misfit import localize
 
-    if seconds <= 0:
-        return None
     try:
-        with terminal.working("looking where it fails") as progress, time_limit(seconds):
-            return localize(found.searched, values=found.fitted, progress=progress)
-    except (HeavebondError, KeyboardInterrupt):
-        clear_signal()
+        with terminal.working("looking where it fails") as progress:
+            return budget.made(lambda: localize(found.searched, values=found.fitted, progress=progress))
+    except HeavebondError:
         return None
 
 

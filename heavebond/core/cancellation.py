@@ -10,9 +10,12 @@ from __future__ import annotations
 import signal
 import sys
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+import time as clock
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from types import FrameType
+from typing import TypeVar
 
 from heavebond.core.progress import Progress
 
@@ -35,6 +38,8 @@ class Interrupted(KeyboardInterrupt):
         self.number, self.figures = int(number), dict(figures or {})
 
 
+SOON = 1e-3  # the shortest limit (s): a timer of 0 never comes
+T = TypeVar("T")
 ENDED_EARLY = "interrupted"  # why a search ended that gives its best so far
 
 
@@ -146,26 +151,71 @@ def finishing(say: Progress) -> Iterator[None]:
 @contextmanager
 def time_limit(seconds: float) -> Iterator[None]:
     """Within it what runs ends after so many seconds (s) as by Ctrl-C: a KeyboardInterrupt, for searches that then give
-    their best so far. Outside the main thread, and where the system has no timer (Windows), nothing changes: those that
-    look at the time themselves end by that."""
+    their best so far. A limit around another one holds within that too, and is told again behind it. Outside the main
+    thread, and where the system has no timer (Windows), nothing changes: those that look at the time themselves end by
+    that."""
     if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "setitimer") \
             or not 0 <= seconds < float("inf"):
         yield
         return
+    within = True
 
     def late(number: int, frame: FrameType | None) -> None:
-        _heard[:] = [number]
-        _raise(number)
+        if within:
+            _heard[:] = [number]
+            _raise(number)
 
+    outer, began = set_timer(0), now()  # what is left to the limit around, 0 for none
     before = signal.signal(signal.SIGALRM, late)
-    signal.setitimer(signal.ITIMER_REAL, max(seconds, 1e-3))
+    set_timer(min(max(seconds, SOON), outer or float("inf")))
     try:
         yield
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
+        within = False
+        set_timer(0)
         signal.signal(signal.SIGALRM, before)
         if _heard == [int(signal.SIGALRM)]:
             _heard.clear()
+        if outer:
+            set_timer(max(outer - (now() - began), SOON))
+
+
+def now() -> float:
+    """The time that limits are kept by (s)."""
+    return clock.perf_counter()
+
+
+def set_timer(seconds: float) -> float:
+    """Have SIGALRM come after so many seconds, 0 for never; after how many it would have come."""
+    return signal.setitimer(signal.ITIMER_REAL, seconds)[0]
+
+
+@dataclass(frozen=True)
+class Budget:
+    """The time of a whole computation: `seconds` (s) from `began` on."""
+
+    seconds: float
+    began: float = field(default_factory=lambda: now())
+
+    @property
+    def spent(self) -> float:
+        """What has gone of it (s)."""
+        return now() - self.began
+
+    def left(self, kept: float = 0.0) -> float:
+        """What is left of it, less what is kept for later (s)."""
+        return max(0.0, self.seconds - kept - self.spent)
+
+    def made(self, make: Callable[[], T], kept: float = 0.0) -> T | None:
+        """What `make` gives; None where it was ended before, by Ctrl-C or as the time was over but for what is `kept`."""
+        if self.left(kept) <= 0:
+            return None
+        try:
+            with time_limit(self.left(kept)):
+                return make()
+        except KeyboardInterrupt:
+            clear_signal()
+            return None
 
 
 def is_interrupt(error: BaseException | None) -> bool:

@@ -34,8 +34,8 @@ class Adequacy:
     explained: share of chi-square above the noise that it takes away, cross-validated and on held-out data; flexible: the
     identified curve at its place that predicts best; elsewhere: one at another place that predicts as well as the effect or
     better; beaten: whether the curve `flexible` explains most of what the effect leaves; covered: share of the held-out
-    motion that lies inside the motion that this curve was fitted to (NaN without one); complete: whether all candidates,
-    and other values of what is held fixed, were tried beside the effect.
+    motion that lies inside the motion that this curve was fitted to (NaN without one); complete: whether all candidates of
+    its step were tried beside the effect; tried: whether all identified curves were.
     """
 
     explained: float
@@ -44,6 +44,7 @@ class Adequacy:
     beaten: bool = False
     covered: float = float("nan")
     complete: bool = True
+    tried: bool = True
 
     @property
     def decided(self) -> bool:
@@ -63,7 +64,8 @@ class Adequacy:
             return None if trial is None else {**trial.candidate.as_dict(), "chi2_held_out": trial.chi2_held_out}
 
         return {"explained": self.explained, "identified_curve": named(self.flexible), "elsewhere": named(self.elsewhere),
-                "beaten": self.beaten, "covered": self.covered, "conclusive": self.decided, "complete": self.complete}
+                "beaten": self.beaten, "covered": self.covered, "conclusive": self.decided, "complete": self.complete,
+                "tried": self.tried}
 
 
 def adequacy(chosen: Refit, made: Stage, curves: Stage | None, complete: bool = True) -> Adequacy:
@@ -82,7 +84,8 @@ def adequacy(chosen: Refit, made: Stage, curves: Stage | None, complete: bool = 
         covered = coverage(flexible, made.experiment)
         beaten = covered >= DECISION.covered and _better(flexible, chosen) \
             and _loss(chosen) - _loss(flexible) > DECISION.mainly * max(left, 0.0) > 0
-    return Adequacy(explained, flexible, min(there, key=_loss, default=None), beaten, covered, complete)
+    return Adequacy(explained, flexible, min(there, key=_loss, default=None), beaten, covered, complete,
+                    curves is not None and not curves.partial)
 
 
 def same_place(one: Refit, other: Refit) -> bool:

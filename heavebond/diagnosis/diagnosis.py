@@ -7,18 +7,16 @@ place and a curve. Where the records cannot tell candidates apart, all are named
 
 from __future__ import annotations
 
-import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from math import isfinite, nan
 from pathlib import Path
 
 from heavebond.core import facade
-from heavebond.core.cancellation import clear_signal, finishing, time_limit
+from heavebond.core.cancellation import Budget
 from heavebond.core.cluster import Cluster
-from heavebond.core.errors import HeavebondError, Problem, UsageError, listing
+from heavebond.core.errors import HeavebondError, SimulationError, StartError, listing
 from heavebond.core.presentation import brief
-from heavebond.core.presentation import number as written
 from heavebond.core.progress import Progress
 from heavebond.core.quantities import si_value
 from heavebond.core.reporting import reporting
@@ -26,10 +24,12 @@ from heavebond.core.threads import single_threaded
 from heavebond.diagnosis.adequacy import Adequacy, adequacy
 from heavebond.diagnosis.alternatives import Alternative
 from heavebond.diagnosis.candidate_workers import working_on
+from heavebond.diagnosis.confirming import Confirming
+from heavebond.diagnosis.early_end import CALIBRATION, CURVES, EFFECTS, FURTHER, VALUES, before_search, so_far, was_ended
 from heavebond.diagnosis.experiment_design import Separation, separate
 from heavebond.diagnosis.fixed_values import VALUE
-from heavebond.diagnosis.full_runs import at_fit, confirmed, first_entries, loaded
-from heavebond.diagnosis.ladder import AddedEffect, LadderEntry, with_limits
+from heavebond.diagnosis.full_runs import at_fit, compared, first_entries, loaded
+from heavebond.diagnosis.ladder import AddedEffect, LadderEntry
 from heavebond.diagnosis.ranking import as_dicts, entries
 from heavebond.diagnosis.refit import Refit
 from heavebond.diagnosis.stage import (
@@ -58,10 +58,13 @@ from heavebond.estimation.excerpts import as_long_as, cut, excerpt
 from heavebond.estimation.experiment import Experiment
 from heavebond.estimation.fitting import Fit, fit
 
-SHORT = "More than the noise is left, and the time did not suffice for a further step: `--seconds` gives it more."
-# Share of the time that is kept for the end: the fit of what was found to all samples, and what is written.
-KEPT, MOST_KEPT = 0.1, 0.4
-AGAIN = 2.0  # and between these as often the time of the first fit of all samples
+# Share of the time after which the first fit of all samples is ended with its best so far, and shares that are kept for the
+# end: the fit of what was found to all samples (as long as so many of its runs take), and what is written.
+FITTING, KEPT, MOST_KEPT, LAST_RUNS = 0.4, 0.1, 0.4, 6.0
+
+
+# An effect confirmed by a fit to all samples, given the comparison without it; None where the time is over.
+Confirm = Callable[[SelectedEffect, Comparison], AddedEffect | None]
 
 
 @dataclass(frozen=True)
@@ -73,7 +76,9 @@ class Diagnosis:
     finding, after a step of effects and one of values. `shape` is the identified curve that lowers the error most where
     no effect can be named; `separation` the experiment that would distinguish the alternatives; `noise` the noise of
     each channel with its unit; `adequacy` that of the first finding where more than noise is left after it; `seconds` the
-    duration in s; `searched` is the experiment on the samples that the search used.
+    duration in s; `searched` is the experiment on the samples that the search used; `untried` what was not tried, as the
+    search was ended early (candidates of a step that was cut short are in that step). One that was ended before its first
+    candidate was scored has no steps, one that was ended before all records were simulated no ladder.
     """
 
     experiment: Experiment
@@ -89,6 +94,7 @@ class Diagnosis:
     separation: Separation | None
     searched: Experiment
     adequacy: Adequacy | None = None
+    untried: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return brief(self, self.experiment.name, self.verdict, *self.words)
@@ -96,6 +102,11 @@ class Diagnosis:
     def _repr_html_(self) -> str:
         """The verdict, the ladder and the parameters of the findings, for notebooks."""
         return str(facade.call("Diagnosis._repr_html_", self))
+
+    @property
+    def partial(self) -> bool:
+        """Whether the search was ended early."""
+        return bool(self.untried) or any(stage.partial for stage in self.steps)
 
     @property
     def last(self) -> Experiment:
@@ -107,7 +118,7 @@ class Diagnosis:
         """Everything for machines."""
         return {
             "verdict": self.verdict, "words": list(self.words),
-            "partial": any(stage.partial for stage in self.steps),
+            "partial": self.partial, "not_tried": list(self.untried),
             "lost": sorted({label for stage in self.steps for label in stage.lost}),
             "steps": [f.as_dict() for f in self.findings],
             "shape": self.shape and self.shape.as_dict(), "ladder": [r.as_dict() for r in self.ladder],
@@ -144,18 +155,19 @@ def diagnose(experiment: Experiment | str | Path, *, steps: int = MOST, number: 
 def _diagnosed(experiment: Experiment | str | Path, steps: int, number: int | None, seconds: float | str,
                classes: Sequence[str], samples: int | None, progress: Progress | None,
                growing: Callable[[list[dict[str, object]]], None] | None) -> Diagnosis:
-    began, seconds = clock.perf_counter(), si_value(seconds, "s", "seconds")
-    experiment = loaded(experiment)
+    budget, experiment = Budget(si_value(seconds, "s", "seconds")), loaded(experiment)
     say = progress or (lambda text: None)
-    base = fit(experiment, progress=lambda text: say(f"fitting what is free: {text}")) if experiment.free else None
-    ladder = first_entries(experiment, base)
     grow = growing or (lambda rungs: None)
+    ladder, base, comparing, by_user = _first_entries(experiment, budget, say)
+    if not ladder and budget.left() > 0:
+        raise KeyboardInterrupt
+    if by_user or not ladder or (experiment.free and base is None):
+        return _without_search(experiment, ladder, base, budget)
     grow([entry.as_dict() for entry in ladder])
-    first = clock.perf_counter() - began
-    until = began + seconds - (max(KEPT * seconds, min(AGAIN * first, MOST_KEPT * seconds)) if isfinite(seconds) else 0.0)
+    kept = _for_the_end(budget, base)
 
     def left() -> float:
-        return max(0.0, until - clock.perf_counter())
+        return budget.left(kept)
 
     def stepping(experiment: Experiment, way: Selection) -> Stage:
         grow([*(entry.as_dict() for entry in ladder), *map(_unconfirmed, way)])
@@ -163,53 +175,99 @@ def _diagnosed(experiment: Experiment | str | Path, steps: int, number: int | No
         return make_stage(experiment, number=number, seconds=left(), classes=classes, thorough=not way,
                     progress=lambda text: say(f"step {len(way) + 1}{beside}: {text}"))
 
-    def calibrating(experiment: Experiment) -> Stage:
-        return make_calibration_stage(experiment, number=number, seconds=left(), classes=classes,
-                                      progress=lambda text: say(f"beside calibration errors: {text}"))
+    cut_short: set[str] = set()
 
-    try:
-        with time_limit(left()):
-            part, way, last = _climbed(
-                experiment, excerpt(experiment, ladder[-1].comparison, samples),
-                lambda now: select_stepwise(at_fit(now, base), stepping, say, steps, left, calibrating))
-    except KeyboardInterrupt:
-        if left() > 0:
-            raise
-        clear_signal()
-        raise UsageError([_too_short(seconds, first)]) from None
+    def calibrating(experiment: Experiment) -> Stage:
+        cut_short.add(CALIBRATION)  # until it has come to its end
+        made = make_calibration_stage(experiment, number=number, seconds=left(), classes=classes,
+                                      progress=lambda text: say(f"beside calibration errors: {text}"))
+        if not made.partial:
+            cut_short.clear()
+        return made
+
+    def trying_values(beside: Refit | None) -> Stage | None:
+        return Budget(left()).made(lambda: make_value_stage(
+            as_long_as(part, at_fit(experiment, base)), beside=beside, number=number, seconds=left(),
+            progress=lambda text: say(f"trying other values of what is held fixed: {text}")))
+
+    climbed = budget.made(lambda: _climbed(
+        experiment, excerpt(experiment, ladder[-1].comparison, samples),
+        lambda now: select_stepwise(at_fit(now, base), stepping, say, steps, left, calibrating)), kept)
+    if climbed is None:
+        return _without_search(experiment, ladder, base, budget)
+    part, way, last = climbed
     # the last step made may be that of the last effect itself
-    short = bool(way) and last.chosen is way[-1].chosen and not last.partial and len(way) < steps and not way[-1].is_noise
     ended = bool(way) and last.chosen is way[-1].chosen
+    short = ended and not last.partial and len(way) < steps and not way[-1].is_noise
     made = [*(_answered(added.step, added) for added in (way[:-1] if ended else way)),
             _answered(last, way[-1]) if ended else replace(last, chosen=None, cluster=())]
-    with finishing(say):
-        findings = _all_confirmed(way, ladder, experiment, say)
-    ladder += [f.rung for f in findings]
+    confirming = Confirming(budget, experiment, part, base, comparing, say)
+    ladder, findings = confirming.all(way, ladder)
+    if way and not findings:
+        made[-1] = replace(made[-1], partial=True)
     now = at_fit(findings[-1].fit.experiment, findings[-1].fit) if findings else at_fit(experiment, base)
-    come = _SearchState(ladder, findings, made)
-    if made[0].left.significant and not made[-1].partial and (not classes or VALUE in classes):
-        come = _weighed(come, way, experiment, lambda beside: _within(left(), lambda: make_value_stage(
-            as_long_as(part, at_fit(experiment, base)), beside=beside, number=number, seconds=left(),
-            progress=lambda text: say(f"trying other values of what is held fixed: {text}"))))
+    come = _SearchState(ladder, findings, made, untried=(*cut_short, *([FURTHER] if short else [])))
+    if made[0].left.significant and (not classes or VALUE in classes):
+        come = come.without(VALUES) if made[-1].partial else _weighed(come, way, confirming.one, trying_values)
     shape, judged = None, None
     if unexplained(come.ladder, come.findings, come.steps):
-        come, shape, judged = _without_name(come, way, experiment, number, left(), say)
+        come, shape, judged = _without_name(come, way, confirming.one, number, left(), say)
     if shape is None and not (judged is not None and judged.stands) and not come.steps[-1].partial \
             and unexplained(come.ladder, come.findings, come.steps):
         say("learning a curve")
-        shape = _shape(as_long_as(part, now), experiment, number, left())
+        come, shape = _shape(come, as_long_as(part, now), confirming.one, number, left())
     rungs = (*come.ladder, *([shape.rung] if shape is not None else []))
-    said = verdict(base, rungs, come.findings, come.steps, shape, judged)
+    said = verdict(base, rungs, come.findings, come.steps, shape, judged, not {VALUES, CURVES} & set(come.untried))
     apart = _separation(come.findings, say, left()) if said == "one_of" else None
     told = (*sentences(said, rungs, come.findings, come.steps, shape, judged), *map(equivalent_value_words, come.values),
             *acting_as_values(come.findings, come.steps, [t.candidate.name for t in come.values]),
             *(apart.words if apart is not None else ()),
             *_lost(come.steps),
             *(f"{name}: {said}." for name, record in rungs[-1].comparison.records.items() for said in record.starts),
-            *([SHORT] if short else []),
-            *_limits(classes, cut(part, experiment)))
+            *so_far(come.steps, come.untried),
+            *_limits(classes, cut(part, experiment), confirming.shorter))
     return Diagnosis(experiment, said, told, rungs, tuple(come.findings), tuple(come.steps), shape, base,
-                     _noise(ladder[0].comparison), clock.perf_counter() - began, apart, part, judged)
+                     _noise(ladder[0].comparison), budget.spent, apart, part, judged, come.untried)
+
+
+def _first_entries(experiment: Experiment, budget: Budget, say: Progress
+                   ) -> tuple[list[LadderEntry], Fit | None, float, bool]:
+    """The ladder as far as it comes in the time: the diagram compared with all records, and with what is free fitted; the
+    fit; how long the comparison took (s); and whether it was ended by Ctrl-C."""
+    before = None
+    say("simulating all records")
+    try:
+        before = budget.made(lambda: compared(experiment))
+        if before is None:
+            return [], None, 0.0, False
+    except (SimulationError, StartError):
+        if not experiment.free:
+            raise  # else the fit may find values at which it can be simulated, and says more where it does not
+    took = budget.spent
+    first = first_entries(experiment, None, before) if before is not None else []
+    if not experiment.free:
+        return first, None, took, False
+    most, began = min(FITTING * budget.seconds, budget.left(2 * took)), budget.spent
+    base = budget.made(lambda: fit(experiment, progress=lambda text: say(f"fitting what is free: {text}"), partial=True,
+                                   seconds=most, before=before))
+    if base is None:
+        return first, None, took, budget.left() > 0
+    return first_entries(experiment, base), base, took, was_ended(base) and budget.spent - began < most
+
+
+def _for_the_end(budget: Budget, base: Fit | None) -> float:
+    """How much time (s) is kept for the fit of what is found to all samples, which takes some runs from near its optimum."""
+    if not isfinite(budget.seconds):
+        return 0.0
+    needed = LAST_RUNS * budget.spent / max(base.evaluations if base is not None else 1, LAST_RUNS / 2)
+    return max(KEPT * budget.seconds, min(needed, MOST_KEPT * budget.seconds))
+
+
+def _without_search(experiment: Experiment, ladder: Sequence[LadderEntry], base: Fit | None, budget: Budget) -> Diagnosis:
+    """The answer where the search was ended before its first candidate was scored."""
+    noise = _noise(ladder[0].comparison) if ladder else {}
+    return Diagnosis(experiment, "undetermined", before_search(ladder, base), tuple(ladder), (), (), None, base, noise,
+                     budget.spent, None, experiment, None, (EFFECTS, VALUES, CURVES))
 
 
 @dataclass(frozen=True)
@@ -221,25 +279,32 @@ class _SearchState:
     findings: Sequence[AddedEffect]
     steps: Sequence[Stage]
     values: Sequence[Refit] = ()
+    untried: tuple[str, ...] = ()
+
+    def without(self, what: str) -> _SearchState:
+        """The same with one thing more that was not tried to its end."""
+        return replace(self, untried=tuple(dict.fromkeys((*self.untried, what))))
 
 
-def _without_name(come: _SearchState, way: Selection, given: Experiment, number: int | None, seconds: float, say: Progress
+def _without_name(come: _SearchState, way: Selection, confirm: Confirm, number: int | None, seconds: float, say: Progress
                   ) -> tuple[_SearchState, AddedEffect | None, Adequacy | None]:
     """The adequacy of the first finding, after which more than noise is left, by identified curves in its place. Where one
     of these explains most of what is left, it takes the place of the name."""
     if not way or not come.findings or come.findings[0].candidate is not way[0].candidate:
         return come, None, None
     say("fitting identified curves in place of the effect")
-    curves = None if come.steps[-1].partial else _within(seconds, lambda: make_curve_stage(
+    curves = None if come.steps[-1].partial else Budget(seconds).made(lambda: make_curve_stage(
         way[0].step.experiment, beside=way[0].candidate, number=number, seconds=seconds,
         progress=lambda text: say(f"identified curves: {text}")))
-    judged = adequacy(way[0].chosen, way[0].step, curves, not come.steps[-1].partial)
+    come = come if curves is not None and not curves.partial else come.without(CURVES)
+    judged = adequacy(way[0].chosen, way[0].step, curves, not come.steps[0].partial)
     if not judged.beaten or judged.flexible is None or curves is None:
         return come, None, judged
-    with finishing(say):
-        shape = confirmed(SelectedEffect(choosing(curves, judged.flexible), (judged.flexible,)), given)
     without = come.ladder[:len(come.ladder) - len(come.findings)]
-    return _SearchState(without, (), [replace(come.steps[0], chosen=None, cluster=())], come.values), shape, judged
+    shape = confirm(SelectedEffect(choosing(curves, judged.flexible), (judged.flexible,)), without[-1].comparison)
+    if shape is None:
+        return come.without(CURVES), None, judged
+    return replace(come, ladder=without, findings=(), steps=[replace(come.steps[0], chosen=None, cluster=())]), shape, judged
 
 
 def _unconfirmed(added: SelectedEffect) -> dict[str, object]:
@@ -279,31 +344,14 @@ def _lost(steps: Sequence[Stage]) -> list[str]:
             "again alone (killed, or out of memory). Fewer `--processes`, or `--samples`, need less memory."] if lost else []
 
 
-def _limits(classes: Sequence[str], looked: str) -> list[str]:
+def _limits(classes: Sequence[str], looked: str, shorter: bool) -> list[str]:
     """What was left out of the search."""
     only = f"Tried were only effects of {'this class' if len(classes) == 1 else 'these classes'}: {listing(classes)}."
-    part = f"The records are long: the search looked at their beginning ({looked}), and what it found was fitted to all " \
-        "of them. `--samples` sets how much, `from:` and `to:` at a record which part."
+    fitted = "the time did not suffice to fit what it found to all of them. Every figure is that of these beginnings" \
+        if shorter else "what it found was fitted to all of them"
+    part = f"The records are long: the search looked at their beginning ({looked}), and {fitted}. `--samples` sets how " \
+        "much, `from:` and `to:` at a record which part."
     return [*([only] if classes else []), *([part] if looked else [])]
-
-
-def _all_confirmed(way: Selection, ladder: Sequence[LadderEntry], given: Experiment, say: Progress) -> list[AddedEffect]:
-    """The effects of a ladder with intervals and figures from full runs on the whole of the `given` records. What the first
-    one explains by itself is not taken back because several together do not reach the noise: then it stands alone."""
-    findings: list[AddedEffect] = []
-    for added in way:
-        say(f"confirming {added.candidate.label}")
-        findings.append(confirmed(added, given))
-    if len(findings) > 1 and is_adequate(ladder, findings[:1]) and not is_adequate(ladder, findings):
-        return [replace(findings[0], alternatives=way[0].step.cluster)]
-    return [*(_beside_all(finding, findings[-1].fit) for finding in findings[:-1]), *findings[-1:]]
-
-
-def _beside_all(finding: AddedEffect, last: Fit) -> AddedEffect:
-    """An effect with the values and intervals of the fit with all effects."""
-    own = {p.name for p in finding.parameters}
-    parameters = tuple(p for p in with_limits(finding.candidate, last).parameters if p.name in own)
-    return replace(finding, parameters=parameters) if len(parameters) == len(own) else finding
 
 
 def _separation(findings: Sequence[AddedEffect], say: Progress, seconds: float) -> Separation | None:
@@ -313,62 +361,40 @@ def _separation(findings: Sequence[AddedEffect], say: Progress, seconds: float) 
     best: dict[object, Refit] = {}
     for trial in unsure.alternatives:
         best.setdefault((trial.candidate.kind, frozenset(trial.candidate.where)), trial)
-    if seconds <= 0:
-        return None
     try:
-        with time_limit(seconds):
-            return separate([Alternative(f"{t.candidate.kind} {t.candidate.place}", t.experiment, t.values,
-                                     t.samples + t.samples_held_out) for t in best.values()], progress=say)
-    except (KeyboardInterrupt, HeavebondError):
-        clear_signal()
+        return Budget(seconds).made(lambda: separate([Alternative(
+            f"{t.candidate.kind} {t.candidate.place}", t.experiment, t.values, t.samples + t.samples_held_out)
+            for t in best.values()], progress=say))
+    except HeavebondError:
         return None
 
 
-def _within(seconds: float, make: Callable[[], Stage]) -> Stage | None:
-    """A step that ends early after `seconds` (s); None where it is ended before its first candidate."""
-    if seconds <= 0:
-        return None
-    try:
-        with time_limit(seconds):
-            return make()
-    except KeyboardInterrupt:
-        clear_signal()
-        return None
-
-
-def _too_short(seconds: float, first: float) -> Problem:
-    """That the time was over before the first candidate; the fit of what is free took `first` (s)."""
-    return Problem("time-short", f"the time of {written(seconds)} s was over before the first candidate was scored: "
-                   f"the fit of the free parameters took {written(first, 2)} s, and a part is kept for the result", None,
-                   "Give it more time (`--seconds`), or fewer samples (`--samples`, or `from:` and `to:` at a record).")
-
-
-def _weighed(come: _SearchState, way: Selection, given: Experiment, trying: Callable[[Refit | None], Stage | None]
+def _weighed(come: _SearchState, way: Selection, confirm: Confirm, trying: Callable[[Refit | None], Stage | None]
              ) -> _SearchState:
     """What is found against other values of what the diagram holds fixed, `trying` these beside a trial that explains the
     records: a value takes its place where it is better, and stands beside it where the records cannot tell."""
     without = come.ladder[:len(come.ladder) - len(come.findings)]
     chosen = way[len(come.findings) - 1].chosen if come.findings and is_adequate(come.ladder, come.findings) else None
     made = trying(chosen)
-    if made is None:
-        return replace(come, steps=[*come.steps[:-1], replace(come.steps[-1], partial=chosen is None)])
-    if (value := _value(made, given, without)) is not None:
+    if made is not None and (value := _value(made, confirm, without)) is not None:
         return _SearchState([*without, value.rung], [value], [replace(come.steps[0], chosen=None, cluster=()), made])
-    if chosen is not None:
-        findings, values = _beside(come.findings, chosen, made)
-        return replace(come, findings=findings, values=values)
-    # ended by the user, or by time: nothing more is begun
-    return replace(come, steps=[*come.steps[:-1], replace(come.steps[-1], partial=True)]) if made.partial else come
+    if made is None or made.partial:  # ended by the user, or by time
+        come = come.without(VALUES)
+        if not come.findings:
+            return replace(come, steps=[*come.steps[:-1], replace(come.steps[-1], partial=True)])
+    if made is None or chosen is None:
+        return come
+    findings, values = _beside(come.findings, chosen, made)
+    return replace(come, findings=findings, values=values)
 
 
-def _value(made: Stage, given: Experiment, ladder: Sequence[LadderEntry]) -> AddedEffect | None:
+def _value(made: Stage, confirm: Confirm, ladder: Sequence[LadderEntry]) -> AddedEffect | None:
     """The fixed value by which what is left becomes noise, fitted to the whole of the records; None where there is none,
     where an effect that stands beside the values is no worse, and where not all values were tried."""
     if made.partial or made.chosen is None or not worth_it(made) or any(t.candidate.kind != VALUE for t in made.cluster):
         return None
-    with finishing(lambda text: None):
-        found = confirmed(SelectedEffect(made, made.cluster), given)
-    return found if near_noise(found.rung) and is_adequate([*ladder, found.rung], [found]) else None
+    found = confirm(SelectedEffect(made, made.cluster), ladder[-1].comparison)
+    return found if found is not None and near_noise(found.rung) and is_adequate([*ladder, found.rung], [found]) else None
 
 
 def _beside(findings: Sequence[AddedEffect], chosen: Refit, made: Stage) -> tuple[list[AddedEffect], list[Refit]]:
@@ -382,13 +408,15 @@ def _beside(findings: Sequence[AddedEffect], chosen: Refit, made: Stage) -> tupl
     return [replace(findings[0], alternatives=(*findings[0].alternatives, *better))], values
 
 
-def _shape(experiment: Experiment, given: Experiment, number: int | None, seconds: float) -> AddedEffect | None:
+def _shape(come: _SearchState, experiment: Experiment, confirm: Confirm, number: int | None, seconds: float
+           ) -> tuple[_SearchState, AddedEffect | None]:
     """The identified curve that leaves least, where one earns its place, fitted to the whole of the records."""
-    made = _within(seconds, lambda: make_curve_stage(experiment, number=number, seconds=seconds))
+    made = Budget(seconds).made(lambda: make_curve_stage(experiment, number=number, seconds=seconds))
+    come = come if made is not None and not made.partial else come.without(CURVES)
     if made is None or made.chosen is None or not worth_it(made):
-        return None
-    with finishing(lambda text: None):
-        return confirmed(SelectedEffect(made, made.cluster), given)
+        return come, None
+    shape = confirm(SelectedEffect(made, made.cluster), come.ladder[-1].comparison)
+    return (come if shape is not None else come.without(CURVES)), shape
 
 
 def _noise(comparison: Comparison) -> dict[str, tuple[float, str, bool]]:

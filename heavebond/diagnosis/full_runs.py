@@ -4,13 +4,15 @@ fitted with everything else that is free."""
 from __future__ import annotations
 
 from dataclasses import replace
+from math import inf
 from pathlib import Path
 
+from heavebond.core.cancellation import ENDED_EARLY
 from heavebond.core.errors import Problem, UsageError
 from heavebond.diagnosis.ladder import AddedEffect, LadderEntry, ladder_entry, with_limits
 from heavebond.diagnosis.stage import following
 from heavebond.diagnosis.stepwise_selection import SelectedEffect
-from heavebond.estimation.comparison import compare
+from heavebond.estimation.comparison import Comparison, compare, compare_record
 from heavebond.estimation.excerpts import as_long_as
 from heavebond.estimation.experiment import Experiment, load_experiment
 from heavebond.estimation.fitting import Fit, fit
@@ -25,12 +27,18 @@ def loaded(experiment: Experiment | str | Path) -> Experiment:
     return found
 
 
-def first_entries(experiment: Experiment, base: Fit | None) -> list[LadderEntry]:
-    """The diagram as it stands, and with its free parameters fitted."""
+def compared(experiment: Experiment) -> Comparison:
+    """The diagram as it stands, compared with each record."""
+    return Comparison(experiment, {name: compare_record(experiment, r) for name, r in experiment.records.items()})
+
+
+def first_entries(experiment: Experiment, base: Fit | None, before: Comparison | None = None) -> list[LadderEntry]:
+    """The diagram as it stands, compared as `before` where that is known, and with its free parameters fitted."""
     name = experiment.model.name
     if base is None:
-        return [ladder_entry(name, compare(experiment))]
-    return [ladder_entry(name, base.before), ladder_entry(f"{name}, parameters fitted", base.after)]
+        return [ladder_entry(name, before or compare(experiment))]
+    fitted = f"{name}, parameters fitted" + (" (ended early)" if base.message == ENDED_EARLY else "")
+    return [ladder_entry(name, base.before), ladder_entry(fitted, base.after)]
 
 
 def at_fit(experiment: Experiment, fitted: Fit | None) -> Experiment:
@@ -40,9 +48,12 @@ def at_fit(experiment: Experiment, fitted: Fit | None) -> Experiment:
     return replace(experiment, model=experiment.model.with_parameters(fitted.values))
 
 
-def confirmed(added: SelectedEffect, given: Experiment) -> AddedEffect:
-    """The chosen effect with intervals and figures from full runs on the whole of the records."""
-    found = with_limits(added.candidate, fit(as_long_as(given, following(added.step))))
+def confirmed(added: SelectedEffect, given: Experiment, seconds: float = inf, before: Comparison | None = None
+              ) -> AddedEffect:
+    """The chosen effect with intervals and figures from full runs on the whole of the records; the fit begins from the
+    values of the search and ends after `seconds` with the best so far. `before` is the comparison without the effect."""
+    found = with_limits(added.candidate, fit(as_long_as(given, following(added.step)), partial=seconds < inf,
+                                             seconds=seconds, before=before))
     own = {n.name for n in added.candidate.numbers}
     return AddedEffect(added.candidate, tuple(p for p in found.parameters if p.name in own),
                    ladder_entry(f"+ {added.candidate.label}", found.after), found, added.alternatives)

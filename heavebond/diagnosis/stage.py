@@ -52,7 +52,7 @@ class Stage:
     records cannot tell from it (the chosen one first). `partial`: not all that was planned was refitted; `lost` are the
     candidates whose process died; `acts_as` are the numbers of the diagram of which candidates are another value, by their
     labels. `errors` are the predictive errors without any candidate, `identity` the comparison of the
-    candidates with the chosen one."""
+    candidates with the chosen one. `planned` is the number of candidates that were to be scored."""
 
     experiment: Experiment
     values: dict[str, float]
@@ -75,6 +75,7 @@ class Stage:
     errors: PredictiveErrors | None = None
     identity: Identity | None = None
     acts_as: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    planned: int = 0
 
     @property
     def bic(self) -> float:
@@ -158,7 +159,7 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
             partial, left, twins = True, leftover(base, scores), {}
     trials = list(refits.trials.values())
     made = _judged(base, errors, left, scores, trials, twins, partial, clock.perf_counter() - began)
-    return replace(made, lost=tuple(dict.fromkeys(workers.lost)), acts_as=acts_as)
+    return replace(made, lost=tuple(dict.fromkeys(workers.lost)), acts_as=acts_as, planned=len(found))
 
 
 def _polished(workers: Workers, trials: Sequence[Refit], guesses: Mapping[str, Sequence[Score]]) -> dict[str, Refit]:

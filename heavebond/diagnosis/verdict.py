@@ -76,8 +76,8 @@ def unexplained(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], 
 
 
 def verdict(base: Fit | None, ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage],
-            shape: AddedEffect | None, adequacy: Adequacy | None = None) -> str:
-    """One of the seven."""
+            shape: AddedEffect | None, adequacy: Adequacy | None = None, complete: bool = True) -> str:
+    """One of the seven; `complete`: all that could name what is left was tried."""
     if not steps[0].left.significant:
         if _still(ladder[0]) or steps[0].partial or _astray(ladder):
             return "undetermined"
@@ -88,7 +88,7 @@ def verdict(base: Fit | None, ladder: Sequence[LadderEntry], findings: Sequence[
         return "effect" if all(f.certain for f in findings) else "one_of"
     if findings and adequacy is not None and adequacy.stands:
         return "mainly"
-    if steps[-1].partial:
+    if steps[-1].partial or not (complete or shape is not None):
         return "undetermined"
     return "shape" if shape is not None or findings else "undetermined"
 
@@ -148,8 +148,6 @@ def sentences(said: str, ladder: Sequence[LadderEntry], findings: Sequence[Added
                      "as well.")
     if said in ("effect", "one_of", "undetermined") and steps[0].left.significant:
         lines += _of_estimates(min(ladder, key=_held))
-    if said != "undetermined" and any(step.partial for step in steps):
-        lines.append(_not_tried(steps))
     return tuple(lines)
 
 
@@ -203,14 +201,6 @@ def _explains(trial: Refit, step: Stage) -> bool:
     return _gone(step.chi2_fit, trial.chi2_fit) >= DECISION.mainly
 
 
-def _not_tried(steps: Sequence[Stage]) -> str:
-    """How far the search came where it was ended early."""
-    step = next(s for s in steps if s.partial)
-    told, refitted = {s.candidate.label for s in step.scores}, {t.candidate.label for t in step.trials}
-    return f"The search was ended early: {len(refitted)} of {len(told | refitted)} scored candidates were refitted; the " \
-           "others may explain the residual as well."
-
-
 def _of_estimates(best: LadderEntry) -> list[str]:
     """What to do about channels whose estimated noise is far from what the best model leaves there."""
     outputs = best.comparison.experiment.outputs
@@ -259,7 +249,9 @@ def _yardstick(adequacy: Adequacy) -> list[str]:
     """What the identified curves show of a name after which more than noise is left."""
     curve, other = adequacy.flexible, adequacy.elsewhere
     lines = []
-    if curve is None:
+    if not adequacy.tried and (curve is None or not adequacy.beaten):
+        lines.append("Whether another law at this place would explain more was not tried to the end.")
+    elif curve is None:
         lines.append("No identified curve at this place lowers the error; whether another law there would explain more is "
                      "not decided.")
     elif not adequacy.decided:
@@ -355,10 +347,9 @@ def _shape(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps
 
 def _undetermined(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage],
                   shape: AddedEffect | None) -> str:
-    if steps[-1].partial:
+    if steps[-1].partial or findings:
         near = "; and ".join(map(_alternatives, findings))
-        return "No conclusion yet: the search was ended before every candidate was refitted." + (
-            f" Best so far: {near}." if near else "")
+        return "No conclusion yet: the search was ended early." + (f" Best so far: {near}." if near else "")
     if not steps[0].left.significant and not _still(ladder[0]):
         return "Not decided by these records: the residual of the fitted records is noise, but on held-out " \
             f"data the reduced chi-square is {number(min(map(_held, ladder[:2])), 3)}. The missing effect does not show " \

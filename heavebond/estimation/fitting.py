@@ -22,13 +22,13 @@ from pathlib import Path
 import numpy as np
 
 from heavebond.core import facade
-from heavebond.core.cancellation import finishing
+from heavebond.core.cancellation import finishing, time_limit
 from heavebond.core.cluster import Cluster
 from heavebond.core.errors import HeavebondError, Place, Problem, SimulationError, UsageError, listing, suggest
 from heavebond.core.kept_lines import KeptLines
 from heavebond.core.presentation import brief
 from heavebond.core.progress import Progress
-from heavebond.core.quantities import si_range
+from heavebond.core.quantities import si_range, si_value
 from heavebond.core.reporting import reporting
 from heavebond.core.threads import single_threaded
 from heavebond.estimation.comparison import Comparison, RecordComparison, compare_record
@@ -162,7 +162,8 @@ class Fit:
 @single_threaded
 def fit(experiment: Experiment | str | Path, *, starts: int = 1, segments: int = 1, seed: int = 0, robust: bool = False,
         free: Mapping[str, Free | str] | None = None, executor: Cluster | None = None, kept: KeptLines | None = None,
-        progress: Progress | None = None, partial: bool = False) -> Fit:
+        progress: Progress | None = None, partial: bool = False, seconds: float | str = math.inf,
+        before: Comparison | None = None) -> Fit:
     """Estimate the free parameters of an experiment from its records with `use: fit`.
 
     Minimises sum ((y - f(p)) / s)**2 + sum ((p - p0) / sigma)**2 within the ranges, with exact sensitivities; see the
@@ -171,7 +172,9 @@ def fit(experiment: Experiment | str | Path, *, starts: int = 1, segments: int =
     run diverges; `robust` replaces squares by soft-L1 losses; `free` replaces the list of the experiment by ranges, also
     as text (`{"gas.c": "30 .. 70 kN/m"}`). With an `executor` the starts are followed on the workers of that cluster;
     `kept` are those of an earlier call. `progress` is called with a text at each step. With `partial` Ctrl-C returns the
-    best so far (`message` is "interrupted"), once a first run is through (on a cluster, a first start).
+    best so far (`message` is "interrupted"), once a first run is through (on a cluster, a first start); so does the end of
+    `seconds` (s, or text with a unit), after which the result is still worked out. `before` is the comparison with the
+    values of the diagram, where it is known.
 
     Raises UsageError where nothing is free, a name is unknown or a range has the wrong unit, ModelError or DataError
     where the experiment is wrong and SimulationError where the model cannot be simulated near the start.
@@ -184,7 +187,9 @@ def fit(experiment: Experiment | str | Path, *, starts: int = 1, segments: int =
                                   "List parameters and ranges: `free: {gas.c: 42 kN/m +- 20 %}`.")])
     problem = Residuals(experiment)
     say = progress or (lambda text: None)
-    runs = Starts(problem.starting_points(starts, seed), segments, robust, partial).descents(problem, say, executor, kept)
+    with time_limit(si_value(seconds, "s", "seconds")):
+        points = problem.starting_points(starts, seed)
+        runs = Starts(points, segments, robust, partial).descents(problem, say, executor, kept)
     costs = [2 * run.cost for run in runs]
     best = runs[int(np.argmin(costs))]
     if 2 * best.cost / problem.samples >= 0.5 * BROKEN**2:
@@ -196,7 +201,7 @@ def fit(experiment: Experiment | str | Path, *, starts: int = 1, segments: int =
                                        "diagram, or the end stops. Else narrow the ranges under `free:`, or correct it.")])
     say("comparing")
     with finishing(say):
-        found = _finished(problem, replace(best, message=runs[-1].message), costs)
+        found = _finished(problem, replace(best, message=runs[-1].message), costs, before)
     for record in found.after.records.values():
         hear(f"{experiment.name}, {record.name}", record.result.verdict)
     return found
@@ -217,7 +222,7 @@ def _filled_by_compare(problem: Residuals) -> str:
         f"{listing(sorted(parts), 4)}, of the size of the real line. "
 
 
-def _finished(problem: Residuals, best: Descent, costs: list[float]) -> Fit:
+def _finished(problem: Residuals, best: Descent, costs: list[float], before: Comparison | None = None) -> Fit:
     """The fit with its intervals, correlations, verdict on identifiability and comparisons."""
     residuals, jacobian = problem.evaluate(best.x)
     _, prior_jacobian = problem.priors(best.x)
@@ -236,7 +241,9 @@ def _finished(problem: Residuals, best: Descent, costs: list[float]) -> Fit:
     spans = [c.free.range.high - c.free.range.low for c in problem.columns]
     relative = jacobian * np.array([1.0 if c.logarithmic else s for c, s in zip(problem.columns, spans, strict=True)])
     verdict = identifiability(relative / np.sqrt(inflation), labels, [c.logarithmic for c in problem.columns])
-    before, (after, own) = _compared(problem, problem.start)[0], _compared(problem, best.x)
+    if before is None or any(free.each for free in problem.experiment.free.values()):
+        before = _compared(problem, problem.start)[0]
+    after, own = _compared(problem, best.x)
     return Fit(problem.experiment, parameters, correlation, verdict, chi2, len(residuals), tuple(costs),
                best.history, problem.evaluations, best.message, before, after, own)
 

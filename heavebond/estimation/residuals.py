@@ -35,6 +35,8 @@ AT_END = 1e-3
 KEPT = 8
 ROUNDING = 1e-9  # share of a sum of squares by which that of the condensed problem may differ from it
 ARRIVED, GIVEN_UP = "The search needs no more.", "The search has given it up."  # why a descent was ended from outside
+# A descent has settled where the step to the minimum of its tangent is shorter than this many standard errors.
+SETTLED, SHORT = "A further step would be shorter than a hundredth of the standard errors.", 0.01
 
 
 @dataclass(frozen=True)
@@ -284,6 +286,18 @@ class Residuals:
             return _broken(run)
         return (wrong, moved) if np.all(np.isfinite(wrong)) and np.all(np.isfinite(moved)) else _broken(run)
 
+    def cost(self, inner: Array, moved: bool = False) -> float:
+        """The sum of squares of data and priors, where it is not known by runs without sensitivities (unless `moved`)."""
+        prior = self.priors(inner)[0]
+        if moved or inner.tobytes() in self._known:
+            wrong = self.evaluate(inner)[0]
+            return float(wrong @ wrong + prior @ prior)
+        total, allowed = float(prior @ prior), self.allowed(inner)
+        for run in self.runs:
+            wrong = self._one(run.again([], {}, FitSimulator), allowed, np.inf)[0]
+            total += float(wrong @ wrong)
+        return total
+
     def priors(self, inner: Array) -> tuple[Array, Array]:
         """(p - p0)/sigma of the parameters given as `value +- tolerance`, and its Jacobian."""
         rows, gradients = [], []
@@ -298,31 +312,35 @@ class Residuals:
         return np.array(rows), np.array(gradients).reshape(len(rows), len(self.columns))
 
     def minimise(self, start: Array, robust: bool, progress: Progress, fixed: tuple[int, ...] = (), *, most: int = 60,
-                 tolerance: float = 1e-8, partial: bool = False) -> Descent:
+                 tolerance: float = 1e-8, partial: bool = False, settle: bool = False) -> Descent:
         """Least squares from `start`; the columns in `fixed` stay where they are. It ends after `most` runs (twice), or
-        where a step changes the sum of squares or the unknowns by less than `tolerance`.
+        where a step changes the sum of squares or the unknowns by less than `tolerance`; with `settle` (for squares, not
+        robust losses) also where it has settled (SETTLED).
 
         First SciPy's reflective method, which keeps away from the ends of ranges and finds its way from afar; then, from
         where that ends, its dogleg in boxes, which meets an optimum that lies at an end or along a narrow valley. With
         `partial` an interrupt ends it with its best so far (ENDED_EARLY).
         """
-        first = self.descend(start, robust, progress, fixed, most=most, tolerance=tolerance, method="trf", partial=partial)
-        if first.message == ENDED_EARLY:
+        first = self.descend(start, robust, progress, fixed, most=most, tolerance=tolerance, method="trf", partial=partial,
+                             settle=settle)
+        if first.message == ENDED_EARLY or (first.message == SETTLED and not self.at_end(first.x).any()):
             return first
         last = self.descend(first.x, robust, progress, fixed, most=most, tolerance=tolerance, method="dogbox",
-                            partial=partial)
+                            partial=partial, settle=settle)
         best = last if last.cost <= first.cost else first
         return replace(best, history=(*first.history, *last.history), message=last.message if partial else best.message)
 
     def descend(self, start: Array, robust: bool, progress: Progress, fixed: tuple[int, ...] = (), *, most: int,
                 tolerance: float, method: Literal["trf", "dogbox"],
-                enough: Callable[[Sequence[float], Array], str] = lambda costs, best: "", partial: bool = False) -> Descent:
+                enough: Callable[[Sequence[float], Array], str] = lambda costs, best: "", partial: bool = False,
+                settle: bool = False) -> Descent:
         """One of the two methods of `minimise` alone; it ends besides where `enough`, which is given the sum of squares of
         each run so far and the unknowns of the best, says ARRIVED or GIVEN_UP."""
         from scipy.optimize import least_squares
 
         moving = [k for k in range(len(self.columns)) if k not in fixed]
         low, span = self.low[moving], (self.high - self.low)[moving]
+        near = AT_END if method == "trf" else 0.0  # that method does not reach an end
         costs: list[float] = []
         best = np.zeros(len(moving))
 
@@ -349,6 +367,8 @@ class Residuals:
             progress(f"chi-square per sample {min(costs) / self.samples:.4g} after {len(costs)} runs")
             if said := enough(costs, whole(best)):
                 raise _Enough(said)
+            if settle and costs[-1] == min(costs) and self._settled(*both(y.tobytes()), y, near):
+                raise _Enough(SETTLED)
             return residuals
 
         def jacobian(y: Array) -> Array:
@@ -369,6 +389,18 @@ class Residuals:
             clear_signal()
             ended = best, min(costs) / 2, ENDED_EARLY, True
         return Descent(self.allowed(whole(ended[0])), ended[1], tuple(accumulate(costs, min)), *ended[2:])
+
+
+    def _settled(self, residuals: Array, jacobian: Array, y: Array, near: float) -> bool:
+        """Whether the sum of squares would fall by less than SHORT**2 of a residual's variance to the minimum of its
+        tangent, which is (the step there in standard errors)**2. What stands at an end of its range (y is 1 or 2, or `near`
+        it) and would go beyond stays there."""
+        slope = jacobian.T @ residuals
+        moving = ~(((y - 1 <= near) & (slope > 0)) | ((2 - y <= near) & (slope < 0)))
+        step = np.linalg.lstsq(jacobian[:, moving], residuals, rcond=1e-12)[0]
+        left = float(residuals @ residuals)
+        fall = left - float(np.sum((residuals - jacobian[:, moving] @ step)**2))
+        return fall < SHORT**2 * max(1.0, left / self.samples)
 
 
 class Exceeded(Exception):

@@ -91,27 +91,32 @@ class Starts:
         before = problem.evaluations
         if self.segments > 1:
             start = Shooting(problem, self.segments).solve(start, say)
-        start = self._from_excerpt(problem, start, say)
-        descent = problem.minimise(start, self.robust, say, partial=self.partial)
-        return descent, problem.evaluations - before
+        return self._descended(problem, start, say), problem.evaluations - before
 
-    def _from_excerpt(self, problem: Residuals, start: Array, say: Progress) -> Array:
-        """Of long records: where a fit of their beginnings ends, or the start where that leaves less on the whole of them;
-        from near the optimum the fit takes half of the runs."""
+    def _descended(self, problem: Residuals, start: Array, say: Progress) -> Descent:
+        """Least squares from a start. That of long records begins with their beginnings, and goes on from where that ends if
+        it leaves less on the whole of them (from near the optimum it takes half of the runs) until it has settled."""
         points = sum(len(run.found.grid) for run in problem.runs)
         if points <= EXCERPTS.long:
-            return start
+            return problem.minimise(start, self.robust, say, partial=self.partial)
         each = EXCERPTS.max_extension * EXCERPTS.excerpt // len(problem.runs)
         begun = [replace(run.record, end=float(run.found.grid[min(each, len(run.found.grid)) - 1])) for run in problem.runs]
         try:
-            part = Residuals(problem.experiment, begun)
-            found = part.minimise(start, self.robust, lambda text: say(f"beginning of the records: {text}"),
-                                  tolerance=1e-6).x
+            found = Residuals(problem.experiment, begun).minimise(
+                start, self.robust, lambda text: say(f"beginning of the records: {text}"), tolerance=1e-6,
+                partial=self.partial)
         except HeavebondError:  # one of them has no samples of a channel there
-            return start
-        left = [float(np.square(problem.evaluate(x)[0]).sum() + np.square(problem.priors(x)[0]).sum())
-                for x in (start, found)]
-        return found if left[1] < left[0] else start
+            found = Descent(start, np.inf, (), "")
+        if found.message == ENDED_EARLY:
+            return found
+        try:
+            better = found.x if len(found.history) and problem.cost(found.x, True) < problem.cost(start) else start
+            return problem.minimise(better, self.robust, say, partial=self.partial, settle=not self.robust)
+        except KeyboardInterrupt:
+            if not (self.partial and len(found.history)):
+                raise
+            clear_signal()
+            return replace(found, message=ENDED_EARLY)
 
     def _digest(self, problem: Residuals, point: Array) -> str:
         made = hashlib.sha256(repr((__version__, problem.runs[0].simulator.tolerances, problem.columns, self.segments,

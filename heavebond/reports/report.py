@@ -72,6 +72,8 @@ def report(diagnosis: Diagnosis, where: Localization | None = None, *, written: 
 def _sections(diagnosis: Diagnosis, shown: Sequence[ModelStyle], where: Localization | None,
               written: Sequence[Path]) -> list[Section]:
     """The sections below the verdict: name, title and content of each."""
+    if not diagnosis.ladder:  # nothing was simulated yet
+        return [("next", "How to go on", _next(diagnosis, written))]
     fit = _last_fit(diagnosis)
     finding = diagnosis.findings[0] if diagnosis.findings else diagnosis.shape
     apart = diagnosis.separation
@@ -100,12 +102,12 @@ def _head(diagnosis: Diagnosis, title: str) -> Html:
 
 def _verdict(diagnosis: Diagnosis) -> Html:
     kind, mood = KINDS[diagnosis.verdict]
-    if diagnosis.verdict == "undetermined" and diagnosis.steps[-1].partial:
+    if diagnosis.verdict == "undetermined" and diagnosis.partial:
         kind = "No conclusion yet: the search was ended early"
     first, *rest = diagnosis.words
     box = element("section", element("p", kind, class_="kind"), element("p", first, class_="said"),
                   *(element("p", line) for line in rest), class_=f"verdict {mood}", aria_label="verdict")
-    return joined([box, _figures(diagnosis)])
+    return joined([box, _figures(diagnosis)]) if diagnosis.ladder else box
 
 
 def _figures(diagnosis: Diagnosis) -> Html:
@@ -256,7 +258,12 @@ def _noise_share(record: RecordComparison) -> float:
 
 # -- evidence ----------------------------------------------------------------------------------------------------------
 def _candidates(diagnosis: Diagnosis) -> Html:
-    words = element("p", "Every effect of the catalogue was set at every place where it fits. Its score is the chi-square "
+    if not diagnosis.steps:
+        return Html("")
+    all_ = "Effects of the catalogue were set at places where they fit, as far as the search came. The score" \
+        if any(step.partial for step in diagnosis.steps) else \
+        "Every effect of the catalogue was set at every place where it fits. Its score"
+    words = element("p", f"{all_} is the chi-square "
                     "that it could take away as far as a straight line holds; what decides is the refit of all that is free "
                     "together with it, and what that leaves on held-out data.", class_="small")
     steps = [joined([element("h3", f"Step {k}"), ranking(step)]) for k, step in enumerate(diagnosis.steps, 1)]
@@ -267,6 +274,8 @@ def _candidates(diagnosis: Diagnosis) -> Html:
 
 
 def _left(diagnosis: Diagnosis) -> Html:
+    if not diagnosis.steps:
+        return noise(diagnosis)
     names = [_stage(diagnosis, k) for k in range(len(diagnosis.steps))]
     note = "Tests on the fitted samples; together they are wrong 2 times in 100 where nothing is missing."
     return joined([tests(diagnosis.steps, names), element("p", note, class_="quiet small"), noise(diagnosis)])
@@ -312,6 +321,8 @@ def _next(diagnosis: Diagnosis, written: Sequence[Path]) -> Html:
                   [f"heavebond localize {name} --fitted --output where.png", f"heavebond candidates {name}"]),
         "undetermined": ("Record again with a larger or a longer motion, or look where the misfit sits:",
                          [f"heavebond localize {name} --fitted --output where.png"])}[diagnosis.verdict]
+    if diagnosis.partial and diagnosis.verdict == "undetermined":
+        advice, lines = "Give the search more time:", [f"heavebond diagnose {name} --seconds {2 * diagnosis.seconds:.0f}"]
     if written:
         files = [path_text(path) for path in written]
         lines = [*(f"heavebond compare {file}" for file in files), f"heavebond diagnose {files[-1]}"]

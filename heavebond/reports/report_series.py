@@ -47,7 +47,7 @@ def shown_rungs(ladder: Sequence[LadderEntry]) -> list[ModelStyle]:
 
 def packed(ladder: Sequence[ModelStyle]) -> list[dict[str, object]]:
     """What the page's script draws: an entry for each record."""
-    records = list(ladder[-1].rung.comparison.records.values())
+    records = list(ladder[-1].rung.comparison.records.values()) if ladder else []
     count = sum(len(r.channels) for r in records) * (1 + len(ladder))
     most = min(MOST, max(500, IN_ALL // max(1, count)))
     return [{"span": _span(record), "shown": [s.label for s in ladder if s.at_first],

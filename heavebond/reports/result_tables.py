@@ -184,7 +184,7 @@ def _place(suspect: PlaceEstimate) -> tuple[str, ...]:
 # -- diagnose ------------------------------------------------------------------------------------------------------------
 def diagnosis_items(found: Diagnosis) -> list[Item]:
     """The ladder, the candidates of each step, the numbers of what was found, and the verdict."""
-    items: list[Item] = [ladder_table(found.ladder, "model")]
+    items: list[Item] = [ladder_table(found.ladder, "model")] if found.ladder else []
     items += [ranking_table(step, f"Step {k}: " if len(found.steps) > 1 else "")
               for k, step in enumerate(found.steps, 1) if step.trials]
     if found.verdict == "parameters" and found.fitted is not None:

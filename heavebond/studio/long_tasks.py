@@ -150,14 +150,13 @@ def diagnosed(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
                      classes=[str(c) for c in given.get("classes", ())], progress=job.progress,
                      growing=lambda rungs: job.tell("ladder", rungs))
     added = [*found.findings, *([found.shape] if found.shape is not None else [])]
-    partial = any(step.partial for step in found.steps)
     adds = [{"label": f"{f.candidate.kind} {f.candidate.place}", "count": k} for k, f in enumerate(added, 1)]
     chosen = {f.candidate.label for f in added}
     others = [{"label": f"{e['effect']} {e.candidate.place}", "kind": e.candidate.kind, "component": e["effect"],
                "where": list(e.candidate.where), "chi2": e["chi2_held_out"]}
               for step in found.steps[:1] for e in entries(step)
               if e.trial is not None and e.candidate.label not in chosen][:ALTERNATIVES]
-    return _result("diagnose", diagnosis_items(found), found.as_dict(), partial, adds=adds, others=others,
+    return _result("diagnose", diagnosis_items(found), found.as_dict(), found.partial, adds=adds, others=others,
                    ladder=[rung_entry(r.as_dict()) for r in found.ladder], verdict=found.verdict), {}, \
         lambda asked: _write_added(experiment, added[:int(asked.get("count", len(added)))], _folder(path, given))
 

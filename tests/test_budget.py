@@ -1,0 +1,133 @@
+"""A diagnosis answers by what it knows whenever its time ends, and ends by then.
+
+Time is counted in looks for a signal (`cancellation.check`), of which there is one before each run, each fifty samples of a
+run and each evaluation of a function: the longest piece of work between two of them is what a search cannot be ended in. So
+the answers and the times do not depend on the machine.
+"""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from heavebond.cli import main
+from heavebond.core import cancellation
+from heavebond.diagnosis import diagnosis
+from heavebond.diagnosis.diagnosis import Diagnosis, diagnose
+from heavebond.diagnosis.early_end import CURVES, VALUES
+from heavebond.diagnosis.fixed_values import VALUE
+from heavebond.estimation.experiment import Experiment, load_experiment
+from heavebond.estimation.starter_folder import start_folder
+from heavebond.reports.report import report
+from heavebond.reports.result_tables import diagnosis_items
+
+CLASSES = ["dry friction", "leakage"]
+
+
+class Looks(list[int]):
+    """What was heard, as `cancellation` keeps it: each look at it is a second, and SIGALRM comes in time."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.spent, self.timer = 0, 0.0
+        self.late: Callable[[int, Any], None] | None = None
+
+    def __bool__(self) -> bool:
+        self.spent += 1
+        if self.timer and self.spent >= self.timer:
+            self.timer = 0.0
+            handler = signal.getsignal(signal.SIGALRM)
+            assert callable(handler)
+            handler(signal.SIGALRM, None)
+        return len(self) > 0
+
+    def set_timer(self, seconds: float) -> float:
+        left = max(self.timer - self.spent, 0.0) if self.timer else 0.0
+        self.timer = self.spent + seconds if seconds else 0.0
+        return left
+
+
+@pytest.fixture
+def looks(monkeypatch: pytest.MonkeyPatch) -> Looks:
+    made = Looks()
+    monkeypatch.setattr(cancellation, "_heard", made)
+    monkeypatch.setattr(cancellation, "now", lambda: float(made.spent))
+    monkeypatch.setattr(cancellation, "set_timer", made.set_timer)
+    return made
+
+
+@pytest.fixture(scope="module")
+def rig(tmp_path_factory: pytest.TempPathFactory) -> Experiment:
+    folder = tmp_path_factory.mktemp("budget") / "rig"
+    start_folder(folder, None)
+    return load_experiment(folder / "measured.yaml")
+
+
+def ended_after(looks: Looks, experiment: Experiment, seconds: float) -> tuple[Diagnosis, int]:
+    """The answer, and after how many looks it was there."""
+    before = looks.spent
+    found = diagnose(experiment, number=1, seconds=seconds, classes=CLASSES)
+    return found, looks.spent - before
+
+
+def test_whenever_the_time_ends_the_answer_is_what_is_known(rig: Experiment, looks: Looks) -> None:
+    whole, needed = ended_after(looks, rig, float("inf"))
+    assert whole.verdict == "effect" and not whole.partial and whole.untried == ()
+    assert needed > 5000
+    come = set()
+    for seconds in (10.0, 48.0, 128.0, 600.0, 2000.0, 5000.0, 0.95 * needed):
+        found, took = ended_after(looks, rig, seconds)
+        assert took <= 1.1 * seconds, seconds
+        assert_true(found, whole)
+        step = found.steps[0] if found.steps else None
+        come.add((len(found.ladder), bool(step and step.scores), bool(step and step.trials), len(found.findings)))
+    # before all records were simulated, in the fit, in scoring and in refits, and with an effect
+    assert {(0, False, False, 0), (1, False, False, 0), (2, True, False, 0)} < come and max(k for *_, k in come) == 1
+
+
+def assert_true(found: Diagnosis, whole: Diagnosis) -> None:
+    """What is said is so: of the ladder as far as it goes, of what leads, and of what was not tried."""
+    words = " ".join(found.words)
+    assert report(found) and diagnosis_items(found) and found.as_dict()["partial"] is found.partial
+    for entry, other in zip(found.ladder[:2], whole.ladder, strict=False):
+        early = entry.name.endswith(" (ended early)")
+        assert early or (entry.name, entry.chi2_fit) == (other.name, pytest.approx(other.chi2_fit, rel=1e-3))
+    assert len(found.ladder) <= 2 or found.findings[0].kinds == whole.findings[0].kinds
+    if found.verdict == "effect":
+        assert found.partial is ("Not tried" in words or "were scored" in words)
+        return
+    assert found.verdict in ("undetermined", "mainly") and found.partial
+    assert found.verdict == "mainly" or words.startswith("No conclusion yet: the search was ended")
+    for step in found.steps:
+        scored = {s.candidate.label for s in step.scores}
+        assert not step.partial or f"{len(scored)} of {step.planned} candidates" in words
+
+
+def test_a_step_that_is_complete_names_its_effect_although_more_was_not_tried(
+        rig: Experiment, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A damper in place of the friction that is missing explains most, and leaves more than noise; then the time is over."""
+    def over(*given: Any, **named: Any) -> None:
+        raise KeyboardInterrupt
+
+    for name in ("make_value_stage", "make_curve_stage"):
+        monkeypatch.setattr(diagnosis, name, over)
+    found = diagnose(rig, number=1, classes=["viscous damping", VALUE], steps=1)
+    assert (found.verdict, found.partial, found.untried) == ("mainly", True, (VALUES, CURVES))
+    assert found.adequacy is not None and found.adequacy.complete
+    assert "Whether another law at this place would explain more was not tried to the end." in found.words
+    assert f"Not tried, as the search was ended early: {VALUES}, {CURVES}." in found.words
+
+
+def test_files_are_written_and_the_exit_code_is_0_when_the_time_is_over(rig: Experiment, looks: Looks,
+                                                                        monkeypatch: pytest.MonkeyPatch) -> None:
+    for seconds in ("1", "200"):
+        folder = rig.path.parent / f"after_{seconds}"
+        answer = CliRunner().invoke(main, ["diagnose", str(rig.path), "--seconds", seconds, "--processes", "1", "--folder",
+                                           str(folder), "--only", "dry friction"])
+        assert answer.exit_code == 0, answer.output
+        assert "No conclusion yet" in answer.output and "the search was ended early: the same command" in answer.output
+        assert (folder / "measured_report.html").stat().st_size > 1000
