@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -122,7 +123,7 @@ equations
         return [volts - 0.8 * current - 0.05 * speed, 0.05 * current - 1e-4 * speed, speed,
                 derivative / 0.2, 2 * error]
 
-    agree(run["Encoder.angle"], solved(rate, [0, 0, 0.1, 0, 0], run, (0.1,))[2], 1e-5)
+    agree(run["Encoder.y"], solved(rate, [0, 0, 0.1, 0, 0], run, (0.1,))[2], 1e-5)
 
 
 def test_a_hydraulic_cylinder_with_a_valve(tmp_path: Path) -> None:
@@ -435,3 +436,48 @@ equations
                    "</Variable></Parameters></Variables>")
     for name, first in (("y", 0.9 * 3600), ("z", 2), ("w", 0.25)):
         agree(run[f"Charge.{name}"], first * np.exp(-run.time))
+
+
+def test_elements_of_the_library_are_recognised_by_their_equations(tmp_path: Path) -> None:
+    """Whatever they are called and however their equations are arranged; what is only similar keeps its own component."""
+    parts = (part("Sum1", "signal knot duplicatable in plus [1]; signal knot duplicatable in minus [1]; signal knot out "
+                  "output [1]", "equations\n output = sum (collect (plus)) - sum (collect (minus));", knot=True)
+             + part("Wave", "signal out y", "equations\n y = sin (3 * time);")
+             + part("Bias", "signal out output", "parameters\n real C = 0.25;\nequations\n output = C;")
+             + part("Amplifier", "signal in input; signal out output", "parameters\n real K = 3;\nequations\n"
+                    " output = K * input;")
+             + part("Limiter", "signal in input; signal out output", "parameters\n real maximum = 1, minimum = -0.5;\n"
+                    "equations\n output = limit (input, minimum, maximum);")
+             + part("Store", "signal in input; signal out output", "parameters\n real initial = 0.5;\nequations\n"
+                    " output = int (input, initial);")
+             + part("Effort", "power out p", "parameters\n real effort = 6;\nvariables\n real flow;\nequations\n"
+                    " p.e = effort;\n flow = p.f;")
+             + one("Ring") + part("Loss", "power in p", "parameters\n real r = 1;\nequations\n p.f = p.e / r;")
+             + part("Conductance", "power in p", "parameters\n real g = 0.5;\nequations\n p.f = g * p.e;")
+             + part("Square", "power in p", "parameters\n real r = 0.5;\nequations\n p.e = r * p.f * abs (p.f);")
+             + part("Momentum", "power in p; signal out state", "parameters\n real i = 4;\nequations\n"
+                    " state = int (p.e, 2);\n p.f = state / i;")
+             + part("Ratio", "power in p1; power out p2", "parameters\n real r = 0.2;\nequations\n p1.e = r * p2.e;\n"
+                    " p2.f = r * p1.f;")
+             + part("Spring", "power in p", "parameters\n real c = 0.1;\nvariables\n real state;\nequations\n"
+                    " state = int (p.f, 0.05);\n p.e = state / c;"))
+    run = imported(tmp_path, parts, "Wave\\y -> Sum1\\plus; Bias\\output -> Sum1\\minus; Sum1\\output -> Amplifier\\input; "
+                   "Amplifier\\output -> Limiter\\input; Limiter\\output -> Store\\input; Effort\\p => Ring\\p; "
+                   "Ring\\p => Loss\\p; Ring\\p => Conductance\\p; Ring\\p => Square\\p; Ring\\p => Momentum\\p; "
+                   "Ring\\p => Ratio\\p1; Ratio\\p2 => Spring\\p", 3.0)
+    text = (tmp_path / "out" / "m.yaml").read_text()
+    for line in ("Sum1: {is: Sum, k_1: 1, k_2: -1,", "Bias: {is: Constant, k: 0.25,", "Amplifier: {is: Gain, k: 3,",
+                 "Limiter: {is: Saturation, u_min: -0.5, u_max: 1,", "Store: {is: Integrator, k: 1 1/s,",
+                 "Effort: {is: Se, u: 6 W, k: 1,", "Loss: {is: R, R: 1 W,", "Conductance: {is: Conductance,",
+                 "Square: {is: Square,", "Momentum: {is: I, I: 4 W*s,", "Ratio: {is: TF, m: 0.2,",
+                 "Spring: {is: C, C: 0.1 s/W,", "Momentum.a.f: 0.5\n", "Spring.a.e: 0.5 W\n", "Store.y: 0.5\n"):
+        assert line in re.sub(" +", " ", text), line
+
+    def rate(t: float, x: State) -> State:
+        f = x[1] / 4
+        wave = min(max(3 * (np.sin(3 * t) - 0.25), -0.5), 1)
+        return [wave, 6 - f - 2 * f - 0.5 * f * abs(f) - 0.2 * x[2] / 0.1, 0.2 * f]
+
+    x = solved(rate, [0.5, 2, 0.05], run)
+    agree(run["Store.y"], x[0], 1e-5)
+    agree(run["Momentum.a.f"], x[1] / 4)

@@ -9,12 +9,13 @@ from pathlib import Path
 from heavebond.core.errors import Place, Problem
 from heavebond.core.quoting import file_stem
 from heavebond.core.writable import write_text
-from heavebond.import_20sim.block import Block, Translator
+from heavebond.import_20sim.block import Block, Part, Translator
 from heavebond.import_20sim.component import Component, Item
 from heavebond.import_20sim.emx_file import EmxFile, read_emx
 from heavebond.import_20sim.evaluate import fold
 from heavebond.import_20sim.memory import SAMPLE_TIME
 from heavebond.import_20sim.names import identifier, snake
+from heavebond.import_20sim.recognition import Match, recognised
 from heavebond.import_20sim.sidops_lexer import tokenise
 from heavebond.import_20sim.sidops_parser import parse_sidops
 from heavebond.import_20sim.sidops_tree import Submodel
@@ -79,6 +80,7 @@ class _Writer:
         self.taken: set[str] = set()
         self.globals: dict[str, tuple[float, str]] = {}
         self.set: list[tuple[str, str]] = []
+        self.matches: dict[int, Match] = {}  # of components that the library has, by their identity
 
     def imported(self) -> Imported:
         """All files."""
@@ -90,6 +92,9 @@ class _Writer:
             if isinstance(made, Component):
                 self.result.untranslated += [Untranslated(path, line, why) for line, why in made.omitted]
         self.result.files[f"{self.result.name}.yaml"] = ""
+        if self.library:
+            for path, block in self.translator.blocks:
+                self._recognise(path, block)
         self._place(self.top)
         self.result.files[f"{self.result.name}.yaml"] = self._diagram()
         return self.result
@@ -156,6 +161,60 @@ class _Writer:
                                                              f"{found} s is used: set `{SAMPLE_TIME}` in the diagram"))
             made.items[SAMPLE_TIME].value = found
 
+    def _recognise(self, path: str, block: Block) -> None:
+        """Use components of the library for those parts of a block that have their law."""
+        joined = {end for ends in block.nodes.values() if len(ends) > 1 for end in ends}
+        shared = dict(self.set)
+        plotted = {".".join(identifier(word) for word in name.split("\\")) for name in self.emx.plotted}
+        found: dict[str, tuple[Part, Match]] = {}
+        for part in block.parts.values():
+            made, own = part.what, f"{path}.{part.name}" if path else part.name
+            if not isinstance(made, Component):
+                continue
+            match = recognised(made, {n for n in made.items if f"{part.name}.{n}" in joined})
+            if match is None or any(f"{own}.{n}" in plotted and n not in match.ports for n in made.items) or any(
+                    f"{own}.{n}" in shared and made.items[n].unit != match.units[p] for p, n in match.parameters.items()):
+                continue
+            found[part.name] = part, match
+        for ends in block.nodes.values():  # a domain must be known at each node
+            bonds = [end for end in ends if self._is_bond(block, end)]
+            if bonds and all(end.partition(".")[0] in found and found[end.partition(".")[0]][1].any_domain for end in bonds):
+                del found[bonds[0].partition(".")[0]]
+        for part, match in found.values():
+            self.matches[id(part.what)] = match
+            renamed = {f"{part.name}.{a}": f"{part.name}.{b}" for a, b in match.ports.items()}
+            block.nodes = {name: [renamed.get(end, end) for end in ends if renamed.get(end) or end.partition(".")[0]
+                                  != part.name] for name, ends in block.nodes.items()}
+            block.nodes = {name: ends for name, ends in block.nodes.items() if ends}
+            block.equations = [(left, renamed.get(right, right)) for left, right in block.equations]
+            part.inputs = {match.ports[name]: value for name, value in part.inputs.items()}
+            own = f"{path}.{part.name}" if path else part.name
+            back = {f"{own}.{n}": f"{own}.{p}" for p, n in match.parameters.items()}
+            self.set = [(back.get(name, name), value) for name, value in self.set
+                        if name in back or not name.startswith(f"{own}.")]
+
+    @staticmethod
+    def _is_bond(block: Block, end: str) -> bool:
+        name, _, port = end.partition(".")
+        part = next((p for p in block.parts.values() if p.name == name), None)
+        items = part.what.items if part and port else block.items
+        return (port or name) in items and items[port or name].kind == "bond"
+
+    def _given(self, block: Block) -> dict[int, list[tuple[str, str]]]:
+        path = next((p for p, b in self.translator.blocks if b is block), "")
+        return {id(part.what): self._values(part, path) for part in block.parts.values()}
+
+    def _values(self, part: Part, path: str) -> list[tuple[str, str]]:
+        """The values of a part that is a component of the library."""
+        match, made = self.matches.get(id(part.what)), part.what
+        if match is None or not isinstance(made, Component):
+            return []
+        shared = {name for name, _ in self.set}
+        own = f"{path}.{part.name}" if path else part.name
+        values = {**match.numbers, **{p: made.items[n].value or 0.0 for p, n in match.parameters.items()}}
+        return [(name, quantity(values[name], unit)) for name, unit in match.units.items()
+                if name in values and f"{own}.{name}" not in shared]
+
     def _place(self, made: Block) -> None:
         """Write what a block consists of, the inner files first."""
         for part in made.parts.values():
@@ -163,8 +222,10 @@ class _Writer:
             if isinstance(what, Block):
                 self._place(what)
                 what.summary = f"Submodel {what.name} of the 20-sim model {self.emx.path.stem}."
-                parts = parts_text(what, self.names, {}, *_origin(what))
+                parts = parts_text(what, self.names, self._given(what), *_origin(what))
                 self._file(what, what.name, lambda name, what=what, parts=parts: block_text(what, name, parts))
+            elif id(what) in self.matches:
+                self.names[id(what)] = self.matches[id(what)].name
             else:
                 what.summary = f"Submodel {what.name} of the 20-sim model {self.emx.path.stem}."
                 self._file(what, what.name, lambda name, what=what: component_text(what, name))
@@ -185,12 +246,17 @@ class _Writer:
         lines = [f"model: {self.result.name}", f"summary: {scalar(f'Imported from the 20-sim model {self.emx.path.name}.')}"]
         if self.globals:
             lines += ["parameters:", *(f"  {identifier(n)}: {quantity(v, u)}" for n, (v, u) in self.globals.items())]
-        lines += parts_text(self.top, self.names, {}, *_origin(self.top))
+        lines += parts_text(self.top, self.names, self._given(self.top), *_origin(self.top))
         if self.set:
             lines += ["set:", *(f"  {path}: {scalar(value)}" for path, value in self.set)]
-        initial = [(f"{path}.{name}", quantity(fold(value, {}) or 0.0, made.items[name].unit if name in made.items and
-                                               made.items[name].kind == "variable" else ""))
-                   for path, made in self.translator.components for name, value in made.initial.items()]
+        initial: list[tuple[str, str]] = []
+        for path, made in self.translator.components:
+            if (match := self.matches.get(id(made))) is not None:
+                initial += [(f"{path}.{name}", quantity(first, match.units[name])) for name, first in match.initial.items()]
+                continue
+            units = {item.name: item.unit for item in made.of_kind("variable")}
+            initial += [(f"{path}.{name}", quantity(fold(value, {}) or 0.0, units.get(name, "")))
+                        for name, value in made.initial.items()]
         if initial:
             lines += ["initial:", *(f"  {path}: {value}" for path, value in initial)]
         lines += self._show()
@@ -201,10 +267,13 @@ class _Writer:
     def _show(self) -> list[str]:
         """The plotted variables of the experiment."""
         items: dict[str, Item] = {}
+        renamed: dict[str, str] = {}
         everything: list[tuple[str, Component | Block]] = [*self.translator.components, *self.translator.blocks]
         for path, made in everything:
             own: dict[str, Item] = made.items
             items.update({f"{path}.{name}" if path else name: item for name, item in own.items() if item.kind != "bond"})
+            if (match := self.matches.get(id(made))) is not None:
+                renamed.update({f"{path}.{a}": f"{path}.{b}" for a, b in match.ports.items()})
         names: dict[str, str] = {}
         for plotted in self.emx.plotted:
             path = ".".join(identifier(word) for word in plotted.split("\\"))
@@ -212,7 +281,7 @@ class _Writer:
             if path in items and label not in names:
                 item = items[path]
                 unit = item.unit if item.kind in ("variable", "held", "parameter") else ""
-                names[label] = mapping([("is", path), ("unit", unit or "1")])
+                names[label] = mapping([("is", renamed.get(path, path)), ("unit", unit or "1")])
         return ["show:", *(f"  {label}: {entry}" for label, entry in names.items())] if names else []
 
     def problems(self) -> list[Problem]:

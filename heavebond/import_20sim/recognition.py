@@ -1,0 +1,380 @@
+"""Imported submodels that are components of the library: recognised by their equations, not by their names.
+
+The equations of both sides are linear in the quantities of the ports and in the internal variables, with coefficients that
+parameters, inputs and the time give: A(s) z + b = 0, where s stands for the derivative. Both are the same law where, at
+random values of s, of the parameters and of the inputs, the same port quantities solve them. Port quantities, inputs and
+parameters are assigned to each other in every order; a parameter of the library that has no counterpart gets a number.
+"""
+
+from __future__ import annotations
+
+import cmath
+import itertools
+import math
+import operator
+import random
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heavebond.core.errors import HeavebondError
+from heavebond.import_20sim import formula_text as f
+from heavebond.import_20sim.choices import names
+from heavebond.import_20sim.component import Component
+from heavebond.language import definition
+from heavebond.language.library import library
+from heavebond.text import syntax
+from heavebond.text.expression import parse_equation
+
+Array = NDArray[np.complex128]
+MOST_PARAMETERS, MOST_SIGNALS, MOST_BONDS = 3, 4, 2
+TRIALS = 4  # random points at which both must agree
+SAME = 1e-9  # relative size of what counts as zero between matrices whose entries are about 1
+FOR_FILES = {"Record"}  # it passes a column of a file on
+NUMBERS = (1.0, -1.0)  # that a parameter without a counterpart may have, beside its default
+
+
+@dataclass(frozen=True)
+class Match:
+    """A component of the library in place of an imported one: its name, its ports by the imported ones, its parameters (and
+    inputs that are constant) by the imported parameters or as numbers with their units, and its states by its port."""
+
+    name: str
+    ports: dict[str, str]
+    parameters: dict[str, str]
+    numbers: dict[str, float]
+    units: dict[str, str]
+    initial: dict[str, float] = field(default_factory=dict)
+    any_domain: bool = False  # its ports take the domain of what they are joined to
+
+
+# -- equations as matrices -------------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class Law:
+    """Equations in names: bonds by their port, inputs, outputs, parameters, internal variables."""
+
+    equations: tuple[syntax.Equation, ...]
+    bonds: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    parameters: tuple[str, ...]
+    inner: tuple[str, ...]
+
+    @property
+    def states(self) -> set[str]:
+        """What stands under `der`."""
+        return {name for e in self.equations for side in (e.left, e.right) for name in _states(side)}
+
+
+def _states(expr: syntax.Expr) -> Iterator[str]:
+    if isinstance(expr, syntax.Call) and expr.function == "der":
+        yield _plain(expr.args[0])
+    for child in syntax.children(expr):
+        yield from _states(child)
+
+
+def _plain(expr: syntax.Expr) -> str:
+    """A name, with `e` and `f` for the quantities of a port of any domain."""
+    if not isinstance(expr, syntax.Name):
+        raise ValueError
+    return re.sub(r"\.effort$", ".e", re.sub(r"\.flow$", ".f", expr.text))
+
+
+OPERATIONS: dict[str, Callable[[complex, complex], complex]] = {
+    "+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv, "**": operator.pow}
+COMPARED: dict[str, Callable[[float, float], bool]] = {"<": operator.lt, "<=": operator.le, ">": operator.gt,
+                                                       ">=": operator.ge, "==": operator.eq, "!=": operator.ne}
+REAL: dict[str, Callable[..., float]] = {"abs": abs, "min": min, "max": max, "sign": lambda x: float(np.sign(x)),
+                                         "floor": math.floor, "atan": math.atan, "asin": math.asin, "acos": math.acos}
+ANALYTIC: dict[str, Callable[[complex], complex]] = {n: getattr(cmath, n) for n in (
+    "sqrt", "exp", "log", "sin", "cos", "tan", "tanh")}
+
+
+def _real(value: complex) -> float:
+    if isinstance(value, complex) and value.imag:
+        raise ValueError  # an unknown in a function that is not linear
+    return value.real
+
+
+def _value(expr: syntax.Expr, at: Mapping[str, complex], s: complex) -> complex:
+    if isinstance(expr, syntax.Number):
+        return expr.value
+    if isinstance(expr, syntax.Name):
+        return math.pi if expr.text == "pi" else at[_plain(expr)]
+    if isinstance(expr, syntax.Negative):
+        return -_value(expr.operand, at, s)
+    if isinstance(expr, syntax.Binary):
+        return OPERATIONS[expr.op](_value(expr.left, at, s), _value(expr.right, at, s))
+    if isinstance(expr, syntax.Call):
+        if expr.function == "der":
+            return s * _value(expr.args[0], at, s)
+        if expr.function == "if_else":
+            return _value(expr.args[1 if _true(expr.args[0], at, s) else 2], at, s)
+        values = [_value(e, at, s) for e in expr.args]
+        if expr.function in REAL:
+            return REAL[expr.function](*(_real(v) for v in values))
+        return ANALYTIC[expr.function](*values)
+    raise ValueError
+
+
+def _true(expr: syntax.Expr, at: Mapping[str, complex], s: complex) -> bool:
+    if isinstance(expr, syntax.Not):
+        return not _true(expr.operand, at, s)
+    if isinstance(expr, syntax.Logic):
+        return (all if expr.op == "and" else any)(_true(e, at, s) for e in (expr.left, expr.right))
+    if isinstance(expr, syntax.Compare):
+        return COMPARED[expr.op](_real(_value(expr.left, at, s)), _real(_value(expr.right, at, s)))
+    raise ValueError
+
+
+def _computed(law: Law, known: Mapping[str, complex]) -> tuple[dict[str, complex], list[syntax.Equation], list[str]]:
+    """The inner variables that the known quantities give outright, the other equations, and the other inner variables."""
+    values, rest, inner = dict(known), list(law.equations), list(law.inner)
+    found = True
+    while found:
+        found = False
+        for equation in rest:
+            if not isinstance(equation.left, syntax.Name) or equation.left.text not in inner:
+                continue
+            try:
+                values[equation.left.text] = _value(equation.right, values, 0j)
+            except (ValueError, KeyError):
+                continue
+            if equation.left.text in law.states:
+                del values[equation.left.text]
+                continue
+            inner.remove(equation.left.text)
+            rest.remove(equation)
+            found = True
+            break
+    return values, rest, inner
+
+
+def _matrix(law: Law, known: Mapping[str, complex], s: complex, chosen: Sequence[syntax.Equation] | None = None) -> Array:
+    """Rows [A b] over the port quantities, the inner variables and 1, for all equations (without the inner variables that
+    are computed outright) or for some; raises ValueError where they are not linear."""
+    inner: Sequence[str] = law.inner
+    if chosen is None:
+        known, chosen, inner = _computed(law, known)
+    unknown = [*(f"{p}.{q}" for p in law.bonds for q in "ef"), *law.outputs, *inner]
+    draw = random.Random(3)
+    point = [complex(draw.uniform(1, 2), draw.uniform(1, 2)) for _ in unknown]
+
+    def residual(values: Sequence[complex]) -> Array:
+        at = {**known, **dict(zip(unknown, values, strict=True))}
+        return np.array([_value(e.left, at, s) - _value(e.right, at, s) for e in chosen], complex)
+
+    zero = residual([0j] * len(unknown))
+    columns = [residual([1 + 0j if i == k else 0j for i in range(len(unknown))]) - zero for k in range(len(unknown))]
+    found = np.array([*columns, zero], complex).T.reshape(len(chosen), len(unknown) + 1)
+    if not np.all(np.isfinite(found)) or np.abs(found @ np.array([*point, 1]) - residual(point)).max(initial=0) > \
+            SAME * max(1.0, np.abs(found).max(initial=0)):
+        raise ValueError
+    return found
+
+
+def _ports_only(matrix: Array, ports: int) -> Array:
+    """The rows that hold between the port quantities and 1 alone, the inner variables eliminated."""
+    inner = matrix[:, ports:-1]
+    rest = np.delete(matrix, np.s_[ports:matrix.shape[1] - 1], axis=1)
+    if inner.shape[1]:
+        left, sizes, _ = np.linalg.svd(inner)
+        rank = int((sizes > SAME * max(1.0, sizes.max(initial=0))).sum())
+        if rank < inner.shape[1]:
+            raise ValueError  # an inner variable that nothing decides
+        rest = left[:, rank:].conj().T @ rest
+    size = np.linalg.norm(rest, axis=1)
+    found: Array = rest[size > SAME] / size[size > SAME][:, None]
+    return found
+
+
+def _rank(matrix: Array) -> int:
+    return int(np.linalg.matrix_rank(matrix, tol=SAME * 100)) if matrix.size else 0
+
+
+# -- both sides ------------------------------------------------------------------------------------------------------------
+def _imported(made: Component, joined: set[str]) -> Law | None:
+    """The law of an imported component, in which outputs that nothing takes are inner variables; None where it has more
+    than a law has: events, held variables, or what was not translated."""
+    if made.events or made.untranslated or made.omitted or made.gives or made.of_kind("held") or not made.equations:
+        return None
+    outputs = [i.name for i in made.of_kind("out")]
+    bonds = tuple(i.name for i in made.of_kind("bond"))
+    taken = tuple(n for n in outputs if n in joined or not (bonds or joined & set(outputs)))
+    inner = (*(n for n in outputs if n not in taken), *(i.name for i in made.of_kind("variable")))
+    used = {n for left, right, _ in made.equations for n in (*names(left), *names(right))}
+    parameters = tuple(i.name for i in made.of_kind("parameter") if i.name in used)  # others are initial values
+    inputs = tuple(i.name for i in made.of_kind("in"))
+    if len(parameters) > MOST_PARAMETERS or len(inputs) + len(taken) > MOST_SIGNALS or len(bonds) > MOST_BONDS:
+        return None
+    if not (taken or bonds):
+        return None
+    try:
+        equations = tuple(parse_equation(f"{f.text(left)} = {f.value_text(right)}") for left, right, _ in made.equations)
+    except ValueError:
+        return None
+    return Law(equations, bonds, inputs, taken, parameters, inner)
+
+
+@lru_cache(maxsize=1)
+def _candidates() -> tuple[tuple[definition.Component, Law], ...]:
+    """The components of the library with ports of any domain and signals of any unit, and with nothing but a law."""
+    found = []
+    for name in sorted(set(library().names()) - FOR_FILES):
+        try:
+            own = library().component(name)
+        except HeavebondError:
+            continue
+        counts = [*(p.count for p in own.ports.values()), *(p.count for p in own.parameters.values()),
+                  *(v.count for v in own.variables.values())]
+        if own.when or own.body.instances or own.foreign or own.placeholder or not own.equations or \
+                any(count is not None for count in counts) or any(e.each for e in own.equations) or \
+                any(p.domain not in ("bond", "$D") for p in own.ports.values()) or \
+                any(p.integer or p.neutral is not None or p.width for p in own.parameters.values()) or \
+                len(own.parameters) > MOST_PARAMETERS + 1 or len(own.signals) > MOST_SIGNALS:
+            continue
+        law = Law(tuple(e.tree for e in own.equations), tuple(own.ports),
+                  tuple(n for n, p in own.signals.items() if p.direction == "in"),
+                  tuple(n for n, p in own.signals.items() if p.direction == "out"), tuple(own.parameters),
+                  tuple(own.variables))
+        found.append((own, law))
+    return tuple(found)
+
+
+def _unit(text: str) -> str:
+    """The unit of a number in a model whose signals have none, with effort W and flow 1 of bonds: `$Y/($U*s)` is 1/s."""
+    plain = re.sub(r"\$[A-Z]\.effort", "W", re.sub(r"\$[A-Z](\.flow)?(?![.\w])", "1", text))
+    plain = re.sub(r"\(1\*(\w+)\)", r"\1", plain)
+    while plain != (shorter := re.sub(r"(?<![\w.])1\*|[*/]1(?![\w.*])", "", plain)):
+        plain = shorter
+    return "" if plain == "1" else plain
+
+
+# -- the comparison --------------------------------------------------------------------------------------------------------
+def recognised(made: Component, joined: set[str]) -> Match | None:
+    """The component of the library with the law of an imported one, whose ports `joined` are connected."""
+    law = _imported(made, joined)
+    if law is None:
+        return None
+    simplest = sorted(_candidates(), key=lambda pair: (pair[0].effect is not None, len(pair[1].inputs),
+                                                       len(pair[1].parameters), len(pair[0].name), pair[0].name))
+    for own, other in simplest:
+        if len(own.ports) != len(law.bonds) or len(other.outputs) != len(law.outputs) or \
+                len(other.states) != len(law.states) or \
+                len(other.inputs) < len(law.inputs) or (not law.bonds and len(other.inputs) > len(law.inputs)) or \
+                len(other.inputs) - len(law.inputs) + len(other.parameters) < len(law.parameters):
+            continue
+        for match in _assignments(made, law, own, other):
+            if _within_bounds(made, own, match) and _agree(law, other, match) and \
+                    (complete := _with_states(made, law, own, other, match)) is not None:
+                return complete
+    return None
+
+
+def _assignments(made: Component, law: Law, own: definition.Component, other: Law) -> Iterator[Match]:
+    """Every way to assign the quantities of both to each other."""
+    for bonds in itertools.permutations(other.bonds):
+        for outputs in itertools.permutations(other.outputs):
+            for inputs in itertools.permutations(other.inputs, len(law.inputs)):
+                if any(_unit(own.signals[n].unit.text) for n in (*outputs, *inputs)):
+                    continue  # the signals of an imported model have no units
+                places = [n for n in (*other.inputs, *other.parameters) if n not in inputs]
+                ports = dict(zip((*law.bonds, *law.outputs, *law.inputs), (*bonds, *outputs, *inputs), strict=True))
+                for chosen in itertools.permutations(places, len(law.parameters)):
+                    rest = [n for n in places if n not in chosen]
+                    for numbers in itertools.product(*(_numbers(own, n) for n in rest)):
+                        units = {n: _unit((own.parameters[n] if n in own.parameters else own.signals[n]).unit.text)
+                                 for n in places}
+                        yield Match(own.name, ports, dict(zip(chosen, law.parameters, strict=True)),
+                                    dict(zip(rest, numbers, strict=True)), units,
+                                    any_domain=any(p.domain == "$D" for p in own.ports.values()))
+
+
+def _numbers(own: definition.Component, name: str) -> tuple[float, ...]:
+    default = own.parameters[name].default if name in own.parameters else None
+    known = (float(default),) if isinstance(default, (int, float)) else ()
+    return (*known, *(n for n in NUMBERS if n not in known))
+
+
+def _within_bounds(made: Component, own: definition.Component, match: Match) -> bool:
+    """Whether the parameters of the library accept the values, and what it requires of them."""
+    values: dict[str, complex] = {**match.numbers, **{n: made.items[p].value or 0.0 for n, p in match.parameters.items()}}
+    for name, parameter in own.parameters.items():
+        value = values[name].real
+        if (parameter.low is not None and value < parameter.low) or (parameter.high is not None and value > parameter.high):
+            return False
+        if parameter.low == 0 and value == 0:  # the library may divide by it
+            return False
+    try:
+        return all(_true(r.tree, values, 0j) for r in own.requires)
+    except (ValueError, KeyError, ZeroDivisionError):
+        return False
+
+
+def _agree(law: Law, other: Law, match: Match) -> bool:
+    """Whether the same port quantities solve both, at random values of everything else."""
+    draw = random.Random(7)
+    ports = 2 * len(law.bonds) + len(law.outputs)
+    order = [q for p in law.bonds for q in (f"{match.ports[p]}.e", f"{match.ports[p]}.f")] + \
+        [match.ports[n] for n in law.outputs]
+    theirs = [*(f"{p}.{q}" for p in other.bonds for q in "ef"), *other.outputs]
+    columns = [theirs.index(n) for n in order]
+    for _ in range(TRIALS):
+        known: dict[str, complex] = {n: draw.choice((-1, 1)) * draw.uniform(0.3, 3) for n in (*law.inputs, "time")}
+        known |= {n: draw.uniform(0.3, 3) for n in law.parameters}
+        mapped: dict[str, complex] = {match.ports[n]: known[n] for n in law.inputs}
+        mapped |= {n: known[p] for n, p in match.parameters.items()} | match.numbers | {"time": known["time"]}
+        s = complex(draw.uniform(0.3, 2), draw.uniform(0.3, 2))
+        try:
+            mine = _ports_only(_matrix(law, known, s), ports)
+            yours = _ports_only(_matrix(other, mapped, s), ports)
+        except (ValueError, KeyError, ZeroDivisionError, OverflowError, TypeError):
+            return False
+        yours = yours[:, [*columns, ports]]
+        rank = _rank(mine)
+        if rank != _rank(yours) or rank != _rank(np.concatenate([mine, yours])):
+            return False
+    return True
+
+
+def _with_states(made: Component, law: Law, own: definition.Component, other: Law, match: Match) -> Match | None:
+    """The match with the initial values of the states of the library, which must be port quantities: at the start the
+    imported equations without derivatives give them from the imported states."""
+    if not other.states:
+        return match if not law.states else None
+    known: dict[str, complex] = {"time": 0.0, **{n: made.items[n].value or 0.0 for n in law.parameters}}
+    if law.inputs and any(_has(e, law.inputs) for e in law.equations if not _dynamic(e)):
+        return None
+    columns = [*(f"{p}.{q}" for p in law.bonds for q in "ef"), *law.outputs, *law.inner]
+    rows = _matrix(law, {**known, **dict.fromkeys(law.inputs, 0.0)}, 1j, [e for e in law.equations if not _dynamic(e)])
+    for state, first in made.initial.items():
+        row = np.zeros(len(columns) + 1, complex)
+        row[columns.index(state)], row[-1] = 1, -first.value
+        rows = np.vstack([rows, row])
+    back = {match.ports[p]: p for p in (*law.bonds, *law.outputs)}
+    found: dict[str, float] = {}
+    for state in sorted(other.states):
+        port, _, quantity = state.partition(".")
+        if port not in back:
+            return None
+        unit = np.zeros(len(columns))
+        unit[columns.index(f"{back[port]}.{quantity}" if quantity else back[port])] = 1
+        # the combination of the rows that is this quantity alone
+        weights, *_ = np.linalg.lstsq(rows[:, :-1].T, unit.astype(complex), rcond=None)
+        if np.abs(rows[:, :-1].T @ weights - unit).max() > SAME:
+            return None
+        found[state] = float(f"{-(weights @ rows[:, -1]).real:.13g}") + 0.0  # as precise as the combination is
+    units = match.units | {state: "W" if state.endswith(".e") else "" for state in found}
+    return replace(match, units=units, initial=found)
+
+
+def _dynamic(equation: syntax.Equation) -> bool:
+    return any(True for side in (equation.left, equation.right) for _ in _states(side))
+
+
+def _has(equation: syntax.Equation, wanted: Sequence[str]) -> bool:
+    return any(n.text in wanted for side in (equation.left, equation.right) for n in syntax.names(side))
