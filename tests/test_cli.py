@@ -19,6 +19,7 @@ from heavebond import cli
 from heavebond.commands import terminal
 from heavebond.commands.demo import FIGURES, SEAS
 from heavebond.core.errors import SimulationError
+from heavebond.estimation.experiment import load_experiment
 
 SLIDER = """\
 model: slider
@@ -408,6 +409,28 @@ def test_check_lists_every_name() -> None:
     lines = result.stdout.splitlines()
     assert any(line.split()[:2] == ["crown.x", "m"] for line in lines)
     assert any(line.split()[:4] == ["gas.c", "N/m", "42", "kN/m"] for line in lines)
+
+
+# -- an experiment from records -------------------------------------------------------------------------------------
+def test_new_writes_an_experiment_for_a_diagram_and_its_records(folder: Path) -> None:
+    assert call("new", "rig").exit_code == 0
+    files = sorted(str(p) for p in Path("rig").rglob("*.csv"))
+    found = figures("new", "measured.yaml", "--from", "rig/rig.yaml", *files)
+    assert {c["target"]: c["role"] for c in found["columns"] if c["target"]} == {
+        "shaker.u": "input", "load.x": "output", "shaker.a.f": "output"}
+    text = Path("measured.yaml").read_text(encoding="utf-8")
+    assert "#   damper.d: 150 N*s/m +- 20 %" in text
+    records = figures("compare", "measured.yaml")["records"]
+    assert [r["use"] for r in records.values()] == ["fit", "validate"]
+    # what is proposed for the parameters is an experiment once the # are removed
+    Path("measured.yaml").write_text(text.replace("# free:", "free:").replace("#   ", "  "), encoding="utf-8")
+    assert set(load_experiment("measured.yaml").free) == {"spring.c", "damper.d", "load.m"}
+    for given, code in ((("measured.yaml", "--from", "rig/rig.yaml", *files), "file-exists"),
+                        (("other.yaml", *files), "usage"), (("other.yaml", "--from", "rig/rig.yaml"), "usage"),
+                        (("other.yaml", "--from", "rig/rigg.yaml", *files), "file-missing"),
+                        (("other.yaml", "--from", "rig/rig.yaml", "monday.csv"), "record-missing"),
+                        (("other.txt", "--from", "rig/rig.yaml", *files), "file-suffix")):
+        assert f"[{code}]" in call("new", *given).stderr, given
 
 
 # -- tables --------------------------------------------------------------------------------------------------------

@@ -1,31 +1,81 @@
-"""`heavebond new`: create a folder with a first diagram."""
+"""`heavebond new`: create a folder with a first diagram, or an experiment for a diagram and its records."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from heavebond.commands.arguments import json_option
+from heavebond.commands.arguments import check_new, json_option
+from heavebond.core.errors import Problem, UsageError
+
+if TYPE_CHECKING:
+    from heavebond.estimation.proposed_experiment import Proposal
+
+HEAD = ("column", "is", "of", "unit")
 
 
-@click.command(short_help="Create a project folder with a diagram, an experiment and records.")
-@click.argument("folder", type=click.Path(path_type=Path))
-@click.option("--from", "origin", metavar="MACHINE", help="Copy a bundled machine, e.g. --from passive_rig.")
+@click.command(short_help="Create a folder to begin with, or an experiment from records.")
+@click.argument("target", metavar="FOLDER | EXPERIMENT", type=click.Path(path_type=Path))
+@click.argument("records", nargs=-1, type=click.Path(path_type=Path))
+@click.option("--from", "origin", metavar="MACHINE | DIAGRAM", help="Copy a bundled machine, e.g. --from passive_rig; with "
+              "records, the diagram of the machine that was measured.")
 @json_option
-def new(folder: Path, origin: str | None) -> dict[str, object]:
+def new(target: Path, records: tuple[Path, ...], origin: str | None) -> dict[str, object]:
     """Create FOLDER with a diagram, an experiment, records and a README with the commands to type.
 
     Without --from it is a load on a spring, with records that contain one effect which the diagram lacks.
+
+    With RECORDS write an EXPERIMENT that compares a diagram with them:
+
+    heavebond new measured.yaml --from lift.yaml monday.csv tuesday.csv
+
+    Columns are recognised by their names and units. The first record is fitted, the others validate.
     """
     from heavebond.commands import terminal
     from heavebond.estimation.starter_folder import start_folder
 
+    if records or target.suffix in (".yaml", ".yml"):
+        return _experiment(target, origin, records)
     with terminal.working("writing"):
-        made = start_folder(folder, origin)
+        made = start_folder(target, origin)
     console = terminal.output()
     for path in made.files:
         console.print(f"wrote {path}", soft_wrap=True)
-    console.print(f"next: cd {folder}; heavebond run {made.diagrams[0].name}; then as {folder / 'README.md'} says",
+    console.print(f"next: cd {target}; heavebond run {made.diagrams[0].name}; then as {target / 'README.md'} says",
                   soft_wrap=True)
-    return {"folder": str(folder), "files": [str(path) for path in made.files]}
+    return {"folder": str(target), "files": [str(path) for path in made.files]}
+
+
+def _experiment(path: Path, origin: str | None, records: tuple[Path, ...]) -> dict[str, object]:
+    from heavebond.commands import terminal
+    from heavebond.core.writable import write_text
+    from heavebond.estimation.proposed_experiment import proposed_text
+    from heavebond.language.model import load
+
+    if origin is None or not records:
+        what = "the diagram is not given" if origin is None else "there are no records"
+        raise UsageError([Problem("usage", f"{what}", None, f"Write for example `heavebond new {path} --from "
+                                  f"{origin or 'machine.yaml'} {' '.join(map(str, records)) or 'record.csv'}`.")])
+    check_new(path, (".yaml", ".yml"))
+    with terminal.working("reading the records"):
+        text, found = proposed_text(path, load(origin), records)
+    console = terminal.output()
+    console.print(terminal.table("", HEAD, [(c.name, c.role or "not used", c.target, _unit(c.unit, c.unit_known))
+                                            for c in found.columns], text=4))
+    for remark in found.remarks:
+        console.print(remark, soft_wrap=True)
+    write_text(path, text)
+    console.print(f"wrote {path}", soft_wrap=True)
+    console.print(f"next: look through {path}, then heavebond compare {path}", soft_wrap=True)
+    return {"experiment": str(path), "files": [str(path)], "columns": _columns(found), "remarks": list(found.remarks)}
+
+
+def _unit(unit: str, known: bool) -> str:
+    return unit if known else f"{unit} (supposed: the file gives none)"
+
+
+def _columns(found: Proposal) -> list[dict[str, object]]:
+    return [{"column": c.name, "role": c.role, "target": c.target, "unit": c.unit, "unit_known": c.unit_known}
+            for c in found.columns]

@@ -17,16 +17,19 @@ import numpy as np
 from heavebond.core.errors import DataError, HeavebondError, Problem
 from heavebond.core.presentation import number
 from heavebond.core.units import Unit, UnitProblem, dimension_text, read_unit
+from heavebond.equations.parameters import declared
 from heavebond.estimation.change import block, quoted
 from heavebond.estimation.diagram_files import extended_from
 from heavebond.language.definition import FileInput, Value
-from heavebond.numerics.dae import Array, Assembly
-from heavebond.records.measurements import Table, timed
-from heavebond.text.expression import names
+from heavebond.language.model import Model
+from heavebond.numerics.dae import Array, Assembly, assemble
+from heavebond.records.measurements import Table, read_table, timed
+from heavebond.text.expression import Number, names
 
 TIMES = frozenset({"t", "time", "times", "zeit", "tid", "temps", "seconds", "sec", "timestamp", "clock", "date", "datetime"})
 SKETCHED = 160  # points of a column in the sketch of its course
 LETTER = 0.1  # what a single letter counts that two names share
+TOLERANCE = 20.0  # %, of a parameter of which nothing else is known
 SHORT = 3  # letters of a word that may stand for a longer one: `pos` for `position`
 _RANGE = re.compile(r"[\w.][\w.+\-*/ %]*")  # needs no quotes
 SMOOTH = frozenset({"m", "rad"})  # measured positions, whose derivatives are used: their course between samples is smooth
@@ -172,25 +175,25 @@ def _signals(assembly: Assembly) -> list[_Target]:
 
 def _matched(columns: Sequence[str], units: Mapping[str, tuple[str, Unit, bool] | None], targets: Sequence[_Target]
              ) -> dict[str, _Target]:
-    """The target of each column: pairs by the words that they share, most first; what drives the diagram before an output;
-    then what is left where a unit leaves no choice."""
+    """The target of each column: pairs by the words that they share, most first; what drives the diagram before all outputs,
+    as a record without it could not be simulated; then what is left where a unit leaves no choice."""
     def fits(column: str, target: _Target) -> bool:
         given = units[column]
         return given is None or given[1].dimension == target.unit.dimension
 
-    pairs = [(score, target.driving, -k, column, target) for column in columns for k, target in enumerate(targets)
+    pairs = [(target.driving, score, -k, column, target) for column in columns for k, target in enumerate(targets)
              if fits(column, target) and (score := _likeness(column, units[column], target)) > 0]
     found: dict[str, _Target] = {}
     for _, _, _, column, target in sorted(pairs, key=lambda p: p[:3], reverse=True):
         if column not in found and target not in found.values():
             found[column] = target
-    for driving in (True, False):
-        for target in targets:
+    rest = [t for t in targets if not t.driving]
+    for driving, group in ((True, [t for t in targets if t.driving]), (False, [t for t in rest if t.role == "output"]),
+                           (False, [t for t in rest if t.role == "input"])):
+        for target in group:
             left = [c for c in columns if c not in found and (driving or units[c] is not None) and fits(c, target)]
-            rivals = [t for t in targets if t.driving == driving and t not in found.values() and t.role == target.role
-                      and t.unit.dimension == target.unit.dimension]
-            if target.driving == driving and (driving or target.role == "output") and target not in found.values() \
-                    and len(left) == 1 and rivals == [target]:
+            rivals = [t for t in group if t not in found.values() and t.unit.dimension == target.unit.dimension]
+            if len(left) == 1 and rivals == [target]:
                 found[left[0]] = target
     return found
 
@@ -219,6 +222,25 @@ def _likeness(name: str, unit: tuple[str, Unit, bool] | None, target: _Target) -
 
 
 # -- the experiment ------------------------------------------------------------------------------------------------------
+def proposed_text(path: Path, model: Model, files: Sequence[Path]) -> tuple[str, Proposal]:
+    """The text of an experiment at `path` for a diagram and its records, as the first of them proposes it, and the proposal.
+    That record is fitted, the others validate. The numbers of the diagram that may be free stand in the text as comments.
+
+    HeavebondError where no column is a time, or none is recognised as an output.
+    """
+    assembly = assemble(model)
+    found = propose(read_table(files[0]), assembly)
+    chosen = [Chosen(c.name, c.role, c.unit, c.target, c.interpolation or "linear") for c in found.columns if c.role]
+    uses = {file: "validate" if k else "fit" for k, file in enumerate(files)}
+    text = experiment_text(path.stem, path, Records(model.path, uses, chosen))
+    able = [f"#   {name}: {range_around(bound.value.text, TOLERANCE)}" for name, bound, _ in declared(assembly.flat.expanded)
+            if name in assembly.parameter_values and bound.place.file == str(model.path) and isinstance(bound.value, Value)
+            and isinstance(bound.value.expr, Number) and not bound.value.formula and bound.value.expr.value]
+    if able:
+        text += "\n".join(["# free:      # remove the # of what the data sheet leaves open, and say how far", *able]) + "\n"
+    return text, found
+
+
 @dataclass(frozen=True)
 class Chosen:
     """What a column of the records is: `role` time, input or output, `target` the input's name or the output's formula."""
