@@ -154,6 +154,12 @@ def test_check_of_an_experiment_and_a_study_says_what_they_contain(folder: Path)
     assert "2: spring.c (2)" in said and "motion [mm]" in said
 
 
+def test_check_of_an_experiment_finds_free_values_outside_their_range(folder: Path) -> None:
+    (folder / "test.yaml").write_text(EXPERIMENT.replace("1 .. 4 kN/m", "3 .. 4 kN/m"))
+    said = told("check", "test.yaml", code=1)
+    assert said.count("[free-start-outside]") == 1 and "outside its range 3 .. 4 kN/m" in said
+
+
 def test_check_of_an_experiment_finds_what_its_records_lack(folder: Path) -> None:
     (folder / "test.yaml").write_text(EXPERIMENT.replace("column: y", "column: z"))
     assert "one.csv" in told("check", "test.yaml", code=1)

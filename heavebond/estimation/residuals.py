@@ -156,6 +156,20 @@ class Run:
         return np.repeat(self.noise, which.sum(axis=1))
 
 
+def starts_outside(experiment: Experiment, assembly: Assembly) -> list[Problem]:
+    """A problem for each free parameter whose value in the diagram is outside its range."""
+    found = []
+    for free in experiment.free.values():
+        value, bounds, scale = assembly.parameter_values[free.name], free.range, free.range.unit
+        rounding = 1e-9 * (bounds.high - bounds.low)  # a value that a fit left at the end of its range is inside
+        if not bounds.low - rounding <= value <= bounds.high + rounding:
+            found.append(Problem(
+                "free-start-outside", f"{free.name} is {scale.from_si(value):.6g} {scale.text} in the diagram, outside its "
+                f"range {scale.from_si(bounds.low):.6g} .. {scale.from_si(bounds.high):.6g} {scale.text}", free.place,
+                "Widen the range, or change the value in the diagram."))
+    return found
+
+
 class Residuals:
     """The least squares problem of an experiment in its inner unknowns (logarithms where a range is above zero)."""
 
@@ -181,7 +195,8 @@ class Residuals:
         self.orders = self._orders()
         self.evaluations = 0
         self._known: dict[bytes, tuple[Array, Array]] = {}
-        self._check_start()
+        if outside := starts_outside(experiment, first):
+            raise UsageError(outside)
 
     def _orders(self) -> list[tuple[int, int]]:
         """Columns of which the first must not be below the second (`requires: [F_s >= F_c]`, both free)."""
@@ -204,17 +219,6 @@ class Residuals:
             if self.columns[high].outer(inner[high]) < least:
                 inner[high] = self.columns[high].inner(least)
         return inner
-
-    def _check_start(self) -> None:
-        for column in self.columns:
-            bounds = column.free.range
-            rounding = 1e-9 * (bounds.high - bounds.low)  # a value that a fit left at the end of its range is inside
-            if not bounds.low - rounding <= column.before <= bounds.high + rounding:
-                scale = bounds.unit
-                raise UsageError([Problem(
-                    "free-start-outside", f"{column.free.name} is {scale.from_si(column.before):.6g} {scale.text} in the "
-                    f"diagram, outside its range {scale.from_si(bounds.low):.6g} .. {scale.from_si(bounds.high):.6g} "
-                    f"{scale.text}", column.free.place, "Widen the range, or change the value in the diagram.")])
 
     def at_end(self, inner: Array) -> NDArray[np.bool_]:
         """Which of the unknowns stand at an end of their range."""
