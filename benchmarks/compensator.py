@@ -13,9 +13,9 @@ import numpy as np
 import yaml
 
 import heavebond as hb
-from benchmarks.measuring import PAIRS, Figure, at_most, paired, process, spoken
+from benchmarks.measuring import PAIRS, SETTLE, Figure, at_most, paired, process, spoken
 from heavebond.numerics.dae import Array
-from heavebond.numerics.solvers import compiler
+from heavebond.numerics.machine_code import compiler
 from heavebond.optimise.adjoint import Adjoint
 from heavebond.optimise.costs import Evaluator, read_cost
 from heavebond.optimise.objective import TOLERANCES
@@ -133,7 +133,7 @@ def sensitivity_figures() -> list[Figure]:
         plain = hb.Simulator(assembly, solver=solver)
         for number in numbers:
             simulator = hb.Simulator(assembly, sensitivities=SENSITIVE[:number], solver=solver)
-            measured = paired(simulator.run, plain.run, PAIRS + 2)
+            measured = paired(simulator.run, plain.run, PAIRS + 2, SETTLE)
             what = f"cmc_ahc: run with sensitivities to {number} parameter{'s' * (number > 1)} / without, {solver}"
             found.append(at_most(what, measured, limit) if number == 5 else Figure(what, spoken(measured)))
     return found
@@ -147,7 +147,7 @@ def solver_figures() -> list[Figure]:
         simulator = hb.Simulator(assembly, solver=solver)
         ours, theirs = simulator.run().display["WOB"], plain.run().display["WOB"]
         assert np.abs(ours - theirs).max() < 1e-4 * np.ptp(theirs)
-        found.append(Figure(f"cmc_ahc: run by {solver} / by idas", spoken(paired(simulator.run, plain.run))))
+        found.append(Figure(f"cmc_ahc: run by {solver} / by idas", spoken(paired(simulator.run, plain.run, settle=SETTLE))))
     return found
 
 
@@ -173,7 +173,7 @@ def adjoint_figures() -> list[Figure]:
     found = []
     for number in (2, 10):
         made, references, values = adjoint_of(number)
-        measured = paired(partial(made.at, values, references), partial(made.simulator.run, values))
+        measured = paired(partial(made.at, values, references), partial(made.simulator.run, values), settle=SETTLE)
         found.append(at_most(f"cmc_ahc: cost and its gradient by {number} parameters, backwards / plain run", measured, 3.5))
     return found
 

@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from heavebond.numerics.solvers import compiler
+from heavebond.numerics.machine_code import compiler
 
 Array = NDArray[np.float64]
 PROGRAM = Path(__file__).with_suffix(".c")

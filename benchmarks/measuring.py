@@ -23,6 +23,8 @@ ROOT = Path(__file__).parents[1]
 PAIRS = 5
 # a measurement shorter than this is repeated until it is as long: the clock and the caches are no longer seen
 SHORTEST = 0.1
+# after so many seconds of calls the equations of a machine of some states are compiled
+SETTLE = 1.5
 BEGIN, END = "<!-- written by the benchmark -->", "<!-- end of what the benchmark writes -->"
 WIDTH = 150  # the table whole, also into a file
 MET = {True: "yes", False: "no", None: ""}
@@ -62,8 +64,13 @@ def seconds(run: Callable[[], object], repeat: int = 1) -> float:
     return (cpu() - began) / repeat
 
 
-def paired(ours: Callable[[], object], theirs: Callable[[], object], pairs: int = PAIRS) -> Paired:
-    """Both sides in turns after one call of each that is not counted; the second side goes first in every other pair."""
+def paired(ours: Callable[[], object], theirs: Callable[[], object], pairs: int = PAIRS, settle: float = 0.0) -> Paired:
+    """Both sides in turns after one call of each that is not counted; the second side goes first in every other pair. Each
+    is called for `settle` seconds before, so that equations that are compiled once they were evaluated often have been."""
+    for side in (ours, theirs):
+        began = cpu()
+        while cpu() - began < settle:
+            side()
     repeats = [max(1, round(SHORTEST / max(seconds(side), 1e-4))) for side in (ours, theirs)]
     times: tuple[list[float], list[float]] = ([], [])
     for k in range(pairs):

@@ -214,7 +214,7 @@ def test_machine_code_gives_the_same_bits() -> None:
 def test_without_a_compiler_the_list_of_operations_remains(monkeypatch: pytest.MonkeyPatch) -> None:
     equations = swinging().equations(0, 1)
     own = CompiledCvodes(equations, 2, STOPS, TOLERANCES, 1000)
-    monkeypatch.setattr("heavebond.numerics.solvers.compiler", lambda: None)
+    monkeypatch.setattr("heavebond.numerics.compiled_cvodes.compiler", lambda: None)
     equations.spent(10.0)
     run(own, [1.0, 0.0], [0.2, 0.3], [0.4])
     assert own.stats()["equations"] == "list of operations"

@@ -7,9 +7,9 @@ import pytest
 
 import heavebond as hb
 from heavebond.numerics.forcing import FORCING, Forcing, _longest
+from heavebond.numerics.machine_code import compiler
 from heavebond.numerics.quick_simulation import FitSimulator, QuickSimulator
 from heavebond.numerics.simulator import Simulator
-from heavebond.numerics.solvers import compiler
 
 # a wheel at rest meets a bump of 30 mm after 40 s; the car has passed it in 0.3 s
 LATE = """

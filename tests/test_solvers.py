@@ -245,7 +245,7 @@ def test_a_compiler_that_fails_and_what_it_leaves(monkeypatch: pytest.MonkeyPatc
     model = hb.load("quarter_car")
     assert hb.simulate(model, 0.1, solver="rosenbrock").time[-1] == 0.1
     assert list(tmp_path.iterdir()) == []
-    monkeypatch.setattr("heavebond.numerics.solvers.compiler", lambda: "false")
+    monkeypatch.setattr("heavebond.numerics.machine_code.compiler", lambda: "false")
     with pytest.raises(hb.UsageError, match="false could not compile the equations"):
         hb.simulate(model, 0.1, solver="rosenbrock")
     assert list(tmp_path.iterdir()) == []

@@ -35,39 +35,20 @@ from numpy.typing import NDArray
 from heavebond.core.cancellation import check
 from heavebond.equations.buffered import Buffered
 from heavebond.language.symbols import stack
+from heavebond.numerics import machine_code
 from heavebond.numerics.dae import Array
 from heavebond.numerics.idas import Tolerances
+from heavebond.numerics.machine_code import COMPILING, LISTED, MACHINE_CODE, compiler, worthwhile
 
 SOURCE = Path(__file__).parents[1] / "c" / "cvodes.c"
 FLAGS = ("-O2", "-shared", "-fPIC", "-ffp-contract=off")
-# of the equations of a model: -O2 gains a few percent for twice the time; with the arithmetic as it is written, results are
-# the same to the last bit
-EQUATION_FLAGS = ("-O1", *FLAGS[1:])
+EQUATION_FLAGS = ("-shared", "-fPIC", *machine_code.FLAGS)
 VERSIONS = ("3.7", "3.8")  # of CasADi, whose CVODES is that of SUNDIALS 2 with double precision
 MOST_STATES = 60  # of the model: its Jacobian is dense here
 CHUNK = 50  # stops between two looks whether the run is still wanted
 Watch = Callable[[int, Array], None]  # of the number of stops seen before, and the signals (k, n_signals) at those since
 
 
-@dataclass(frozen=True)
-class CompilingConstants:
-    """The constants of the compilation of equations that many or long runs evaluate.
-
-    seconds: time to compile a small function. Origin: measured, gcc 12. Doubled: searches of half a second to one second
-        stay with the list of operations.
-    seconds_per_operation: time to compile an operation. Origin: measured, at -O1. Doubled: as above, for large models.
-    max_operations: operations up to which functions are compiled. Origin: a compiler takes more than proportional time
-        and memory for a function of a hundred thousand. Doubled: compilations of a minute.
-    timeout: seconds after which the compiler is ended. Origin: a bound. Doubled: nothing.
-    """
-
-    seconds: float = 0.1
-    seconds_per_operation: float = 1.5e-4
-    max_operations: int = 50_000
-    timeout: float = 120.0
-
-
-COMPILING = CompilingConstants()
 # What the program knows, in C, of the operands A and B.
 OPERATIONS = {
     "ASSIGN": "A", "ADD": "A + B", "SUB": "A - B", "MUL": "A * B", "DIV": "A / B", "NEG": "-A", "EXP": "exp(A)",
@@ -154,12 +135,10 @@ class Equations:
         return [function.slots.copy() for function in self.functions]
 
     def spent(self, seconds: float) -> None:
-        """Note the processor time of a run. Once runs have taken as long as compiling takes, the functions are compiled: at
-        worst the time is twice that of the better choice, whatever number of runs follows."""
+        """Note the processor time of a run; once runs have taken long enough, the functions are compiled."""
         self.seconds += seconds
         operations = sum(function.length for function in self.functions)
-        if self.compiled or self.seconds < COMPILING.seconds + COMPILING.seconds_per_operation * operations \
-                or operations > COMPILING.max_operations:
+        if self.compiled or not worthwhile(self.seconds, operations):
             return
         self.compiled = True  # also where it fails: it is tried once
         self.functions = _machine(*self.expressions) or self.functions
@@ -267,7 +246,7 @@ class CompiledCvodes:
 
     def stats(self) -> dict[str, Any]:
         """Counts of steps and evaluations of the last run, and how the equations were evaluated."""
-        how = "machine code" if isinstance(self._functions[0], _Machine) else "list of operations"
+        how = MACHINE_CODE if isinstance(self._functions[0], _Machine) else LISTED
         return {**dict(zip(("nsteps", "nfevals", "netfails"), self._counts.tolist(), strict=True)), "equations": how}
 
 
@@ -313,8 +292,6 @@ class _Machine:
 def _machine(given: ca.SX, wanted: Sequence[ca.SX]) -> tuple[_Machine, ...] | None:
     """Functions of one column as machine code, with the same operations in the same floating-point arithmetic; None where
     the compiler fails."""
-    from heavebond.numerics.solvers import compiler
-
     generator = ca.CodeGenerator("equations.c")
     for k, expression in enumerate(wanted):
         generator.add(ca.Function(f"equations_{k}", [given], [ca.densify(expression)]))
@@ -396,8 +373,6 @@ class _Program:
 @lru_cache(maxsize=1)
 def program() -> _Program | None:
     """The program, compiled at its first use; None where this computer has no compiler or another SUNDIALS."""
-    from heavebond.numerics.solvers import compiler
-
     command = compiler()
     if command is None or not ca.CasadiMeta.version().startswith(VERSIONS) or sys.platform != "linux":
         return None

@@ -16,8 +16,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from heavebond.equations.buffered import Buffered
 from heavebond.numerics.dae import Array, Assembly, Integrand
+from heavebond.numerics.machine_code import Evaluated
 
 # Largest number of steps between two output points: at a NaN IDAS would halve its step for minutes.
 MOST_STEPS = 300_000
@@ -63,11 +63,11 @@ class Idas:
         if strict:
             self._options["suppress_algebraic"] = False
         self._usual = self._last = self._made({})
-        self._blind: Buffered | None = None
+        self._blind: Evaluated | None = None
 
-    def _made(self, options: Mapping[str, Any]) -> Buffered:
-        return Buffered(ca.integrator("run", "idas", self._dae, self._begin, self._outputs, {**self._options, **options}),
-                        ("xf", "zf"))
+    def _made(self, options: Mapping[str, Any]) -> Evaluated:
+        given = ("run", "idas", self._dae, self._begin, self._outputs)
+        return Evaluated(lambda more: ca.integrator(*given, {**self._options, **options, **more}), ("xf", "zf"))
 
     def size1_in(self, name: str) -> int:
         """The number of elements of an input, as in `ca.Function`."""

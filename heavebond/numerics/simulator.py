@@ -41,6 +41,7 @@ from heavebond.text.expression import constant
 Time = float | str
 MOST_NEWTON = 20  # steps to the algebraic unknowns from what IDAS interpolated
 ASIDE = 1e-3  # of each state's nominal size: how far from the start its stiffness is felt
+COUNTED = ("nsteps", "nfevals", "netfails", "equations")  # of an integration, in the statistics of a run
 POINTS = 1000  # output points where nothing is said
 
 
@@ -363,7 +364,7 @@ class Simulator:
         z = self._settled(x, np.column_stack([z0, np.asarray(found["zf"]).reshape(len(z0), n)]), p, self.stops)
         x[:n_x] *= x_size[:, None]
         z, x, q = z * z_size[:, None], x[:n_x], x[n_all - self.integrals:]
-        statistics = {k: v for k, v in self.integrator.stats().items() if k in ("nsteps", "nfevals", "netfails")}
+        statistics = {k: v for k, v in self.integrator.stats().items() if k in COUNTED}
         return self._trace(x, z, q, statistics)
 
     def _settled(self, x: Array, z: Array, p: ca.DM | Array, times: Array) -> Array:

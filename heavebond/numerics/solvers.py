@@ -10,8 +10,6 @@ Differential Equations II, 1996, IV.7.
 
 from __future__ import annotations
 
-import shutil
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -21,13 +19,15 @@ import casadi as ca
 from heavebond.core.errors import Place, Problem, UsageError, listing, suggest
 from heavebond.equations.buffered import Buffered
 from heavebond.language.sections import SOLVERS
+from heavebond.numerics import machine_code
 from heavebond.numerics.dae import Array, Assembly, Integrand
 from heavebond.numerics.idas import MOST_STEPS, Idas, Tolerances, integrator_options
+from heavebond.numerics.machine_code import COMPILERS, MACHINE_CODE, Evaluated, Made, compiled
 
 DEFAULT = "idas"
+OUTPUTS = ("xf", "zf")
 STRICT = "idas_strict"  # IDAS with its algebraic unknowns under error control, to which `auto` changes
-COMPILERS = ("gcc", "clang", "cc")
-FLAGS = ("-O2",)  # a tenth faster than -O1 for two thirds more time to compile; -O3 gains nothing
+FLAGS = ("-O2",)  # of the whole method: a tenth faster than -O1 for two thirds more time to compile; -O3 gains nothing
 RETYPE = "Type `--solver {0}` (in Python `solver='{0}'`, in the diagram `simulate: {{solver: {0}}}`)"
 
 
@@ -82,7 +82,7 @@ def _check(asked: str, assembly: Assembly, changes_states: bool) -> None:
         raise UsageError([Problem(
             "solver-cut", f"rosenbrock cannot run this diagram: it {what}", place, RETYPE.format(other) + ".",
             ("It is compiled for the times of one run; such a run is cut where nobody knows beforehand.",))])
-    if compiler() is None:
+    if machine_code.compiler() is None:
         raise UsageError([Problem(
             "compiler-missing", "rosenbrock needs a C compiler, and there is none on this computer", place,
             f"Install one (Debian, Ubuntu: sudo apt install gcc). {RETYPE.format('auto')} to do without.",
@@ -94,11 +94,6 @@ def algebraic_left(names: list[str], place: Place | None = None) -> Problem:
     number, them = ("algebraic unknowns", "them") if len(names) > 1 else ("an algebraic unknown", "it")
     return Problem("solver-algebraic", f"cvodes cannot run this diagram, which has {number}: {listing(names, 4)}", place,
                    f"{RETYPE.format('idas')}, the default, which solves for {them} on its way, or `auto`.")
-
-
-def compiler() -> str | None:
-    """The C compiler of this computer, if there is one."""
-    return next((name for name in COMPILERS if shutil.which(name)), None)
 
 
 def integrator(solver: str, made: Integrand, stops: Array, tolerances: Tolerances, most_steps: int = MOST_STEPS
@@ -123,9 +118,10 @@ class Explicit:
         options = {**solver_options(solver, made.dae, tolerances), "max_num_steps": most_steps}
         if made.longest:
             options["max_step_size"] = made.longest
-        given = (solver, made.dae, float(stops[0]), outputs)
-        function = _compiled(*given, options) if solver == "rosenbrock" else ca.integrator("run", *given, options)
-        self._function = Buffered(function, ("xf", "zf"))
+        def make(more: Mapping[str, Any]) -> ca.Function:
+            return ca.integrator("run", solver, made.dae, float(stops[0]), outputs, {**options, **more})
+
+        self._function = Evaluated(make, OUTPUTS) if solver != "rosenbrock" else Buffered(_compiled(make), OUTPUTS)
 
     def size1_in(self, name: str) -> int:
         """The number of numbers in an input."""
@@ -135,8 +131,9 @@ class Explicit:
         return self._function(**given)
 
     def stats(self) -> dict[str, Any]:
-        """Counts of steps and evaluations of the last call; compiled code keeps none."""
-        return self._function.stats() if self._counts else {}
+        """Counts of steps and evaluations of the last call (a compiled method keeps none), and how its equations were
+        evaluated."""
+        return self._function.stats() if self._counts else {"equations": MACHINE_CODE}
 
 
 def solver_options(solver: str, dae: Mapping[str, ca.SX], tolerances: Tolerances) -> dict[str, Any]:
@@ -146,17 +143,11 @@ def solver_options(solver: str, dae: Mapping[str, ca.SX], tolerances: Tolerances
     return {k: v for k, v in options.items() if k not in unknown}
 
 
-def _compiled(solver: str, dae: dict[str, ca.SX], begin: float, outputs: list[float], options: dict[str, Any]
-              ) -> ca.Function:
+def _compiled(make: Made) -> ca.Function:
     """The integrator as machine code; UsageError where the compiler fails."""
-    with tempfile.TemporaryDirectory(prefix="heavebond_", ignore_cleanup_errors=True) as folder:
-        # the library is in memory once it is loaded: CasADi need not look after the files, the folder goes here
-        jit: dict[str, Any] = {"jit": True, "compiler": "shell", "jit_cleanup": False,
-               "jit_options": {"compiler": compiler(), "linker": compiler(), "flags": FLAGS, "directory": f"{folder}/",
-                               "cleanup": False}}
-        try:
-            return ca.integrator("run", solver, dae, begin, outputs, {**options, **jit})
-        except RuntimeError as error:
-            said = str(error).strip().splitlines()[-1]
-            raise UsageError([Problem("compiler-failed", f"{compiler()} could not compile the equations", None,
-                                      RETYPE.format("auto") + ".", (said[:300],))]) from None
+    try:
+        return compiled(make, FLAGS)
+    except RuntimeError as error:
+        said = str(error).strip().splitlines()[-1]
+        raise UsageError([Problem("compiler-failed", f"{machine_code.compiler()} could not compile the equations", None,
+                                  RETYPE.format("auto") + ".", (said[:300],))]) from None

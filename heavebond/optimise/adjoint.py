@@ -27,6 +27,7 @@ from heavebond.language.symbols import stack
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.idas import caught_errors, integrator_options
 from heavebond.numerics.initialise import Start, Tangent, start, tangent
+from heavebond.numerics.machine_code import Evaluated
 from heavebond.numerics.result import Result, columns
 from heavebond.numerics.simulator import Simulator
 from heavebond.numerics.solvers import DEFAULT
@@ -80,7 +81,7 @@ class _BuiltIntegrator:
 
     fixed: Array
     room: int
-    integrator: ca.Function
+    integrator: Evaluated
     hoist_transposed: ca.Function
 
 
@@ -191,8 +192,8 @@ class Adjoint:
         back = np.divide(1.0, weights, out=np.zeros_like(weights), where=weights > 0)
         return by_x * back, by_p * back
 
-    def _called(self, made: _BuiltIntegrator, first: Start, pulls: Array, jumps: Array) -> tuple[Array, Array,
-                                                                                                 dict[str, ca.DM]]:
+    def _called(self, made: _BuiltIntegrator, first: Start, pulls: Array, jumps: Array
+                ) -> tuple[Array, Array, dict[str, Array]]:
         """Forward and back from a start with what is added to the adjoint states (stops, k, n_all) and to the multipliers
         (n_z, stops * k): the adjoint states at the start in SI (n_x, k), by p (n_p, k), and what the call gave."""
         simulator, assembly = self.simulator, self.simulator.assembly
@@ -285,10 +286,11 @@ class Adjoint:
         size = dae["x"].numel() + dae["z"].numel()
         if room * size > ADJOINT.max_numbers:
             raise _failure(f"to keep {room} steps of {size} unknowns takes too much memory", "")
-        integrator = ca.integrator("back", "idas", dae, float(simulator.stops[0]), list(simulator.stops[1:]), {
-            **integrator_options(dae, simulator.tolerances), "nadj": number, "steps_per_checkpoint": room,
-            # long steps where the adjoint states are quiet would leave the integrals over p inaccurate
-            "quad_err_con": True})
+        # long steps where the adjoint states are quiet would leave the integrals over p inaccurate
+        options = {**integrator_options(dae, simulator.tolerances), "nadj": number, "steps_per_checkpoint": room,
+                   "quad_err_con": True}
+        given = ("back", "idas", dae, float(simulator.stops[0]), list(simulator.stops[1:]))
+        integrator = Evaluated(lambda more: ca.integrator(*given, {**options, **more}), ("xf", "adj_x0", "adj_p"))
         p = simulator.assembly.arguments[3]
         kept = simulator.integrand.hoist(p, ca.SX(p.numel(), 0))[self._kept.tolist()]
         pull = ca.SX.sym("l", len(self._kept), number)

@@ -1,0 +1,115 @@
+"""Equations as machine code, where a C compiler is present and they are evaluated often enough.
+
+CasADi evaluates a function from its list of operations. Once the calls of an integrator have taken as long as compiling
+takes, its right-hand side, Jacobian and directional derivatives are translated to C, compiled in a private folder that is
+deleted when the library is loaded, and called instead; nothing compiled is read back from disk. The operations, their order
+and their arithmetic are the same, and so are the results, to the last bit.
+"""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+import time as clock
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+
+from heavebond.equations.buffered import Array, Buffered
+
+COMPILERS = ("gcc", "clang", "cc")
+# Of the equations of a model: -O2 gains a few percent for a quarter more time; with the arithmetic as it is written, results
+# are the same to the last bit.
+FLAGS = ("-O1", "-ffp-contract=off")
+MACHINE_CODE, LISTED = "machine code", "list of operations"  # how equations are evaluated, in the statistics of a run
+Made = Callable[[Mapping[str, Any]], ca.Function]  # an integrator with these options besides its own
+
+
+@dataclass(frozen=True)
+class CompilingConstants:
+    """The constants of the compilation of equations that many or long runs evaluate.
+
+    seconds: time to compile a small function. Origin: measured, gcc 12. Doubled: searches of half a second to one second
+        stay with the list of operations.
+    seconds_per_operation: time to compile an operation. Origin: measured, at -O1. Doubled: as above, for large models.
+    max_operations: operations up to which functions are compiled. Origin: a compiler takes more than proportional time
+        and memory for a function of a hundred thousand. Doubled: compilations of a minute.
+    timeout: seconds after which the compiler is ended, where this program starts it. Origin: a bound. Doubled: nothing.
+    """
+
+    seconds: float = 0.1
+    seconds_per_operation: float = 1.5e-4
+    max_operations: int = 50_000
+    timeout: float = 120.0
+
+
+COMPILING = CompilingConstants()
+
+
+def compiler() -> str | None:
+    """The C compiler of this computer, if there is one."""
+    return next((name for name in COMPILERS if shutil.which(name)), None)
+
+
+def worthwhile(seconds: float, operations: int) -> bool:
+    """Whether functions of so many operations are to be compiled after calls that took so long (s): once these have taken as
+    long as compiling takes. At worst the time is twice that of the better choice, whatever number of calls follows."""
+    return seconds >= COMPILING.seconds + COMPILING.seconds_per_operation * operations \
+        and operations <= COMPILING.max_operations
+
+
+def compiled(make: Made, flags: Sequence[str] = FLAGS) -> ca.Function:
+    """What `make` builds, as machine code; RuntimeError where the compiler fails."""
+    with tempfile.TemporaryDirectory(prefix="heavebond_", ignore_cleanup_errors=True) as folder:
+        # the library is in memory once it is loaded: CasADi need not look after the files, the folder goes here
+        return make({"jit": True, "compiler": "shell", "jit_cleanup": False,
+                     "jit_options": {"compiler": compiler(), "linker": compiler(), "flags": list(flags),
+                                     "directory": f"{folder}/", "cleanup": False}})
+
+
+class Evaluated:
+    """An integrator of CasADi called on arrays, whose functions are compiled once its calls have taken long enough."""
+
+    def __init__(self, make: Made, outputs: Sequence[str] | None = None):
+        """`make` builds the integrator; `outputs` are those that are wanted, by default all."""
+        self._make, self._outputs, function = make, outputs, make({})
+        self._function = Buffered(function, outputs)
+        self._operations = sum(_operations(function.get_function(name)) for name in function.get_function())
+        self._seconds, self._tried, self.how = 0.0, False, LISTED
+
+    def __call__(self, **given: Any) -> dict[str, Array]:
+        """One integration; RuntimeError where it fails."""
+        if not self._tried and worthwhile(self._seconds, self._operations):
+            self._compile()
+        began = clock.thread_time()
+        try:
+            return self._function(**given)
+        finally:
+            self._seconds += clock.thread_time() - began
+
+    def _compile(self) -> None:
+        self._tried = True  # also where it fails
+        if compiler() is None:
+            return
+        try:
+            self._function, self.how = Buffered(compiled(self._make), self._outputs), MACHINE_CODE
+        except RuntimeError:
+            return
+
+    def size1_in(self, name: str) -> int:
+        """The number of elements of an input, as in `ca.Function`."""
+        return self._function.size1_in(name)
+
+    def stats(self) -> dict[str, Any]:
+        """Counts of steps and evaluations of the last call, and how its equations were evaluated."""
+        return {**self._function.stats(), "equations": self.how}
+
+
+def _operations(function: ca.Function) -> int:
+    """How many operations a function has; too many to compile where that is not known."""
+    try:
+        return int(function.n_instructions())
+    except RuntimeError:
+        return COMPILING.max_operations

@@ -1,0 +1,80 @@
+"""Equations that are compiled once their runs have taken long enough give the results of the list of operations."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import heavebond as hb
+from heavebond.numerics import machine_code
+from heavebond.numerics.machine_code import COMPILING, worthwhile
+from heavebond.optimise.adjoint import Adjoint
+from heavebond.optimise.costs import Evaluator, read_cost
+
+needs_compiler = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc here")
+
+
+@pytest.fixture
+def eager(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """As if compiling took no time; the folder in which temporary files are made."""
+    monkeypatch.setattr(machine_code, "COMPILING", replace(COMPILING, seconds=1e-9, seconds_per_operation=0.0))
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    return tmp_path
+
+
+@needs_compiler
+@pytest.mark.parametrize(("name", "solver", "moved"), [
+    ("cmc_ahc", "idas", ("controller.K_p", "cmc.gas.c")), ("quarter_car", "cvodes", ()), ("dc_stage", "idas", ())])
+def test_machine_code_gives_the_same_bits(eager: Path, name: str, solver: str, moved: tuple[str, ...]) -> None:
+    """States and sensitivities, with algebraic unknowns too (`dc_stage`), after as many steps; no file is left."""
+    simulator = hb.Simulator(hb.assemble(hb.load(name)), solver=solver, sensitivities=moved)
+    first, second = simulator.run(), simulator.run()
+    assert (first.statistics["equations"], second.statistics["equations"]) == ("list of operations", "machine code")
+    assert first.statistics["nsteps"] == second.statistics["nsteps"]
+    assert np.array_equal(first.x, second.x) and np.array_equal(first.z, second.z)
+    for parameter in moved:
+        assert np.array_equal(first.sensitivity("WOB", parameter), second.sensitivity("WOB", parameter))
+    assert list(eager.iterdir()) == []
+
+
+@needs_compiler
+def test_gradients_backwards_by_machine_code_are_the_same(eager: Path) -> None:
+    assembly = hb.assemble(hb.load("quarter_car"))
+    cost = Evaluator(assembly, [read_cost(assembly, "rms(comfort)")], 0.0, 3.0)
+    simulator = hb.Simulator(assembly, 3.0, quadratures=cost.quadratures, factors=cost.factors)
+    adjoint = Adjoint(simulator, cost, ("spring.c", "damper.d"))
+    run = simulator.run()
+    (value, gradient), (again, other) = (adjoint.costs(run, np.zeros(1))[0] for _ in range(2))
+    made, = adjoint._made.values()
+    assert made.integrator.stats()["equations"] == "machine code"
+    assert value == again and gradient.all() and np.array_equal(gradient, other)
+
+
+def test_without_a_compiler_runs_go_on_as_before(eager: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", "")
+    simulator = hb.Simulator(hb.assemble(hb.load("quarter_car")), 1.0)
+    first, second = simulator.run(), simulator.run()
+    assert second.statistics["equations"] == "list of operations" and np.array_equal(first.x, second.x)
+
+
+@needs_compiler
+def test_a_compiler_that_fails_is_asked_once(eager: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[str] = []
+    monkeypatch.setattr(machine_code, "compiler", lambda: asked.append("") or "false")
+    simulator = hb.Simulator(hb.assemble(hb.load("quarter_car")), 1.0)
+    runs = [simulator.run() for _ in range(4)]
+    assert len(asked) == 3  # once whether there is one, once to compile and to link
+    assert all(run.statistics["equations"] == "list of operations" for run in runs)
+    assert np.array_equal(runs[0].x, runs[-1].x) and list(eager.iterdir()) == []
+
+
+def test_a_single_short_run_is_not_compiled() -> None:
+    """The rule costs at most twice the time of the better choice."""
+    assert hb.simulate(hb.load("quarter_car")).statistics["equations"] == "list of operations"
+    assert not worthwhile(0.2, 1000) and worthwhile(0.3, 1000)
+    assert not worthwhile(1e9, COMPILING.max_operations + 1)
