@@ -222,7 +222,7 @@ def _diagnosed(experiment: Experiment | str | Path, steps: int, number: int | No
     told = (*sentences(said, rungs, come.findings, come.steps, shape, judged), *map(equivalent_value_words, come.values),
             *acting_as_values(come.findings, come.steps, [t.candidate.name for t in come.values]),
             *(apart.words if apart is not None else ()),
-            *_lost(come.steps),
+            *_lost(come.steps), *_closed_loops(ladder[0].comparison),
             *(f"{name}: {said}." for name, record in rungs[-1].comparison.records.items() for said in record.starts),
             *so_far(come.steps, come.untried),
             *_limits(classes, cut(part, experiment), confirming.shorter))
@@ -342,6 +342,12 @@ def _lost(steps: Sequence[Stage]) -> list[str]:
     lost = list(dict.fromkeys(label for step in steps for label in step.lost))
     return [f"Not tried to the end: {listing(lost, 4)}. The processes that worked on this died, also when it was tried "
             "again alone (killed, or out of memory). Fewer `--processes`, or `--samples`, need less memory."] if lost else []
+
+
+def _closed_loops(first: Comparison) -> list[str]:
+    """That inputs follow from outputs, once for each input, and what that means for the answer."""
+    told = dict.fromkeys(note for record in first.records.values() for note in record.feedback)
+    return [f"The answer may be biased: {next(iter(told))}."] if told else []
 
 
 def _limits(classes: Sequence[str], looked: str, shorter: bool) -> list[str]:

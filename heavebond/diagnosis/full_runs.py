@@ -16,15 +16,17 @@ from heavebond.estimation.comparison import Comparison, compare, compare_record
 from heavebond.estimation.excerpts import as_long_as
 from heavebond.estimation.experiment import Experiment, load_experiment
 from heavebond.estimation.fitting import Fit, fit
+from heavebond.estimation.input_noise import with_input_noise
 
 
 def loaded(experiment: Experiment | str | Path) -> Experiment:
-    """An experiment, read where it is a file; UsageError where no record of it is fitted."""
+    """An experiment, read where it is a file, with what the noise of its inputs does; UsageError where no record of it is
+    fitted."""
     found = experiment if isinstance(experiment, Experiment) else load_experiment(experiment)
     if not any(r.use == "fit" for r in found.records.values()):
         raise UsageError([Problem("fit-no-record", "no record is to be fitted", None,
                                   "Mark at least one record with `use: fit`.")])
-    return found
+    return with_input_noise(found)
 
 
 def compared(experiment: Experiment) -> Comparison:

@@ -4,6 +4,12 @@
   are, would be by chance;
 * size: chi-square of all samples against its distribution, where the noise is given (an estimate is no yardstick for it);
 * memory: the Ljung-Box test of each channel, the smallest p value times the number of channels (Bonferroni).
+
+Where inputs have noise, the residual r of a right model is no longer white: it has the covariance R = D + E'E/M, with
+E (M, n) realisations of what this noise does to it (see `estimation.input_noise`), and D diagonal what is left of 1. Then
+z is divided by its standard deviation sqrt(d'R d), d its direction; chi-square is compared with a chi-square distribution
+scaled to its mean n and variance 2 tr R**2 (F. E. Satterthwaite, 1946, doi:10.2307/3002019); and the test for memory is left
+out.
 """
 
 from __future__ import annotations
@@ -15,6 +21,7 @@ import numpy as np
 
 from heavebond.diagnosis.decision import DECISION
 from heavebond.diagnosis.scoring import Base, Score
+from heavebond.estimation.input_noise import NOTICEABLE
 from heavebond.estimation.residuals import Run
 from heavebond.numerics.dae import Array
 from heavebond.records import metrics
@@ -44,8 +51,15 @@ class ResidualTests:
 def leftover(base: Base, scores: Sequence[Score]) -> ResidualTests:
     """The tests on what the base model leaves of the fitted samples."""
     told = [s for s in scores if s.told_apart]
-    p_score, z = _largest(told)
-    return ResidualTests(p_score, _size(base) if base.problem.experiment.noise_given else 1.0, _memory(base), z)
+    errors = np.hstack([run.input_errors for run in base.problem.runs])
+    p_score, z = _largest(told, errors)
+    memory = 1.0 if _noticeable(errors) else _memory(base)
+    return ResidualTests(p_score, _size(base, errors) if base.problem.experiment.noise_given else 1.0, memory, z)
+
+
+def _noticeable(errors: Array) -> bool:
+    """Whether the noise of inputs, by its realisations (M, n), is a noticeable part of the variance of a residual."""
+    return len(errors) > 0 and float(np.mean(errors**2)) > NOTICEABLE
 
 
 def is_noise(fitted: float, held_out: float, samples: int) -> bool:
@@ -54,25 +68,48 @@ def is_noise(fitted: float, held_out: float, samples: int) -> bool:
     return fitted <= DECISION.near and samples > 0 and held_out <= 1 + SIGMAS * (2 / samples) ** 0.5
 
 
-def _largest(scores: Sequence[Score]) -> tuple[float, float]:
-    """The chance that the largest of the scores, correlated as their directions are, is as large as it is."""
+def _largest(scores: Sequence[Score], errors: Array) -> tuple[float, float]:
+    """The chance that the largest of the scores, correlated as their directions and the residual are, is as large."""
     if not scores:
         return 1.0, 0.0
     directions = np.array([s.direction for s in scores])
     signed = np.array([s.signed for s in scores])
     z = np.array([s.z for s in scores])
+    covariance = _covariance(directions, errors)
+    deviation = np.sqrt(np.diag(covariance))
+    z = z / deviation
     observed = float(np.max(np.where(signed, np.abs(z), z)))
-    values, vectors = np.linalg.eigh(directions @ directions.T)
+    values, vectors = np.linalg.eigh(covariance / deviation[:, None] / deviation)
     root = vectors * np.sqrt(np.maximum(values, 0))
     draws = np.random.default_rng(0).standard_normal((DRAWS, len(scores))) @ root.T
     largest = np.max(np.where(signed, np.abs(draws), draws), axis=1)
     return float((np.sum(largest >= observed) + 1) / (DRAWS + 1)), observed
 
 
-def _size(base: Base) -> float:
+def _covariance(directions: Array, errors: Array) -> Array:
+    """The covariance (k, k) of the projections of a right model's residual on directions (k, n)."""
+    if not len(errors):
+        return np.asarray(directions @ directions.T)
+    drawn = directions @ errors.T
+    return np.asarray((directions * _own(errors)) @ directions.T + drawn @ drawn.T / len(errors))
+
+
+def _own(errors: Array) -> Array:
+    """The share (n,) of the variance of each residual that is the channel's own noise."""
+    return np.asarray(np.clip(1 - np.mean(errors**2, axis=0), 0.0, 1.0))
+
+
+def _size(base: Base, errors: Array) -> float:
     from scipy.special import chdtrc
 
-    return float(chdtrc(max(1, len(base.r) - len(base.inner)), float(base.r @ base.r)))
+    freedom, scale = float(max(1, len(base.r) - len(base.inner))), 1.0
+    if len(errors) > 1:
+        # tr R**2, of the realisations by pairs of different ones: squares of one alone would count its own length
+        own, gram = _own(errors), errors @ errors.T
+        pairs = (float(np.sum(gram**2)) - float(np.sum(np.diag(gram) ** 2))) / (len(errors) * (len(errors) - 1))
+        trace = float(np.sum(own**2) + 2 * own @ np.mean(errors**2, axis=0)) + max(pairs, 0.0)
+        scale = max(1.0, trace / len(base.r))
+    return float(chdtrc(freedom / scale, float(base.r @ base.r) / scale))
 
 
 def _memory(base: Base) -> float:

@@ -31,6 +31,8 @@ from heavebond.core.reporting import place, reporting
 from heavebond.core.units import Unit, dimension_text, read_unit
 from heavebond.estimation.constant_bias import all_advice
 from heavebond.estimation.experiment import Experiment, Output, Record, load_experiment
+from heavebond.estimation.feedback import closed_loops
+from heavebond.estimation.input_noise import noise_notes, with_input_noise
 from heavebond.estimation.records import Mask, Measured, Samples, measure, moments
 from heavebond.estimation.unit_and_sign_checks import seems_in_another_unit, seems_of_another_sign
 from heavebond.language import reading
@@ -107,7 +109,7 @@ class RecordComparison:
     """All channels of one record. `validate` is the held-out part of the record, where the experiment has no validation
     record, else None; `notes` are remarks on the interpretation of the values; `doubtful` are channels whose unit, sign or
     time seems to differ from that in the experiment; `starts` are those of the notes that tell of a state which begins
-    elsewhere in the record."""
+    elsewhere in the record, `feedback` those on inputs that follow from outputs."""
 
     name: str
     use: str
@@ -118,6 +120,7 @@ class RecordComparison:
     notes: tuple[str, ...] = ()
     doubtful: frozenset[str] = frozenset()
     starts: tuple[str, ...] = ()
+    feedback: tuple[str, ...] = ()
 
     @property
     def normalised(self) -> float:
@@ -191,7 +194,7 @@ def compare(experiment: Experiment | str | Path, *, parameters: Mapping[str, flo
     with a unit; `progress` is called with the name of each record. Raises UsageError, ModelError, DataError, StartError
     or SimulationError with what is wrong.
     """
-    experiment = experiment if isinstance(experiment, Experiment) else load_experiment(experiment)
+    experiment = with_input_noise(experiment if isinstance(experiment, Experiment) else load_experiment(experiment))
     problems, kinds = Problems(), set[type[HeavebondError]]()
     records = {}
     for k, record in enumerate(experiment.records.values()):
@@ -243,9 +246,12 @@ def compare_record(experiment: Experiment, record: Record,
     slips = {} if measured.time_suspect else {
         c.name: _slips(c, measured.channels[c.name].output, measured.declared.get(c.name)) for c in fitted.values()}
     starts = _starts(measured, [fitted[name] for name in _states(result.assembly, experiment) if not slips.get(name)])
-    notes = (*_notes(measured, fitted, slips, held_inputs), *starts, *changes_of(result, states=False))
+    closed = closed_loops(experiment, record, {c.name: (c.time, c.measured, c.model) for c in fitted.values()})
+    notes = (*_notes(measured, fitted, slips, held_inputs), *starts, *noise_notes(experiment, measured), *closed,
+             *changes_of(result, states=False))
     doubtful = frozenset(fitted) - {name for name, told in slips.items() if not told and name not in measured.declared}
-    return RecordComparison(record.name, record.use, record.file, fitted, result, held_out, notes, doubtful, starts)
+    return RecordComparison(record.name, record.use, record.file, fitted, result, held_out, notes, doubtful, starts,
+                            closed)
 
 
 def _states(assembly: Assembly, experiment: Experiment) -> list[str]:
@@ -394,9 +400,10 @@ def _check_free(assembly: Assembly, experiment: Experiment, problems: Problems) 
 
 def _channel(name: str, found: Samples, simulated: Array, counts: Mask, astray: Mask, late: TimeDelay | None) -> Channel:
     measured, model, noise = found.measured[counts], simulated[counts], found.noise
+    weight = noise / found.deviation[counts]
     return Channel(
         name, found.output.shown.unit, found.time, found.measured, simulated, noise, found.noise_given,
         metrics.rms_error(measured, model), metrics.normalised_rms(measured, model),
         metrics.relative_rms(measured, model), metrics.fit_percent(measured, model), metrics.bias(measured, model),
-        metrics.chi2_per_sample(measured, model, noise), metrics.whiteness(measured - model), counts, found.outlier,
-        astray, found.step, late)
+        metrics.chi2_per_sample(weight * measured, weight * model, noise), metrics.whiteness(measured - model), counts,
+        found.outlier, astray, found.step, late)

@@ -9,6 +9,9 @@ from dataclasses import dataclass, field, replace
 from filecmp import cmp
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from heavebond.core.errors import ModelError, Place, Problem, Problems, listing, suggest
 from heavebond.core.presentation import brief, count
 from heavebond.core.units import Range, UnitProblem, parse_range, unit
@@ -81,9 +84,23 @@ class Free:
     each: bool = False
 
 
+@dataclass(frozen=True, eq=False)
+class InputNoise:
+    """What realisations of the noise of the inputs do to the channels of a record: `errors` (realisations, channels, N) at
+    its `time` (N,) in s, in the unit of each channel."""
+
+    time: NDArray[np.float64]
+    errors: NDArray[np.float64]
+
+    def at(self, k: int, time: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The errors (realisations, n) of channel k at times (n,)."""
+        return np.array([np.interp(time, self.time, errors[k]) for errors in self.errors])
+
+
 @dataclass(frozen=True)
 class Experiment:
-    """A diagram with its records: the columns that are inputs and outputs, and the free parameters with their ranges."""
+    """A diagram with its records: the columns that are inputs and outputs, and the free parameters with their ranges.
+    `input_noise` is what the noise of its inputs does to the channels of each record (see `estimation.input_noise`)."""
 
     name: str
     path: Path
@@ -95,6 +112,7 @@ class Experiment:
     outputs: dict[str, Output] = field(default_factory=dict)
     free: dict[str, Free] = field(default_factory=dict)
     files: tuple[Path, ...] = ()
+    input_noise: Dictionary[str, InputNoise] = field(default_factory=dict, repr=False, compare=False)
 
     def __repr__(self) -> str:
         return brief(self, self.name, f"model {self.model.name}, {count(len(self.records), 'record')}",
@@ -299,8 +317,9 @@ class _Reader:
                 continue  # it takes over another one's record
             entry = reading.mapping(item, f"input '{name}'", self.problems)
             given = reading.file_input(entry, self.source, self.problems, file=False) if entry is not None else None
-            if given is not None:
-                found[name] = replace(given, place=key.place)
+            if given is not None and entry is not None:
+                noise = self._noise(entry.items.get("noise"), given.unit)
+                found[name] = replace(given, place=key.place, noise=noise or 0.0)
         return found
 
     def _outputs(self, node: Node | None, before: Dictionary[str, Output]) -> dict[str, Output]:
@@ -317,7 +336,7 @@ class _Reader:
                 self.problems.add("key-missing", f"output '{name}' needs the entry 'column'", key.place,
                                   hint="Add `column: name_in_the_file`.")
                 continue
-            noise = self._noise(item.items.get("noise"), shown)
+            noise = self._noise(item.items.get("noise"), shown.unit)
             outliers = reading.choice(item.items.get("outliers"), "outliers", ("drop", "keep"), self.problems)
             found[name] = Output(shown, reading.text(column, "column", self.problems), noise, column.place,
                                  self._origin(item), self._time(item.items.get("shift"), "shift") or 0.0,
@@ -354,7 +373,8 @@ class _Reader:
         path = self.source.path.parent / reading.text(file, "file", self.problems) if file is not None else None
         return Origin(path, column, unit_text)
 
-    def _noise(self, node: Node | None, shown: NamedOutput) -> float | None:
+    def _noise(self, node: Node | None, unit_text: str) -> float | None:
+        """The `noise:` of a column in its unit."""
         if node is None:
             return None
         value = reading.value(node, "noise", self.problems)
@@ -362,18 +382,18 @@ class _Reader:
         if value is None or number is None:
             return None
         try:
-            channel = unit(shown.unit)
+            channel = unit(unit_text)
         except UnitProblem:
             return None  # the channel's unit was complained about
         given = getattr(value.expr, "unit", None)
         if (given.dimension if given is not None else ()) != channel.dimension:
-            example = f"1 {shown.unit}" if channel.dimension else "0.01"
-            self.problems.add("unit-wrong", f"the noise '{value.text}' is not in {shown.unit}", value.place,
+            example = f"1 {unit_text}" if channel.dimension else "0.01"
+            self.problems.add("unit-wrong", f"the noise '{value.text}' is not in {unit_text}", value.place,
                               hint=f"Write for example `noise: {example}`.")
             return None
         if number <= 0:
             self.problems.add("noise-not-positive", "the noise must be above 0", value.place,
-                              hint="Leave it out to have it estimated from the record.")
+                              hint="Leave it out where it is not known: that of an output is then estimated.")
             return None
         return number / channel.scale
 

@@ -105,8 +105,8 @@ class Shooting:
         except (SimulationError, StartError):
             return np.full(n_data, BROKEN), np.full(n_gap, BROKEN), slopes, gap_slopes
         count = samples.stop - samples.start
-        wrong = (run.probe.values(result)[:, :count] - run.measured[:, samples]) / run.noise[:, None]
-        moved = run.probe.sensitivities(result)[:, :, :count] / run.noise[None, :, None]
+        wrong = (run.probe.values(result)[:, :count] - run.measured[:, samples]) / run.noise[:, samples]
+        moved = run.probe.sensitivities(result)[:, :, :count] / run.noise[None, :, samples]
         assert result.along is not None
         ends = result.along.x[:, :, -1] / nominal
         for column, position in self._columns(run, inner):

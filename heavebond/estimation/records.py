@@ -31,6 +31,7 @@ Mask = NDArray[np.bool_]
 STRETCHES = (12, 6, 3)
 EVERY = 3
 LEAST = 10
+SMOOTHED = 10  # samples on either side over which the variance that inputs cause is averaged
 TIME = "\0time"  # the times of a record among the names of its outputs
 
 
@@ -40,7 +41,10 @@ class Samples:
 
     time: when they were taken, s; measured: in the channel's unit; index: the place in the run's grid of the time at which
     the model is asked, time - shift; outlier, held_out: which samples are so; dropped: those that no figure contains.
-    `noise` is the standard deviation in the channel's unit; `step` that of a sensor that counts, 0 for others.
+    `noise` is the standard deviation in the channel's unit (where inputs have noise, that of both together, rms over
+    time), `own_noise` that of the channel alone, `deviation` (n,) that of both at each sample; `input_errors`
+    (realisations, n) are realisations of what the noise of the inputs does to it; `step` is that of a sensor that counts,
+    0 for others.
     """
 
     output: Output
@@ -52,6 +56,9 @@ class Samples:
     noise: float
     noise_given: bool
     step: float
+    own_noise: float = 0.0
+    deviation: Array = field(default_factory=lambda: np.zeros(0))
+    input_errors: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
     def dropped(self) -> Mask:
@@ -84,6 +91,16 @@ class Measured:
     time_suspect: bool = False
     declared: Mapping[str, Unit] = field(default_factory=dict)
 
+    @property
+    def deviations(self) -> Array:
+        """The standard deviation (channels, N) of each channel on the grid, in SI; that of its neighbours where it was not
+        sampled."""
+        found = []
+        for channel in self.channels.values():
+            scale = read_unit(channel.output.shown.unit).scale
+            found.append(np.interp(self.grid, self.grid[channel.index], channel.deviation) * scale)
+        return np.array(found).reshape(len(self.channels), len(self.grid))
+
     def on_grid(self) -> tuple[Array, Mask, Mask]:
         """The measured values (channels, N) in SI, NaN where a channel was not sampled, which of them are fitted, and which
         check the fit."""
@@ -113,6 +130,7 @@ def measure(experiment: Experiment, record: Record) -> Measured:
     problems.raise_as(DataError)
     grid, indices = merged([window[:1], *(c.time - c.output.shift for c in found.values())], [*sampled, window])
     found = {name: replace(c, index=index) for (name, c), index in zip(found.items(), indices[1:], strict=True)}
+    found = {name: _with_input_noise(experiment, record, k, c) for k, (name, c) in enumerate(found.items())}
     most = max((len(c.time) for c in found.values()), default=0)
     if most < metrics.MIN_SAMPLES:
         raise DataError([Problem(
@@ -127,6 +145,27 @@ def measure(experiment: Experiment, record: Record) -> Measured:
         found = _with_held_out(found, (float(grid[0]), float(grid[-1])))
         notes.append(_held_out_note(found))
     return Measured(record, grid, found, tuple(notes), bool(slow), {n: unit for n, unit in declared.items() if n in found})
+
+
+def _with_input_noise(experiment: Experiment, record: Record, k: int, channel: Samples) -> Samples:
+    """The k-th channel of a record with the noise of its inputs beside its own, where that is known."""
+    known = experiment.input_noise.get(record.name)
+    own = np.full(len(channel.time), channel.noise)
+    if known is None:
+        return replace(channel, own_noise=channel.noise, deviation=own, input_errors=np.zeros((0, len(own))))
+    errors = known.at(k, channel.time - channel.output.shift)
+    deviation = np.sqrt(own**2 + _smooth(np.mean(errors**2, axis=0)))
+    return replace(channel, own_noise=channel.noise, deviation=deviation, input_errors=errors,
+                   noise=float(np.sqrt(np.mean(deviation**2))))
+
+
+def _smooth(variance: Array) -> Array:
+    """A variance (n,) drawn from a few realisations, averaged over the neighbours at each time."""
+    width = min(SMOOTHED, len(variance) // 10)
+    total = np.cumsum(np.concatenate([np.zeros(1), variance]))
+    k = np.arange(len(variance))
+    low, high = np.maximum(k - width, 0), np.minimum(k + width + 1, len(variance))
+    return np.asarray((total[high] - total[low]) / (high - low))
 
 
 class _Files:

@@ -91,7 +91,7 @@ class Run:
 
     measured: (channels, N) in SI at the times of the simulator, NaN where a channel was not sampled; counts: (channels, N),
     which of them are fitted (sampled, not held out, not dropped as outliers), checking: which are held out; noise:
-    (channels,) in SI.
+    (channels, N) in SI.
     """
 
     def __init__(self, experiment: Experiment, record: Record, names: list[str], tolerances: Tolerances = TOLERANCES, *,
@@ -106,7 +106,7 @@ class Run:
         units = [read_unit(o.shown.unit) for o in experiment.outputs.values()]
         self.scale = np.array([u.scale for u in units])
         self.measured, self.counts, self.checking = self.found.on_grid()
-        self.noise = np.array([channel.noise for channel in self.found.channels.values()]) * self.scale
+        self.noise = self.found.deviations
         self.simulator: Simulator = self._simulator(kind, tolerances, None if like is None else like.simulator)
 
     def _simulator(self, kind: type[Simulator], tolerances: Tolerances, like: Simulator | None) -> Simulator:
@@ -137,7 +137,7 @@ class Run:
         def watch(seen: int, signals: Array) -> None:
             nonlocal total
             at = slice(seen, seen + signals.shape[1])
-            wrong = ((signals - self.measured[:, at]) / self.noise[:, None])[which[:, at]]
+            wrong = ((signals - self.measured[:, at]) / self.noise[:, at])[which[:, at]]
             total += float(wrong @ wrong)
             if total > most:
                 raise Exceeded
@@ -153,7 +153,18 @@ class Run:
 
     def _noise(self, which: NDArray[np.bool_]) -> Array:
         """The noise of each of these samples (n,)."""
-        return np.repeat(self.noise, which.sum(axis=1))
+        return self.noise[which]
+
+    @property
+    def input_errors(self) -> Array:
+        """Realisations (M, n) of what the noise of the inputs does to the residuals of the samples that count; none where no
+        input has noise."""
+        drawn = [c.input_errors for c in self.found.channels.values()]
+        number = max((len(d) for d in drawn), default=0)
+        found = np.zeros((number, *self.counts.shape))
+        for k, channel in enumerate(self.found.channels.values() if number else ()):
+            found[:, k, channel.index] = channel.input_errors * self.scale[k]
+        return found[:, self.counts] / self.noise[self.counts]
 
 
 def starts_outside(experiment: Experiment, assembly: Assembly) -> list[Problem]:

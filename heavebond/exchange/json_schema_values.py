@@ -89,14 +89,14 @@ def signal(port: SignalPort) -> Schema:
             "anyOf": [quantity(port.unit), {"$ref": "#/definitions/column"}]}
 
 
-def column(required: Iterable[str]) -> Schema:
-    """A column of a record as an input."""
+def column(required: Iterable[str], more: Mapping[str, Schema] | None = None) -> Schema:
+    """A column of a record as an input, with entries that it may have besides."""
     return with_former_keys("input", {
         "type": "object", "additionalProperties": False, "required": list(required), "properties": {
         "file": {"type": "string", "description": "CSV, Parquet or MAT file beside this one"},
         "column": {**TEXT, "description": "its name in the file"}, "unit": {"$ref": "#/definitions/unit"},
         "interpolation": {"enum": list(INTERPOLATIONS), "description": "what holds between two samples"}, "time": TIME_AXIS,
-        "gaps": {"enum": ["bridge"], "description": "go across gaps"}}})
+        "gaps": {"enum": ["bridge"], "description": "go across gaps"}, **(more or {})}})
 
 
 def units() -> Schema:

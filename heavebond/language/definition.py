@@ -130,7 +130,9 @@ class FileInput:
     """A signal given by a column of a measured file; `interpolation` is spline, linear or hold.
 
     `file` is `Path()` where the experiment's record is meant. `bridge`: gaps may be gone across. `zero` is the file and its
-    column of times from whose first row times of a clock count, where that is another one's.
+    column of times from whose first row times of a clock count, where that is another one's. `noise` is the standard
+    deviation of its white noise, in `unit` (0: none is known); `seed` that of a realisation of this noise to be added to
+    the readings.
     """
 
     file: Path
@@ -142,6 +144,8 @@ class FileInput:
     time_unit: str = "s"
     bridge: bool = False
     zero: tuple[Path, str] | None = None
+    noise: float = 0.0
+    seed: int | None = None
 
 
 @dataclass(frozen=True)

@@ -188,9 +188,11 @@ def _unmarked(content: str, what: str) -> tuple[str, str, str]:
 
 
 def file_input(node: Mapping, source: Source, problems: Problems, *, file: bool = True) -> FileInput | None:
-    """`{file: heave.csv, column: z, unit: m, interpolation: spline}`; the file is beside the file that names it."""
+    """`{file: heave.csv, column: z, unit: m, interpolation: spline}`; the file is beside the file that names it. Without
+    `file`, of an experiment, it may have `noise`, which is left to the caller."""
     node = present(node, "input", problems)
-    known_keys(node, ["file", "column", "unit", "interpolation", "time", "gaps"], "an input from a record", problems,
+    known_keys(node, ["file", "column", "unit", "interpolation", "time", "gaps", *([] if file else ["noise"])],
+               "an input from a record", problems,
                required=[*(["file"] if file else []), "column", "unit", "interpolation"])
     between = node.items.get("interpolation")
     if isinstance(between, Scalar) and between.text not in INTERPOLATIONS:
@@ -202,7 +204,7 @@ def file_input(node: Mapping, source: Source, problems: Problems, *, file: bool 
         unit_text(unit, problems)
     if any(name not in node.items for name in ("column", "unit", "interpolation")):
         return None
-    entry = {name: text(item, name, problems) for name, item in node.items.items() if name != "time"}
+    entry = {name: text(item, name, problems) for name, item in node.items.items() if name not in ("time", "noise")}
     time_node = node.items.get("time")
     time_column, time_unit = time_axis(time_node, problems) if time_node is not None else (None, "s")
     return FileInput(source.path.parent / entry["file"] if "file" in entry else Path(), entry["column"], entry["unit"],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from zlib import crc32
 
 import numpy as np
 
@@ -60,6 +61,9 @@ def read_input(known: KnownInput, begin: float = -np.inf, end: float = np.inf) -
         raise DataError([Problem("unit-wrong", f"{known.name} is in {known.unit.text}; the record gives it in "
                                  f"{given.unit}", given.place)])
     time, values = input_samples(given, begin, end)
+    if given.seed is not None:
+        random = np.random.default_rng([given.seed, crc32(known.name.encode())])
+        values = values + given.noise * random.standard_normal(len(values))
     return pieces(time, np.asarray(unit.to_si(values)), given.interpolation)  # type: ignore[arg-type]
 
 

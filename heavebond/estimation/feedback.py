@@ -1,0 +1,108 @@
+"""Feedback in a record: whether an input that drives the model follows from what the machine's sensors read.
+
+In closed loop the input depends on past outputs, and with them on their noise and on all that the model lacks. A simulation
+that is driven by the measured input then counts these twice: input and residual are correlated, and estimates are biased
+(U. Forssell, L. Ljung, Closed-loop identification revisited, Automatica 35, 1999, doi:10.1016/S0005-1098(99)00022-9).
+
+With the innovations v of the input u (what u's own past does not predict) and w of a residual e (what the past of e and u
+does not predict),
+
+    z_k = sum v(t) w(t-k) / sqrt(sum (v(t) w(t-k))**2),       k = 1, 2, ...
+
+is standard normal without feedback, whatever the model lacks: w(t-k) is then new to u (a cross-correlation at negative lags
+with prewhitening: L. D. Haugh, 1976, doi:10.1080/01621459.1976.10480353; robust to a few large steps). A controller that
+computes u(t) from the reading at t shows at k = 0, with w what the past alone does not predict. So does an error of the
+model's direct transmission from u(t); it is feedback where w follows v by more than all of the model's own transmission.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from heavebond.core.presentation import count
+from heavebond.estimation.experiment import Experiment, Record
+from heavebond.numerics.dae import Array
+from heavebond.numerics.inputs import input_samples
+
+ORDER = 20  # past samples that predict a signal
+LAGS = 10
+LEVEL = 1e-4  # of false alarms, over all lags
+LEAST = 0.05**0.5  # correlation: less than 5 % of the variance of an input's innovations biases little
+SAMPLES = 20_000  # at most, from the beginning
+SHORTEST = 10 * ORDER
+
+
+@dataclass(frozen=True)
+class Feedback:
+    """The largest correlation of innovations of an input with those of a residual `lag` samples before."""
+
+    correlation: float
+    lag: int
+
+    @property
+    def words(self) -> str:
+        """`correlation -0.47 with its residual 1 sample before`."""
+        when = f"{count(self.lag, 'sample')} before" if self.lag else "at the same sample"
+        return f"correlation {self.correlation:.2f} with its residual {when}"
+
+
+def closed_loops(experiment: Experiment, record: Record, channels: Mapping[str, tuple[Array, Array, Array]]
+                 ) -> tuple[str, ...]:
+    """A note for each input of a record that follows from a channel; of these, times, readings and model (n,) each."""
+    notes = []
+    for name, given in experiment.inputs_for(record).items():
+        time, values = input_samples(replace(given, bridge=True))
+        found = {channel: fed for channel, (t, y, model) in channels.items()
+                 if (fed := feedback(np.interp(t, time, values), y - model, model)) is not None}
+        if found:
+            channel, fed = max(found.items(), key=lambda pair: abs(pair[1].correlation))
+            notes.append(
+                f"the input {name} follows from the measured {channel} ({fed.words}, both prewhitened): it was recorded in "
+                "closed loop, and a simulation with the measured input is biased by the noise and by what the model lacks; "
+                "put the controller into the diagram and drive it by the reference")
+    return tuple(notes)
+
+
+def feedback(u: Array, e: Array, model: Array) -> Feedback | None:
+    """The feedback from a residual e (n,) of a channel to an input u (n,) at the same times; None where it is not
+    significant. `model` (n,) is the channel as simulated."""
+    from scipy.special import erfcinv
+
+    u, e, model = u[:SAMPLES], e[:SAMPLES], model[:SAMPLES]
+    if len(u) < SHORTEST or not np.ptp(u) or not np.ptp(e):
+        return None
+    own, past = _past(u), _past(e)
+    v = _innovations(u[ORDER:], own)
+    now = _innovations(e[ORDER:], np.hstack([past, own]))
+    w = _innovations(e[ORDER:], np.hstack([past, own, u[ORDER:, None]]))
+    direct = _innovations(model[ORDER:], np.hstack([_past(model), own]))
+    best = None
+    least = float(np.sqrt(2) * erfcinv(LEVEL / (LAGS + 1)))
+    for lag in range(0 if abs(now @ v) > abs(direct @ v) else 1, LAGS + 1):
+        after, before = v[lag:], w[:len(w) - lag] if lag else now
+        product = after * before
+        size = float(np.sqrt(np.sum(after**2) * np.sum(before**2)))
+        spread = float(np.sqrt(np.sum(product**2)))
+        if size == 0 or spread == 0:
+            continue
+        found = Feedback(float(product.sum()) / size, lag)
+        if abs(product.sum()) / spread > least and abs(found.correlation) > max(
+                LEAST, abs(best.correlation) if best is not None else 0.0):
+            best = found
+    return best
+
+
+def _past(x: Array) -> Array:
+    """The past samples (n - ORDER, ORDER) of each sample of a series (n,) from ORDER on."""
+    return np.lib.stride_tricks.sliding_window_view(x, ORDER)[:-1]
+
+
+def _innovations(x: Array, past: Array) -> Array:
+    """What a linear prediction from the columns of `past` (n, m) leaves of x (n,)."""
+    columns = np.hstack([past - past.mean(axis=0), np.ones((len(past), 1))])
+    scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    found = np.linalg.lstsq(columns / scale, x, rcond=1e-10)[0]
+    return np.asarray(x - (columns / scale) @ found)

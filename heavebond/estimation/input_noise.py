@@ -1,0 +1,89 @@
+"""Noise of measured inputs: what it does to the channels of a model that is driven by them.
+
+The machine had the true input u, the model has the measured one, u + w with white noise w (`noise:` at an input). To first
+order the residual then contains G w besides the noise of the channel, G the tangent of the channels to the samples of the
+input. G w is drawn: the model is run with M realisations of w, and the differences to its run without are a sample of the
+distribution of G w. It has its variance at each time, and its correlation along time, also of a nonlinear machine and for
+every interpolation. The variance adds to that of the channel's own noise in all that is weighted by noise; the tests
+of the residual take the correlation into account (see `diagnosis.residual_tests`).
+
+This is errors-in-variables identification with known noise, approximated by the tangent at the measured input: T.
+Soderstrom, Errors-in-variables methods in system identification, Automatica 43, 2007,
+doi:10.1016/j.automatica.2006.11.025.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+
+from heavebond.core.errors import HeavebondError, SimulationError, StartError, listing
+from heavebond.core.progress import Progress
+from heavebond.core.units import read_unit
+from heavebond.estimation.experiment import Experiment, InputNoise, Record
+from heavebond.estimation.records import Measured, measure
+from heavebond.numerics.dae import Array, assemble
+from heavebond.numerics.quick_simulation import QuickSimulator
+from heavebond.numerics.result import Probe
+from heavebond.numerics.simulation import run_by_auto
+from heavebond.numerics.simulator import Simulator, Tolerances
+from heavebond.text.expression import names
+
+REALISATIONS = 40  # a standard deviation drawn from so many errs by 11 %; it is smoothed along time besides
+NOTICEABLE = 0.05  # share of the variance of a channel
+ENOUGH = 20  # of them that can be simulated
+FINE = Tolerances(1e-6, 1e-8)
+
+
+def with_input_noise(experiment: Experiment, progress: Progress | None = None) -> Experiment:
+    """The experiment with what the noise of its inputs does to its channels, at the values of its diagram; itself where no
+    input has `noise`, or where it is known already. A record on which the model cannot be simulated is left out."""
+    if experiment.input_noise or not any(given.noise for record in experiment.records.values()
+                                         for given in experiment.inputs_for(record).values()):
+        return experiment
+    found = {}
+    for record in experiment.records.values():
+        if progress:
+            progress(f"noise of the inputs on {record.name}")
+        try:
+            found[record.name] = _propagated(experiment, record)
+        except HeavebondError:  # what is wrong is told by the run without it
+            continue
+    return replace(experiment, input_noise=found)
+
+
+def noise_notes(experiment: Experiment, measured: Measured) -> list[str]:
+    """How much of the variance of each channel of a record the noise of its inputs is, where it is noticeable."""
+    given = any(g.noise for g in experiment.inputs_for(measured.record).values())
+    if given and measured.record.name not in experiment.input_noise:
+        return ["the noise of the inputs is not taken into account: the model cannot be simulated with it"]
+    shares = {name: 1 - float(np.mean((c.own_noise / c.deviation) ** 2)) for name, c in measured.channels.items()}
+    said = [f"{100 * share:.0f} % of the variance of {name}" for name, share in shares.items() if share > NOTICEABLE]
+    return [f"the noise of the inputs is {listing(said, 4)} that is expected of a correct model"] if said else []
+
+
+def _propagated(experiment: Experiment, record: Record) -> InputNoise:
+    grid = measure(experiment, record).grid
+    outputs = [o.shown for o in experiment.outputs.values()]
+    scale = np.array([read_unit(o.unit).scale for o in outputs])
+    wanted = {n.text for o in outputs for n in names(o.expr)}
+
+    def channels(seed: int | None) -> Array:
+        drawn = replace(record, inputs={name: replace(given, seed=seed if given.noise else None)
+                                        for name, given in experiment.inputs_for(record).items()})
+        assembly = assemble(experiment.model_for(drawn), wanted)
+        try:
+            result = QuickSimulator(assembly, times=grid, tolerances=FINE).run()
+        except SimulationError:
+            result = run_by_auto(Simulator(assembly, times=grid, tolerances=FINE))
+        return np.asarray(Probe(assembly, [o.text for o in outputs], si=True).values(result) / scale[:, None])
+
+    clean, errors = channels(None), []
+    for seed in range(REALISATIONS):
+        with suppress(SimulationError, StartError):
+            errors.append(channels(seed) - clean)
+    if len(errors) < ENOUGH:
+        raise SimulationError([])
+    return InputNoise(grid, np.array(errors))

@@ -1,0 +1,98 @@
+"""Records of closed loops and inputs with noise: a servo with dry friction, measured by a noisy encoder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import heavebond as hb
+
+PLANT = """
+components:
+  motor: {is: ForceSource}
+  slide: {is: Mass, m: 10 kg}
+  oil:   {is: Damper, d: 40 N*s/m}
+  bed:   {is: Fixed}
+nodes:
+  slide: [motor.a, slide.a, oil.b]
+  bed:   [bed.a, oil.a]
+initial: {slide.x: 0 m, slide.v: 0 m/s}
+"""
+LOOP = """
+components:
+  pid:     {is: PID, K_p: 4 kN/m, K_d: 300 N*s/m, T_f: 8 ms, y_min: -500 N, y_max: 500 N, r: 0 m}
+  encoder: {is: PositionSensor}
+  reading: {is: Sum, u_2: 0 m}
+nodes:
+  slide:   [+encoder.a]
+  place:   [encoder.y, reading.u_1]
+  known:   [reading.y, pid.u]
+  command: [pid.y, motor.u]
+initial: {pid.z: 0 m, pid.q: 0 N}
+"""
+BOTH = """records: {one: {file: one.csv, use: fit}, two: {file: two.csv, use: validate}}
+time: {column: time, unit: s}
+free: {slide.m: 10 kg +- 20 %, oil.d: 40 N*s/m +- 50 %}
+"""
+OPEN = "experiment: open\nmodel: plant.yaml\n" + BOTH + """
+inputs: {motor.u: {column: force, unit: N, interpolation: hold}}
+outputs: {place: {is: slide.x, column: place, unit: m, noise: 20 um}}
+"""
+CLOSED = "experiment: closed\nmodel: loop.yaml\n" + BOTH + """
+inputs: {pid.r: {column: wish, unit: m, interpolation: linear}}
+outputs: {force: {is: pid.y, column: force, unit: N, noise: 1.2 N}}
+"""
+NOISE, STEP = 20e-6, 0.01
+
+
+def servo(folder: Path, friction: float = 12.0) -> None:
+    """Diagrams of the plant and of the loop, and two records of the loop with friction (N)."""
+    (folder / "plant.yaml").write_text("model: plant\n" + PLANT, encoding="utf-8")
+    (folder / "loop.yaml").write_text("model: loop\nextends: plant.yaml\n" + LOOP, encoding="utf-8")
+    (folder / "truth.yaml").write_text(f"""model: truth
+extends: loop.yaml
+components: {{rail: {{is: CoulombFriction, F_c: {friction} N}}}}
+nodes: {{slide: [+rail.b], bed: [+rail.a]}}
+set:
+  pid.r: {{file: wish.csv, column: wish, unit: m, interpolation: linear}}
+  reading.u_2: {{file: wish.csv, column: noise, unit: m, interpolation: hold}}
+""", encoding="utf-8")
+    random = np.random.default_rng(5)
+    time = np.arange(501) * STEP
+    for name, (size, first) in {"one": (0.05, 0.7), "two": (0.04, 0.55)}.items():
+        waves = np.sin(2 * np.pi * first * time) + 0.5 * np.sin(2 * np.pi * 1.9 * first * time)
+        wish = size * waves * (1 - np.exp(-time**2))
+        noise = NOISE * random.standard_normal(len(time))
+        pd.DataFrame({"time": time, "wish": wish, "noise": noise}).to_csv(folder / "wish.csv", index=False)
+        run = hb.simulate(hb.load(folder / "truth.yaml"), until=5.0, every=STEP)
+        pd.DataFrame({"time": time, "wish": wish, "force": run["pid.y"], "place": run["slide.x"] + noise}
+                     ).to_csv(folder / f"{name}.csv", index=False)
+
+
+def test_a_loop_that_is_treated_as_open_is_told_and_in_the_diagram_it_finds_the_effect(tmp_path: Path) -> None:
+    """Driven by the measured force, the record is told to be of a closed loop, by `compare` and by `diagnose`. With the
+    controller in the diagram and the reference as the input the friction is found, with its size."""
+    servo(tmp_path)
+    for name, text in (("open", OPEN), ("closed", CLOSED)):
+        (tmp_path / f"{name}.yaml").write_text(text, encoding="utf-8")
+    told = hb.compare(tmp_path / "open.yaml").records["one"]
+    assert len(told.feedback) == 1 and "motor.u follows from the measured place" in told.feedback[0]
+    assert told.feedback[0] in told.notes
+    found = hb.diagnose(tmp_path / "closed.yaml", number=1, steps=1,
+                        classes=["dry friction", "quadratic damping", "constant force"])
+    assert found.verdict == "effect" and found.findings[0].candidate.kind == "dry friction"
+    (size,) = (p.value for p in found.findings[0].parameters if p.name.endswith(".F_c"))
+    assert abs(size - 12.0) < 0.5
+    assert not any("closed loop" in words for words in found.words)
+
+
+@pytest.mark.long
+def test_a_diagnosis_of_a_closed_loop_says_that_it_may_be_biased(tmp_path: Path) -> None:
+    """A diagnosis with the measured force as the input says so after its verdict."""
+    servo(tmp_path)
+    (tmp_path / "open.yaml").write_text(OPEN.replace("interpolation: hold", "interpolation: linear"), encoding="utf-8")
+    found = hb.diagnose(tmp_path / "open.yaml", number=1, steps=1, classes=["constant force"], samples=300)
+    assert any(words.startswith("The answer may be biased: the input motor.u follows") for words in found.words)
