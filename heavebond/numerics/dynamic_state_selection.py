@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 
 from heavebond.core.errors import listing
+from heavebond.equations.matching import block_lower_triangular, maximum_matching
 from heavebond.equations.state_selection import Part, chosen_states, parts_of, strain
 from heavebond.language.symbols import stack
 from heavebond.numerics.co_simulation import foreign_parts
@@ -64,13 +65,23 @@ class StateChoice:
         self.constraints = assembly.reduced.choices.constraints
         self.moving = _moving(assembly)
         parts = parts_of(self.constraints, assembly.reduced.states) if self.moving else []
-        # what follows with coefficients that stay follows from the states for ever
-        self.parts = [part for part in parts if len(part.columns) > len(part.rows)
-                      and any((i, j) in self.moving for i in part.rows for j, _ in part.dummies)]
+        self.parts = [part for part in parts if len(part.columns) > len(part.rows) and not self._follows_for_ever(part)]
         inside = {j for part in self.parts for j, _ in part.columns}
         # what the user asked for counts at the start, and where one choice is as good as it was all the way
         self._asked = self.constraints.settable | (self.constraints.asked - inside)
         self._passages: dict[int, _StateTransform] = {}
+
+    def _follows_for_ever(self, part: Part) -> bool:
+        """Whether the dummies of a part follow from its states in every position: one block after the other, each with
+        coefficients that stay, as the points of a link follow from its angle and lengths between them from the points."""
+        place = {j: k for k, (j, _) in enumerate(part.dummies)}
+        pattern = [[place[j] for j in self.constraints.rows.get(i, []) if j in place] for i in part.rows]
+        matching = maximum_matching(pattern, len(place))
+        if -1 in matching:
+            return False
+        unknown = [part.dummies[k][0] for k in matching]
+        return not any((part.rows[r], unknown[s]) in self.moving
+                       for block in block_lower_triangular(pattern, matching) for r in block for s in block)
 
     @cached_property
     def _values(self) -> ca.Function:
