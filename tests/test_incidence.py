@@ -19,7 +19,10 @@ x, y, p, volume = (ca.SX.sym(name) for name in ("x", "y", "p", "V"))
 @pytest.mark.parametrize(("residual", "kind"), [
     (y - x, UNIT), (2 * x + y, NUMBER), (p * x - y, PARAMETER), (volume * x - y, DEFINITE), (y * x, INDEFINITE),
     (x**2 - y, NONLINEAR), (ca.sign(x) - y, NONLINEAR), (ca.if_else(x > 0, y, 0), NONLINEAR),
-    (x - ca.if_else(x > 0, y, 0), NONLINEAR), (p * x + ca.sign(x), NONLINEAR), (x - ca.if_else(y > 0, p, 0), UNIT)])
+    (x - ca.if_else(x > 0, y, 0), NONLINEAR), (p * x + ca.sign(x), NONLINEAR), (x - ca.if_else(y > 0, p, 0), UNIT),
+    # y*(V*y) is a square times V, y*(V*p) is of any sign, and a cube has that of its base
+    (volume * x + y * (volume * (y * x)), DEFINITE), (-y * (volume * (-y)) * x - p, DEFINITE),
+    (volume * x + y * (volume * (p * x)), INDEFINITE), (y * (volume * (y * (y * x))), INDEFINITE)])
 def test_the_kind_of_an_unknown_in_an_equation(residual: ca.SX, kind: int) -> None:
     row, = classify(residual, x, {p.element_hash()}, {volume.element_hash(): (0.0, inf)})
     assert [(entry.column, entry.kind) for entry in row] == [(0, kind)]

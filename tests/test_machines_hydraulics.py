@@ -70,6 +70,17 @@ def test_the_boom_is_held_at_the_pressure_that_its_weight_asks_for() -> None:
     assert np.rad2deg(phi) == pytest.approx(19.7, abs=0.1)
 
 
+def test_the_boom_of_planar_parts_obeys_the_law_of_cosines_and_newtons_law_about_its_pin() -> None:
+    """J w' = F a b sin(phi + gamma)/s - m g l_g cos(phi), with s between the eyes of the cylinder."""
+    found, a, b = machine("excavator_boom"), 0.9, 2.3
+    turned = found["boom.phi"] + np.deg2rad(72)
+    length = np.sqrt(a**2 + b**2 - 2*a*b*np.cos(turned))
+    assert found["eyes.s"] == pytest.approx(length, abs=1e-10)
+    moment = found["eyes.r.f"]*a*b*np.sin(turned)/length
+    assert np.ptp(found["boom.phi"]) > 0.5
+    assert 60e3*found["der(boom.w)"] == pytest.approx(moment - 4500*9.81*3.2*np.cos(found["boom.phi"]), abs=1.0)
+
+
 def test_the_counterbalance_valve_holds_and_meters() -> None:
     held = [at("excavator_boom", "boom.phi", t) for t in (5.2, 5.9)]
     assert abs(held[1] - held[0]) < 2e-4                     # creeps below the transition speed of the friction only

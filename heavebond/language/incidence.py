@@ -104,20 +104,61 @@ def interval(expression: ca.SX, bounds: Mapping[int, Interval]) -> Interval:
     symbols = ca.symvar(expression)
     function = ca.Function("f", [stack(symbols)], [expression])
     work: dict[int, Interval] = {}
-    result = EVERYTHING
+    factors: dict[int, _Factors] = {}  # of each place of the work vector
     for k in range(function.n_instructions()):
-        op = function.instruction_id(k)
+        op, product = function.instruction_id(k), None
         inputs, outputs = function.instruction_input(k), function.instruction_output(k)
         if op == ca.OP_OUTPUT:
-            result = work[inputs[0]]
-        elif op == ca.OP_INPUT:
+            return work[inputs[0]]
+        if op == ca.OP_INPUT:
             work[outputs[0]] = bounds.get(symbols[inputs[1]].element_hash(), EVERYTHING)
         elif op == ca.OP_CONST:
             value = function.instruction_constant(k)
             work[outputs[0]] = (value, value)
         else:
-            work[outputs[0]] = _operate(op, [work[i] for i in inputs], len(set(inputs)) < len(inputs))
-    return result
+            found = _operate(op, [work[i] for i in inputs], len(set(inputs)) < len(inputs))
+            product = _multiplied(op, [factors[i] for i in inputs])
+            if product is not None:
+                found = product.narrowed(found)
+            work[outputs[0]] = found
+        factors[outputs[0]] = product if product is not None else _Factors(1.0, {k: (work[outputs[0]], 1)})
+    return EVERYTHING
+
+
+# products of more different factors are not looked at for squares
+MOST_FACTORS = 12
+
+
+@dataclass(frozen=True)
+class _Factors:
+    """A product: its sign, and each factor by the instruction that gives it, with its interval and how often it stands there."""
+
+    sign: float
+    powers: dict[int, tuple[Interval, int]]
+
+    def narrowed(self, known: Interval) -> Interval:
+        """The interval of the product, where a factor that stands twice, as in x*(m*x), is a square."""
+        if all(power == 1 for _, power in self.powers.values()):
+            return known
+        own = (self.sign, self.sign)
+        for a, power in self.powers.values():
+            for _ in range(power // 2):
+                own = _product(own, _square(a))
+            own = _product(own, a) if power % 2 else own
+        return max(known[0], own[0]), min(known[1], own[1])
+
+
+def _multiplied(op: int, args: Sequence[_Factors]) -> _Factors | None:
+    """The factors of a product or of a negated one; None of anything else."""
+    if op == ca.OP_NEG:
+        return _Factors(-args[0].sign, args[0].powers)
+    if op not in (ca.OP_MUL, ca.OP_SQ):
+        return None
+    a, b = args[0], args[-1]
+    powers = dict(a.powers)
+    for k, (own, power) in b.powers.items():
+        powers[k] = (own, power + (powers[k][1] if k in powers else 0))
+    return _Factors(a.sign * b.sign, powers) if len(powers) <= MOST_FACTORS else None
 
 
 def _operate(op: int, args: Sequence[Interval], same: bool) -> Interval:
