@@ -131,7 +131,7 @@ MOST_FACTORS = 12
 
 @dataclass(frozen=True)
 class _Factors:
-    """A product: its sign, and each factor by the instruction that gives it, with its interval and how often it stands there."""
+    """A product: its sign, and each factor by its instruction, with its interval and how often it stands there."""
 
     sign: float
     powers: dict[int, tuple[Interval, int]]
