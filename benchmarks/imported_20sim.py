@@ -69,7 +69,7 @@ CASES = (
                                                             "wheel_left_rotation", "wheel_right_rotation"), 4.0,
          {"servo_left_input": lambda t: 0.4 + 0.1 * np.sin(2 * t), "servo_right_input": lambda t: -0.3 - 0.0 * t},
          {f"servo_{side}.{name}": value for side in ("left", "right")
-          for name, value in (("inductance.i", "0.071"), ("internal_controller.tauI", "0.1 s"))}),
+          for name, value in (("inductance.I", "0.071 W*s"), ("internal_controller.tauI", "0.1 s"))}),
 )
 
 

@@ -481,3 +481,28 @@ def test_elements_of_the_library_are_recognised_by_their_equations(tmp_path: Pat
     x = solved(rate, [0.5, 2, 0.05], run)
     agree(run["Store.y"], x[0], 1e-5)
     agree(run["Momentum.a.f"], x[1] / 4)
+
+
+def test_global_relations_of_submodels_within_each_other(tmp_path: Path) -> None:
+    """A submodel of equations with relations of its own, relations that name those around them, initial values that global
+    matrices give, and a supply of a block with several connections."""
+    relations = ("description '<Attributes><GlobalRelations>parameters\n real global A_1[2,2];\n real size[2] = [2; 3];\n"
+                 "variables\n real first_1[2];\nequations\n first_1 = A_1 * size;</GlobalRelations></Attributes>';\n")
+    own = "description '<A><GlobalRelations>parameters\n real rate = 0.7 {1/s};</GlobalRelations></A>';\n"
+    decay = part("Decay", "signal out y [2]; electric in p", "parameters\n real global rate;\nvariables\n"
+                 " real global first_1[2];\n real v[2];\nequations\n v = first_1;\n"
+                 " y = int (-rate * y, v);\n p.i = y[1] + 0 * p.u;")
+    decay = decay.replace(" type 'Decay'", f" {own} type 'Decay'")
+    wire = part("Node", "electric knot duplicatable none p [1]", "equations\n sum (direct (p.i)) = 0;\n"
+                " equal (collect (p.u));", knot=True)
+    load = block("Loads", "electric psi duplicatable in pin", wire + decay + part(
+        "R", "electric in p", "parameters\n real r = 5;\nequations\n p.u = r * p.i;"),
+        "pin => Node\\p; Node\\p => Decay\\p; Node\\p => R\\p").replace(" type Submodel", f" {relations} type Submodel")
+    parts = (part("Matrices", "", "parameters\n real global A_1[2,2] = [1, 0.5; 0, 2];\nvariables\n real n;\nequations\n"
+                  " n = A_1[1,2];")
+             + part("Supply", "electric out p", "equations\n p.u = 10;")
+             + part("Sense", "electric in p", "equations\n p.i = 0 * p.u;") + load)
+    run = imported(tmp_path, parts, "Supply\\p => Loads\\pin; Sense\\p => Loads\\pin", 2.0)
+    agree(run["Loads.Decay.y_1"], 3.5 * np.exp(-0.7 * run.time))
+    agree(run["Loads.Decay.y_2"], 6 * np.exp(-0.7 * run.time))
+    agree(run["Supply.p.f"], -(2 + 3.5 * np.exp(-0.7 * run.time)))

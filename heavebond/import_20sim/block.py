@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 
@@ -71,9 +72,9 @@ def _unused(base: str, taken: Collection[str]) -> str:
 
 
 def _known_values(made: Component, builder: Builder, values: Mapping[str, float]) -> dict[str, float]:
-    """The values that are known before the run: numbers, parameters (0 where the file states none), and what the initial
-    equations and the equations compute of these."""
-    known = {item.name: 0.0 for item in made.of_kind("parameter")} | dict(builder.numbers) | dict(values)
+    """The values that are known before the run: numbers, parameters, given ones, and what the initial equations and the
+    equations compute of these."""
+    known = {**values, **{i.name: i.value for i in made.of_kind("parameter") if i.value is not None}, **builder.numbers}
     formulas = {**{left.name: right for left, right, _ in made.equations if left.op == "name"}, **builder.start}
     found = True
     while found:
@@ -116,13 +117,16 @@ class Translator:
         self.blocks: list[tuple[str, Block]] = []
         self.scopes: list[dict[str, str]] = []  # global relations of the submodels around: name to name in the diagram
         self.values: dict[str, tuple[float, str]] = {}  # of global parameters by their name in the diagram, with their unit
+        self.computed: dict[str, float] = {}  # of other global quantities that are known before the run
+        self.pending: list[tuple[Component, str, Builder]] = []  # without initial values; with the prefix of their names
 
     def scoped(self, label: str) -> str:
         """The name in the diagram of a global quantity."""
         return next((scope[label] for scope in reversed(self.scopes) if label in scope), label)
 
     def _known(self) -> dict[str, float]:
-        return {label: self.values[name][0] for scope in self.scopes for label, name in scope.items() if name in self.values}
+        known = {**{name: value for name, (value, _) in self.values.items()}, **self.computed}
+        return {**known, **{label: known[name] for scope in self.scopes for label, name in scope.items() if name in known}}
 
     def _relations(self, submodel: Submodel, old: str, new: str) -> Component | None:
         """Enter the global relations of a submodel; those that compute something are a component."""
@@ -130,6 +134,8 @@ class Translator:
         relations = submodel.relations
         if relations is None:
             return None
+        outer = "|".join(re.escape(identifier(item.name)) for item in (*relations.parameters, *relations.variables)
+                         if item.is_global and item.value is None)
         for group in (relations.constants, relations.parameters, relations.variables):
             group[:] = [replace(item, words=(*item.words, "global")) for item in group]
         relations.parameters[:0] = relations.constants
@@ -140,7 +146,9 @@ class Translator:
         made.line, made.name = submodel.line, f"{title(submodel)}Globals" if new else "Globals"
         self._experiment(made, old, builder)
         prefix = f"{new.replace('.', '_')}_" if new else ""
-        self.scopes[-1] = {label: f"{prefix}{label}" for label in (*made.shared.values(), *made.gives.values())}
+        # `global` without a value is that of a submodel around, or one that another submodel gives
+        self.scopes[-1] = {label: f"{prefix}{label}" for label in (*made.shared.values(), *made.gives.values())
+                           if not (outer and re.fullmatch(f"({outer})(_[0-9]+)*", identifier(label)))}
         made.shared = {own: self.scoped(label) for own, label in made.shared.items()}
         made.gives = {own: self.scoped(label) for own, label in made.gives.items()}
         for own, label in made.shared.items():
@@ -153,8 +161,12 @@ class Translator:
         """A submodel with its path in 20-sim (`a\\b`) and in the diagram (`a.b`)."""
         if submodel.equations is None and (submodel.submodels or submodel.connections):
             return self.block(submodel, old, new)
+        computed = self._relations(submodel, old, new)
         builder = Builder(submodel, self.comments, ends, self._known())
         made = builder.build()
+        if computed is not None:
+            made.untranslated.append((submodel.line, "its global relations compute something; only those of a submodel of "
+                                      "submodels may"))
         made.line = submodel.line
         made.name = title(submodel, self.library)
         made.shared = {own: self.scoped(label) for own, label in made.shared.items()}
@@ -162,25 +174,45 @@ class Translator:
         if submodel.equations is None and submodel.ports:
             made.untranslated.append((submodel.line, "it has no implementation"))
         self._experiment(made, old, builder)
+        self.scopes.pop()
         self.components.append((new, made))
         return made
 
+    def finish(self) -> None:
+        """Set the initial values, when all global quantities are known that are known before the run."""
+        for _, made in self.components:
+            self.computed.update({label: value for own, label in made.shared.items() if label not in self.computed
+                                  and (value := made.items[own].value) is not None})
+        size = -1
+        while size != len(self.computed):
+            size = len(self.computed)
+            for made, _, builder in self.pending:
+                known = _known_values(made, builder, self._of_globals(made)) if made.gives else {}
+                self.computed.update({label: known[own] for own, label in made.gives.items()
+                                      if own in known and label not in self.computed})
+        for made, prefix, builder in self.pending:
+            self._initial_values(made, prefix, builder)
+
+    def _of_globals(self, made: Component) -> dict[str, float]:
+        """The known values of the global quantities that a component needs, by its own names."""
+        known = {**self.computed, **{name: value for name, (value, _) in self.values.items()}}
+        return {own: known[label] for own, label in made.shared.items() if label in known}
+
     def _experiment(self, made: Component, old: str, builder: Builder) -> None:
-        """Values and initial values of the experiment."""
-        values: dict[str, float] = {}
+        """Values of the experiment."""
         prefix = f"{old}\\" if old else ""
         for item in made.of_kind("parameter"):
             stated = self.emx.parameters.get(f"{prefix}{item.name}")
             if stated is not None:
                 item.value = stated
-            if item.value is not None:
-                values[item.name] = item.value
         for own, shared in made.shared.items():
-            if shared in self.values and own not in values:
-                values[own] = self.values[shared][0]
             if shared in self.emx.parameters:
-                values[own] = self.emx.parameters[shared]
-                made.items[own].value = values[own]
+                made.items[own].value = self.emx.parameters[shared]
+        self.pending.append((made, prefix, builder))
+
+    def _initial_values(self, made: Component, prefix: str, builder: Builder) -> None:
+        """Initial values of the experiment, or as the equations state them; a parameter without a value is 0."""
+        values = dict.fromkeys((item.name for item in made.of_kind("parameter")), 0.0) | self._of_globals(made)
         known = _known_values(made, builder, values)
         for held, first in made.first.items():
             value = fold(first, known)
@@ -248,7 +280,7 @@ class Translator:
                 name, _, port = end.rpartition("\\")
                 part = by_name.get(name)
                 declared = next((p for p in part.ports if p.name == port), None) if part else None
-                if part is not None and declared is not None and declared.many:
+                if part is not None and declared is not None and declared.many and not part.submodels:
                     own = ends.setdefault(name, [])
                     label = f"{port}_{sum(p == port for p, *_ in own) + 1}"
                     own.append((port, label, way))
@@ -287,6 +319,10 @@ class Translator:
                 made.untranslated.append((made.line, f"the output '{item.name}' is connected to nothing; it is 0"))
 
     def _node(self, made: Block, inner: list[tuple[Part, str]], own: list[str]) -> None:
+        for p, e in inner:
+            if e not in p.what.items:
+                why = f"a connection ends at '{p.name}\\{e}', which is no port; it is left out"
+                made.untranslated.append((made.line, why))
         inner = [(p, e) for p, e in inner if e in p.what.items]
         kinds = {e: made.items[e].kind for e in own}
         sources = [(p, e) for p, e in inner if p.what.items[e].kind == "out"]

@@ -66,6 +66,7 @@ def import_emx(path: Path, library: frozenset[str] = frozenset()) -> Imported:
         root = Submodel("model", root.line, submodels=[root])
     translator = Translator(emx, tokenise(emx.sidops, path.name, emx.first_line).comments, library)
     top = translator.block(root, "", "")
+    translator.finish()
     return _Writer(emx, translator, top, library).imported()
 
 
