@@ -207,8 +207,15 @@ def test_every_law_that_is_starred_is_named() -> None:
     other = law("Law0")
     other.candidate.place, other.candidate.where = "at the floor", ("floor",)
     unsure = replace(finding, alternatives=(*finding.alternatives, other))
-    assert verdict._one_of([], [unsure]) == "Missing: friction at the wall or friction at the floor. " \
+    assert verdict._one_of([], [unsure]) == "Missing: friction at the wall or at the floor. " \
+        "The records cannot tell these places apart."
+    play = law("Law10")
+    play.candidate.kind = "play"
+    either = replace(unsure, alternatives=(*unsure.alternatives, play))
+    assert verdict._one_of([], [either]) == "Missing: friction at the wall or at the floor; or play at the wall. " \
         "The records cannot tell these apart."
+    either = replace(finding, alternatives=(*finding.alternatives, play))
+    assert verdict._one_of([], [either]).startswith("Missing: friction at the wall or play at the wall. ")
 
 
 def test_a_candidate_whose_search_stopped_at_an_end_does_not_count_as_refitted() -> None:

@@ -232,7 +232,7 @@ def _mainly(findings: Sequence[AddedEffect], adequacy: Adequacy) -> str:
     share = f"It explains {number(100 * adequacy.explained, 2)} % of the misfit (chi-square above the noise)"
     enough = near_noise(findings[-1].rung)  # what is not certain then is the effect itself
     first, *others = (_called(f.candidate) if f.certain else _alternatives(f) for f in findings)
-    unsure = "" if findings[0].certain else " The records cannot tell these apart."
+    unsure = "" if findings[0].certain else _unsure(findings[:1])
     more = f"; added after it: {listing(others, 5)}" if others else ""
     return f"Missing: {'probably' if enough else 'mainly'} {first}.{unsure}{_laws(findings)} {share}{more}." + \
         ("" if enough else " More is missing.")
@@ -326,13 +326,33 @@ def _called(candidate: Candidate) -> str:
 
 
 def _one_of(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], *_: object) -> str:
-    return "Missing: " + "; and ".join(map(_alternatives, findings)) + ". The records cannot tell these apart."
+    return "Missing: " + "; and ".join(map(_alternatives, findings)) + "." + _unsure(findings)
+
+
+def _places(finding: AddedEffect) -> dict[str, list[str]]:
+    """The places of a finding by its classes; a value that is held fixed stands for itself."""
+    found: dict[str, dict[str, None]] = {}
+    for trial in finding.alternatives:
+        candidate = trial.candidate
+        if candidate.kind == VALUE:
+            found[f"another value of {candidate.name}"] = {"": None}
+        else:
+            found.setdefault(candidate.kind, {})[candidate.place] = None
+    return {kind: list(places) for kind, places in found.items()}
 
 
 def _alternatives(finding: AddedEffect) -> str:
-    """All classes and places that a finding may be."""
-    return " or ".join(dict.fromkeys(f"another value of {t.candidate.name}" if t.candidate.kind == VALUE else
-                                     f"{t.candidate.kind} {t.candidate.place}" for t in finding.alternatives))
+    """All classes and places that a finding may be: `dry friction at the wall or at the floor; or backlash in the gear`."""
+    found = _places(finding)
+    apart = "; or " if any(len(places) > 1 for places in found.values()) else " or "
+    return apart.join(f"{kind} {', '.join(places[:-1])}{' or ' if places[1:] else ''}{places[-1]}".strip()
+                      for kind, places in found.items())
+
+
+def _unsure(findings: Sequence[AddedEffect]) -> str:
+    """What the records cannot tell apart: places alone, where each finding is of one class."""
+    what = "these" if any(len(_places(f)) > 1 for f in findings) else "these places"
+    return f" The records cannot tell {what} apart."
 
 
 def _shape(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage],
