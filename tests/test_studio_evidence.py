@@ -151,6 +151,14 @@ def test_stored_records_never_replace_a_file(tmp_path: Path, monkeypatch: pytest
 
 
 # -- proposals -------------------------------------------------------------------------------------------------------------
+def test_a_motion_that_drives_the_diagram_is_an_input_though_it_is_shown_too(rig: Path) -> None:
+    """And where no outputs are named, the variables of the diagram are proposed."""
+    table = read_table(rig / "data" / "monday.csv")
+    for text in (RIG.replace("show:\n", "show:\n  deck:  {is: deck.x, unit: mm}\n"), RIG[:RIG.index("show:")]):
+        found = propose(table, assemble(hb.loads(text)))
+        assert [(c.role, c.target) for c in found.columns][:3] == [("time", ""), ("input", "shaker.u"), ("output", "load.x")]
+
+
 def test_columns_are_recognised_by_words_and_units(rig: Path) -> None:
     found = propose(read_table(rig / "data" / "monday.csv"), assemble(hb.load(rig / "rig.yaml")))
     assert [(c.role, c.target, c.unit, c.unit_known, c.interpolation) for c in found.columns] == [

@@ -7,6 +7,7 @@ import time
 from pathlib import Path
 
 import browser
+import pytest
 from studio_pages import Server, server, tab
 
 import heavebond as hb
@@ -67,6 +68,15 @@ def _shown_on_the_drawing(tab: browser.Tab) -> None:
                    "return [b.x + b.width / 2, b.y + b.height / 2]; })()")
     tab.mouse("Moved", x, y)
     tab.wait("Math.abs(studio.animation.time - 2) < 0.05")  # the middle of 4 s
+    tab.click("#toggle-machine")  # the shapes under `view:` move with it
+    tab.wait("Boolean(studio.machine.film)")
+    tab.run("studio.animation.at(0); 1")
+    shape = "studio.machine.shapes.find(s => s.shape.name === 'tyre').paths[0].getAttribute('d')"
+    before = tab.run(shape)
+    tab.run("studio.animation.at(1); 1")
+    assert tab.run(shape) != before
+    tab.click("#toggle-machine")
+    assert tab.run("document.querySelector('#machine').hidden")
     tab.run("studio.animation.choose('modes')")
     tab.wait("document.querySelectorAll('#mode option').length === 2")
     assert "%" in tab.run("document.querySelector('g[data-part=body] > text.part').textContent")
@@ -149,6 +159,38 @@ def test_what_changes_on_disk_appears_and_is_never_overwritten(tab: browser.Tab,
     tab.key("s", ctrl=True)
     tab.wait("!studio.unsaved")
     assert "350 kg" in path.read_text(encoding="utf-8")
+
+
+@pytest.mark.long
+def test_two_tabs_on_one_file_are_reconciled_or_told(tab: browser.Tab, server: Server, tmp_path: Path) -> None:
+    """A tab without unsaved text follows the other; one with unsaved text is told, and its user decides."""
+    _open(tab, server)
+    other = browser.Tab(tmp_path / "profile", 1200, 900)
+    try:
+        _open(other, server)
+        _typed(tab, "320 kg", "330 kg")
+        tab.key("s", ctrl=True)
+        tab.wait("!studio.unsaved")
+        other.wait("studio.editor.text.includes('330 kg') && !studio.unsaved")
+        _typed(other, "22 kN/m", "23 kN/m")  # not saved
+        _typed(tab, "40 kg", "41 kg")
+        tab.key("s", ctrl=True)
+        tab.wait("!studio.unsaved")
+        assert "Nothing was overwritten" in other.wait("!document.querySelector('#banner').hidden && "
+                                                       "document.querySelector('#banner').innerText")
+        assert other.run("studio.editor.text.includes('23 kN/m') && !studio.editor.text.includes('41 kg')")
+        other.key("s", ctrl=True)  # refused before an answer
+        time.sleep(0.3)
+        assert "41 kg" in (server.folder / "car.yaml").read_text(encoding="utf-8")
+        other.click("#keep-mine")
+        other.key("s", ctrl=True)
+        other.wait("!studio.unsaved")
+        mine = CAR.replace("320 kg", "330 kg").replace("22 kN/m", "23 kN/m")
+        assert (server.folder / "car.yaml").read_text(encoding="utf-8") == mine
+        tab.wait("studio.editor.text.includes('23 kN/m') && !studio.unsaved")
+        assert tab.run("studio.editor.text") == mine and tab.complaints == other.complaints == []
+    finally:
+        other.close()
 
 
 def test_a_killed_server_has_lost_nothing(tab: browser.Tab, server: Server) -> None:

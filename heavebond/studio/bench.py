@@ -25,7 +25,9 @@ from heavebond.numerics.quick_simulation import QuickSimulator
 from heavebond.numerics.result import Probe, Result
 from heavebond.numerics.simulation import changes_of, simulate
 from heavebond.numerics.simulator import grid
+from heavebond.pictures.animation import packed
 from heavebond.pictures.drawing import draw_expanded
+from heavebond.pictures.motion import animate
 from heavebond.studio.animation import animation, modes
 from heavebond.studio.contents import Entry, contents, part_lines, problem_entry
 from heavebond.studio.edit_actions import edited
@@ -202,6 +204,12 @@ class Bench:
         """What moves on the drawing along a run."""
         return animation(self._result(job))
 
+    def film(self, job: Job) -> tuple[Entry, None]:
+        """The shapes under `view:` over time, as `heavebond animate` shows them."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RunWarning)
+            return {"film": packed(animate(read(job)))}, None
+
     def modes(self, job: Job) -> tuple[Entry, None]:
         """The modes at the start with the values of the sliders."""
         return modes(self._assembly(job)[1], job.values), None
@@ -237,7 +245,8 @@ def tasks() -> dict[str, Callable[..., tuple[Entry, Array | None]]]:
     """What a worker does, by the name of the task."""
     bench, evidence = Bench(), Evidence()
     return {"view": lambda job, opened: (view(job, opened), None), "run": bench.run, "prepare": bench.prepare,
-            "preview": bench.preview, "signals": bench.signals, "animation": bench.animation, "modes": bench.modes,
+            "preview": bench.preview, "signals": bench.signals, "animation": bench.animation,
+            "modes": bench.modes, "film": bench.film,
             "compare": evidence.compare, "channel": evidence.channel,
             "against": evidence.against, "propose": proposal, "experiment": written_experiment,
             "edit": lambda job, action: (edited(job, action), None),

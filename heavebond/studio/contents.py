@@ -50,7 +50,8 @@ def contents(expanded: Expanded, network: Network, assembly: Assembly | None, te
     if not shown and assembly is not None:
         shown = [{"name": name, **names[name]} for name in assembly.state_names if name in names]
     return {"name": model.name, "summary": model.summary, "parts": parts, "nodes": nodes,
-            "parameters": given.get("", []), "outputs": shown, "named": bool(model.show), "settings": _run_settings(model)}
+            "parameters": given.get("", []), "outputs": shown, "named": bool(model.show),
+            "moves": bool(model.view), "settings": _run_settings(model)}
 
 
 def _run_settings(model: Model) -> Entry:

@@ -34,7 +34,7 @@ async def _component(tab: Tab, message: dict[str, Any]) -> Answer:
 
 async def _run(tab: Tab, message: dict[str, Any]) -> Answer:
     job, task = tab.job(message), str(message["do"])
-    given = () if task in ("prepare", "animation", "modes") else ([str(name) for name in message.get("names", ())],)
+    given = () if task in ("prepare", "animation", "modes", "film") else ([str(name) for name in message.get("names", ())],)
     ask = tab.runner.ask_newest if task in ("run", "preview") else tab.runner.ask
     return await ask(task, job, *given)
 
@@ -46,4 +46,4 @@ async def _stop(tab: Tab, _: dict[str, Any]) -> Answer:
 
 HANDLERS: dict[str, Handler] = {
     "view": _view, "edit": _edit, "palette": _palette, "component": _component, "stop": _stop,
-    **dict.fromkeys(("run", "prepare", "preview", "signals", "animation", "modes"), _run)}
+    **dict.fromkeys(("run", "prepare", "preview", "signals", "animation", "modes", "film"), _run)}

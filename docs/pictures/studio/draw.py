@@ -18,7 +18,7 @@ PATIENCE = 300.0  # s for a diagnosis
 
 
 def pictures(tab: browser.Tab, address: str, folder: Path) -> None:
-    """The first page; the compensator after a run; a gain moved; a block opened; a mistake."""
+    """The first page; the compensator after a run; a gain moved; the run on the drawing; a block opened; a mistake."""
     def take(name: str) -> None:
         time.sleep(SETTLED)
         (folder / f"{name}.png").write_bytes(tab.screenshot())
@@ -39,6 +39,16 @@ def pictures(tab: browser.Tab, address: str, folder: Path) -> None:
     tab.mouse("Released", x - 60, y, button="left", clickCount=1)
     tab.wait("studio.runs.live.values['controller.K_p'] && !studio.runs.live.preview && !studio.runs.busy")
     take("slider")
+    tab.click("#toggle-text")
+    tab.click("#toggle-machine")
+    tab.wait("Boolean(studio.machine.film)", PATIENCE)
+    tab.run("studio.animation.choose('effort').then(() => studio.animation.at(22.5))")
+    tab.wait("Boolean(studio.animation.data)", PATIENCE)
+    tab.click("[data-zoom='fit']")
+    take("animation")
+    tab.click("#toggle-machine")
+    tab.click("#toggle-text")
+    tab.run("studio.animation.choose('')")
     tab.click("g.part[data-part='ahc'] .frame", 2)
     tab.wait("studio.view.opened.length === 1")
     tab.click("#toggle-text")

@@ -29,6 +29,7 @@ export class Animation {
     /** @type {any[]|null} */ this.modes = null;
     this.mode = this.time = this.speed = 0;
     this.restore();
+    this.studio.machine.clear();
     this.show();
   }
 
@@ -37,18 +38,20 @@ export class Animation {
     const { live } = this.studio.runs;
     if (this.of === live && this.place.hidden === !live) return;
     if (!live || !this.of) this.show();
-    if (!live) { this.stop(); this.restore(); this.of = this.data = null; return; }
+    if (!live) { this.stop(); this.restore(); this.of = this.data = null; this.studio.machine.clear(); return; }
     this.time = Math.min(Math.max(this.time, live.time[0]), live.time.at(-1));
     if (!this.of) this.show();
     if (live.preview) return; // while a slider moves, the drawing waits
     this.of = live;
     this.data = this.modes = null;
+    void this.studio.machine.follow();
     if (this.what) void this.load();
   }
 
   show() {
-    const { runs } = this.studio, live = runs?.live;
+    const { runs, machine } = this.studio, live = runs?.live;
     this.place.hidden = !live || this.studio.evidence?.active || this.studio.evidence?.jobs.tuning;
+    this.studio.machine?.layout();
     if (!live) { this.place.replaceChildren(); return; }
     const [begin, end] = [live.time[0], live.time.at(-1)];
     this.speed ||= SPEEDS.reduce((best, s) => Math.abs(Math.log((end - begin) / s / LASTING)) < Math.abs(Math.log((end - begin) / best / LASTING)) ? s : best, 1);
@@ -68,7 +71,11 @@ export class Animation {
       el("select", { id: "speed", "aria-label": "speed", title: "How fast time passes on the drawing", onchange: (/** @type {any} */ e) => { this.speed = Number(e.target.value); } },
         ...SPEEDS.map((s) => el("option", { value: s, selected: s === this.speed }, s === 1 ? "real time" : `${s} ×`))),
       el("label", {}, "Show ", el("select", { id: "shown", onchange: (/** @type {any} */ e) => void this.choose(e.target.value) },
-        ...SHOWN.map(([key, name, words]) => el("option", { value: key, selected: key === this.what, title: words }, name)))), this.legend);
+        ...SHOWN.map(([key, name, words]) => el("option", { value: key, selected: key === this.what, title: words }, name)))),
+      this.studio.view?.moves ? el("button", { id: "toggle-machine", "aria-pressed": String(machine.on), title: "Show the machine in motion, as heavebond animate does", onclick: (/** @type {any} */ e) => {
+        machine.toggle(!machine.on);
+        e.target.setAttribute("aria-pressed", String(machine.on));
+      } }, "Machine") : "", this.legend);
     this.tell();
   }
 
@@ -123,7 +130,7 @@ export class Animation {
   // -- time ----------------------------------------------------------------------------------------------------------
   toggle() {
     if (this.frame) { this.stop(); return; }
-    if (!this.what || this.what === "modes") void this.choose("flow");
+    if (!this.studio.machine.on && (!this.what || this.what === "modes")) void this.choose("flow");
     const end = this.of?.time.at(-1) ?? 0;
     if (this.time >= end) this.time = this.of?.time[0] ?? 0;
     let last = performance.now();
@@ -151,6 +158,7 @@ export class Animation {
     if (charts) this.studio.runs.plots.pointAt(time);
     this.tell();
     this.draw();
+    this.studio.machine.at(time);
   }
 
   /** The pointer is over a chart: the drawing shows that instant. @param {number} time */

@@ -20,7 +20,7 @@ export function onDark(act) { DARK.addEventListener("change", () => act(DARK.mat
 /** @param {any} c @param {string} label */
 function axes(c, label) {
   const axis = { stroke: c.ink, grid: { stroke: c.line, width: 1 }, ticks: { stroke: c.line, width: 1 }, font: "12px system-ui, sans-serif", labelFont: "12px system-ui, sans-serif" };
-  return { axis, y: { ...axis, size: 66, space: 24, label: unitLabel(label), labelSize: 18, values: (/** @type {any} */ _, /** @type {number[]} */ ticks) => ticks.map((t) => number(t)) } };
+  return { axis, y: { ...axis, size: 66, space: 18, label: unitLabel(label), labelSize: 18, values: (/** @type {any} */ _, /** @type {number[]} */ ticks) => ticks.map((t) => number(t)) } };
 }
 
 /** Courses over time. A line is {label, values, colour, width, dash, points}; `band` shades stretches of time, `levels` are dashed lines.

@@ -237,7 +237,7 @@ export class Evidence {
     const shaded = heldOut(time, counts);
     this.charts.push(timeChart(place, { time, unit: told.unit, height: 150, sync, shaded, describe: `${channel}, measured and simulated, over time`,
       lines: [{ label: `${channel} measured`, values: measured, colour: c.quiet, width: 2.6 }, { label: "model", values: model, colour: c.colours[0], width: 1.4 }] }));
-    this.charts.push(timeChart(place, { time, unit: told.unit, height: 95, sync, shaded, levels: [2 * told.noise, -2 * told.noise], describe: `residual of ${channel} over time`,
+    this.charts.push(timeChart(place, { time, unit: told.unit, height: 122, sync, shaded, levels: [2 * told.noise, -2 * told.noise], describe: `residual of ${channel} over time`,
       lines: [{ label: `residual (measured − model), rms ${told.rms}, noise ${told.noise_words}`, values: residual, colour: c.colours[1], width: 1.2 }] }));
   }
 

@@ -17,7 +17,7 @@ export function showHome(studio, told) {
   const machines = new Map();
   for (const m of told.machines) machines.set(m.machine, [...(machines.get(m.machine) ?? []), m]);
   byId("home").replaceChildren(
-    el("h2", {}, "Diagrams in ", el("code", {}, told.folder)), own, el("div", {}, el("button", { class: "main", id: "new", onclick: () => fresh(false) }, "New diagram"), " ",
+    el("h2", {}, "Diagrams in ", el("code", { title: told.folder }, told.folder.split("/").at(-1) || told.folder)), own, el("div", {}, el("button", { class: "main", id: "new", onclick: () => fresh(false) }, "New diagram"), " ",
       el("button", { id: "new-empty", onclick: () => fresh(true) }, "Empty diagram")),
     ...(experiments.length ? [el("h2", {}, "Experiments"), el("p", {}, "Diagrams with measured records."), cards(experiments)] : []),
     el("h2", {}, "Machines that come with heavebond"), el("p", {}, "To be looked at, run, and copied into the folder."),

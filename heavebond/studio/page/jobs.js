@@ -249,7 +249,7 @@ export class Jobs {
     return (/** @type {HTMLElement} */ into) => {
       const c = look();
       into.append(el("div", { class: "choices" }, el("label", {}, "At ", el("select", { id: "choose-place", onchange: (/** @type {any} */ e) => { chosen.place = Number(e.target.value); this.evidence.show(); } },
-        ...places.map((/** @type {any} */ p, /** @type {number} */ n) => el("option", { value: n, selected: n === k }, `${p.name} (explains ${number(100 * p.explained, 4)} %)`)))),
+        ...places.map((/** @type {any} */ p, /** @type {number} */ n) => el("option", { value: n, selected: n === k }, `${p.name} (explains ${number(Math.round(1e4 * p.explained) / 100, 4)} %)`)))),
       el("span", { class: "hint" }, "or click a part or wire of the drawing")), el("p", { class: "said" }, place.words));
       place.over.forEach((/** @type {any} */ o, /** @type {number} */ n) => {
         const [x, y, up] = clouds[n];

@@ -11,6 +11,7 @@ import { DiagramFile } from "./file.js";
 import { Handling } from "./handling.js";
 import { showHome } from "./home.js";
 import { Link } from "./link.js";
+import { Machine } from "./machine.js";
 import { Palette } from "./palette.js";
 import { Panel } from "./panel.js";
 import { RecordFiles } from "./records.js";
@@ -38,6 +39,7 @@ class Studio {
     this.palette = new Palette(this);
     this.panel = new Panel(this);
     this.runs = new Runs(this);
+    this.machine = new Machine(this);
     this.animation = new Animation(this);
     this.runs.plots.onpoint = (time) => this.animation.pointed(time);
     this.evidence = new Evidence(this);

@@ -110,7 +110,7 @@ export class Panel {
     const tick = log ? Math.log(now / from) / Math.log(to / from) * TICKS : (now - from) / (to - from) * TICKS;
     const range = /** @type {HTMLInputElement} */ (el("input", { type: "range", id: `s-${p.path}`, min: 0, max: TICKS, step: "any", value: tick,
       "aria-label": `${p.path}${s.unit ? ` in ${s.unit}` : ""}`, "aria-valuetext": `${number(now)} ${s.unit}`,
-      onpointerdown: () => this.studio.runs.prepare(), onfocus: () => this.studio.runs.prepare() }));
+      onpointerenter: () => this.studio.runs.live && this.studio.runs.prepare(), onpointerdown: () => this.studio.runs.prepare(), onfocus: () => this.studio.runs.prepare() }));
     const told = () => this.text(s, Number(value(Number(range.value)).toPrecision(4)));
     range.addEventListener("input", () => {
       range.setAttribute("aria-valuetext", told());
