@@ -1,6 +1,6 @@
 // Runs: the values of the sliders, the newest run, those that are kept, and the signals that are plotted.
 
-import { byId, el } from "./dom.js";
+import { byId, el, unitLabel } from "./dom.js";
 import { DASHES, Plots } from "./plots.js";
 import { problemList } from "./results.js";
 
@@ -218,8 +218,8 @@ export class Runs {
     const told = this.live?.told;
     if (!told?.outputs) return [];
     const figure = (/** @type {number|null} */ v) => v === null ? "—" : String(Number(Math.abs(v) < 1e-12 ? 0 : v.toPrecision(5)));
-    const rows = Object.entries(told.outputs).map(([name, f]) => el("tr", {}, el("th", { scope: "row" }, name), el("td", {}, f.unit), ...["min", "max", "rms", "final"].map((k) => el("td", {}, figure(f[k])))));
+    const rows = Object.entries(told.outputs).map(([name, f]) => el("tr", {}, el("th", { scope: "row" }, name), el("td", { class: "words" }, unitLabel(f.unit)), ...["min", "max", "rms", "final"].map((k) => el("td", {}, figure(f[k])))));
     return [...(told.verdict.status === "clean" ? [] : [el("p", { class: "verdict" }, told.verdict.text)]), ...told.notes.map((/** @type {string} */ n) => el("p", { class: "verdict" }, n)),
-      el("table", { class: "figures" }, el("thead", {}, el("tr", {}, ...["output", "unit", "min", "max", "rms", "final"].map((h) => el("th", { scope: "col" }, h)))), el("tbody", {}, ...rows))];
+      el("table", { class: "figures" }, el("thead", {}, el("tr", {}, ...["output", "unit", "min", "max", "rms", "final"].map((h, k) => el("th", { scope: "col", class: k < 2 ? "words" : null }, h)))), el("tbody", {}, ...rows))];
   }
 }
