@@ -8,6 +8,9 @@ sources with its fixed step made shorter and shorter, at powers of two, in which
 get the same inputs, constant over 1/64 s, and the values of the FMU where those of the .emx file differ. They are compared
 in the middle of these intervals: the error is the largest difference over the range of the FMU's output. The method of the
 FMUs takes the rate at the begin of a step from before the inputs change, so it converges with the first power of its step.
+
+The instants at which an output switches are compared for themselves: those of the FMU are the ends of the steps at which
+its output has changed.
 """
 
 from __future__ import annotations
@@ -17,9 +20,11 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +51,7 @@ class Case:
     inputs: dict[str, Callable[[Array], Array]] = field(default_factory=dict)
     values: dict[str, str] = field(default_factory=dict)
     edits: dict[str, str] = field(default_factory=dict)
+    switching: str = ""  # an output that switches, whose instants are compared
 
 
 def _pulse(begin: float, end: float, value: float = 1.0) -> Callable[[Array], Array]:
@@ -62,7 +68,7 @@ CASES = (
     Case("three_tank_part1", "three_tank", "WaterTanks1", ("Tank1WaterLevel", "Tank2WaterLevel", "Tank1InFlow",
                                                          "Tank2OutFlow"), 16.0,
          values={"Inflow.PulseWave.interval": "0.25 s", "Inflow.PulseWave.pulselength": "0.125 s"},
-         edits={"xx_P[0] = 0.2;": "xx_P[0] = 0.25;", "xx_P[1] = 0.1;": "xx_P[1] = 0.125;"}),
+         edits={"xx_P[0] = 0.2;": "xx_P[0] = 0.25;", "xx_P[1] = 0.1;": "xx_P[1] = 0.125;"}, switching="Tank1InFlow"),
     Case("three_tank_part2", "three_tank", "WaterTanks2", ("level", "Tank3OutFlow"), 16.0,
          {"inFlow": lambda t: 0.5 + 0.4 * np.sin(t), "valveControl": _pulse(6.0, 11.0)}),
     Case("line_follower_body", "line_follower_body", "Body", ("robot_x", "robot_y", "robot_theta", "total_energy_used",
@@ -73,23 +79,24 @@ CASES = (
 )
 
 
+def instants(case: Case, folder: Path, step: float) -> tuple[Array, Array]:
+    """The times in s at which an output switches: of the FMU with a step, and of the imported part."""
+    with _opened(case, folder, step) as (made, numbers):
+        number, values = numbers[case.switching], []
+        times = np.arange(0, case.until, step)
+        for t in times:
+            values.append(made.getReal([number])[0])
+            made.doStep(t, step)
+    run = _ours(case, folder)
+    switches = run[f"{case.part}.{case.switching}"]
+    own = run.time[1:][np.diff(switches) != 0]
+    return times[1:][np.diff(values) != 0], own[own < case.until]  # the FMU is not asked at the end
+
+
 # -- the FMU ---------------------------------------------------------------------------------------------------------
 def theirs(case: Case, folder: Path, step: float) -> Array:
     """The outputs (n_out, n) of the FMU with a step in s, in the middle of the intervals."""
-    import fmpy
-    from fmpy.fmi2 import FMU2Slave
-
-    unpacked = Path(fmpy.extract(str(folder / f"{case.fmu}.fmu")))
-    told = fmpy.read_model_description(str(unpacked))
-    identifier = told.coSimulation.modelIdentifier
-    _compile(case, unpacked, identifier, step)
-    numbers = {v.name: v.valueReference for v in told.modelVariables}
-    made = FMU2Slave(guid=told.guid, unzipDirectory=str(unpacked), modelIdentifier=identifier, instanceName="m")
-    made.instantiate()
-    try:
-        made.setupExperiment(startTime=0.0)
-        made.enterInitializationMode()
-        made.exitInitializationMode()
+    with _opened(case, folder, step) as (made, numbers):
         found = []
         for t in np.arange(0, case.until, HOLD):
             for name, course in case.inputs.items():
@@ -98,6 +105,25 @@ def theirs(case: Case, folder: Path, step: float) -> Array:
             found.append(made.getReal([numbers[name] for name in case.outputs]))
             made.doStep(t + HOLD / 2, HOLD / 2)
         return np.array(found).T
+
+
+@contextmanager
+def _opened(case: Case, folder: Path, step: float) -> Iterator[tuple[Any, dict[str, int]]]:
+    """The FMU with a step after its initialisation, and the value references by name."""
+    import fmpy
+    from fmpy.fmi2 import FMU2Slave
+
+    unpacked = Path(fmpy.extract(str(folder / f"{case.fmu}.fmu")))
+    told = fmpy.read_model_description(str(unpacked))
+    identifier = told.coSimulation.modelIdentifier
+    _compile(case, unpacked, identifier, step)
+    made = FMU2Slave(guid=told.guid, unzipDirectory=str(unpacked), modelIdentifier=identifier, instanceName="m")
+    made.instantiate()
+    try:
+        made.setupExperiment(startTime=0.0)
+        made.enterInitializationMode()
+        made.exitInitializationMode()
+        yield made, {v.name: v.valueReference for v in told.modelVariables}
     finally:
         made.freeInstance()
         shutil.rmtree(unpacked, ignore_errors=True)
@@ -123,17 +149,21 @@ def _compile(case: Case, unpacked: Path, identifier: str, step: float) -> None:
 
 # -- the imported model ----------------------------------------------------------------------------------------------
 def ours(case: Case, folder: Path) -> Array:
-    """The same outputs of the imported part, driven alone."""
+    """The same outputs of the imported part, in the middle of the intervals."""
+    run = _ours(case, folder)
+    rows = np.searchsorted(run.time, np.arange(HOLD / 2, case.until, HOLD) - 1e-9)
+    return np.array([run[f"{case.part}.{output}"][rows] for output in case.outputs])
+
+
+def _ours(case: Case, folder: Path) -> hb.Result:
+    """The run of the imported part, driven alone."""
     with tempfile.TemporaryDirectory() as name:
         work = Path(name)
         made = import_emx(folder / f"{case.emx}.emx", frozenset(library().names()))
         made.write(work)
         diagram = _part(made.files[f"{made.name}.yaml"], case, work)
         model = hb.loads(diagram, work).with_parameters({f"{case.part}.{k}": v for k, v in case.values.items()})
-        run = hb.simulate(model, rtol=1e-9)
-        middle = np.arange(HOLD / 2, case.until, HOLD)
-        rows = np.searchsorted(run.time, middle - 1e-9)
-        return np.array([run[f"{case.part}.{output}"][rows] for output in case.outputs])
+        return hb.simulate(model, rtol=1e-9)
 
 
 def _part(text: str, case: Case, work: Path) -> str:
@@ -175,6 +205,11 @@ def main() -> None:
             size = np.ptp(found[-1][row])
             errors = [np.abs(f[row] - known[row]).max() / size for f in found]
             print(f"{case.fmu:<22} {output:<22} {size:>10.4g}   {' '.join(f'{e:9.2e}' for e in errors)}", flush=True)
+        if case.switching:
+            pairs = [instants(case, folder, HOLD / 2 / k) for k in SHORTER]
+            apart = [np.abs(a - b).max() if len(a) == len(b) else np.nan for a, b in pairs]
+            print(f"{case.fmu:<22} {case.switching + ' switches':<22} {len(pairs[0][1]):>9}x   "
+                  f"{' '.join(f'{e:9.2e}' for e in apart)} s", flush=True)
 
 
 if __name__ == "__main__":

@@ -506,3 +506,19 @@ def test_global_relations_of_submodels_within_each_other(tmp_path: Path) -> None
     agree(run["Loads.Decay.y_1"], 3.5 * np.exp(-0.7 * run.time))
     agree(run["Loads.Decay.y_2"], 6 * np.exp(-0.7 * run.time))
     agree(run["Supply.p.f"], -(2 + 3.5 * np.exp(-0.7 * run.time)))
+
+
+def test_expressions_that_are_too_long_or_too_deep_are_split(tmp_path: Path) -> None:
+    """Products of eight rotations, and a table of 45 points that a loop searches: each is longer or deeper than a formula
+    may be."""
+    rows = "; ".join(f"{k}, {k * k % 17}" for k in range(45))
+    parts = (part("Table", "signal in u; signal out y", LOOKUP.replace("A[5,2] = [-1, -3; 0, -0.5; 0.5, 0.5; 2, 1; 3, 4]",
+                                                                       f"A[45,2] = [{rows}]"))
+             + part("In", "signal out y", "equations\n y = 22 + 23 * cos (time);")
+             + part("Turned", "signal out y", "variables\n real R[3,3], P[3,3];\nequations\n"
+                    " R = [cos (time), -sin (time), 0; sin (time), cos (time), 0; 0, 0, 1];\n"
+                    " P = R * R * R * R * R * R * R * R;\n y = P[1,2] + P[3,3];"))
+    run = imported(tmp_path, parts, "In\\y -> Table\\u", 3.0)
+    k = np.arange(45)
+    agree(run["Table.y"], np.interp(22 + 23 * np.cos(run.time), k, k * k % 17))
+    agree(run["Turned.y"], 1 - np.sin(8 * run.time))

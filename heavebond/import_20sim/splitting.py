@@ -1,4 +1,4 @@
-"""Expressions that are nested more deeply than the formula language accepts, with variables for their inner parts."""
+"""Expressions that are longer or nested more deeply than the formula language accepts, with variables for their parts."""
 
 from __future__ import annotations
 
@@ -10,9 +10,11 @@ from heavebond.import_20sim.choices import rebuilt
 from heavebond.import_20sim.component import Component, Item
 from heavebond.import_20sim.sidops_tree import Expr
 
+LARGEST, PART = 1500, 40  # nodes of an expression, and of a part of a larger one; products of many matrices repeat parts
+
 
 def split_deep(made: Component) -> None:
-    """Give the inner parts of too deep expressions of a component variables of their own."""
+    """Give the inner parts of too large expressions of a component variables of their own."""
     given, made.equations = made.equations, []
     whole = [(left, _shallow(made, left.name if left.op == "name" else "sum", right), comment)
              for left, right, comment in given]
@@ -22,14 +24,22 @@ def split_deep(made: Component) -> None:
 
 
 def _shallow(made: Component, target: str, expr: Expr) -> Expr:
-    if _brackets(expr) < BRACKETS - 2 and _depth(expr) < OPERATIONS // 2:
+    large = expr.size > LARGEST
+    if not large and _depth(expr) < OPERATIONS // 2 and _brackets(expr) < BRACKETS - 2:
         return expr
-    return rebuilt(expr, lambda e: _part(made, target, _shallow(made, target, e)))
+    inner = _small if large else _shallow
+    return rebuilt(expr, lambda e: _part(made, target, inner(made, target, e), large))
 
 
-def _part(made: Component, target: str, expr: Expr) -> Expr:
-    """A variable for an expression that is half as deep as is possible."""
-    if expr.op in f.TRUTHS or (_brackets(expr) < BRACKETS // 2 and _depth(expr) < OPERATIONS // 4):
+def _small(made: Component, target: str, expr: Expr) -> Expr:
+    """An expression whose parts of some size are variables."""
+    return rebuilt(expr, lambda e: _part(made, target, _small(made, target, e), True)) if expr.size > PART else expr
+
+
+def _part(made: Component, target: str, expr: Expr, large: bool) -> Expr:
+    """A variable for an expression that is large, or half as deep as is possible."""
+    if expr.op in f.TRUTHS or (expr.size <= PART if large else _brackets(expr) < BRACKETS // 2 and
+                               _depth(expr) < OPERATIONS // 4):
         return expr
     known = next((left for left, right, _ in made.equations if right == expr and left.op == "name"), None)
     if known is not None:
