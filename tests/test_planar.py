@@ -170,6 +170,19 @@ def test_a_hundred_swings_keep_lengths_and_energy() -> None:
     assert np.diff(at).mean() == pytest.approx(period, rel=1e-5)  # lines between the output points
 
 
+def test_a_hundred_turns_of_a_closed_loop_keep_lengths_and_energy() -> None:
+    """The slider-crank of the page in a level plane, without its damper: 1e-8 of its energy at rtol 1e-12."""
+    text = DIAGRAMS["slider_crank.yaml"].replace("  load:     {is: Damper, d: 20 N*s/m}\n", "").replace(", load.a]", "]")
+    text = text.replace(", load.b]", "]").replace("is: PlanarBody,", "is: PlanarBody, g: 0,")
+    found = hb.simulate(hb.loads(text), "34 s", every="10 ms", rtol=1e-12, atol=1e-14)
+    assert np.ptp(found["shaft.phi"]) > 200*np.pi
+    length = np.hypot(found["slide.x"] - found["throw.x"], found["slide.y"] - found["throw.y"])
+    assert np.abs(length - 0.4).max() < 1e-10
+    rod = found["rod_mass.u_x"]**2 + found["rod_mass.u_y"]**2 + 0.02*found["eye.w"]**2
+    energy = 0.4*found["shaft.w"]**2 + rod + 2*found["slide.v_x"]**2
+    assert np.abs(energy/energy[0] - 1).max() < 1e-8
+
+
 @pytest.mark.long
 def test_a_parallelogram_ends_in_the_line_of_its_pivots() -> None:
     """Its bar moves in translation, as a pendulum of 0.3 m, from 60 degrees to the level."""

@@ -199,6 +199,11 @@ def mechanism(folder: Path) -> Path:
     return save_animation(animate(hb.loads(found.group(1)), "0.65 s"), folder / "mechanism.gif", speed=0.25)
 
 
+def crane(folder: Path) -> Path:
+    """The crane of the page on mechanisms, three times as fast as it runs."""
+    return save_animation(animate(hb.load("mechanisms/crane"), "15 s"), folder / "crane.gif", speed=3)
+
+
 def swept(folder: Path) -> list[Path]:
     """The compensator over its two gains, and what of the quarter car moves its comfort."""
     asked = {
@@ -270,6 +275,7 @@ DRAWN = (
     overlaid,
     moving,
     mechanism,
+    crane,
     swept,
     sea,
     detailed,

@@ -34,7 +34,7 @@ def unassembled(assembly: Assembly) -> Problem | None:
     guess = InitialGuess(assembly.flat)(assembly.p)
     given = [j for j, fixed in equations.fixed().items() if fixed]
     residual = _closest(equations, guess, assembly.p, given)[1]
-    if np.abs(residual).max() < CLOSED:
+    if not np.abs(residual).max() >= CLOSED:  # kept, or without a value
         return None
     if given and np.abs(_closest(equations, guess, assembly.p, [])[1]).max() < CLOSED:
         return _contradiction(equations, given)
@@ -74,7 +74,7 @@ def _closest(equations: ConstraintEquations, guess: Array, p: Array, given: Sequ
         found.append((y, equations.at(y, p)[0]))
         if np.abs(found[-1][1]).max() < CLOSED:
             break
-    return min(found, key=lambda pair: float(np.abs(pair[1]).max()))
+    return min(found, key=lambda pair: float(np.nan_to_num(np.abs(pair[1]), nan=np.inf).max()))
 
 
 def _least(equations: ConstraintEquations, begin: Array, p: Array, free: Sequence[int]) -> Array:
@@ -94,6 +94,8 @@ def _least(equations: ConstraintEquations, begin: Array, p: Array, free: Sequenc
     def jacobian(z: Array) -> Array:
         return equations.at(placed(z), p)[1][:, free]
 
+    if not np.isfinite(residuals(begin[free] / sizes)).all():
+        return begin
     return placed(least_squares(residuals, begin[free] / sizes, jacobian).x)
 
 
