@@ -49,6 +49,7 @@ def test_a_diagram_is_run_and_its_signals_are_found_by_clicking(tab: browser.Tab
     assert tab.run("Math.max(...studio.runs.live.series.get('damper.F'))") == result.si["damper.F"].max()
     assert tab.run("studio.runs.plots.charts.some(c => c.series.some(s => s.label === 'damper.F'))")
     _shown_on_the_drawing(tab)
+    _swept(tab, server.folder / "car.yaml")
     assert tab.complaints == []
     hosts = {address.split("/")[2] for address in tab.requested() if address.startswith("http")}
     assert hosts == {f"127.0.0.1:{server.port}"}
@@ -82,6 +83,20 @@ def _shown_on_the_drawing(tab: browser.Tab) -> None:
     assert "%" in tab.run("document.querySelector('g[data-part=body] > text.part').textContent")
     tab.run("studio.animation.choose('')")
     assert tab.run(f"{wire}.stroke") == plain and tab.run("document.querySelector('text.node').textContent") == "body"
+
+
+def _swept(tab: browser.Tab, file: Path) -> None:
+    """A run for each of some values, kept with its value as its name; afterwards the value is that of the text."""
+    tab.click("[id='sweep-damper.d']")
+    tab.wait("document.querySelector('#ask').open")
+    tab.write("0.8, 2.5")
+    tab.key("Enter", code=13, text="\r")
+    tab.wait("studio.runs.kept.length === 2 && !studio.runs.busy && Object.keys(studio.runs.values).length === 0 && "
+             "studio.runs.kept.every(run => run.series.has('damper.F'))")
+    assert tab.run("studio.runs.kept.map(run => run.label)") == ["d = 0.8 kN*s/m", "d = 2.5 kN*s/m"]
+    for k, value in enumerate(("0.8 kN*s/m", "2.5 kN*s/m")):
+        result = hb.simulate(hb.load(file).with_parameters({"damper.d": value}))
+        assert tab.run(f"Math.max(...studio.runs.kept[{k}].series.get('damper.F'))") == result.si["damper.F"].max()
 
 
 def test_a_slider_runs_while_it_moves_and_runs_are_laid_over_each_other(tab: browser.Tab, server: Server) -> None:

@@ -41,6 +41,7 @@ export class Animation {
     if (!live) { this.stop(); this.restore(); this.of = this.data = null; this.studio.machine.clear(); return; }
     this.time = Math.min(Math.max(this.time, live.time[0]), live.time.at(-1));
     if (!this.of) this.show();
+    else if (Number(this.range?.max) !== live.time.at(-1)) { this.speed = 0; this.show(); } // of another duration
     if (live.preview) return; // while a slider moves, the drawing waits
     this.of = live;
     this.data = this.modes = null;

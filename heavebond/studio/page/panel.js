@@ -127,7 +127,18 @@ export class Panel {
       range.dispatchEvent(new Event("input"));
       range.dispatchEvent(new Event("change"));
     });
-    return [range, el("div", { class: "ends" }, el("span", {}, number(from, 4)), el("span", {}, log ? "logarithmic" : ""), el("span", {}, number(to, 4)))];
+    return [range, el("div", { class: "ends" }, el("span", {}, number(from, 4)), el("span", {}, log ? "logarithmic " : "", this.studio.evidence.active ? null : el("button", { class: "plain", id: `sweep-${p.path}`, title: "Simulate with several values, laid over each other", onclick: () => this.sweep(p, now) }, "several values…")), el("span", {}, number(to, 4)))];
+  }
+
+  /** Ask for the values of a sweep, and run it. @param {any} p @param {number} now */
+  sweep(p, now) {
+    const s = p.slider, inside = (/** @type {number} */ v) => (s.low === null || v >= s.low) && (s.high === null || v <= s.high);
+    const proposed = (now ? [0.5, 0.7, 1, 1.4, 2].map((f) => f * now) : [s.from, (s.from + s.to) / 2, s.to]).filter(inside).map((v) => number(v, 3));
+    askName(`Runs with several values of ${p.path}`, `Numbers${s.unit ? ` in ${unitLabel(s.unit)}` : ""}, apart by commas or blanks:`, proposed.join(", "), async (text) => {
+      const values = text.split(/[,;\s]+/).filter(Boolean).map(Number);
+      if (!values.length || values.length > 20 || values.some((v) => !Number.isFinite(v))) throw new Error("Type up to 20 numbers.");
+      void this.studio.runs.sweep(p.path, values.map((v) => this.text(s, v)));
+    }, "Run");
   }
 
   /** @param {any} s @param {number} value */

@@ -109,9 +109,21 @@ export class Runs {
       units: { ...told.units }, series: new Map(told.signals.map((/** @type {string} */ n, /** @type {number} */ k) => [n, columns[k]])) };
   }
 
+  /** Runs with several values of a parameter, kept and laid over each other; Stop ends them. @param {string} path @param {string[]} values */
+  async sweep(path, values) {
+    const before = this.values, name = this.studio.document.name;
+    for (const value of values) {
+      this.values = { ...before, [path]: value };
+      if (!await this.run() || this.studio.document?.name !== name) break;
+      this.keep(`${path.split(".").at(-1)} = ${value}`);
+    }
+    if (this.studio.document?.name === name) this.setValues(before);
+  }
+
+  /** Simulate with the values of the sliders; whether there is a result. */
   async run() {
-    if (!this.studio.document || !this.studio.view?.parts) return;
-    if (this.studio.evidence.active) { await this.studio.evidence.compare(); return; }
+    if (!this.studio.document || !this.studio.view?.parts) return false;
+    if (this.studio.evidence.active) { await this.studio.evidence.compare(); return false; }
     const values = this.values, began = performance.now(), name = this.studio.document.name;
     this.busy++;
     this.begun++;
@@ -121,18 +133,20 @@ export class Runs {
     const clock = setInterval(() => { if (here()) this.studio.say(`running, ${((performance.now() - began) / 1000).toFixed(0)} s`); }, 500);
     try {
       const told = await this.studio.link.ask("run", this.question(values));
-      if (!here()) return;
+      if (!here()) return false;
       if (told.kind === "stopped") this.studio.say("stopped");
-      if (told.kind !== "done") return;
+      if (told.kind !== "done") return false;
       this.live = this.made(told, values);
       this.studio.banner([]);
       this.studio.say(`${told.points} points in ${((performance.now() - began) / 1000).toFixed(1)} s, solver ${told.solver}`);
       await this.complete();
+      return true;
     } catch (error) {
-      if (!here()) return;
+      if (!here()) return false;
       this.studio.say("the run failed");
       this.plots.empty(...problemList(/** @type {any} */ (error).problems ?? [{ message: String(/** @type {any} */ (error).message ?? error) }]));
       this.live = null;
+      return false;
     } finally {
       clearInterval(clock);
       if (!--this.busy) byId("stop").hidden = true;
@@ -174,11 +188,12 @@ export class Runs {
     this.showPlots();
   }
 
-  keep() {
+  /** @param {string} [label] */
+  keep(label) {
     if (!this.live) return;
     this.serial++;
     const changed = Object.entries(this.live.values).map(([path, value]) => `${path.split(".").at(-1)} = ${value}`).slice(0, 2).join(", ");
-    this.kept.push({ ...this.live, id: `run ${this.serial}`, live: false, label: changed || `run ${this.serial}`, dash: 1 + (this.serial - 1) % (DASHES.length - 1) });
+    this.kept.push({ ...this.live, id: `run ${this.serial}`, live: false, label: label || changed || `run ${this.serial}`, dash: 1 + (this.serial - 1) % (DASHES.length - 1) });
     this.live.label = "now";
     this.showRuns();
     this.showPlots();
