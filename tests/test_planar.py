@@ -13,6 +13,7 @@ from scipy.optimize import brentq
 from scipy.special import ellipk
 
 import heavebond as hb
+from heavebond.diagnosis.catalogue import candidates
 from heavebond.energy.audit import audit
 from heavebond.equations.places import nodes_of
 from heavebond.language.library import library
@@ -93,6 +94,26 @@ nodes: {n: [body.a, loss.a]}
     text = str(caught.value)
     assert "[domain-pair]" in text
     assert "a planar node has several of each" in text
+
+
+def test_friction_and_play_of_a_pin_may_be_what_is_missing(tmp_path: Path) -> None:
+    """As candidates of the diagnosis; localisation says what it needs in a diagram whose nodes are all planar."""
+    (tmp_path / "pendulum.yaml").write_text(PENDULUM)
+    time = np.linspace(0, 3, 31)
+    np.savetxt(tmp_path / "run.csv", np.c_[time, 5*np.sin(time)], delimiter=",", header="t,y", comments="")
+    (tmp_path / "experiment.yaml").write_text("""
+experiment: swinging
+model: pendulum.yaml
+records: {run: {file: run.csv, use: fit}}
+time: {column: t, unit: s}
+outputs: {height: {is: end.y, column: y, unit: m}}
+free: {bob.J: 0.1 kg*m**2 +- 20 %}
+""")
+    experiment = hb.load_experiment(tmp_path / "experiment.yaml")
+    labels = {candidate.label for candidate in candidates(experiment)}
+    assert {"PinFriction between ground and top", "RevoluteJointWithPlay in place of pin"} <= labels
+    with pytest.raises(hb.UsageError, match="Join a PlanarShaft"):
+        hb.localize(experiment)
 
 
 # -- the page on mechanisms ----------------------------------------------------------------------------------------------

@@ -169,6 +169,11 @@ def localize(experiment: Experiment | str | Path, *, values: Fit | Mapping[str, 
     records = sorted(experiment.records.values(), key=lambda r: r.use != "fit")
     with tempfile.TemporaryDirectory() as folder:
         sides = [SourcedRecord(experiment, record, Path(folder)) for record in records]
+        if not sides[0].places:
+            raise UsageError([Problem(
+                "place-none", "the diagram has no node at which an unknown input could act", None,
+                "Unknown inputs act on nodes of one effort; a planar node has three.\n"
+                "Join a PlanarShaft, a PlanarSlider or a PlanarStrut where one may act.")])
         p = sides[0].assembly.parameter_values
         search = Search(sides, [known_of(free, p[free.name]) for free in experiment.free.values()], say)
         found = search.estimate({r.name: _given(values, r.name, sides[0].assembly) for r in records},
