@@ -509,7 +509,7 @@ code
   end;""", "a b c d")
 PIECES = ["", "end;", "[", "(", "'", "=", "if", "1e999", "[0]", "knot", ")", ";", "while", "repeat", "until", "switch",
           "by 0", "resint (", "event (", "frequencyevent (0)", "hold (", "next (y) = 1;", "inverse (", "eye (-1)",
-          "floor (", "constraint (", "{hr}", "not", "mul (collect (", "x[k]"]
+          "floor (", "constraint (", "{hr}", "not", "table ('x.txt', ", "mul (collect (", "x[k]"]
 
 
 def test_units_of_declarations_and_of_numbers(tmp_path: Path) -> None:

@@ -522,3 +522,25 @@ def test_expressions_that_are_too_long_or_too_deep_are_split(tmp_path: Path) -> 
     k = np.arange(45)
     agree(run["Table.y"], np.interp(22 + 23 * np.cos(run.time), k, k * k % 17))
     agree(run["Turned.y"], 1 - np.sin(8 * run.time))
+
+
+def test_tables_from_files(tmp_path: Path) -> None:
+    """A table of the time, one of a signal, and one within equations; what is not beside the model is not read."""
+    (tmp_path / "profile.txt").write_text("% time value\n0 1\n0.5\t3\n2 -1\n", encoding="utf-8")
+    (tmp_path / "curve.csv").write_text("x, y\n-1, 2\n0, 0\n3, 1.5\n", encoding="utf-8")
+    parts = (part("Profile", "signal out y", "parameters\n string filename;\nequations\n y = table (filename, time);")
+             + part("Curve", "signal in u; signal out y", "parameters\n string filename = 'C:\\old\\curve.csv';\nequations\n"
+                    " y = table (filename, u);")
+             + part("Both", "signal in u; signal out y", "parameters\n real k = 2;\nequations\n"
+                    " y = int (k * table ('curve.csv', u - 1) + table ('profile.txt', 2 * time));")
+             + part("Secret", "signal out y", "equations\n y = table ('../m.emx', time);"))
+    run = imported(tmp_path, parts, "Profile\\y -> Curve\\u; Profile\\y -> Both\\u", 3.0,
+                   "<Variables><Parameters><Variable><Name>Profile\\filename</Name><Value>profile.txt</Value></Variable>"
+                   "</Parameters></Variables>", untranslated=5)
+    text = re.sub(" +", " ", (tmp_path / "out" / "m.yaml").read_text())
+    assert "Profile: {is: TableSource, t: [0 s, 0.5 s, 2 s], v: [1, 3, -1]," in text
+    assert "Curve: {is: Lookup, x: [-1, 0, 3], v: [2, 0, 1.5]," in text
+    profile, curve = ((lambda t: np.interp(t, [0, 0.5, 2], [1, 3, -1])), (lambda u: np.interp(u, [-1, 0, 3], [2, 0, 1.5])))
+    agree(run["Curve.y"], curve(profile(run.time)))
+    exact = solved(lambda t, x: [2 * curve(profile(t) - 1) + profile(2 * t)], [0], run, (0.25, 0.5, 0.875, 1.0, 2.0))
+    agree(run["Both.y"], exact[0], 1e-5)

@@ -23,7 +23,7 @@ def has_event(expr: Expr) -> bool:
 
 def make_placeholder(made: Component) -> None:
     """Constant outputs and free ports in place of equations that are not translated."""
-    made.equations, made.events, made.initial, made.first, made.gives = [], {}, {}, {}, {}
+    made.equations, made.events, made.initial, made.first, made.gives, made.tables = [], {}, {}, {}, {}, {}
     made.items = {n: item for n, item in made.items.items() if item.kind not in ("variable", "held")}
     for item in list(made.items.values()):
         if item.kind == "out":

@@ -162,7 +162,9 @@ class Translator:
         if submodel.equations is None and (submodel.submodels or submodel.connections):
             return self.block(submodel, old, new)
         computed = self._relations(submodel, old, new)
-        builder = Builder(submodel, self.comments, ends, self._known())
+        prefix = f"{old}\\" if old else ""
+        texts = {name[len(prefix):]: text for name, text in self.emx.texts.items() if name.startswith(prefix)}
+        builder = Builder(submodel, self.comments, ends, self._known(), texts, self.emx.path.parent)
         made = builder.build()
         if computed is not None:
             made.untranslated.append((submodel.line, "its global relations compute something; only those of a submodel of "

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from heavebond.import_20sim.choices import at_event
 from heavebond.import_20sim.sidops_tree import Expr
+from heavebond.import_20sim.tables import Table
 
 
 @dataclass
@@ -47,6 +48,7 @@ class Component:
     untranslated: list[tuple[int, str]] = field(default_factory=list)
     omitted: list[tuple[int, str]] = field(default_factory=list)
     elements: dict[str, list[str]] = field(default_factory=dict)  # of each port of the submodel
+    tables: dict[str, Table] = field(default_factory=dict)  # by the beginning of the names of their lists
 
     def of_kind(self, *kinds: str) -> list[Item]:
         return [item for item in self.items.values() if item.kind in kinds]

@@ -25,6 +25,7 @@ class EmxFile:
     sample_time: float | None = None
     parameters: dict[str, float] = field(default_factory=dict)
     initials: dict[str, float] = field(default_factory=dict)
+    texts: dict[str, str] = field(default_factory=dict)  # parameters that are texts, such as names of files
     plotted: list[str] = field(default_factory=list)
 
 
@@ -73,6 +74,8 @@ class _Handler:
                 self.found.parameters[self.name] = value
             elif group == "Initials":
                 self.found.initials[self.name] = value
+        elif parent == "Variable" and tag == "Value" and len(self.path) > 2 and self.path[-3] == "Parameters":
+            self.found.texts[self.name] = text
         elif tag == "VarName" and parent == "YCurveData" and text not in self.found.plotted:
             self.found.plotted.append(text)
         elif tag == "FinishTime":

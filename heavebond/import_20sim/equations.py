@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from functools import partial
+from pathlib import Path, PureWindowsPath
 from types import MappingProxyType
 
 from heavebond.import_20sim import formula_text as f
@@ -27,9 +28,10 @@ from heavebond.import_20sim.expressions_parser import Unreadable
 from heavebond.import_20sim.knots import collected, knot_equations, knot_value
 from heavebond.import_20sim.matrices import Matrix
 from heavebond.import_20sim.memory import Memory
-from heavebond.import_20sim.names import camel
+from heavebond.import_20sim.names import camel, identifier
 from heavebond.import_20sim.sidops_tree import Assign, Do, Expr, Statement, Submodel
 from heavebond.import_20sim.splitting import split_deep
+from heavebond.import_20sim.tables import read_table
 
 NO_EFFECT = {"warning", "stopsimulation", "effortincausality", "flowincausality", "seed"}  # on the solution of the equations
 
@@ -39,7 +41,8 @@ class Builder(Execution):
     the values of global quantities."""
 
     def __init__(self, submodel: Submodel, comments: Mapping[int, str], ends: Iterable[tuple[str, str, str]] = (),
-                 known: Mapping[str, float] = MappingProxyType({})):
+                 known: Mapping[str, float] = MappingProxyType({}), texts: Mapping[str, str] = MappingProxyType({}),
+                 folder: Path | None = None):
         super().__init__()
         self.submodel, self.comments = submodel, comments
         self.made = Component(camel(submodel.type or submodel.name), "")
@@ -47,6 +50,10 @@ class Builder(Execution):
         self.symbols = Symbols(submodel, self.made, self.memory, ends, known)
         self.source, self.evaluate, self.numbers = self.symbols.source, self.symbols.evaluate, self.symbols.numbers
         self.evaluate.knots = partial(knot_value, self.symbols)
+        self.folder, self.evaluate.table = folder, self._table
+        stated = {d.name: d.value.name for d in (*submodel.parameters, *self.source.parameters, *self.source.constants)
+                  if d.kind == "string" and d.value is not None}
+        self.texts = {**stated, **texts}
         self.triggers: Env = {}  # variables that are events
         self.start: Env = {}  # what the initial equations assign
 
@@ -245,6 +252,21 @@ class Builder(Execution):
         elements = [e for row in target for e in row]
         for e, value in zip(elements, flat if len(flat) == len(elements) else flat * len(elements), strict=False):
             self.made.initial[f.text(e)] = value
+
+    def _table(self, name: Expr, value: Expr) -> Expr:
+        """A value of a table in a file, whose name is a text or a parameter."""
+        text = name.name if name.op == "text" else self.texts.get(name.name, "") if name.op == "name" else ""
+        if self.folder is None or not text:
+            raise Unreadable(name.line, "the name of the table's file is not known")
+        points = read_table(self.folder, text, name.line)
+        label = next((n for n, known in self.made.tables.items() if known == points), None)
+        if label is None:
+            label = self.made.fresh(identifier(PureWindowsPath(text).stem))
+            while label in self.made.tables or any(f"{label}_{kind}" in self.made.items for kind in "nxv"):
+                label += "_table"
+            self.made.tables[label] = points
+            self.memory.note(name.line, f"outside its points, the table '{PureWindowsPath(text).name}' is constant")
+        return Expr("table", (value,), label)
 
     # -- results -----------------------------------------------------------------------------------------------------
     def _moves(self, expr: Expr) -> bool:

@@ -47,6 +47,7 @@ class Evaluator:
     numbers: dict[str, float]
     make: Calculus
     values: dict[str, Expr] = field(default_factory=dict)  # elements that have been assigned before
+    table: Callable[[Expr, Expr], Expr] = lambda name, _: _no_table(name)
     knots: Callable[[Expr], Matrix | None] = lambda _: None  # the value of `sum (direct (p.f))` or `first (p.e)` at a knot
 
     def scalar(self, expr: Expr) -> Expr:
@@ -154,6 +155,8 @@ class Evaluator:
         name = expr.name.lower()
         if name in ("sum", "mul", "first") and (at_knot := self.knots(expr)) is not None:
             return at_knot
+        if name == "table" and len(expr.args) == 2:
+            return [[self.table(expr.args[0], self.scalar(expr.args[1]))]]
         if name in EXTERNAL:
             raise Unreadable(expr.line, f"`{expr.name}`: {EXTERNAL[name]}")
         if name in ("int", "ddt"):
@@ -226,9 +229,13 @@ class Evaluator:
         return self.make.truncated(value)
 
 
+def _no_table(name: Expr) -> Expr:
+    raise Unreadable(name.line, "there are no files beside the model")
+
+
 EXTERNAL = {"dll": "a function of an external library is not translated", "data": "values from a file are not translated",
             "tdelay": "a time delay is not translated", "realtime": "the clock of the computer is not translated",
-            "table": "a table from a file is not translated"}
+            "table": "a table needs the name of a file and an input"}
 FUNCTIONS: dict[str, Callable[..., Expr]] = {
     "algebraic": lambda x, *_: x,
     "exp10": lambda x: Expr("^", (f.number(10), x)),

@@ -91,6 +91,10 @@ def _text(expr: Expr) -> tuple[str, int]:
         return (_number(expr.value), ATOM) if expr.value >= 0 else (_number(expr.value), SIGN)
     if op in ("name", "prev"):
         return expr.name, ATOM
+    if op == "table":  # linear between its points, constant outside
+        name, of = expr.name, _within(expr.args[0], ADD + 1)
+        place = f"min(max(({of} - {name}_x[i])/({name}_x[i + 1] - {name}_x[i]), 0), 1)"
+        return f"{name}_v[1] + sum(({name}_v[i + 1] - {name}_v[i])*{place} for i in 1..{name}_n - 1)", ADD
     if op == "call":
         return f"{expr.name}({', '.join(_value(e) for e in expr.args)})", ATOM
     if op == "if":

@@ -23,6 +23,7 @@ from heavebond.import_20sim.write import (
     block_text,
     component_text,
     mapping,
+    numbers,
     parts_text,
     quantity,
     scalar,
@@ -208,8 +209,12 @@ class _Writer:
     def _values(self, part: Part, path: str) -> list[tuple[str, str]]:
         """The values of a part that is a component of the library."""
         match, made = self.matches.get(id(part.what)), part.what
-        if match is None or not isinstance(made, Component):
+        if not isinstance(made, Component):
             return []
+        if match is None or match.lists:
+            names = match.lists if match else {}
+            return [(names.get(kind, f"{name}_{kind}"), numbers(points, "s" if names.get(kind) == "t" else ""))
+                    for name, table in made.tables.items() for kind, points in zip("xv", table, strict=True)]
         shared = {name for name, _ in self.set}
         own = f"{path}.{part.name}" if path else part.name
         values = {**match.numbers, **{p: made.items[n].value or 0.0 for p, n in match.parameters.items()}}

@@ -49,6 +49,7 @@ class Match:
     numbers: dict[str, float]
     units: dict[str, str]
     initial: dict[str, float] = field(default_factory=dict)
+    lists: dict[str, str] = field(default_factory=dict)  # of a table: the names of its inputs `x` and values `v`
     any_domain: bool = False  # its ports take the domain of what they are joined to
 
 
@@ -257,8 +258,10 @@ def _unit(text: str) -> str:
 # -- the comparison --------------------------------------------------------------------------------------------------------
 def recognised(made: Component, joined: set[str]) -> Match | None:
     """The component of the library with the law of an imported one, whose ports `joined` are connected."""
+    if (table := _table(made)) is not None:
+        return table
     law = _imported(made, joined)
-    if law is None:
+    if law is None or made.tables:
         return None
     simplest = sorted(_candidates(), key=lambda pair: (pair[0].effect is not None, len(pair[1].inputs),
                                                        len(pair[1].parameters), len(pair[0].name), pair[0].name))
@@ -273,6 +276,21 @@ def recognised(made: Component, joined: set[str]) -> Match | None:
                     (complete := _with_states(made, law, own, other, match)) is not None:
                 return complete
     return None
+
+
+def _table(made: Component) -> Match | None:
+    """A component that is nothing but a table of its input or of the time."""
+    if len(made.equations) != 1 or len(made.items) > 2 or made.events or made.untranslated or made.gives:
+        return None
+    left, right, _ = made.equations[0]
+    if right.op != "table" or left.op != "name" or made.items[left.name].kind != "out" or right.args[0].op != "name":
+        return None
+    given = right.args[0].name
+    if given == "time" and len(made.items) == 1:
+        return Match("TableSource", {left.name: "y"}, {}, {}, {}, lists={"x": "t", "v": "v"})
+    if given not in made.items or made.items[given].kind != "in":
+        return None
+    return Match("Lookup", {left.name: "y", given: "u"}, {}, {}, {}, lists={"x": "x", "v": "v"})
 
 
 def _assignments(made: Component, law: Law, own: definition.Component, other: Law) -> Iterator[Match]:

@@ -44,8 +44,13 @@ def _declared(made: Component) -> list[str]:
     lines = []
     for title, kinds in (("parameters", ("parameter",)), ("variables", ("variable", "held"))):
         items = made.of_kind(*kinds)
-        if items:
+        tables = made.tables if title == "parameters" else {}
+        if items or tables:
             lines.append(f"{title}:")
+        for name in tables:
+            lines += [f"  {name}_n: {{integer, min: 2, doc: points of the table {name}}}",
+                      f"  {name}_x: {{unit: 1, count: {name}_n, doc: inputs of the points}}",
+                      f"  {name}_v: {{unit: 1, count: {name}_n, doc: values at the points}}"]
         for item in items:
             entries = [("unit", item.unit or "1")]
             if item.kind == "held":
@@ -88,6 +93,11 @@ def _side(expr: object) -> str:
 
     assert isinstance(expr, Expr)
     return f.value_text(expr)
+
+
+def numbers(values: Iterable[float], unit: str = "") -> str:
+    """A list of numbers with their unit."""
+    return f"[{', '.join(quantity(v, unit) for v in values)}]"
 
 
 def scalar_formula(text: str) -> str:
