@@ -535,7 +535,7 @@ def test_tables_from_files(tmp_path: Path) -> None:
                     " y = int (k * table ('curve.csv', u - 1) + table ('profile.txt', 2 * time));")
              + part("Secret", "signal out y", "equations\n y = table ('../m.emx', time);"))
     run = imported(tmp_path, parts, "Profile\\y -> Curve\\u; Profile\\y -> Both\\u", 3.0,
-                   "<Variables><Parameters><Variable><Name>Profile\\filename</Name><Value>profile.txt</Value></Variable>"
+                   "<Variables><Parameters><Variable><Name>Profile\\filename</Name><Value>&quot;profile.txt&quot;</Value></Variable>"
                    "</Parameters></Variables>", untranslated=5)
     text = re.sub(" +", " ", (tmp_path / "out" / "m.yaml").read_text())
     assert "Profile: {is: TableSource, t: [0 s, 0.5 s, 2 s], v: [1, 3, -1]," in text

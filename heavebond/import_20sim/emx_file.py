@@ -75,7 +75,7 @@ class _Handler:
             elif group == "Initials":
                 self.found.initials[self.name] = value
         elif parent == "Variable" and tag == "Value" and len(self.path) > 2 and self.path[-3] == "Parameters":
-            self.found.texts[self.name] = text
+            self.found.texts[self.name] = text.strip("\"'")
         elif tag == "VarName" and parent == "YCurveData" and text not in self.found.plotted:
             self.found.plotted.append(text)
         elif tag == "FinishTime":
